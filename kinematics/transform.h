@@ -1,0 +1,71 @@
+// Rigid motions: the one place that states tangent order and side.
+//
+// Conventions
+//   a_T_b maps coordinates in b to coordinates in a:  p_a = a_T_b p_b = R p_b + t.
+//   A tangent vector (twist) is xi = [v | w] = [dx dy dz | rx ry rz], translation first.
+//   An increment of a pose parameter acts on the right, in the frame itself:  T(xi) = T0 exp(xi).
+//   The motion of a frame seen from outside acts on the left:  T' = exp(xi) T; a point p of that
+//   frame, in outer coordinates, then moves by  v + w x p.  The two are related by the adjoint:
+//       T exp(xi) = exp(Ad_T xi) T.
+// Nothing here allocates or throws.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+namespace kincal {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+/// A rigid motion a_T_b: rotation (3 x 3, orthonormal) and translation (m).
+struct Pose {
+  Matrix3d rotation = Matrix3d::Identity();
+  Vector3d translation = Vector3d::Zero();
+};
+
+inline Pose operator*(const Pose& a, const Pose& b) {
+  return {a.rotation * b.rotation, a.rotation * b.translation + a.translation};
+}
+inline Vector3d operator*(const Pose& a, const Vector3d& p) { return a.rotation * p + a.translation; }
+inline Pose inverse(const Pose& a) {
+  return {a.rotation.transpose(), -(a.rotation.transpose() * a.translation)};
+}
+
+/// [v]x with [v]x u = v x u.
+Matrix3d skew(const Vector3d& v);
+
+/// Rotation of |w| radians about w (Rodrigues); exact to rounding for every length, 0 included.
+Matrix3d exp_so3(const Vector3d& w);
+/// Inverse of exp_so3 with |w| <= pi, through the quaternion: accurate near 0 and near pi.
+Vector3d log_so3(const Matrix3d& r);
+/// J_l with exp(w + d) = exp(J_l d) exp(w) to first order.
+Matrix3d left_jacobian_so3(const Vector3d& w);
+/// Inverse of left_jacobian_so3 for |w| < 2 pi.
+Matrix3d inverse_left_jacobian_so3(const Vector3d& w);
+
+/// exp of SE(3): rotation exp(w), translation J_l(w) v.
+Pose exp_se3(const Vector6d& xi);
+/// Inverse of exp_se3; rotation part within pi.
+Vector6d log_se3(const Pose& t);
+/// J_r with exp(xi + d) = exp(xi) exp(J_r d) to first order; series in the small adjoint, converges for every xi.
+Matrix6d right_jacobian_se3(const Vector6d& xi);
+
+/// Ad_T: the twist xi of frame b, given in b, seen from a:  T exp(xi) T^-1 = exp(Ad_T xi).
+Matrix6d adjoint(const Pose& a_T_b);
+
+/// URDF's fixed-axis roll, pitch, yaw:  R = Rz(yaw) Ry(pitch) Rx(roll).
+Matrix3d rotation_from_rpy(const Vector3d& rpy);
+/// Inverse of rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles
+/// reproduce the rotation to rounding at and near pitch = +-90 degrees too, where two separate
+/// arctangents lose up to 1e-7 rad.
+Vector3d rpy_from_rotation(const Matrix3d& r);
+
+/// (x, y, z, w), w >= 0, by the largest component: accurate for every rotation.
+Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r);
+/// From (x, y, z, w) of any positive length.
+Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw);
+
+}  // namespace kincal

@@ -1,0 +1,131 @@
+#include "tree.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace kincal {
+namespace {
+
+int find_name(const std::vector<std::string>& names, const std::string& name) {
+  const auto it = std::find(names.begin(), names.end(), name);
+  return it == names.end() ? -1 : static_cast<int>(it - names.begin());
+}
+
+}  // namespace
+
+int Tree::find_link(const std::string& name) const { return find_name(links, name); }
+
+int Tree::find_joint(const std::string& name) const {
+  for (size_t i = 0; i < joints.size(); ++i)
+    if (joints[i].name == name) return static_cast<int>(i);
+  return -1;
+}
+
+void finish_tree(Tree& tree) {
+  const int links = static_cast<int>(tree.links.size()), joints = static_cast<int>(tree.joints.size());
+  if (links == 0) throw std::invalid_argument("the robot has no links");
+  tree.joint_above.assign(links, -1);
+  for (int j = 0; j < joints; ++j) {
+    int& above = tree.joint_above[tree.joints[j].child];
+    if (above >= 0)
+      throw std::invalid_argument("link '" + tree.links[tree.joints[j].child] + "' has two parents: joints '" +
+                                  tree.joints[above].name + "' and '" + tree.joints[j].name + "'");
+    above = j;
+  }
+  tree.root = -1;
+  std::string roots;
+  int root_count = 0;
+  for (int l = 0; l < links; ++l)
+    if (tree.joint_above[l] < 0) {
+      tree.root = l;
+      ++root_count;
+      roots += (roots.empty() ? "'" : ", '") + tree.links[l] + "'";
+    }
+  for (int l = 0; l < links; ++l) {  // every way up must end at a root after at most `links` steps
+    int at = l, steps = 0;
+    while (tree.joint_above[at] >= 0 && steps <= links) at = tree.joints[tree.joint_above[at]].parent, ++steps;
+    if (steps > links) throw std::invalid_argument("the joints above link '" + tree.links[l] + "' form a loop");
+  }
+  if (root_count > 1) throw std::invalid_argument("the links form several trees, with the roots " + roots);
+  for (const Joint& joint : tree.joints) {
+    const Joint* at = &joint;
+    for (int steps = 0; at->mimic; ++steps) {
+      if (steps > joints) throw std::invalid_argument("joint '" + joint.name + "' mimics itself, by way of others");
+      at = &tree.joints[at->mimic->master];
+    }
+  }
+}
+
+Driver driver(const Tree& tree, int joint) {
+  double factor = 1;
+  while (tree.joints[joint].mimic) {
+    factor *= tree.joints[joint].mimic->multiplier;
+    joint = tree.joints[joint].mimic->master;
+  }
+  return {joint, factor};
+}
+
+void follow_mimics(const Tree& tree, std::vector<double>& positions) {
+  for (size_t j = 0; j < tree.joints.size(); ++j) {
+    double factor = 1, offset = 0;  // position = factor * position(at) + offset
+    int at = static_cast<int>(j);
+    while (tree.joints[at].mimic) {
+      const Mimic& m = *tree.joints[at].mimic;
+      offset += factor * m.offset;
+      factor *= m.multiplier;
+      at = m.master;
+    }
+    if (at != static_cast<int>(j)) positions[j] = factor * positions[at] + offset;
+  }
+}
+
+Path find_path(const Tree& tree, int from, int to) {
+  const auto upward = [&](int link) {
+    std::vector<int> joints;
+    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent]) joints.push_back(j);
+    return joints;
+  };
+  std::vector<int> up = upward(from), down = upward(to);
+  while (!up.empty() && !down.empty() && up.back() == down.back()) up.pop_back(), down.pop_back();
+  Path path;
+  for (int j : up) path.push_back({j, -1});
+  for (auto j = down.rbegin(); j != down.rend(); ++j) path.push_back({*j, +1});
+  for (const PathStep& step : path) {
+    const Joint& joint = tree.joints[step.joint];
+    if (joint.type == JointType::floating || joint.type == JointType::planar)
+      throw std::invalid_argument("joint '" + joint.name + "' between links '" + tree.links[from] + "' and '" +
+                                  tree.links[to] + "' is " +
+                                  (joint.type == JointType::floating ? "floating" : "planar") +
+                                  "; only fixed, revolute, continuous and prismatic joints can be calibrated");
+  }
+  return path;
+}
+
+Pose joint_motion(const Joint& joint, double position) {
+  Pose motion;
+  if (joint.type == JointType::prismatic)
+    motion.translation = position * joint.axis;
+  else if (joint.moves())
+    motion.rotation = exp_so3(position * joint.axis);
+  return motion;
+}
+
+std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions) {
+  std::vector<Pose> poses(tree.links.size());
+  std::vector<char> done(tree.links.size(), 0);
+  done[tree.root] = 1;
+  std::vector<int> chain;
+  for (size_t l = 0; l < tree.links.size(); ++l) {
+    chain.clear();
+    int at = static_cast<int>(l);
+    for (; !done[at]; at = tree.joints[tree.joint_above[at]].parent) chain.push_back(tree.joint_above[at]);
+    for (auto j = chain.rbegin(); j != chain.rend(); ++j) {
+      const Joint& joint = tree.joints[*j];
+      poses[joint.child] = poses[joint.parent] * origins[*j] * joint_motion(joint, positions[*j]);
+      done[joint.child] = 1;
+    }
+  }
+  return poses;
+}
+
+}  // namespace kincal

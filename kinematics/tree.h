@@ -1,0 +1,117 @@
+// A robot as a tree of links and joints, paths between two of its frames, and their derivatives.
+//
+// Every joint places its child link relative to its parent link:
+//     parent_T_child = parent_T_joint * motion(position),
+// parent_T_joint (the URDF's origin) constant, motion a rotation about or a translation along a unit axis given
+// in the joint's frame. The calibrated position of a joint is  scale * reading + offset  (done by the caller);
+// a mimic joint has  position = multiplier * position(master) + offset  and no reading of its own.
+//
+// A path a -> b goes up from a to the common ancestor and down to b; what lies above the ancestor cancels and
+// is not walked. Going down a joint multiplies by  origin * motion(q), going up by  motion(-q) * origin^-1.
+// With F = a_T_joint, the joint's frame before its motion, both directions give for a_T_b' = exp(twist) a_T_b
+// (a twist of b as seen from a):
+//     by the position:              twist = direction * Ad_F [0 | axis]  (revolute),  direction * Ad_F [axis | 0]  (prismatic)
+//     by the origin's increment xi: twist = direction * Ad_F xi          (parent_T_joint exp(xi))
+// because exp(xi) and the motion act next to each other in F, and inverting a product flips the sign.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "transform.h"
+
+namespace kincal {
+
+enum class JointType { fixed, revolute, continuous, prismatic, floating, planar };
+
+struct Mimic {
+  int master = -1;  // index of a joint
+  double multiplier = 1, offset = 0;
+};
+
+struct Joint {
+  std::string name;
+  JointType type = JointType::fixed;
+  int parent = -1, child = -1;            // link indices
+  Pose parent_T_joint;                    // the URDF's origin
+  Vector3d axis = Vector3d::UnitX();      // unit length, in the joint's frame; meaningless where !moves
+  std::optional<Mimic> mimic;
+  double lower = 0, upper = 0;            // limits, rad or m; lower == upper: none given
+
+  /// One degree of freedom that this module can walk.
+  bool moves() const {
+    return type == JointType::revolute || type == JointType::continuous || type == JointType::prismatic;
+  }
+  /// Moves and has a reading (so: an offset, a scale and a noise) of its own.
+  bool has_reading() const { return moves() && !mimic; }
+};
+
+/// Topology and nominal geometry; immutable once made.
+struct Tree {
+  std::vector<std::string> links;
+  std::vector<Joint> joints;
+  std::vector<int> joint_above;           // per link: the joint whose child it is, -1 for the root
+  int root = -1;                          // link index
+
+  /// Index by name, -1 if there is none.
+  int find_link(const std::string& name) const;
+  int find_joint(const std::string& name) const;
+};
+
+/// Fills joint_above and root and checks the structure. Joints must have valid link indices and unit axes.
+/// @throws std::invalid_argument naming the links or joints: no link; several roots; a link with two parents; a loop
+///         (also one detached from the root); a mimic loop.
+void finish_tree(Tree& tree);
+
+/// The joint with a reading behind `joint` and d position(joint) / d position(of that joint); itself and 1 if it mimics nothing.
+struct Driver {
+  int joint;
+  double factor;
+};
+Driver driver(const Tree& tree, int joint);
+
+/// Positions of all joints from those of joints with a reading: followers are filled in. `positions` has one entry a joint.
+void follow_mimics(const Tree& tree, std::vector<double>& positions);
+
+struct PathStep {
+  int joint;
+  int direction;  // +1: from parent to child, -1: from child to parent
+};
+using Path = std::vector<PathStep>;
+
+/// Joints met on the way from link `from` to link `to`; those above the common ancestor are not among them.
+/// @throws std::invalid_argument if a floating or planar joint lies on the way.
+Path find_path(const Tree& tree, int from, int to);
+
+/// Motion of a joint at a position (rad or m); identity for joints that do not move.
+Pose joint_motion(const Joint& joint, double position);
+
+/// Walks one step: from a_T_here (in front of the step) to a_T_there; a_T_joint is the joint's frame before its motion.
+inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_here, Pose& a_T_joint,
+                 Pose& a_T_there) {
+  if (step.direction > 0) {
+    a_T_joint = a_T_here * origin;
+    a_T_there = a_T_joint * motion;
+  } else {
+    a_T_joint = a_T_here * inverse(motion);
+    a_T_there = a_T_joint * inverse(origin);
+  }
+}
+
+/// Twist [v | w], seen from a, of everything behind a joint per unit of its position; see the head of this file.
+inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_T_joint) {
+  Vector6d twist;
+  const Vector3d axis = direction * (a_T_joint.rotation * joint.axis);
+  if (joint.type == JointType::prismatic)
+    twist << axis, Vector3d::Zero();
+  else
+    twist << a_T_joint.translation.cross(axis), axis;
+  return twist;
+}
+
+/// root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a joint.
+/// Floating and planar joints are taken at their origin.
+std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions);
+
+}  // namespace kincal
