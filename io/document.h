@@ -63,6 +63,7 @@ struct Field {
   bool boolean() const;
   std::string string() const;                       // any scalar but null
   std::vector<double> vector(int count = -1) const; // finite numbers; -1: any length
+  std::vector<double> table(int columns) const;     // a list of lists of `columns` finite numbers, row after row
   std::vector<std::string> strings() const;
   Pose pose() const;                                // {xyz, rpy} or {xyz, quat}; both parts optional
 };
@@ -74,7 +75,8 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
 /// Shortest decimal text that reads back as the same double (std::to_chars).
 std::string shortest(double value);
 
-/// YAML text of a tree: block mappings, flow sequences of scalars, strings quoted where needed. Comments are not kept.
+/// YAML text of a tree: block mappings (those of up to 3 simple values in one line), flow sequences of scalars (where they fit
+/// a line), strings quoted where needed. Reads back as the same tree. Comments are not kept.
 std::string to_yaml(const Node& node);
 
 }  // namespace kincal

@@ -10,7 +10,8 @@
 
 namespace kincal {
 
-/// A <transmission>'s mechanical reduction for a joint.
+/// A <transmission>'s mechanical reduction for a joint: only where one number can be meant (not with several joints or several
+/// numbers in a transmission, nor with unexpanded ${...}).
 struct Transmission {
   std::string name, joint;
   double reduction = 1;
@@ -37,6 +38,7 @@ struct UrdfChanges {
 
 /// The text with these numbers in place of the old. An origin's xyz is rewritten only if the translation differs from
 /// the one in the text, rpy only if the rotation does; each in up to 17 significant digits. With no change: the input itself.
+/// @throws std::invalid_argument for a joint without a transmission as above, and for numbers that are not finite.
 std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes);
 
 /// An origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../kinematics/tree.h"
+#include "../solver/loss.h"
 #include "sensor.h"
 
 namespace kincal {
@@ -42,14 +43,6 @@ struct Sensor {
   std::vector<double> sigma;     // model->sigmas() numbers
   int scanning_joint = -1;       // of a scanning sensor
   int image_width = 0, image_height = 0;  // of a camera, 0: unknown
-};
-
-enum class LossKind { none, huber, soft_l1, cauchy, tukey };
-
-/// rho(s) on s = squared whitened norm, scale c in sigmas: cost c^2 rho(s / c^2).
-struct Loss {
-  LossKind kind = LossKind::none;
-  double scale = 1;
 };
 
 /// A prior as written: one sigma for all components, or translation and rotation of poses apart.

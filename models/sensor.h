@@ -69,6 +69,16 @@ struct Columns {
   int total = 6;         // number of columns
 };
 
+/// How one view tells where its target is, for starting values.
+enum class Sight {
+  rays,    // two residuals a point, of a direction: cameras (PnP)
+  points,  // 3-D points in the sensor's frame (rigid fit)
+  scan,    // rays of a tilting laser
+  pose,    // the pose itself
+  chain,   // the target is at link_T_sensor
+  none
+};
+
 /// A type of sensor. Stateless and shared: an instance's numbers are in its parameter blocks.
 class SensorModel {
  public:
@@ -84,6 +94,7 @@ class SensorModel {
   /// Measures the target's pose, not its points: ids do not apply, its points do not matter.
   virtual bool whole_pose() const { return false; }
   virtual bool scans() const { return false; }
+  virtual Sight sight() const { return Sight::none; }
   /// Residual blocks of a view of n points: n, or 1 for sensors of whole poses. A loss acts on each.
   int blocks(int count) const { return whole_pose() ? 1 : count; }
 
@@ -98,9 +109,6 @@ class SensorModel {
   /// The same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
-
-/// Predicted numbers of one block from the residual against zero, for sensors whose residual is prediction minus numbers.
-/// (Used by the simulator.)
 
 constexpr int kMaxParameters = 16;
 
@@ -124,6 +132,9 @@ class PointwiseSensor final : public SensorModel {
   int rows() const override { return S::kRows; }
   int numbers() const override { return S::kNumbers; }
   const char* unit() const override { return unit_; }
+  Sight sight() const override {
+    return S::kRows == 2 ? Sight::rays : S::kRows == 3 && S::kNumbers == 3 ? Sight::points : Sight::none;
+  }
   const S& sensor() const { return sensor_; }
 
   bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {

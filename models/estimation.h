@@ -1,0 +1,130 @@
+// One minimisation as the solver's Problem: which sensors, which freed parameters, which noise mode, which samples.
+//
+// A group is a sample. Its private unknowns are, in this order, the poses of its free targets (6 each, increments on the right of
+// base_T_target) and, in mode `latent`, the errors of its noisy joints (prior N(0, sigma^2)); then come the shared columns it
+// touches. Each view contributes J = L M (models/sensor.h): L from the sensor, M from the path between sensor and target
+// (kinematics/tree.h). A last group without private unknowns carries the priors of shared parameters.
+//
+// Noise modes (covariance of the whitened residuals of one view; Jq = L Mq: derivative by the joints' readings, S their variances):
+//   latent, none: own noise only.
+//   marginal:     own + Jq S Jq' for all residuals of the view together (the paper's equations (11)-(14), (21)). With U = own^-1/2 Jq S^1/2
+//                 and C = 1 + U'U, Woodbury gives  (1 + U U')^-1 = 1 - U C^-1 U', so  Gram = L'L - (U'L)' C^-1 (U'L).
+//   point:        only the block of each point of that matrix, as the paper's code did.
+// Covariances that depend on the parameters are held between calls of renew().
+//
+// Poses: a wholly freed one moves by T <- T exp(increment). Of a partly freed one the freed components of xi in T = T0 exp(xi)
+// are the unknowns and the others keep their values; with chart = columns of J_r(xi), dT = T exp(chart d).
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../solver/problem.h"
+#include "parameters.h"
+
+namespace kincal {
+
+struct Prior {
+  int parameter, component;
+  double sigma;
+};
+
+struct EstimationSetup {
+  NoiseMode noise = NoiseMode::latent;
+  Loss loss;
+  std::vector<int> sensors;    // indices; views of others do not take part
+  std::vector<Freed> free;
+  std::vector<Prior> priors;   // of freed components only
+  int only_target = -1;        // views of this target only (to start it)
+};
+
+/// Everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
+/// errors by (sample, joint).
+struct Values {
+  VectorXd shared;
+  std::map<std::pair<int, int>, Pose> targets;
+  std::map<std::pair<int, int>, double> errors;
+};
+
+/// Residuals of one view at a state.
+struct ViewResiduals {
+  const View* view = nullptr;
+  int sample = -1;
+  VectorXd raw;       // blocks * rows, unwhitened
+  VectorXd whitened;  // the same whitened, without the loss
+};
+
+class Estimation final : public Problem {
+ public:
+  /// `samples`: indices into `all` of those that take part; samples without a view of the setup's sensors make no group.
+  /// The arguments' objects must outlive this one.
+  /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
+  Estimation(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
+             EstimationSetup setup);
+  ~Estimation() override;
+  Estimation(const Estimation&) = delete;
+  Estimation& operator=(const Estimation&) = delete;
+
+  bool empty() const { return groups_.empty() || (groups_.size() == 1 && setup_.priors.size()); }
+  const EstimationSetup& setup() const { return setup_; }
+  /// Sample behind a group, -1 for the group of priors.
+  int sample_of(int group) const;
+  /// Name of a shared column, e.g. "joint/head_joint/origin.rz".
+  std::string column_name(int column) const { return table_.all[columns_[column].first].component_name(columns_[column].second); }
+  /// (parameter, component) of every shared column.
+  const std::vector<std::pair<int, int>>& columns() const { return columns_; }
+
+  /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
+  VectorXd pack(const Values& values) const;
+  void unpack(const VectorXd& state, Values& values) const;
+  /// All views that take part, sample by sample.
+  std::vector<ViewResiduals> residuals(const VectorXd& state) const;
+  /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
+  std::vector<char> influencing() const;
+
+  int shared_size() const override { return static_cast<int>(columns_.size()); }
+  const std::vector<GroupShape>& groups() const override { return groups_; }
+  void set_workers(int count) override;
+  void prepare(const VectorXd& state) override;
+  bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
+  bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const override;
+  bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
+  void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
+  bool renew(const VectorXd& state) override;
+
+  /// Explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
+  bool explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const;
+
+ private:
+  struct MotionColumns;
+  struct PlacedView;
+  struct PlacedSample;
+  struct Scratch;
+
+  void place_view(PlacedView& v, const std::map<int, int>& shared_places, const PlacedSample& sample) const;
+  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void geometry(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
+  void kinematic_matrix(const PlacedView& v, const std::vector<MotionColumns>& program, int columns, const VectorXd& state,
+                        Scratch& scratch) const;
+  bool view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost,
+                 bool symmetric_root) const;
+  bool prior_rows(const VectorXd& state, MatrixXd* rows, VectorXd& r) const;
+  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const;
+
+  const Rig& rig_;
+  const ParameterTable& table_;
+  const std::vector<Sample>& all_;
+  EstimationSetup setup_;
+  std::vector<std::pair<int, int>> columns_;      // (parameter, component)
+  std::vector<int> first_column_;                 // by parameter, -1: held
+  std::vector<const Freed*> freed_;               // by parameter, null: held
+  std::vector<PlacedSample> samples_;
+  std::vector<GroupShape> groups_;
+  std::vector<MatrixXd> charts_;                  // by parameter: 6 x freed components, of partly freed poses
+  mutable std::vector<Scratch> scratch_;
+  int state_size_ = 0;
+};
+
+}  // namespace kincal

@@ -1,0 +1,123 @@
+#include "parameters.h"
+
+#include <fnmatch.h>
+
+#include <algorithm>
+
+namespace kincal {
+namespace {
+
+const std::vector<std::string> kPoseComponents = {"x", "y", "z", "rx", "ry", "rz"};
+const std::vector<std::string> kPoseUnits = {"m", "m", "m", "rad", "rad", "rad"};
+
+}  // namespace
+
+Pose get_pose(const VectorXd& values, int start) {
+  return {Eigen::Map<const Matrix3d>(values.data() + start), Eigen::Map<const Vector3d>(values.data() + start + 9)};
+}
+
+void set_pose(VectorXd& values, int start, const Pose& pose) {
+  Eigen::Map<Matrix3d>(values.data() + start) = pose.rotation;
+  Eigen::Map<Vector3d>(values.data() + start + 9) = pose.translation;
+}
+
+ParameterTable::ParameterTable(const Rig& rig) {
+  std::vector<double> values;
+  const auto add = [&](const std::string& name, std::vector<std::string> components, std::vector<std::string> units,
+                       const std::vector<double>& v) {
+    all.push_back({name, std::move(components), std::move(units), false, static_cast<int>(values.size())});
+    values.insert(values.end(), v.begin(), v.end());
+    return static_cast<int>(all.size()) - 1;
+  };
+  const auto add_pose = [&](const std::string& name, const Pose& pose) {
+    all.push_back({name, kPoseComponents, kPoseUnits, true, static_cast<int>(values.size())});
+    values.insert(values.end(), pose.rotation.data(), pose.rotation.data() + 9);
+    values.insert(values.end(), pose.translation.data(), pose.translation.data() + 3);
+    return static_cast<int>(all.size()) - 1;
+  };
+  const size_t joints = rig.tree.joints.size();
+  joint_offset.assign(joints, -1);
+  joint_scale.assign(joints, -1);
+  joint_origin.assign(joints, -1);
+  for (size_t j = 0; j < joints; ++j) {
+    const Joint& joint = rig.tree.joints[j];
+    const std::string prefix = "joint/" + joint.name + "/";
+    if (joint.has_reading()) {
+      joint_offset[j] = add(prefix + "offset", {""}, {joint.type == JointType::prismatic ? "m" : "rad"}, {rig.joints[j].offset});
+      joint_scale[j] = add(prefix + "scale", {""}, {""}, {rig.joints[j].scale});
+    }
+    joint_origin[j] = add_pose(prefix + "origin", joint.parent_T_joint);
+  }
+  for (const Sensor& sensor : rig.sensors) {
+    const std::string prefix = "sensor/" + sensor.name + "/";
+    sensor_pose.push_back(add_pose(prefix + "pose", sensor.link_T_sensor));
+    sensor_block.push_back(sensor.parameters.empty() ? -1 : static_cast<int>(all.size()));
+    for (const ParameterBlock& b : sensor.parameters) add(prefix + b.name, b.components, b.units, b.values);
+  }
+  for (const Target& target : rig.targets) {
+    const std::string prefix = "target/" + target.name + "/";
+    target_pose.push_back(target.link >= 0 ? add_pose(prefix + "pose", target.link_T_target) : -1);
+    target_square.push_back(target.grid ? add(prefix + "square", {""}, {"m"}, {target.square}) : -1);
+    int points = -1;
+    if (!target.grid) {
+      std::vector<std::string> components;
+      for (int i = 0; i < target.count(); ++i)
+        for (const char* c : {".x", ".y", ".z"}) components.push_back(std::to_string(i) + c);
+      std::vector<std::string> units(components.size(), "m");
+      points = add(prefix + "points", std::move(components), std::move(units),
+                   {target.points.data(), target.points.data() + target.points.size()});
+    }
+    target_points.push_back(points);
+  }
+  initial = Eigen::Map<VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+}
+
+std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
+  std::vector<Freed> out;
+  const auto collect = [&](const auto& matches) {
+    for (size_t p = 0; p < all.size(); ++p) {
+      Freed freed{static_cast<int>(p), {}};
+      const bool whole = matches(all[p].name);
+      for (int c = 0; c < all[p].size(); ++c)
+        if (whole || matches(all[p].component_name(c))) freed.components.push_back(c);
+      if (!freed.components.empty()) out.push_back(std::move(freed));
+    }
+  };
+  collect([&](const std::string& name) { return name == pattern; });
+  if (out.empty()) collect([&](const std::string& name) { return fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0; });
+  return out;
+}
+
+bool ParameterTable::is_plain_name(const std::string& pattern) const {
+  for (const Parameter& p : all) {
+    if (pattern == p.name) return true;
+    for (int c = 0; c < p.size(); ++c)
+      if (pattern == p.component_name(c)) return true;
+  }
+  return false;
+}
+
+std::vector<std::string> ParameterTable::names() const {
+  std::vector<std::string> out;
+  for (const Parameter& p : all) {
+    out.push_back(p.name);
+    for (int c = 0; c < p.size(); ++c)
+      if (!p.components[c].empty()) out.push_back(p.component_name(c));
+  }
+  return out;
+}
+
+void merge(std::vector<Freed>& into, const std::vector<Freed>& more) {
+  for (const Freed& f : more) {
+    const auto same = std::find_if(into.begin(), into.end(), [&](const Freed& g) { return g.parameter == f.parameter; });
+    if (same == into.end()) {
+      into.push_back(f);
+      continue;
+    }
+    std::vector<int> both;
+    std::set_union(same->components.begin(), same->components.end(), f.components.begin(), f.components.end(), std::back_inserter(both));
+    same->components = both;
+  }
+}
+
+}  // namespace kincal

@@ -1,0 +1,60 @@
+// Every number that can be freed: its name, components, units, and where it stands in the vector of values.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "rig.h"
+
+namespace kincal {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// A parameter of the formats' table. Values stand in one vector: a pose as 12 numbers (rotation column by column, translation),
+/// anything else as its numbers. The unknowns of a pose are its 6 components, increments from the initial value.
+struct Parameter {
+  std::string name;                     // e.g. "joint/l_elbow_flex_joint/offset"
+  std::vector<std::string> components;  // names after the dot; {""} for a single number
+  std::vector<std::string> units;       // one a component
+  bool pose = false;
+  int start = 0;                        // in the vector of values
+
+  int size() const { return static_cast<int>(components.size()); }
+  std::string component_name(int c) const { return components[c].empty() ? name : name + "." + components[c]; }
+};
+
+/// Some components of a parameter.
+struct Freed {
+  int parameter = -1;
+  std::vector<int> components;          // ascending
+
+  bool whole(const Parameter& p) const { return static_cast<int>(components.size()) == p.size(); }
+};
+
+struct ParameterTable {
+  std::vector<Parameter> all;
+  VectorXd initial;                     // the rig's values
+  // Indices into `all`, -1 where there is none.
+  std::vector<int> joint_offset, joint_scale, joint_origin;  // by joint
+  std::vector<int> sensor_pose;                              // by sensor
+  std::vector<int> sensor_block;                             // by sensor: its first own block; blocks follow one another
+  std::vector<int> target_pose, target_square, target_points;  // by target
+
+  explicit ParameterTable(const Rig& rig);
+
+  /// What a name, component name or glob means. Exact names go before globs. Nothing found: empty.
+  std::vector<Freed> select(const std::string& pattern) const;
+  /// The name of a whole parameter or of one component, as written: no glob.
+  bool is_plain_name(const std::string& pattern) const;
+  /// All names and component names, for messages.
+  std::vector<std::string> names() const;
+};
+
+Pose get_pose(const VectorXd& values, int start);
+void set_pose(VectorXd& values, int start, const Pose& pose);
+
+/// Adds components to those already there, parameter by parameter; new parameters go to the end.
+void merge(std::vector<Freed>& into, const std::vector<Freed>& more);
+
+}  // namespace kincal

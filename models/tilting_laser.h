@@ -1,0 +1,77 @@
+// Tilting laser: a planar scanner on a joint that moves while it scans, so every ray has its own reading of that joint.
+//
+// Numbers of a ray: joint reading t, bearing b, range d. The measured point in the sensor's frame, at the ray's own tilt, is
+// m = d (cos b, sin b, 0); residual = predicted - m, m. With q = scale t + offset and s the sign with which the way from sensor
+// to target walks the joint (see Scan):
+//     p_behind = behind_T_target p,   p_joint = motion(s q) p_behind,   p_sensor = sensor_T_before p_joint.
+// Derivatives of p_sensor, R = rotation of sensor_T_before, M = rotation of motion(s q), axis a:
+//     twist [v | w] behind the joint:        R M (v + w x p_behind)
+//     twist on the sensor's side:            v + w x p_sensor
+//     q: rotation  s R (a x p_joint),  translation  s R a;   offset: times 1, scale: times t.
+// Own noise: derivative of the measured point, taken as fixed in the world, by (joint, bearing, range) times their sigmas. An error
+// of the joint moves the sensor, so m as seen from the far side turns by the joint's motion; back in the sensor's frame that is
+// -(d p_sensor / d q) at p_sensor = m, times scale.
+#pragma once
+
+#include <cmath>
+
+#include "sensor.h"
+
+namespace kincal {
+
+class TiltingLaser final : public SensorModel {
+ public:
+  int rows() const override { return 3; }
+  int numbers() const override { return 3; }
+  bool scans() const override { return true; }
+  Sight sight() const override { return Sight::scan; }
+  bool has_own_noise() const override { return true; }
+
+  static Vector3d measured_point(const double* z) { return {z[2] * std::cos(z[1]), z[2] * std::sin(z[1]), 0}; }
+
+  bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
+    const Scan& scan = *view.scan;
+    const Matrix3d& side = scan.sensor_T_before.rotation;
+    for (int i = 0; i < view.count; ++i) {
+      const double* z = view.z + 3 * i;
+      const double q = scan.direction * (scan.scale * z[0] + scan.offset);
+      const Vector3d behind = scan.behind_T_target * Vector3d(view.points->col(view.ids[i]));
+      const Matrix3d turn = scan.prismatic ? Matrix3d::Identity() : exp_so3(q * scan.axis);
+      const Vector3d at_joint = scan.prismatic ? Vector3d(behind + q * scan.axis) : Vector3d(turn * behind);
+      const Vector3d p = scan.sensor_T_before * at_joint;
+      Eigen::Map<Vector3d>(r + 3 * i) = p - measured_point(z);
+      if (!L) continue;
+      const Matrix3d through = side * turn;
+      L->block<3, 3>(3 * i, c.pose) = through;
+      L->block<3, 3>(3 * i, c.pose + 3) = -through * skew(behind);
+      if (c.sensor_side >= 0) {
+        L->block<3, 3>(3 * i, c.sensor_side).setIdentity();
+        L->block<3, 3>(3 * i, c.sensor_side + 3) = -skew(p);
+      }
+      if (c.joint >= 0) {
+        const Vector3d by_q = scan.direction * (side * (scan.prismatic ? scan.axis : Vector3d(scan.axis.cross(at_joint))));
+        L->block<3, 1>(3 * i, c.joint) = by_q;
+        L->block<3, 1>(3 * i, c.joint + 1) = z[0] * by_q;
+      }
+      if (c.square >= 0 || c.points >= 0) {
+        static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+        point_rows(view, c, i, 3, identity, through, *L);
+      }
+    }
+    return true;
+  }
+
+  void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const override {
+    const Scan& scan = *view.scan;
+    const double* z = view.z + 3 * i;
+    const Vector3d m = measured_point(z), at_joint = inverse(scan.sensor_T_before) * m;
+    const Vector3d by_q = -scan.direction * (scan.sensor_T_before.rotation *
+                                             (scan.prismatic ? scan.axis : Vector3d(scan.axis.cross(at_joint))));
+    b.resize(3, 3);
+    b.col(0) = scan.scale * by_q;
+    b.col(1) << -m.y(), m.x(), 0;
+    b.col(2) << std::cos(z[1]), std::sin(z[1]), 0;
+  }
+};
+
+}  // namespace kincal

@@ -1,0 +1,65 @@
+// Levenberg-Marquardt on the arrowhead, by the Schur complement.
+//
+// With damping D = lambda diag(H) (Marquardt), every group's private block is eliminated by a small Cholesky,
+//     P + D_p = L L',   B = L^-1 [Q | a],   S = C + D_x - sum B_Q' B_Q,   s = b - sum B_Q' B_a,
+// then  S dx = -s  and  dp = -L^-T (B_a + B_Q dx).
+// With g the whole gradient and d the whole step, the quadratic model promises (in twice the cost)
+//     promised = -g'd + lambda d'Dd,   and moves the residuals by   |J d|^2 = -g'd - lambda d'Dd,
+// the length of the step in standard deviations: both cost nothing beyond the solution.
+//
+// Converged means: an (all but) undamped step of less than 1e-8 standard deviations, with the covariances evaluated where it
+// starts; or residuals of nothing (noise-free data); or steps that promise less than 1e-12 of the cost and no longer shrink,
+// because what is left is rounding. Covariances that depend on the state are renewed after each step once steps are small: the
+// point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
+// A rejected step repeats the elimination, not the evaluation. Groups are partitioned, and sums taken, in a fixed order: the
+// result is the same to the last bit for any number of threads.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "problem.h"
+#include "reduced_system.h"
+
+namespace kincal {
+
+enum class Outcome { converged, not_converged, undefined_start, cancelled };
+
+struct SolverOptions {
+  int max_iterations = 200;
+  int threads = 1;
+  LinearSolver linear_solver = LinearSolver::automatic;
+  /// Called after each iteration with its number, chi2 and damping; false cancels.
+  std::function<bool(int, double, double)> progress;
+};
+
+struct SolveSummary {
+  Outcome outcome = Outcome::not_converged;
+  int iterations = 0;
+  Cost cost;
+  std::vector<std::pair<double, double>> history;  // chi2, damping: at the start and after each iteration
+  int undefined_group = -1;                        // first group whose residual is undefined at the start
+};
+
+class LevenbergMarquardt {
+ public:
+  /// Analyses the structure and allocates all workspace. The problem must outlive the solver.
+  LevenbergMarquardt(Problem& problem, SolverOptions options);
+  ~LevenbergMarquardt();
+  const char* linear_solver() const;
+
+  /// Minimises from `state`, in place.
+  SolveSummary solve(VectorXd& state);
+
+  /// The undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and gradient.
+  void reduced(const VectorXd& state, MatrixXd& matrix, VectorXd& gradient);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> w_;
+};
+
+}  // namespace kincal

@@ -1,0 +1,138 @@
+#include "observability.h"
+
+#include <Eigen/QR>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+
+namespace kincal {
+namespace {
+
+constexpr double kPrivateRank = 1e-9;  // singular value of a private block with unit columns, relative
+constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
+constexpr double kNullEigenvalue = 1e-9;
+
+/// Rows [J_shared] of a group after the elimination of its private unknowns; their number's rank is added to `rank`.
+MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
+  const Eigen::Index m = rows.cols() - private_size - 1;
+  if (private_size == 0) return rows.leftCols(m);
+  MatrixXd block = rows.leftCols(private_size);
+  for (int i = 0; i < private_size; ++i) {
+    const double norm = block.col(i).norm();
+    if (norm > 0) block.col(i) /= norm;
+  }
+  Eigen::ColPivHouseholderQR<MatrixXd> qr;
+  qr.setThreshold(kPrivateRank);
+  qr.compute(block);
+  rank += qr.rank();
+  MatrixXd shared = rows.middleCols(private_size, m);
+  // Only the first rank() reflections: what is beyond them is determined by nothing here and must not eat shared information.
+  shared.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
+  return shared.bottomRows(shared.rows() - qr.rank());
+}
+
+/// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit length.
+void separate(MatrixXd& basis) {
+  const Eigen::Index k = basis.cols();
+  for (Eigen::Index step = 0; step < k; ++step) {
+    Eigen::Index row, column;
+    basis.rightCols(k - step).cwiseAbs().maxCoeff(&row, &column);
+    basis.col(step).swap(basis.col(step + column));
+    basis.col(step) /= basis(row, step);
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (j != step) basis.col(j) -= basis(row, j) * basis.col(step).eval();
+  }
+  for (Eigen::Index j = 0; j < k; ++j) basis.col(j).normalize();
+}
+
+}  // namespace
+
+Observability observe(Problem& problem, const VectorXd& state) {
+  const int n = problem.shared_size();
+  Observability out;
+  problem.prepare(state);
+  // R'R = S: remainders are stacked and compressed whenever the stack is full.
+  MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
+  VectorXd squared_norm = VectorXd::Zero(n);  // of the columns before the elimination
+  Eigen::Index used = 0;
+  const auto compress = [&] {
+    if (used <= n) return;
+    Eigen::Ref<MatrixXd> filled(stack.topRows(used));
+    Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(filled);  // in place: R above the diagonal
+    for (int i = 0; i < n; ++i) stack.col(i).segment(i + 1, used - i - 1).setZero();
+    used = n;
+  };
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    const GroupShape& shape = problem.groups()[g];
+    problem.square_root(static_cast<int>(g), state, 0, rows);
+    const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
+    out.rows += shape.rows;
+    for (int i = 0; i < m; ++i) squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
+    const MatrixXd left = eliminate(rows, k, out.rank);
+    for (Eigen::Index r = 0; r < left.rows() && m > 0; ++r) {
+      if (used == stack.rows()) compress();
+      stack.row(used).setZero();
+      for (int i = 0; i < m; ++i) stack(used, shape.columns[i]) = left(r, i);
+      ++used;
+    }
+  }
+  compress();
+  out.covariance.setZero(n, n);
+  out.unobservable.assign(n, 0);
+  if (n == 0) return out;
+
+  MatrixXd r = stack.topRows(std::max<Eigen::Index>(used, 1));
+  if (used == 0) r.setZero();
+  VectorXd scale(n);  // 1 / column norm; 0: dead
+  int alive = 0;
+  for (int i = 0; i < n; ++i) {
+    const double norm = r.col(i).norm();
+    const bool dead = norm * norm <= kDeadColumn * squared_norm(i) || norm == 0;
+    scale(i) = dead ? 0 : 1 / norm;
+    alive += !dead;
+    r.col(i) *= scale(i);
+    if (dead) {
+      out.unobservable[i] = 1;
+      out.directions.push_back({{i, 1.0}});
+    }
+  }
+  const Eigen::BDCSVD<MatrixXd> svd(r, Eigen::ComputeFullV);
+  VectorXd eigenvalue = VectorXd::Zero(n);
+  eigenvalue.head(svd.singularValues().size()) = svd.singularValues().cwiseAbs2();
+  std::vector<int> null;  // right singular vectors without information, those of dead columns aside
+  for (int i = 0; i < n; ++i) {
+    const VectorXd v = svd.matrixV().col(i);
+    if (eigenvalue(i) > kNullEigenvalue * eigenvalue(0)) {
+      const VectorXd scaled = v.cwiseProduct(scale);
+      out.covariance.noalias() += scaled / eigenvalue(i) * scaled.transpose();
+      ++out.rank;
+    } else {
+      null.push_back(i);
+    }
+  }
+  // The null space of the scaled columns contains a unit vector for every dead one; what is orthogonal to these are gauges.
+  const int gauges = static_cast<int>(null.size()) - (n - alive);
+  if (gauges > 0) {
+    MatrixXd space(n, null.size());
+    for (size_t j = 0; j < null.size(); ++j) space.col(j) = svd.matrixV().col(null[j]);
+    for (int i = 0; i < n; ++i)
+      if (scale(i) == 0) space.row(i).setZero();
+    const Eigen::BDCSVD<MatrixXd> range(space, Eigen::ComputeThinU);
+    MatrixXd basis = range.matrixU().leftCols(gauges);
+    separate(basis);
+    for (int j = 0; j < gauges; ++j) {
+      Eigen::Index largest;
+      basis.col(j).cwiseAbs().maxCoeff(&largest);
+      std::vector<std::pair<int, double>> direction;
+      for (int i = 0; i < n; ++i) {
+        if (std::abs(basis(i, j)) > 1e-3) out.unobservable[i] = 1;
+        if (std::abs(basis(i, j)) > 0.02)
+          direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
+      }
+      out.directions.push_back(std::move(direction));
+    }
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,99 @@
+// What the solver minimises, and the algebra of one view.
+//
+// Cost = 1/2 sum_k rho(|r_k|^2) over residual blocks r_k, whitened. Unknowns are shared (columns 0 .. n-1) or private to a
+// group; a group (one sample of a robot, one point of a bundle adjustment) sees only its own private unknowns and some
+// shared columns, so the normal equations are an arrowhead:
+//     [ P_1           Q_1 ] [dp_1]     [a_1]
+//     [      P_2      Q_2 ] [dp_2] = - [a_2]
+//     [ Q_1' Q_2' ..  C   ] [dx  ]     [b  ]
+// A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute.
+//
+// Within one view J = L M (see models/sensor.h): accumulate the small Gram matrix of [L r], then expand M' (L'L) M.
+#pragma once
+
+#include <Eigen/Core>
+#include <limits>
+#include <vector>
+
+namespace kincal {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// chi2: sum of squared whitened residuals; twice: twice the minimised cost, that is with the losses.
+struct Cost {
+  double twice = 0, chi2 = 0;
+};
+
+struct GroupShape {
+  int private_size = 0;
+  std::vector<int> columns;   // shared columns that the group touches, ascending
+  int rows = 0;               // whitened residuals, priors of private unknowns included
+  int size() const { return private_size + static_cast<int>(columns.size()); }
+};
+
+/// A nonlinear least-squares problem in groups. The state is one vector that only the problem understands. Calls for different
+/// workers may run at the same time; `worker` selects scratch space. None of these may depend on the number of workers.
+class Problem {
+ public:
+  virtual ~Problem() = default;
+  virtual int shared_size() const = 0;
+  virtual const std::vector<GroupShape>& groups() const = 0;
+  /// Scratch for workers 0 .. count - 1.
+  virtual void set_workers(int count) = 0;
+
+  /// Called once before linearise() or square_root() of all groups at this state: what groups share is computed here.
+  virtual void prepare(const VectorXd& state) = 0;
+  /// Cost of a group; false where a residual is undefined.
+  virtual bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const = 0;
+  /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to `gram` (size() + 1 squared; lower triangle).
+  virtual bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const = 0;
+  /// A square root of the same: rows A with A'A = gram, computed from the residuals without squaring anything (QR of each view).
+  virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
+  /// state moved by a step; privates stand group after group in `private_step`.
+  virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
+  /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
+  virtual bool renew(const VectorXd& state) = 0;
+};
+
+/// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves.
+struct ViewColumns {
+  std::vector<int> kinematic;               // place of each column of M in the group: private unknowns first, then touched columns
+  std::vector<std::pair<int, int>> own;     // (column of L, place in the group)
+};
+
+/// Scratch of expand().
+struct ExpandScratch {
+  MatrixXd product, block;
+  std::vector<int> places;
+};
+
+/// gram += M' G M on the lower triangle: `view_gram` is the Gram matrix of [L r] ((W + 1) squared, both triangles), `m` the
+/// kinematic part of M (K x columns.kinematic.size()). The residual's place is the last one of `gram`.
+inline void expand(const MatrixXd& view_gram, const MatrixXd& m, const ViewColumns& columns, ExpandScratch& s,
+                   Eigen::Ref<MatrixXd> gram) {
+  const Eigen::Index k = m.rows(), kin = m.cols(), own = static_cast<Eigen::Index>(columns.own.size()), w = view_gram.rows() - 1;
+  s.product.resize(w + 1, kin);
+  s.product.noalias() = view_gram.leftCols(k) * m;
+  s.block.resize(kin + own + 1, kin + own + 1);
+  s.block.topLeftCorner(kin, kin).noalias() = m.transpose() * s.product.topRows(k);
+  for (Eigen::Index i = 0; i <= own; ++i) {
+    const Eigen::Index row = i < own ? columns.own[i].first : w;
+    s.block.row(kin + i).head(kin) = s.product.row(row);
+    s.block.col(kin + i).head(kin) = s.product.row(row).transpose();
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      const double v = view_gram(row, j < own ? columns.own[j].first : w);
+      s.block(kin + i, kin + j) = v;
+      s.block(kin + j, kin + i) = v;
+    }
+  }
+  s.places.assign(columns.kinematic.begin(), columns.kinematic.end());
+  for (const auto& c : columns.own) s.places.push_back(c.second);
+  s.places.push_back(static_cast<int>(gram.rows()) - 1);
+  const Eigen::Index n = kin + own + 1;
+  for (Eigen::Index j = 0; j < n; ++j)
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (s.places[i] >= s.places[j]) gram(s.places[i], s.places[j]) += s.block(i, j);
+}
+
+}  // namespace kincal
