@@ -263,8 +263,8 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
       const size_t colon = column == std::string::npos ? std::string::npos : what.find(": ", column);
       what.erase(0, colon == std::string::npos ? bracket + 2 : colon + 2);
     }
-    if (what.find("invalid literal") != std::string::npos) what += " (JSON knows true, false, null and finite numbers only)";
-    return what;
+    const bool nan = what.find("N'") != std::string::npos || what.find("I'") != std::string::npos;  // of NaN, Infinity
+    return nan ? what + " (JSON has finite numbers only)" : what;
   }
   void count_line(const char* p) {
     if (*p != '\n') return;

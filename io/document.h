@@ -76,7 +76,7 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
 std::string shortest(double value);
 
 /// YAML text of a tree: block mappings (those of up to 3 simple values in one line), flow sequences of scalars (where they fit
-/// a line), strings quoted where needed. Reads back as the same tree. Comments are not kept.
+/// a line), strings quoted where needed. Reads back as the same tree (odd plain texts become quoted). Comments are not kept.
 std::string to_yaml(const Node& node);
 
 }  // namespace kincal

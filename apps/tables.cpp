@@ -1,0 +1,182 @@
+#include "tables.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+
+namespace kincal {
+namespace {
+
+std::string format(const char* pattern, ...) {
+  char buffer[512];
+  va_list arguments;
+  va_start(arguments, pattern);
+  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
+  va_end(arguments);
+  return buffer;
+}
+
+size_t shown_width(const std::string& s) {  // UTF-8 continuation bytes take no place
+  return static_cast<size_t>(std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+/// Columns padded to their widest cell; the first `left` ones to the left, the others to the right.
+std::string align(const std::vector<std::vector<std::string>>& rows, size_t left) {
+  std::vector<size_t> width;
+  for (const auto& row : rows)
+    for (size_t c = 0; c < row.size(); ++c) {
+      if (width.size() <= c) width.push_back(0);
+      width[c] = std::max(width[c], shown_width(row[c]));
+    }
+  std::string out;
+  for (const auto& row : rows) {
+    std::string line;
+    for (size_t c = 0; c < row.size(); ++c) {
+      const std::string pad(width[c] - shown_width(row[c]), ' ');
+      line += "  " + (c < left ? row[c] + pad : pad + row[c]);
+    }
+    while (!line.empty() && line.back() == ' ') line.pop_back();
+    out += line + "\n";
+  }
+  return out;
+}
+
+/// px as they are, m in mm, rad in mrad.
+struct Unit {
+  std::string name;
+  double factor;
+};
+Unit shown(const std::string& unit) {
+  if (unit == "m") return {"mm", 1e3};
+  if (unit == "rad") return {"mrad", 1e3};
+  return {unit, 1};
+}
+
+std::string value(double v, double factor = 1) { return std::isfinite(v) ? format("%.4g", v * factor) : "-"; }
+
+}  // namespace
+
+Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO)) {}
+
+void Progress::update(const std::string& step, int iteration, double chi2, double damping) {
+  if (quiet_) return;
+  if (step != step_) finish();
+  step_ = step;
+  if (iteration == 0) {
+    if (terminal_) std::fprintf(stderr, "\r\033[K%s: starting values", step.c_str());
+    iteration_ = 0;
+    return;
+  }
+  iteration_ = iteration;
+  chi2_ = chi2;
+  if (terminal_) std::fprintf(stderr, "\r\033[K%s: iteration %d, chi2 %.8g, damping %.0e", step.c_str(), iteration, chi2, damping);
+}
+
+void Progress::finish() {
+  if (quiet_ || step_.empty()) return;
+  std::fprintf(stderr, "%s%s: %d iterations, chi2 %.8g\n", terminal_ ? "\r\033[K" : "", step_.c_str(), iteration_, chi2_);
+  step_.clear();
+}
+
+std::string residual_table(const std::vector<SensorResult>& sensors, bool before) {
+  const bool test = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
+  const bool train = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.train.points > 0; });
+  std::vector<std::vector<std::string>> rows = {{"sensor", "unit"}};
+  for (const char* split : {"train", "held out"}) {
+    if ((split[0] == 't' && !train) || (split[0] == 'h' && !test)) continue;
+    rows[0].push_back(std::string(split) + ": points");
+    if (before) rows[0].push_back("before");
+    rows[0].push_back(before ? "after" : "rms");
+    rows[0].push_back("as read");
+  }
+  for (const SensorResult& s : sensors)
+    for (bool rotation : {false, true}) {
+      if (rotation && !s.whole_pose) continue;
+      const Unit unit = shown(rotation ? "rad" : s.unit);
+      std::vector<std::string> row = {rotation ? "" : s.name, unit.name};
+      for (const SplitStatistics* split : {&s.train, &s.test}) {
+        if ((split == &s.train && !train) || (split == &s.test && !test)) continue;
+        row.push_back(rotation ? "" : std::to_string(split->points));
+        if (before) row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
+        row.push_back(value(rotation ? split->rotation : split->rms, unit.factor));
+        row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
+      }
+      rows.push_back(row);
+    }
+  return align(rows, 2);
+}
+
+std::string parameter_table(const CalibrationResult& result, size_t most) {
+  struct Line {
+    double weight;
+    std::vector<std::string> cells;
+  };
+  std::vector<Line> lines;
+  for (const ParameterEstimate& e : result.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c) {
+      if (e.sigma[c] == 0) continue;
+      const Unit unit = shown(e.units[c]);
+      const double change = e.value[c] - e.initial[c];
+      // A thousandth of a metre, a radian or a ratio and a tenth of a pixel weigh alike.
+      const double weight = std::abs(change) * (e.units[c] == "px" ? 10 : 1e3);
+      lines.push_back({weight,
+                       {e.components[c].empty() ? e.name : e.name + "." + e.components[c], value(e.initial[c], unit.factor),
+                        value(e.value[c], unit.factor), format("%+.4g", change * unit.factor),
+                        std::isfinite(e.sigma[c]) ? "± " + format("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
+    }
+  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) { return a.weight > b.weight; });
+  std::vector<std::vector<std::string>> rows = {{"parameter", "before", "after", "change", "sigma", "unit"}};
+  for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
+  std::string out = align(rows, 1);
+  if (lines.size() > most) out += "  ... and " + std::to_string(lines.size() - most) + " more in result.json\n";
+  return out;
+}
+
+std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
+  std::string out;
+  for (const StepPlan& p : plans) {
+    int shared = 0;
+    for (const Freed& f : p.free) shared += static_cast<int>(f.components.size());
+    out += format("step %s: %d shared parameters free, %d samples\n", p.name.c_str(), shared, p.samples);
+    out += format("  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the samples) = %ld degrees of freedom\n", p.rows,
+                  p.unknowns, shared, p.unknowns - shared, p.rows - p.unknowns);
+    for (const Freed& f : p.free) {
+      const Parameter& parameter = table.all[f.parameter];
+      std::string components;
+      if (!f.whole(parameter))
+        for (int c : f.components) components += (components.empty() ? "." : " .") + parameter.components[c];
+      std::string priors;
+      for (const Prior& prior : p.priors)
+        if (prior.parameter == f.parameter) priors += (priors.empty() ? "  prior sigma " : ", ") + shortest(prior.sigma);
+      out += "    " + parameter.name + (components.empty() ? "" : " " + components) + priors + "\n";
+    }
+    for (const std::string& n : p.unused) out += "    unused (no measurement of this step depends on it): " + n + "\n";
+    for (const std::string& n : p.held_out) out += "    held out (only held-out samples see it): " + n + "\n";
+  }
+  return out;
+}
+
+std::string report(const CalibrationResult& result, const ResultFiles& files) {
+  std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  out += "\nParameters that changed most\n" + parameter_table(result, 12);
+  out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
+  if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
+  out += "\n";
+  if (!files.not_in_urdf.empty()) {
+    out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
+    for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
+  }
+  for (const Reduction& r : files.reductions)
+    out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
+           " -> " + shortest(r.after) + "\n";
+  if (!result.warnings.empty()) {
+    out += "\nWarnings\n";
+    for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";
+  }
+  return out;
+}
+
+}  // namespace kincal

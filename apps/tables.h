@@ -1,0 +1,36 @@
+// What the command line prints: progress, residual tables, parameters, warnings.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../io/results.h"
+#include "../models/calibration.h"
+
+namespace kincal {
+
+/// A live line per iteration on a terminal, a plain line per step elsewhere; on standard error.
+class Progress {
+ public:
+  explicit Progress(bool quiet);
+  void update(const std::string& step, int iteration, double chi2, double damping);
+  /// Ends the last step's line.
+  void finish();
+
+ private:
+  bool quiet_, terminal_;
+  std::string step_;
+  int iteration_ = 0;
+  double chi2_ = 0;
+};
+
+/// The paper's table: per sensor rms before and after, train and held out. `before`: with that column.
+std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
+/// The parameter components that changed most, with sigmas.
+std::string parameter_table(const CalibrationResult& result, size_t most);
+/// What each step frees and counts.
+std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// Steps, tables, what is not in the URDF, warnings.
+std::string report(const CalibrationResult& result, const ResultFiles& files);
+
+}  // namespace kincal
