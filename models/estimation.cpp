@@ -82,9 +82,10 @@ struct Estimation::Scratch {
   ViewInput input;
   Scan scan;
   Eigen::Matrix3Xd points;
-  MatrixXd m, gram, projected;
-  RowMatrix rows;                     // [L r] of a view
+  MatrixXd m;                         // in its top left corner: M of the view at hand
+  RowMatrix rows;                     // likewise [L r]
   VectorXd r;
+  MatrixXd projected;
   ExpandScratch expand;
 };
 
@@ -304,8 +305,20 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
 }
 
 void Estimation::set_workers(int count) {
+  size_t rows = 0, width = 0, columns = 0, noisy = 0;  // of the largest view
+  for (const PlacedSample& s : samples_)
+    for (const PlacedView& v : s.views) {
+      rows = std::max(rows, static_cast<size_t>(v.rows()));
+      width = std::max(width, static_cast<size_t>(v.columns.total));
+      columns = std::max(columns, v.map.kinematic.size() + v.map.own.size());
+      noisy = std::max(noisy, v.noise_sigma.size());
+    }
   scratch_.resize(count);
   for (Scratch& s : scratch_) {
+    s.rows.resize(rows, width + 1);
+    s.r.resize(rows);
+    s.m.resize(std::max<size_t>(width, 6), std::max(columns, noisy));
+    s.expand.reserve(static_cast<int>(width), static_cast<int>(columns));
     s.motion.resize(rig_.tree.joints.size());
     s.reading.resize(rig_.tree.joints.size());
   }
@@ -450,8 +463,8 @@ void Estimation::geometry(const PlacedView& v, const VectorXd& state, Scratch& s
 /// M (kinematic rows x columns) of a program, at the geometry in `scratch`.
 void Estimation::kinematic_matrix(const PlacedView& v, const std::vector<MotionColumns>& program, int columns, const VectorXd& state,
                                   Scratch& scratch) const {
-  MatrixXd& m = scratch.m;
-  m.setZero(v.kinematic_rows, columns);
+  auto m = scratch.m.topLeftCorner(v.kinematic_rows, columns);
+  m.setZero();
   const auto fill = [&](const MotionColumns& column, int row, const Matrix6d& twist_of_increment) {
     const MatrixXd* chart = column.parameter >= 0 && charts_[column.parameter].size() > 0 ? &charts_[column.parameter] : nullptr;
     if (chart)
@@ -498,12 +511,12 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
                            bool symmetric_root) const {
   geometry(v, state, scratch);
   const int k = v.model->rows(), blocks = v.blocks(), rows = k * blocks, w = v.columns.total;
-  scratch.r.resize(rows);
+  auto weighted = scratch.rows.topLeftCorner(rows, w + 1);
   if (derivatives) {
-    scratch.rows.setZero(rows, w + 1);
-    Eigen::Ref<RowMatrix> l(scratch.rows.leftCols(w));
+    weighted.setZero();
+    Eigen::Ref<RowMatrix> l(weighted.leftCols(w));
     if (!v.model->evaluate(scratch.input, v.columns, scratch.r.data(), &l)) return false;
-    scratch.rows.col(w) = scratch.r;
+    weighted.col(w) = scratch.r.head(rows);
   } else if (!v.model->evaluate(scratch.input, v.columns, scratch.r.data(), nullptr)) {
     return false;
   }
@@ -512,32 +525,33 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
     if (!white.block.empty()) {
-      r = (white.block[b] * r).eval();
-      if (derivatives) scratch.rows.middleRows(b * k, k) = (white.block[b] * scratch.rows.middleRows(b * k, k)).eval();
+      r = white.block[b].lazyProduct(r).eval();
+      if (derivatives) weighted.middleRows(b * k, k) = white.block[b].lazyProduct(weighted.middleRows(b * k, k)).eval();
     } else {
       r = r.cwiseProduct(white.inverse_sigma);
       if (derivatives)
-        for (int i = 0; i < k; ++i) scratch.rows.row(b * k + i) *= white.inverse_sigma(i);
+        for (int i = 0; i < k; ++i) weighted.row(b * k + i) *= white.inverse_sigma(i);
     }
     if (marginal) continue;
     const double squared = r.squaredNorm();
     double slope;
     cost.chi2 += squared;
     cost.twice += setup_.loss(squared, slope);
-    if (derivatives && slope != 1) scratch.rows.middleRows(b * k, k) *= std::sqrt(slope);
+    if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
   }
   if (!marginal) return true;
   // The view's residuals belong together: s = r'(1 - U C^-1 U') r.
-  const VectorXd projected = white.noise.transpose() * scratch.r;
-  const double squared = scratch.r.squaredNorm() - projected.dot(white.inverse_core * projected);
+  auto all = scratch.r.head(rows);
+  const VectorXd projected = white.noise.transpose() * all;
+  const double squared = all.squaredNorm() - projected.dot(white.inverse_core * projected);
   double slope;
   cost.chi2 += squared;
   cost.twice += setup_.loss(squared, slope);
   if (symmetric_root) {
-    scratch.r -= white.noise * (white.root * projected);
-    if (derivatives) scratch.rows -= (white.noise * (white.root * (white.noise.transpose() * scratch.rows))).eval();
+    all -= white.noise * (white.root * projected);
+    if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
   }
-  if (derivatives && slope != 1) scratch.rows *= std::sqrt(slope);
+  if (derivatives && slope != 1) weighted *= std::sqrt(slope);
   return true;
 }
 
@@ -579,13 +593,16 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, Eigen::
   motions(s, state, scratch);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, state, scratch, true, cost, false)) return false;
-    scratch.gram.noalias() = scratch.rows.transpose() * scratch.rows;
+    const int rows = v.rows(), w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
+    auto view_gram = scratch.expand.gram.topLeftCorner(w, w);
+    kincal::gram(scratch.rows.data(), rows, w, static_cast<int>(scratch.rows.outerStride()), view_gram.data(),
+                 static_cast<int>(scratch.expand.gram.outerStride()));
     if (v.whitening.noise.size() > 0) {
-      scratch.projected.noalias() = v.whitening.noise.transpose() * scratch.rows;
-      scratch.gram -= scratch.projected.transpose() * (v.whitening.inverse_core * scratch.projected);
+      scratch.projected.noalias() = v.whitening.noise.transpose() * scratch.rows.topLeftCorner(rows, w);
+      view_gram -= scratch.projected.transpose() * (v.whitening.inverse_core * scratch.projected);
     }
-    kinematic_matrix(v, v.motion, static_cast<int>(v.map.kinematic.size()), state, scratch);
-    expand(scratch.gram, scratch.m, v.map, scratch.expand, gram);
+    kinematic_matrix(v, v.motion, columns, state, scratch);
+    expand(view_gram, scratch.m.topLeftCorner(v.kinematic_rows, columns), v.map, scratch.expand, gram);
   }
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
@@ -647,13 +664,14 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
   motions(s, state, scratch);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, state, scratch, true, cost, true)) return false;
-    MatrixXd view = scratch.rows;
+    MatrixXd view = scratch.rows.topLeftCorner(v.rows(), v.columns.total + 1);
     if (compress && view.rows() > view.cols()) {
       Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(view);
       view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
     }
     kinematic_matrix(v, v.motion, static_cast<int>(v.map.kinematic.size()), state, scratch);
-    const MatrixXd kinematic = view.leftCols(v.kinematic_rows) * scratch.m;
+    const MatrixXd kinematic =
+        view.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
     auto part = rows.middleRows(used, view.rows());
     for (size_t i = 0; i < v.map.kinematic.size(); ++i) part.col(v.map.kinematic[i]) += kinematic.col(i);
     for (const auto& own : v.map.own) part.col(own.second) += view.col(own.first);
@@ -743,7 +761,7 @@ bool Estimation::renew(const VectorXd& state) {
       Eigen::Ref<RowMatrix> reference(l);
       if (!v.model->evaluate(scratch.input, v.columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
       kinematic_matrix(v, v.noise, static_cast<int>(v.noise_sigma.size()), state, scratch);
-      MatrixXd jq = l.leftCols(v.kinematic_rows) * scratch.m;
+      MatrixXd jq = l.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.noise_sigma.size()));
       for (size_t i = 0; i < v.noise_sigma.size(); ++i) jq.col(i) *= v.noise_sigma[i];
       if (setup_.noise == NoiseMode::point) {
         white.block.resize(blocks);
@@ -782,7 +800,7 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       if (!model.evaluate(scratch.input, v.columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
       Cost cost;
       view_rows(v, state, scratch, false, cost, true);
-      r.whitened = scratch.r;
+      r.whitened = scratch.r.head(v.rows());
       out.push_back(std::move(r));
     }
   }

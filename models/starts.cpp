@@ -1,5 +1,6 @@
 #include "starts.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/QR>
@@ -98,9 +99,9 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       a.row(2 * i + 1).segment(k, k) = h.transpose();
       a.row(2 * i + 1).tail(k) = -s.y() * h.transpose();
     }
-    const Eigen::JacobiSVD<Eigen::MatrixXd> solution(a.transpose() * a, Eigen::ComputeFullU);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solution(a.transpose() * a);
     Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m = Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(
-        VectorXd(solution.matrixU().col(3 * k - 1)).data(), 3, k);
+        VectorXd(solution.eigenvectors().col(0)).data(), 3, k);
     m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
     const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
     m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
@@ -312,22 +313,28 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
       if (used[v.sensor] && rig.targets[v.target].link < 0 && std::find(targets.begin(), targets.end(), v.target) == targets.end())
         targets.push_back(v.target);
     for (int target : targets) {
-      std::vector<Pose> found;
-      const auto before = values.targets.find({index, target});
-      if (before != values.targets.end()) found.push_back(before->second);
-      for (const View& v : all[index].views)
-        if (used[v.sensor] && v.target == target)
-          for (const Pose& p : proposals(rig, table, values.shared, all[index], v)) found.push_back(p);
       EstimationSetup setup;
       setup.noise = NoiseMode::none;
       setup.sensors = sensors;
       setup.only_target = target;
       setup.loss = {LossKind::soft_l1, 1};
       Estimation rank(rig, table, all, {index}, setup);
-      setup.loss = loss;
-      Estimation refine(rig, table, all, {index}, setup);
       Values trial;
       trial.shared = values.shared;
+      const auto before = values.targets.find({index, target});
+      if (before != values.targets.end()) {  // from an earlier step: kept, if it can be evaluated
+        trial.targets[{index, target}] = before->second;
+        const VectorXd state = rank.pack(trial);
+        rank.renew(state);
+        Cost cost;
+        if (rank.evaluate(0, state, 0, cost) && std::isfinite(cost.twice)) continue;
+      }
+      setup.loss = loss;
+      Estimation refine(rig, table, all, {index}, setup);
+      std::vector<Pose> found;
+      for (const View& v : all[index].views)
+        if (used[v.sensor] && v.target == target)
+          for (const Pose& p : proposals(rig, table, values.shared, all[index], v)) found.push_back(p);
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {
         trial.targets[{index, target}] = found[i];

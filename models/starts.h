@@ -31,8 +31,8 @@ Eigen::Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, cons
 Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint = -1,
                  double reading = 0);
 
-/// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A pose that is there already is one of
-/// the proposals. @throws std::runtime_error naming sample and target where no proposal can be evaluated.
+/// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A pose that is there already
+/// stays if it can be evaluated. @throws std::runtime_error naming sample and target where no proposal can be evaluated.
 void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
                    const std::vector<int>& sensors, const Loss& loss, Values& values);
 

@@ -10,10 +10,11 @@ namespace kincal {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kConvergedStep = 1e-8;     // standard deviations
+constexpr double kConvergedStep = 1e-7;     // standard deviations
 constexpr double kSmallestDamping = 1e-10;  // keeps directions without information where they are, biases nothing else
 constexpr double kUndamped = 1e-9;          // up to here a step's length means distance to the minimum
 constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
+constexpr int kMemory = 3;                  // steps that the acceleration looks back
 constexpr int kPieces = 16;                 // of the partition, whatever the number of threads
 
 /// What one group keeps between linearisation and substitution.
@@ -219,6 +220,43 @@ struct LevenbergMarquardt::Workspace {
     return std::isfinite(promised) && shared_step.allFinite() && private_step.allFinite();
   }
 
+  /// Anderson acceleration of the tail. With residuals that are large, or covariances that follow the parameters, plain steps f
+  /// shrink by a fixed factor only. From the last few steps (f_j found, x_j taken) the combination gamma with least
+  /// |f - sum gamma_j (f_j+1 - f_j)| (in the damping's metric) predicts where the sequence ends:  x = f - sum gamma_j (x_j + f_j+1 - f_j).
+  /// Replaces shared_step and private_step; false if there is nothing to go by yet or the combination is no good.
+  bool accelerate() {
+    VectorXd f(n + private_size), scale(n + private_size);
+    f << shared_step, private_step;
+    scale << shared_scale, private_scale;
+    const Eigen::Index m = static_cast<Eigen::Index>(found.size());
+    MatrixXd change(f.size(), m);
+    for (Eigen::Index j = 0; j < m; ++j) change.col(j) = (j + 1 < m ? found[j + 1] : f) - found[j];
+    found.push_back(f);
+    if (m == 0) return false;
+    const MatrixXd weighted = scale.asDiagonal() * change;
+    MatrixXd normal = change.transpose() * weighted;
+    normal.diagonal() *= 1 + 1e-10;
+    const VectorXd gamma = normal.ldlt().solve(weighted.transpose() * f);
+    if (!gamma.allFinite() || gamma.cwiseAbs().maxCoeff() > 50) return false;
+    for (Eigen::Index j = 0; j < m; ++j) f -= gamma(j) * (taken[j] + change.col(j));
+    shared_step = f.head(n);
+    private_step = f.tail(private_size);
+    return true;
+  }
+  void remember_taken() {
+    VectorXd x(n + private_size);
+    x << shared_step, private_step;
+    taken.push_back(x);
+    if (taken.size() > kMemory) {
+      taken.erase(taken.begin());
+      found.erase(found.begin());
+    }
+  }
+  void forget() {
+    found.clear();
+    taken.clear();
+  }
+
   Problem& problem;
   SolverOptions options;
   int n, private_size = 0;
@@ -238,6 +276,7 @@ struct LevenbergMarquardt::Workspace {
   VectorXd shared_scale, private_scale, first_shared_scale, first_private_scale;
   VectorXd moved;
   std::vector<double> sizes;
+  std::vector<VectorXd> found, taken;
 };
 
 LevenbergMarquardt::LevenbergMarquardt(Problem& problem, SolverOptions options)
@@ -252,6 +291,7 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
   const bool renewable = w.problem.renew(state);
   double lambda = 1e-4, growth = 10;
   w.sizes.clear();
+  w.forget();
   w.moved.resize(state.size());
   for (bool first = true;; first = false) {
     if (!w.linearise(state, summary.cost)) {  // trial states were evaluated before: only the start can be undefined
@@ -272,20 +312,38 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
     if (summary.iterations >= w.options.max_iterations) return summary;
     double promised = 0, length = 0;
     Cost trial;
-    bool accepted = false;
+    bool accepted = false, accelerated = false;
+    const auto try_step = [&] {
+      w.problem.retract(state, w.shared_step, w.private_step, w.moved);
+      return w.evaluate(w.moved, trial) && (trial.twice < twice || promised <= 10 * kRoundingShare * twice || length < kConvergedStep);
+    };
     while (!accepted) {
       if (w.step(lambda, promised, length)) {
-        w.problem.retract(state, w.shared_step, w.private_step, w.moved);
-        const bool defined = w.evaluate(w.moved, trial);
-        accepted = defined && (trial.twice < twice || promised <= 10 * kRoundingShare * twice || length < kConvergedStep);
+        if (lambda <= kUndamped && length > kConvergedStep) {
+          const VectorXd plain_shared = w.shared_step, plain_private = w.private_step;
+          accelerated = w.accelerate();
+          accepted = try_step();
+          if (!accepted && accelerated) {
+            accelerated = false;
+            w.forget();
+            w.shared_step = plain_shared;
+            w.private_step = plain_private;
+            accepted = try_step();
+          } else if (accepted) {
+            w.remember_taken();
+          }
+        } else {
+          accepted = try_step();
+        }
       }
       if (accepted) break;
+      w.forget();
       lambda = std::max(lambda, 1e-7) * growth;
       growth = std::min(growth * 2, 1e4);
       if (lambda > 1e14) return summary;
     }
     growth = 10;
-    const double gain = promised > 0 ? (twice - trial.twice) / promised : 1;
+    const double gain = promised > 0 && !accelerated ? (twice - trial.twice) / promised : 1;
     const bool rounding = promised <= kRoundingShare * twice;
     const double used = lambda;
     if (gain > 0.75 || promised <= 10 * kRoundingShare * twice)

@@ -7,7 +7,7 @@
 //     promised = -g'd + lambda d'Dd,   and moves the residuals by   |J d|^2 = -g'd - lambda d'Dd,
 // the length of the step in standard deviations: both cost nothing beyond the solution.
 //
-// Converged means: an (all but) undamped step of less than 1e-8 standard deviations, with the covariances evaluated where it
+// Converged means: an (all but) undamped step of less than 1e-7 standard deviations, with the covariances evaluated where it
 // starts; or residuals of nothing (noise-free data); or steps that promise less than 1e-12 of the cost and no longer shrink,
 // because what is left is rounding. Covariances that depend on the state are renewed after each step once steps are small: the
 // point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.

@@ -62,38 +62,67 @@ struct ViewColumns {
   std::vector<std::pair<int, int>> own;     // (column of L, place in the group)
 };
 
-/// Scratch of expand().
+/// Scratch of expand() and gram(): sized once for the largest view, so that nothing is allocated later.
 struct ExpandScratch {
-  MatrixXd product, block;
+  MatrixXd gram, product, block;
   std::vector<int> places;
+
+  /// width: columns of L; columns: of M, own ones included.
+  void reserve(int width, int columns) {
+    gram.resize(width + 1, width + 1);
+    product.resize(width + 1, columns);
+    block.resize(columns + 1, columns + 1);
+    places.reserve(columns + 1);
+  }
 };
 
+/// g = rows' rows (w x w, both triangles, leading dimension ld) of n rows of w numbers, `stride` apart. The hot loop of every view:
+/// four rows at a time, so that each entry of g is loaded and stored once for four products.
+inline void gram(const double* rows, int n, int w, int stride, double* __restrict g, int ld) {
+  for (int j = 0; j < w; ++j)
+    for (int i = 0; i <= j; ++i) g[i + static_cast<size_t>(j) * ld] = 0;
+  int k = 0;
+  for (; k + 4 <= n; k += 4) {
+    const double *a = rows + static_cast<size_t>(k) * stride, *b = a + stride, *c = b + stride, *d = c + stride;
+    for (int j = 0; j < w; ++j) {
+      const double aj = a[j], bj = b[j], cj = c[j], dj = d[j];
+      double* column = g + static_cast<size_t>(j) * ld;
+      for (int i = 0; i <= j; ++i) column[i] += aj * a[i] + bj * b[i] + cj * c[i] + dj * d[i];
+    }
+  }
+  for (; k < n; ++k) {
+    const double* a = rows + static_cast<size_t>(k) * stride;
+    for (int j = 0; j < w; ++j)
+      for (int i = 0; i <= j; ++i) g[i + static_cast<size_t>(j) * ld] += a[j] * a[i];
+  }
+  for (int j = 0; j < w; ++j)
+    for (int i = 0; i < j; ++i) g[j + static_cast<size_t>(i) * ld] = g[i + static_cast<size_t>(j) * ld];
+}
+
 /// gram += M' G M on the lower triangle: `view_gram` is the Gram matrix of [L r] ((W + 1) squared, both triangles), `m` the
-/// kinematic part of M (K x columns.kinematic.size()). The residual's place is the last one of `gram`.
-inline void expand(const MatrixXd& view_gram, const MatrixXd& m, const ViewColumns& columns, ExpandScratch& s,
-                   Eigen::Ref<MatrixXd> gram) {
+/// kinematic part of M (K x columns.kinematic.size()). The residual's place is the last one of `gram`. Does not allocate.
+inline void expand(const Eigen::Ref<const MatrixXd>& view_gram, const Eigen::Ref<const MatrixXd>& m, const ViewColumns& columns,
+                   ExpandScratch& s, Eigen::Ref<MatrixXd> gram) {
   const Eigen::Index k = m.rows(), kin = m.cols(), own = static_cast<Eigen::Index>(columns.own.size()), w = view_gram.rows() - 1;
-  s.product.resize(w + 1, kin);
-  s.product.noalias() = view_gram.leftCols(k) * m;
-  s.block.resize(kin + own + 1, kin + own + 1);
-  s.block.topLeftCorner(kin, kin).noalias() = m.transpose() * s.product.topRows(k);
+  const Eigen::Index n = kin + own + 1;
+  auto product = s.product.topLeftCorner(w + 1, kin);
+  auto block = s.block.topLeftCorner(n, n);
+  product.noalias() = view_gram.leftCols(k).lazyProduct(m);
+  block.topLeftCorner(kin, kin).noalias() = m.transpose().lazyProduct(product.topRows(k));
   for (Eigen::Index i = 0; i <= own; ++i) {
     const Eigen::Index row = i < own ? columns.own[i].first : w;
-    s.block.row(kin + i).head(kin) = s.product.row(row);
-    s.block.col(kin + i).head(kin) = s.product.row(row).transpose();
-    for (Eigen::Index j = 0; j <= i; ++j) {
-      const double v = view_gram(row, j < own ? columns.own[j].first : w);
-      s.block(kin + i, kin + j) = v;
-      s.block(kin + j, kin + i) = v;
-    }
+    for (Eigen::Index j = 0; j < kin; ++j) block(kin + i, j) = block(j, kin + i) = product(row, j);
+    for (Eigen::Index j = 0; j <= i; ++j)
+      block(kin + i, kin + j) = block(kin + j, kin + i) = view_gram(row, j < own ? columns.own[j].first : w);
   }
   s.places.assign(columns.kinematic.begin(), columns.kinematic.end());
   for (const auto& c : columns.own) s.places.push_back(c.second);
   s.places.push_back(static_cast<int>(gram.rows()) - 1);
-  const Eigen::Index n = kin + own + 1;
-  for (Eigen::Index j = 0; j < n; ++j)
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const int pj = s.places[j];
     for (Eigen::Index i = 0; i < n; ++i)
-      if (s.places[i] >= s.places[j]) gram(s.places[i], s.places[j]) += s.block(i, j);
+      if (s.places[i] >= pj) gram(s.places[i], pj) += block(i, j);
+  }
 }
 
 }  // namespace kincal
