@@ -8,6 +8,7 @@
 
 #include "../io/results.h"
 #include "../io/rig_file.h"
+#include "../io/simulation_file.h"
 #include "../models/calibration.h"
 #include "tables.h"
 
@@ -139,6 +140,58 @@ int apply(const ApplyArguments& a) {
   return kConverged;
 }
 
+struct SimulateArguments {
+  std::string rig, out, truth, postures;
+  std::vector<std::string> spread;
+  int samples = 0;
+  unsigned long long seed = 0;
+  bool force = false;
+};
+
+int simulate(const SimulateArguments& a) {
+  check_output(a.out, a.force);
+  const RigFile rig_file = read_rig(a.rig);
+  const ParameterTable table(rig_file.rig);
+  SimulationOptions options;
+  options.seed = a.seed;
+  options.samples = a.samples;
+  if (!a.postures.empty()) options.postures = read_postures(a.postures, rig_file.rig);
+  VectorXd truth = table.initial;
+  if (!a.truth.empty()) truth = read_truth(a.truth, table);
+  std::vector<Spread> spread;
+  for (const std::string& s : a.spread) {
+    const size_t equals = s.rfind('=');
+    Node value;
+    value.kind = Node::Kind::scalar;
+    value.text = equals == std::string::npos ? "" : s.substr(equals + 1);
+    const std::string where = "--spread";
+    if (equals == std::string::npos || equals == 0) throw InputError("--spread: GLOB=SIGMA is expected, not '" + s + "'");
+    spread.push_back({s.substr(0, equals), Field{&value, &where, s}.number_at_least(0)});
+  }
+  try {
+    if (!spread.empty()) truth = draw_truth(table, spread, a.seed);
+  } catch (const NameError& error) {
+    throw InputError(error.what() + nearest_names(error.name, table.names()));
+  }
+  const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
+  for (const Simulation::Dropped& d : simulation.dropped)
+    std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n", d.sample.c_str(),
+                 rig_file.rig.sensors[d.sensor].name.c_str(), rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
+  for (int s : simulation.idle) std::fprintf(stderr, "kincal: warning: sensor '%s' sees nothing\n", rig_file.rig.sensors[s].name.c_str());
+  if (simulation.samples.empty()) throw InputError("simulate: no sample is left: no posture has a view that is possible");
+  if (!write_directory(a.out, {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
+                               {"truth.json", truth_text(rig_file.rig, table, simulation)}},
+                       a.force, not_interrupted))
+    return kInterrupted;
+  std::map<int, int> views;
+  for (const Sample& sample : simulation.samples)
+    for (const View& view : sample.views) ++views[view.sensor];
+  std::printf("%zu samples", simulation.samples.size());
+  for (const auto& v : views) std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
+  std::printf("\nWritten to %s: samples.jsonl, truth.json\n", a.out.c_str());
+  return kConverged;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -201,12 +254,26 @@ int main(int argc, char** argv) {
   apply_command->add_option("--out", p.out, "file to write")->required();
   apply_command->add_flag("--force", p.force, "replace an existing file");
 
+  SimulateArguments s;
+  CLI::App* simulate_command = app.add_subcommand("simulate", "Make samples with known truth and noise from a rig: the way to try out a set-up");
+  simulate_command->add_option("RIG", s.rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")->required();
+  simulate_command->add_option("--samples", s.samples, "how many samples")->required()->check(CLI::Range(1, 1000000));
+  simulate_command->add_option("--seed", s.seed, "the same seed makes the same samples")->required();
+  simulate_command->add_option("--out", s.out, "new directory for samples.jsonl and truth.json")->required();
+  CLI::Option* truth_option = simulate_command->add_option("--truth", s.truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
+  simulate_command->add_option("--spread", s.spread, "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
+      ->allow_extra_args(false)
+      ->excludes(truth_option);
+  simulate_command->add_option("--postures", s.postures, "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");
+  simulate_command->add_flag("--force", s.force, "replace an existing simulation");
+
   std::string command;
   for (int i = 0; i < argc; ++i) command += (i ? " " : "") + std::string(argv[i]);
   try {
     app.parse(argc, argv);
     if (*calibrate_command) return calibrate(c, command);
     if (*evaluate_command) return evaluate(e);
+    if (*simulate_command) return simulate(s);
     if (*apply_command) return apply(p);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version

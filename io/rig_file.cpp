@@ -885,13 +885,10 @@ std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
   return samples;
 }
 
-void write_samples(const std::string& path, const Rig& rig, const std::vector<Sample>& samples) {
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples) {
   std::string text;
   for (const Sample& sample : samples) text += json_sample(rig, sample);
-  std::ofstream file(path, std::ios::binary);
-  file << text;
-  file.flush();
-  if (!file) throw InputError(path + ": cannot be written");
+  return text;
 }
 
 }  // namespace kincal

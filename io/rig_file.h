@@ -27,7 +27,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path = "");
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
 
 /// One JSON line a sample, as read_samples takes them (numbers in the shortest form that reads back the same).
-void write_samples(const std::string& path, const Rig& rig, const std::vector<Sample>& samples);
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples);
 
 /// New values for a rig's text.
 struct RigValues {

@@ -55,6 +55,17 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals, std::
   }
 }
 
+/// A sensor without any view yet.
+SensorResult unseen(const Sensor& sensor) {
+  SensorResult r;
+  r.name = sensor.name;
+  r.unit = sensor.model->unit();
+  r.whole_pose = sensor.model->whole_pose();
+  for (SplitStatistics* s : {&r.train, &r.test})
+    s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
+  return r;
+}
+
 }  // namespace
 
 struct Calibration::Judged {
@@ -335,7 +346,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       }
     }
-    collect(result, problem, state, step, held_out);
+    if (options.judge) collect(result, problem, state, step, held_out);
   }
   warn(result);
   return result;
@@ -429,13 +440,7 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
   for (size_t i = 0; i < rig_.sensors.size(); ++i)
     if (sees[i]) {
       place[i] = static_cast<int>(result.sensors.size());
-      SensorResult r;
-      r.name = rig_.sensors[i].name;
-      r.unit = rig_.sensors[i].model->unit();
-      r.whole_pose = rig_.sensors[i].model->whole_pose();
-      for (SplitStatistics* s : {&r.train, &r.test})
-        s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
-      result.sensors.push_back(std::move(r));
+      result.sensors.push_back(unseen(rig_.sensors[i]));
     }
   const auto order = [](std::vector<ViewResiduals>& residuals) {
     std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) { return a.view < b.view; });
@@ -551,13 +556,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
       if (now.sums[i].points == 0) continue;
       if (place[i] < 0) {
         place[i] = static_cast<int>(out.sensors.size());
-        SensorResult r;
-        r.name = rig_.sensors[i].name;
-        r.unit = rig_.sensors[i].model->unit();
-        r.whole_pose = rig_.sensors[i].model->whole_pose();
-        for (SplitStatistics* s : {&r.train, &r.test})
-          s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
-        out.sensors.push_back(std::move(r));
+        out.sensors.push_back(unseen(rig_.sensors[i]));
       }
       SplitStatistics& s = train ? out.sensors[place[i]].train : out.sensors[place[i]].test;
       s.points = now.sums[i].points;

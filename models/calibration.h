@@ -31,6 +31,7 @@ struct CalibrationOptions {
   LinearSolver linear_solver = LinearSolver::automatic;
   std::string last_step;                 // run all steps up to this one; empty: all
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
+  bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };

@@ -521,7 +521,7 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
     return false;
   }
   const Whitening& white = v.whitening;
-  const bool marginal = white.noise.size() > 0;
+  const bool marginal = setup_.noise == NoiseMode::marginal;  // the view's residuals belong together
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
     if (!white.block.empty()) {
@@ -540,17 +540,18 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
     if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
   }
   if (!marginal) return true;
-  // The view's residuals belong together: s = r'(1 - U C^-1 U') r.
   auto all = scratch.r.head(rows);
-  const VectorXd projected = white.noise.transpose() * all;
-  const double squared = all.squaredNorm() - projected.dot(white.inverse_core * projected);
-  double slope;
+  double squared = all.squaredNorm(), slope;
+  if (white.noise.size() > 0) {  // s = r'(1 - U C^-1 U') r
+    const VectorXd projected = white.noise.transpose() * all;
+    squared -= projected.dot(white.inverse_core * projected);
+    if (symmetric_root) {
+      all -= white.noise * (white.root * projected);
+      if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
+    }
+  }
   cost.chi2 += squared;
   cost.twice += setup_.loss(squared, slope);
-  if (symmetric_root) {
-    all -= white.noise * (white.root * projected);
-    if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
-  }
   if (derivatives && slope != 1) weighted *= std::sqrt(slope);
   return true;
 }

@@ -579,9 +579,17 @@ std::vector<Pair> views_of(const Rig& rig, const Posture& posture, const std::ve
   return views;
 }
 
+void check_truth(const ParameterTable& table, const VectorXd& truth) {
+  if (truth.size() != table.initial.size()) throw std::invalid_argument("the truth has another number of values than the rig");
+  for (const Parameter& p : table.all)
+    for (int c = 0; c < p.size(); ++c)
+      if (const char* why = improper_value(p, c, truth(p.start + c)))
+        throw std::invalid_argument("the true " + p.component_name(c) + " is " + std::to_string(truth(p.start + c)) + "; " + why);
+}
+
 }  // namespace
 
-VectorXd draw_truth(const Rig&, const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed) {
+VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed) {
   std::vector<std::vector<double>> sigma;
   for (const Parameter& p : table.all) sigma.emplace_back(p.size(), 0.0);
   for (const Spread& s : spread) {
@@ -607,19 +615,12 @@ VectorXd draw_truth(const Rig&, const ParameterTable& table, const std::vector<S
   return truth;
 }
 
-void check_truth(const ParameterTable& table, const VectorXd& truth) {
-  const auto ends = [](const std::string& name, const std::string& end) {
-    return name.size() >= end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0;
-  };
-  if (truth.size() != table.initial.size()) throw std::invalid_argument("the truth has another number of values than the rig");
-  for (const Parameter& p : table.all)
-    for (int c = 0; c < p.size(); ++c) {
-      const double value = truth(p.start + c);
-      const bool positive = ends(p.name, "/square") || p.components[c] == "fx" || p.components[c] == "fy";
-      if (!p.pose && ((positive && !(value > 0)) || (ends(p.name, "/scale") && value == 0)))
-        throw std::invalid_argument("the truth of " + p.component_name(c) + " is " + std::to_string(value) +
-                                    (positive ? ", a number greater than 0 is expected" : ", a scale is not 0"));
-    }
+const char* improper_value(const Parameter& parameter, int component, double value) {
+  const std::string end = parameter.name.substr(parameter.name.rfind('/') + 1), &part = parameter.components[component];
+  if (!std::isfinite(value)) return "a finite number is expected";
+  if (end == "scale" && value == 0) return "a scale is not 0";
+  if ((end == "square" || part == "fx" || part == "fy") && value <= 0) return "a number greater than 0 is expected";
+  return nullptr;
 }
 
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target) {

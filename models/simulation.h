@@ -69,11 +69,11 @@ struct Spread {
 };
 
 /// The rig's values plus N(0, sigma), for poses as increments on the right, component by component in the table's order.
-/// @throws NameError (models/calibration.h); std::invalid_argument where a scale, focal length or size comes out at 0 or below.
-VectorXd draw_truth(const Rig& rig, const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed);
+/// @throws NameError (models/calibration.h); std::invalid_argument where a value comes out improper.
+VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed);
 
-/// @throws std::invalid_argument naming the parameter if a scale, focal length or size is 0 or below.
-void check_truth(const ParameterTable& table, const VectorXd& truth);
+/// What is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
+const char* improper_value(const Parameter& parameter, int component, double value);
 
 /// Joints whose readings place a sensor (-1: none) and a target (-1: none; free ones need none) relative to the base, without the
 /// sensor's scanning joint unless the target needs it.

@@ -600,7 +600,6 @@ TEST_CASE("every mistake in samples is refused with file, line, field and what i
   place.write("samples.jsonl", " \n\n");
   CHECK_THAT(error_of([&] { read_samples(place.samples, rig); }), Contains("samples.jsonl: no samples"));
   CHECK_THAT(error_of([&] { read_samples("no/samples.jsonl", rig); }), Contains("no/samples.jsonl: cannot be read: No such file"));
-  CHECK_THAT(error_of([&] { write_samples("no/samples.jsonl", rig, {}); }), Contains("no/samples.jsonl: cannot be written"));
 }
 
 TEST_CASE("samples written and read again are the same", "[samples]") {
@@ -617,7 +616,7 @@ TEST_CASE("samples written and read again are the same", "[samples]") {
     char do_decimal_point() const override { return ','; }
   };
   const std::locale before = std::locale::global(std::locale(std::locale(), new Comma));  // no locale may change a file
-  write_samples(path, rig, samples);
+  std::ofstream(path) << samples_text(rig, samples);
   const std::vector<Sample> again = read_samples(path, rig);
   std::locale::global(before);
   REQUIRE(again.size() == 1);
@@ -661,7 +660,7 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
       if (file.compare(0, 7, "samples") != 0 || other.path().extension() != ".jsonl") continue;
       const std::string read_error = error_of([&] {
         const std::vector<Sample> samples = read_samples(other.path().string(), rig.rig);
-        write_samples(place.samples, rig.rig, samples);
+        std::ofstream(place.samples) << samples_text(rig.rig, samples);
         const std::vector<Sample> again = read_samples(place.samples, rig.rig);
         REQUIRE(again.size() == samples.size());
         for (size_t s = 0; s < samples.size(); ++s) {

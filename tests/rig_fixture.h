@@ -230,24 +230,24 @@ inline int add_points(Rig& rig, const std::string& name, const Eigen::Matrix3Xd&
 // ---------------------------------------------------------------- the forward model
 
 /// One posture: readings as logged, errors of them (position = scale * (reading + error) + offset), base_T_target of free targets.
-struct Posture {
+struct TruePosture {
   std::vector<double> readings, errors;
   std::map<int, Isometry3d> boards;
 };
 
-inline Posture empty_posture(const Rig& rig) {
+inline TruePosture empty_posture(const Rig& rig) {
   const size_t n = rig.tree.joints.size();
   return {std::vector<double>(n, 0.0), std::vector<double>(n, 0.0), {}};
 }
 
-inline double position(const Rig& rig, int joint, const Posture& posture) {
+inline double position(const Rig& rig, int joint, const TruePosture& posture) {
   const Joint& j = rig.tree.joints[joint];
   if (j.mimic) return j.mimic->multiplier * position(rig, j.mimic->master, posture) + j.mimic->offset;
   const JointSettings& s = rig.joints[joint];
   return s.scale * (posture.readings[joint] + posture.errors[joint]) + s.offset;
 }
 
-inline Isometry3d root_T_link(const Rig& rig, int link, const Posture& posture) {
+inline Isometry3d root_T_link(const Rig& rig, int link, const TruePosture& posture) {
   Isometry3d t = Isometry3d::Identity();
   for (bool found = true; found;) {
     found = false;
@@ -267,15 +267,15 @@ inline Isometry3d root_T_link(const Rig& rig, int link, const Posture& posture) 
   return t;
 }
 
-inline Isometry3d root_T_sensor(const Rig& rig, int sensor, const Posture& posture) {
+inline Isometry3d root_T_sensor(const Rig& rig, int sensor, const TruePosture& posture) {
   return root_T_link(rig, rig.sensors[sensor].link, posture) * isometry(rig.sensors[sensor].link_T_sensor);
 }
-inline Isometry3d root_T_target(const Rig& rig, int target, const Posture& posture) {
+inline Isometry3d root_T_target(const Rig& rig, int target, const TruePosture& posture) {
   const Target& t = rig.targets[target];
   if (t.link >= 0) return root_T_link(rig, t.link, posture) * isometry(t.link_T_target);
   return root_T_link(rig, rig.base, posture) * posture.boards.at(target);
 }
-inline Isometry3d sensor_T_target(const Rig& rig, int sensor, int target, const Posture& posture) {
+inline Isometry3d sensor_T_target(const Rig& rig, int sensor, int target, const TruePosture& posture) {
   return root_T_sensor(rig, sensor, posture).inverse() * root_T_target(rig, target, posture);
 }
 inline Vector3d target_point(const Target& t, int id) { return t.grid ? Vector3d(t.square * t.layout.col(id)) : Vector3d(t.points.col(id)); }
@@ -315,15 +315,15 @@ inline std::vector<int> seen_ids(const Rig& rig, const View& view) {
 
 inline Vector3d ray_point(double bearing, double range) { return {range * std::cos(bearing), range * std::sin(bearing), 0}; }
 
-/// Posture while one ray is taken: the scanning joint has the ray's reading and no error.
-inline Posture at_ray(const Rig& rig, int sensor, Posture posture, double reading) {
+/// TruePosture while one ray is taken: the scanning joint has the ray's reading and no error.
+inline TruePosture at_ray(const Rig& rig, int sensor, TruePosture posture, double reading) {
   posture.readings[rig.sensors[sensor].scanning_joint] = reading;
   posture.errors[rig.sensors[sensor].scanning_joint] = 0;
   return posture;
 }
 
 /// Predicted minus measured, by the formats' table. `chain_points`: a chain as in noise mode `point`.
-inline VectorXd residual(const Rig& rig, const View& view, const Posture& posture, bool chain_points = false) {
+inline VectorXd residual(const Rig& rig, const View& view, const TruePosture& posture, bool chain_points = false) {
   const Sensor& s = rig.sensors[view.sensor];
   const Target& t = rig.targets[view.target];
   const std::vector<int> ids = seen_ids(rig, view);
@@ -375,7 +375,7 @@ VectorXd derivative(const Function& f, double h) {
 }
 
 /// The own noise of a view, block diagonal, by the formats' table.
-inline MatrixXd own_covariance(const Rig& rig, const View& view, const Posture& posture, bool chain_points = false) {
+inline MatrixXd own_covariance(const Rig& rig, const View& view, const TruePosture& posture, bool chain_points = false) {
   const Sensor& s = rig.sensors[view.sensor];
   const Eigen::Index n = residual(rig, view, posture, chain_points).size();
   const std::vector<int> ids = seen_ids(rig, view);
@@ -410,13 +410,13 @@ inline MatrixXd own_covariance(const Rig& rig, const View& view, const Posture& 
 }
 
 /// Derivative of a view's residual by the readings of all noisy joints, times their sigmas: J_q S^1/2. A scanning joint has none.
-inline MatrixXd reading_noise(const Rig& rig, const View& view, const Posture& posture, bool chain_points = false) {
+inline MatrixXd reading_noise(const Rig& rig, const View& view, const TruePosture& posture, bool chain_points = false) {
   const VectorXd r = residual(rig, view, posture, chain_points);
   std::vector<VectorXd> columns;
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (!rig.tree.joints[j].has_reading() || rig.joints[j].sigma == 0 || static_cast<int>(j) == rig.sensors[view.sensor].scanning_joint) continue;
     const auto moved = [&](double h) {
-      Posture p = posture;
+      TruePosture p = posture;
       p.errors[j] += h;
       return residual(rig, view, p, chain_points);
     };
@@ -430,7 +430,7 @@ inline MatrixXd reading_noise(const Rig& rig, const View& view, const Posture& p
 // ---------------------------------------------------------------- samples
 
 /// The reading at which a laser's plane meets a point, nullopt if there is none within reach.
-inline std::optional<double> reading_that_hits(const Rig& rig, int sensor, int target, int id, const Posture& posture) {
+inline std::optional<double> reading_that_hits(const Rig& rig, int sensor, int target, int id, const TruePosture& posture) {
   const auto height = [&](double reading) {
     return (sensor_T_target(rig, sensor, target, at_ray(rig, sensor, posture, reading)) * target_point(rig.targets[target], id)).z();
   };
@@ -450,7 +450,7 @@ inline std::optional<double> reading_that_hits(const Rig& rig, int sensor, int t
 }
 
 /// What a sensor measures of a target; nullopt where it cannot see it. Without `noise` exact. The posture's errors are the truth's.
-inline std::optional<View> see(const Rig& rig, int sensor, int target, const Posture& posture, Random* noise = nullptr,
+inline std::optional<View> see(const Rig& rig, int sensor, int target, const TruePosture& posture, Random* noise = nullptr,
                                const std::vector<int>& ids = {}) {
   const Sensor& s = rig.sensors[sensor];
   const Target& t = rig.targets[target];
@@ -496,8 +496,8 @@ inline std::optional<View> see(const Rig& rig, int sensor, int target, const Pos
 }
 
 /// Readings uniform within `range` (prismatic: a fifth of it), errors drawn with the joints' sigmas if `noise`.
-inline Posture random_posture(const Rig& rig, Random& random, double range, bool noise) {
-  Posture p = empty_posture(rig);
+inline TruePosture random_posture(const Rig& rig, Random& random, double range, bool noise) {
+  TruePosture p = empty_posture(rig);
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (!rig.tree.joints[j].has_reading()) continue;
     const double r = rig.tree.joints[j].type == JointType::prismatic ? range / 5 : range;
@@ -508,7 +508,7 @@ inline Posture random_posture(const Rig& rig, Random& random, double range, bool
 }
 
 /// base_T_target of a free target whose middle stands `distance` in front of a sensor (along z), facing it within `tilt` rad.
-inline Isometry3d in_front(const Rig& rig, int sensor, int target, const Posture& posture, double distance, double tilt, Random& random) {
+inline Isometry3d in_front(const Rig& rig, int sensor, int target, const TruePosture& posture, double distance, double tilt, Random& random) {
   const Target& t = rig.targets[target];
   Vector3d middle = Vector3d::Zero();
   for (int i = 0; i < t.count(); ++i) middle += target_point(t, i) / t.count();
@@ -521,14 +521,14 @@ inline Isometry3d in_front(const Rig& rig, int sensor, int target, const Posture
 }
 
 /// base_T_target of a free target held by a chain, with the grip's noise if `noise`.
-inline Isometry3d in_hand(const Rig& rig, int chain, const Posture& posture, Random* noise) {
+inline Isometry3d in_hand(const Rig& rig, int chain, const TruePosture& posture, Random* noise) {
   Vector6d e = Vector6d::Zero();
   if (noise)
     for (int k = 0; k < 6; ++k) e(k) = rig.sensors[chain].sigma[k] * noise->normal();
   return root_T_link(rig, rig.base, posture).inverse() * root_T_sensor(rig, chain, posture) * exponential(e);
 }
 
-inline Sample make_sample(const Rig& rig, const Posture& posture, const std::string& id) {
+inline Sample make_sample(const Rig& rig, const TruePosture& posture, const std::string& id) {
   Sample s;
   s.id = id;
   s.readings = posture.readings;
@@ -538,7 +538,7 @@ inline Sample make_sample(const Rig& rig, const Posture& posture, const std::str
 }
 
 /// Adds what `sensor` sees of `target`; false if it sees nothing.
-inline bool add_view(Sample& sample, const Rig& rig, int sensor, int target, const Posture& posture, Random* noise = nullptr,
+inline bool add_view(Sample& sample, const Rig& rig, int sensor, int target, const TruePosture& posture, Random* noise = nullptr,
                      const std::vector<int>& ids = {}) {
   const std::optional<View> v = see(rig, sensor, target, posture, noise, ids);
   if (v) sample.views.push_back(*v);
@@ -672,7 +672,18 @@ inline Rig nasty_robot() {
   add_mocap(rig, "mocap", "pole", at({0.3, 0, 0.2}, {2, 0.1, 0.4}), 0.001, 0.002);
   add_chain(rig, "grip", "tool", at({0.05, 0, 0.06}, {-1.4, 0.2, 0.1}), 0.0015, 0.003);
   add_laser(rig, "laser", "wobble", at({0.03, 0.02, 0.02}, {0.1, -0.15, 0.2}), "scan", {0.0015, 0.001, 0.004});
-  add_laser(rig, "table_laser", "pole", at({0.02, 0, 0.1}, {1.9, 0.3, 0.2}), "turn", {0.002, 0.001, 0.003});
+  // A laser that stands still while the table turns: its plane holds, nearly, the table's axis.
+  const Isometry3d pole = root_T_link(rig, link_index(rig, "pole"), empty_posture(rig));
+  const Isometry3d table = root_T_link(rig, link_index(rig, "table"), empty_posture(rig));
+  const Vector3d up = table.linear() * rig.tree.joints[joint_index(rig, "turn")].axis;
+  const Vector3d normal = (table.translation() - pole.translation()).cross(up).normalized();
+  Pose plane;
+  plane.rotation.col(0) = up.cross(normal);
+  plane.rotation.col(1) = normal.cross(plane.rotation.col(0));
+  plane.rotation.col(2) = normal;
+  plane.rotation = (pole.linear().transpose() * plane.rotation * rpy(0.05, 0.1, 0.4)).eval();
+  plane.translation << 0.02, 0, 0.1;
+  add_laser(rig, "table_laser", "pole", plane, "turn", {0.002, 0.001, 0.003});
   add_laser(rig, "slide_laser", "wrist", at({0.02, 0.01, 0}, {0.2, 1.2, 0.5}), "slide", {0.001, 0.002, 0.003});
 
   add_grid(rig, "board", 3, 4, 0.06);
@@ -685,11 +696,47 @@ inline Rig nasty_robot() {
   return rig;
 }
 
+/// The whole of a problem as one dense system, from Estimation::explicit_rows: columns are the privates, group after group, then the
+/// shared unknowns; the rows carry whitening and the slopes of the losses.
+struct Stacked {
+  MatrixXd j;
+  VectorXd r;
+  std::vector<int> private_start;  // by group
+  int privates = 0;
+};
+
+inline Stacked stack(const Estimation& problem, const VectorXd& state) {
+  Stacked s;
+  std::vector<MatrixXd> blocks;
+  Eigen::Index rows = 0;
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    s.private_start.push_back(s.privates);
+    s.privates += problem.groups()[g].private_size;
+    MatrixXd block;
+    if (!problem.explicit_rows(static_cast<int>(g), state, block)) throw std::logic_error("undefined residual");
+    rows += block.rows();
+    blocks.push_back(block);
+  }
+  s.j = MatrixXd::Zero(rows, s.privates + problem.shared_size());
+  s.r.resize(rows);
+  Eigen::Index row = 0;
+  for (size_t g = 0; g < blocks.size(); ++g) {
+    const GroupShape& shape = problem.groups()[g];
+    const Eigen::Index n = blocks[g].rows();
+    s.j.block(row, s.private_start[g], n, shape.private_size) = blocks[g].leftCols(shape.private_size);
+    for (size_t c = 0; c < shape.columns.size(); ++c)
+      s.j.col(s.privates + shape.columns[c]).segment(row, n) = blocks[g].col(shape.private_size + static_cast<int>(c));
+    s.r.segment(row, n) = blocks[g].rightCols(1);
+    row += n;
+  }
+  return s;
+}
+
 /// Whether a view of this pair makes sense: a laser's scanning joint must stand between it and the target.
 inline bool pair_allowed(const Rig& rig, int sensor, int target) {
   const int scan = rig.sensors[sensor].scanning_joint;
   if (scan < 0) return true;
-  Posture a = empty_posture(rig), b = a;
+  TruePosture a = empty_posture(rig), b = a;
   for (size_t t = 0; t < rig.targets.size(); ++t) a.boards[static_cast<int>(t)] = Isometry3d::Identity();
   b.boards = a.boards;
   b.readings[scan] = 0.5;
@@ -698,7 +745,7 @@ inline bool pair_allowed(const Rig& rig, int sensor, int target) {
 
 /// Samples of the nasty robot, two free targets in each, every sensor and target met several times; with noise of every kind.
 /// Residuals of the chain are large on purpose: nothing is in the hand.
-inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned long seed, std::vector<Posture>* postures = nullptr) {
+inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned long seed, std::vector<TruePosture>* postures = nullptr) {
   Random random(seed);
   const int board = target_index(truth, "board"), probe = target_index(truth, "probe");
   const std::vector<std::pair<const char*, const char*>> goals = {{"pin", "wall"}, {"bc5", "marks"}, {"bc8", "wall"}, {"kb", "marks"},
@@ -707,7 +754,7 @@ inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned l
   std::vector<Sample> out;
   for (int n = 0; n < count; ++n) {
     const auto& goal = goals[n % goals.size()];
-    Posture p;
+    TruePosture p;
     for (int tries = 0;; ++tries) {
       if (tries == 20000) throw std::logic_error(std::string("no posture lets ") + goal.first + " see " + goal.second);
       p = random_posture(truth, random, 1.5, true);

@@ -1,0 +1,1397 @@
+"""The built program as a user meets it: python3 cli_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Makes its own small robot, rig and samples in a temporary directory (Python's standard library only, forward kinematics
+written here) and proves: every kind of wrong input gives one error that names file, line, field and what is valid, with exit
+code 1 and nothing written; what is written is written whole or not at all; exit codes; what each option does; the content of
+every result file against the formats; that results lead back to themselves (second calibration, evaluate, apply); that
+locale, directory and threads change nothing. It does not prove estimates against references (data_test.py, reference_test.py).
+"""
+
+import csv
+import json
+import math
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+SOURCE_DIR = KINCAL = None
+FILES = ["changes.yaml", "covariance.csv", "residuals.csv", "result.json", "rig.yaml", "robot.urdf"]
+
+# ----------------------------------------------------------------------------- a robot, its kinematics, measurements
+
+URDF = """<?xml version="1.0"?>
+<!-- a small robot for tests: turntable, oblique lift, slide, tool -->
+<robot name="tiny">
+  <link name="base_link"/>
+  <link name="turret"/>
+  <link name="upper"><visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual></link>
+  <link name="carriage"/>
+  <link name="tool"/>
+  <link name="finger"/>   <!-- follows the slide -->
+  <link name="cart"/>
+
+  <joint name="turn" type="continuous">
+    <parent link="base_link"/>
+    <child link="turret"/>
+    <origin xyz="0 0 0.4" rpy="0 0 0"/>
+    <axis xyz="0 0 1"/>
+  </joint>
+
+  <joint name="lift" type="revolute">
+    <parent link="turret"/>
+    <child link="upper"/>
+    <origin rpy="-1.5707963 0.2 0.1"   xyz="0.1   0
+      0.2"/>
+    <axis xyz="0 0 -2"/>
+    <limit lower="-1.2" upper="1.2" effort="10" velocity="1"/>
+    <calibration rising="0.1"/>
+  </joint>
+  <joint name='slide' type='prismatic'>
+    <parent link='upper'/>
+    <child link='carriage'/>
+    <origin xyz='0.3 0 0'/>
+    <axis xyz='1 0 0'/>
+    <limit lower='0' upper='0.4' effort='10' velocity='1'/>
+  </joint>
+  <joint name="tool_joint" type="fixed">
+    <parent link="carriage"/>
+    <child link="tool"/>
+    <origin xyz="0.1 0.02 0" rpy="0 1.5707963267948966 0"/>
+  </joint>
+  <joint name="follower" type="prismatic">
+    <parent link="tool"/>
+    <child link="finger"/>
+    <origin xyz="0 0 0.05" rpy="0.3 0 0"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="10" velocity="1"/>
+    <mimic joint="slide" multiplier="-0.5" offset="0.01"/>
+  </joint>
+  <joint name="caster" type="floating">
+    <parent link="base_link"/>
+    <child link="cart"/>
+  </joint>
+
+  <transmission name="turn_trans">
+    <type>transmission_interface/SimpleTransmission</type>
+    <joint name="turn"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="turn_motor"><mechanicalReduction>-120.5</mechanicalReduction></actuator>
+  </transmission>
+  <gazebo reference="tool"><material>Gazebo/Grey</material></gazebo>
+</robot>
+"""
+
+RIG = """format: kincal/1
+robot: robot.urdf
+base: base_link
+
+joints:
+  "*": {sigma: 0.0005}
+  slide: {sigma: 0.0002}
+
+targets:
+  reflectors:
+    type: points
+    points: [[0, 0, 0], [0.1, 0, 0], [0, 0.08, 0.03]]
+    mount: {link: tool}
+  plate:
+    type: points
+    points: [[0, 0, 0]]
+    mount: {link: tool, pose: {xyz: [0.02, 0, 0.05], rpy: [0, 0.1, 0]}}
+  board:
+    type: chessboard
+    rows: 3
+    columns: 4
+    square: 0.05
+    mount: free
+
+sensors:
+  tracker:
+    type: point
+    link: base_link
+    pose: {xyz: [0.5, -2.0, 0.3], rpy: [0, 0, 1.2]}
+    sigma: 0.0002
+  mocap:
+    type: pose
+    link: base_link
+    pose: {xyz: [0, 2.0, 1.0], rpy: [0.1, 0, -1.0]}
+    sigma: {translation: 0.0005, rotation: 0.001}
+  eye:
+    type: camera
+    link: base_link
+    pose: {xyz: [0.1, 0, 0.9], rpy: [-1.5707963, 0, -1.5707963]}
+    model: pinhole
+    image_size: [640, 480]
+    intrinsics: [500, 500, 320, 240]
+    sigma: 0.2
+
+estimate:
+  - step: eyes
+    sensors: [tracker, eye]
+    free: [sensor/tracker/pose, sensor/eye/pose]
+  - step: all
+    free: [sensor/tracker/pose, sensor/eye/pose, sensor/mocap/pose, target/plate/pose, joint/turn/scale, joint/lift/offset,
+           joint/slide/offset, joint/tool_joint/origin.x, joint/tool_joint/origin.y, joint/tool_joint/origin.rx,
+           joint/tool_joint/origin.ry, joint/tool_joint/origin.rz]
+"""
+
+
+def mul(a, b):
+    return [[sum(a[i][k] * b[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+
+
+def inverse(t):
+    r = [[t[j][i] for j in range(3)] for i in range(3)]
+    return [r[i] + [-sum(r[i][k] * t[k][3] for k in range(3))] for i in range(3)] + [[0, 0, 0, 1]]
+
+
+def move(t, p):
+    return [sum(t[i][k] * p[k] for k in range(3)) + t[i][3] for i in range(3)]
+
+
+def axis_angle(axis, angle, xyz=(0, 0, 0)):
+    n = math.sqrt(sum(x * x for x in axis))
+    x, y, z = (v / n for v in axis) if n else (1.0, 0.0, 0.0)
+    c, s = math.cos(angle), math.sin(angle)
+    v = 1 - c
+    return [[c + x * x * v, x * y * v - z * s, x * z * v + y * s, xyz[0]], [y * x * v + z * s, c + y * y * v, y * z * v - x * s, xyz[1]],
+            [z * x * v - y * s, z * y * v + x * s, c + z * z * v, xyz[2]], [0, 0, 0, 1]]
+
+
+def frame(xyz, rpy=(0, 0, 0)):
+    t = axis_angle((0, 0, 1), rpy[2], xyz)
+    return mul(mul(t, axis_angle((0, 1, 0), rpy[1])), axis_angle((1, 0, 0), rpy[0]))
+
+
+def twist(v):
+    """A small motion [x y z rx ry rz]: near enough to exp for the making of a truth."""
+    return axis_angle(v[3:], math.sqrt(sum(x * x for x in v[3:])), v[:3])
+
+
+def log_rotation(t):
+    c = (t[0][0] + t[1][1] + t[2][2] - 1) / 2
+    angle = math.acos(max(-1.0, min(1.0, c)))
+    f = 0.5 if angle < 1e-7 else angle / (2 * math.sin(angle))
+    return [f * (t[2][1] - t[1][2]), f * (t[0][2] - t[2][0]), f * (t[1][0] - t[0][1])]
+
+
+def quaternion(t):
+    w = math.sqrt(max(0.0, 1 + t[0][0] + t[1][1] + t[2][2])) / 2
+    assert w > 1e-3, "not needed here"
+    return [(t[2][1] - t[1][2]) / (4 * w), (t[0][2] - t[2][0]) / (4 * w), (t[1][0] - t[0][1]) / (4 * w), w]
+
+
+def from_quaternion(xyz, q):
+    x, y, z, w = q
+    return [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), xyz[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), xyz[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), xyz[2]], [0, 0, 0, 1]]
+
+
+def read_joints(urdf_text):
+    import xml.etree.ElementTree as ElementTree
+    joints = {}
+    for j in ElementTree.fromstring(urdf_text.encode()).findall("joint"):
+        numbers = lambda e, k, d: [float(x) for x in (e.get(k, d) if e is not None else d).split()]
+        o, a, m = j.find("origin"), j.find("axis"), j.find("mimic")
+        joints[j.get("name")] = {
+            "type": j.get("type"), "parent": j.find("parent").get("link"), "child": j.find("child").get("link"),
+            "origin": frame(numbers(o, "xyz", "0 0 0"), numbers(o, "rpy", "0 0 0")), "axis": numbers(a, "xyz", "1 0 0"),
+            "mimic": m is not None and (m.get("joint"), float(m.get("multiplier", 1)), float(m.get("offset", 0)))}
+    return joints
+
+
+def link_pose(joints, link, positions):
+    """base_link_T_link; `positions`: by joint name, without mimic joints."""
+    t = frame((0, 0, 0))
+    for name, j in sorted(joints.items(), key=lambda x: x[0]):
+        if j["child"] == link:
+            t = mul(link_pose(joints, j["parent"], positions), j["origin"])
+            q = positions.get(name, 0.0)
+            if j["mimic"]:
+                q = j["mimic"][1] * positions[j["mimic"][0]] + j["mimic"][2]
+            if j["type"] == "prismatic":
+                n = math.sqrt(sum(x * x for x in j["axis"]))
+                t = mul(t, frame([x / n * q for x in j["axis"]]))
+            elif j["type"] in ("revolute", "continuous"):
+                t = mul(t, axis_angle(j["axis"], q))
+    return t
+
+
+TRUTH = {"scale": 1.01, "lift": 0.012, "slide": 0.004, "tool": [0.003, -0.002, 0, 0.01, -0.006, 0.008],
+         "tracker": [0.02, -0.01, 0.03, 0.01, 0.02, -0.015], "mocap": [0.01, 0.02, -0.01, 0.02, 0, 0.01],
+         "plate": [0.002, 0.001, -0.003, 0.01, 0.02, 0.015], "eye": [0.01, 0.004, 0, 0.012, -0.01, 0.006]}
+REFLECTORS = [[0, 0, 0], [0.1, 0, 0], [0, 0.08, 0.03]]
+
+
+def make_samples(count=24, boards=8, seed=1, noise=1.0):
+    """Samples of the rig above with the truth above, as dictionaries; every fourth is held out."""
+    rng = random.Random(seed)
+    gauss = lambda sigma: rng.gauss(0, sigma) * noise
+    joints = read_joints(URDF)
+    joints["tool_joint"]["origin"] = mul(joints["tool_joint"]["origin"], twist(TRUTH["tool"]))
+    tracker = mul(frame([0.5, -2.0, 0.3], [0, 0, 1.2]), twist(TRUTH["tracker"]))
+    mocap = mul(frame([0, 2.0, 1.0], [0.1, 0, -1.0]), twist(TRUTH["mocap"]))
+    plate = mul(frame([0.02, 0, 0.05], [0, 0.1, 0]), twist(TRUTH["plate"]))
+    eye = mul(frame([0.1, 0, 0.9], [-1.5707963, 0, -1.5707963]), twist(TRUTH["eye"]))
+    samples = []
+    for i in range(count):
+        reading = {"turn": rng.uniform(-1.5, 1.5), "lift": rng.uniform(-1.1, 1.1), "slide": rng.uniform(0, 0.4)}
+        tool = link_pose(joints, "tool", {"turn": TRUTH["scale"] * (reading["turn"] + gauss(0.0005)),
+                                          "lift": reading["lift"] + gauss(0.0005) + TRUTH["lift"],
+                                          "slide": reading["slide"] + gauss(0.0002) + TRUTH["slide"]})
+        seen = [[x + gauss(0.0002) for x in move(mul(inverse(tracker), tool), p)] for p in REFLECTORS]
+        pose = mul(mul(inverse(mocap), tool), plate)
+        pose = mul(pose, twist([gauss(0.0005) for _ in range(3)] + [gauss(0.001) for _ in range(3)]))
+        samples.append({"id": "arm_%03d" % i, "joints": reading, "views": [
+            {"sensor": "tracker", "target": "reflectors", "points": seen},
+            {"sensor": "mocap", "target": "plate", "pose": {"xyz": [pose[k][3] for k in range(3)], "quat": quaternion(pose)}}]})
+    corners = [[c * 0.05, r * 0.05, 0] for r in range(3) for c in range(4)]
+    for i in range(boards):
+        camera_T_board = frame([rng.uniform(-0.4, 0.2), rng.uniform(-0.3, 0.2), rng.uniform(1.0, 1.6)], [rng.uniform(-0.5, 0.5) for _ in range(3)])
+        in_camera = [move(camera_T_board, p) for p in corners]
+        in_tracker = [move(mul(inverse(tracker), eye), p) for p in in_camera]
+        samples.append({"id": "board_%03d" % i, "joints": {"turn": 0.1, "lift": 0, "slide": 0}, "views": [
+            {"sensor": "eye", "target": "board", "pixels": [[500 * p[0] / p[2] + 320 + gauss(0.2), 500 * p[1] / p[2] + 240 + gauss(0.2)] for p in in_camera]},
+            {"sensor": "tracker", "target": "board", "ids": [0, 3, 8, 11], "points": [[x + gauss(0.0002) for x in in_tracker[k]] for k in (0, 3, 8, 11)]}]})
+    for i, s in enumerate(samples):
+        if i % 4 == 3:
+            s["split"] = "test"
+    return samples
+
+
+def lines(samples):
+    return "".join(json.dumps(s) + "\n" for s in samples)
+
+
+# ----------------------------------------------------------------------------- running the program
+
+class Run:
+    def __init__(self, process, out, err):
+        self.code, self.out, self.err = process.returncode, out, err
+
+
+class Case(unittest.TestCase):
+    maxDiff = 2000
+
+    @classmethod
+    def setUpClass(cls):
+        cls.root = tempfile.mkdtemp(prefix="kincal_cli_")
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.root, ignore_errors=True)
+
+    def setUp(self):
+        self.dir = tempfile.mkdtemp(dir=self.root)
+        self.write("robot.urdf", URDF)
+        self.write("rig.yaml", RIG)
+        self.write("samples.jsonl", lines(make_samples()))
+
+    def path(self, *names):
+        return os.path.join(self.dir, *names)
+
+    def write(self, name, text):
+        with open(self.path(name), "w", encoding="utf-8", newline="") as f:
+            f.write(text)
+        return self.path(name)
+
+    def read(self, *names):
+        with open(self.path(*names), encoding="utf-8", newline="") as f:
+            return f.read()
+
+    def run_kincal(self, *args, cwd=None, env=None, **more):
+        p = subprocess.Popen([KINCAL] + list(args), stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, cwd=cwd or self.dir,
+                             env=dict(os.environ, **(env or {})), **more)
+        out, err = p.communicate(timeout=120)
+        self.assertGreaterEqual(p.returncode, 0, "killed by signal %d; %s" % (-p.returncode, err.decode()[-500:]))
+        return Run(p, out.decode(), err.decode())
+
+    def calibrate(self, *args, rig="rig.yaml", samples="samples.jsonl", out="out", **more):
+        return self.run_kincal("calibrate", rig, samples, "--out", out, *args, **more)
+
+    def result(self, directory="out"):
+        return strict_json(self.read(directory, "result.json"))
+
+    def fails(self, run, *words):
+        """One clear error, exit code 1, nothing written."""
+        before = {"robot.urdf", "rig.yaml", "samples.jsonl"} | getattr(self, "extra", set())
+        self.assertEqual(run.code, 1, "exit code %d\nstdout: %s\nstderr: %s" % (run.code, run.out[-800:], run.err[-800:]))
+        self.assertEqual(run.out, "")
+        errors = [x for x in run.err.splitlines() if x.startswith("kincal: error: ")]
+        self.assertEqual(len(errors), 1, run.err)
+        text = run.err.lower()
+        for w in words:
+            self.assertTrue(any(x.lower() in text for x in w) if isinstance(w, tuple) else w.lower() in text,
+                            "'%s' is not in the message: %s" % (w, run.err))
+        self.assertEqual(set(os.listdir(self.dir)) - before, set(), "something was written")
+
+
+def strict_json(text):
+    def refuse(x):
+        raise ValueError("not JSON: " + x)
+
+    def pairs(p):
+        keys = [k for k, _ in p]
+        assert len(set(keys)) == len(keys), "a key stands twice"
+        return dict(p)
+    return json.loads(text, parse_constant=refuse, object_pairs_hook=pairs)
+
+
+def line_of(text, part):
+    return text[:text.index(part)].count("\n") + 1
+
+
+# ----------------------------------------------------------------------------- wrong input
+
+class WrongRig(Case):
+    """(name, old text, new text, words of the message); the line of the new text must be in the message."""
+
+    def case(self, old, new, *words, line=None, at=None):
+        self.assertIn(old, RIG)
+        text = RIG.replace(old, new, 1)
+        self.write("rig.yaml", text)
+        where = "rig.yaml:%d" % (line or line_of(text, at or new.strip().splitlines()[-1].strip()))
+        for args in (("calibrate", "rig.yaml", "samples.jsonl", "--out", "out"), ("calibrate", "rig.yaml", "samples.jsonl", "--dry-run"),
+                     ("evaluate", "rig.yaml", "samples.jsonl")):
+            with self.subTest(new=new, command=args[0]):
+                self.fails(self.run_kincal(*args), where + ":", *words)
+
+    def test_malformed_yaml(self):
+        self.case("points: [[0, 0, 0], [0.1, 0, 0], [0, 0.08, 0.03]]", "points: [[0, 0, 0], [0.1, 0, 0], [0, 0.08, 0.03]", line=line_of(RIG, "mount: {link: tool}"))
+        text = RIG.replace("    rows: 3", "\trows: 3")
+        self.write("rig.yaml", text)
+        self.fails(self.calibrate(), "rig.yaml:%d" % line_of(text, "\trows"))
+
+    def test_unknown_keys(self):
+        self.case("joints:\n", "joint:\n", "joint", "nearest", "joints")
+        self.case('  slide: {sigma: 0.0002}', '  slide: {sigmas: 0.0002}', "joints.slide", "sigmas", "sigma")
+        self.case("    square: 0.05", "    sqare: 0.05", "sqare", "square")
+        self.case("    image_size: [640, 480]", "    imagesize: [640, 480]", "imagesize", "image_size")
+        self.case("mount: {link: tool}", "mount: {lnk: tool}", "lnk", "link")
+        self.case("  - step: eyes", "  - stepp: eyes", "stepp", "step")
+        self.case("    sigma: 0.0002", "    sigma: 0.0002\n    baseline: 0.1", "sensors.tracker", "baseline")
+        self.case("{translation: 0.0005, rotation: 0.001}", "{translation: 0.0005, rotate: 0.001}", "rotate", "rotation")
+        self.case("    sensors: [tracker, eye]", "    sensors: [tracker, eye]\n    loss: {hubert: 3}", "hubert", "huber")
+
+    def test_missing_keys(self):
+        self.case("format: kincal/1\n", "", "format", line=1)
+        self.case("    link: base_link\n    pose: {xyz: [0.5", "    pose: {xyz: [0.5", "link", line=line_of(RIG, "  tracker:\n"))
+        self.case("    rows: 3\n", "", "rows", line=line_of(RIG, "  board:\n"))
+
+    def test_key_twice(self):
+        self.case("base: base_link\n", "base: base_link\nbase: turret\n", "base", at="base: turret")
+
+    def test_format_version(self):
+        self.case("format: kincal/1", "format: kincal/2", "format", "kincal/1")
+
+    def test_unknown_names(self):
+        self.case("  slide: {sigma: 0.0002}", "  slyde: {sigma: 0.0002}", "slyde", "nearest", "slide")
+        self.case('  slide: {sigma: 0.0002}', '  "wrist_*": {sigma: 0.0002}', "wrist_*")
+        self.case("base: base_link", "base: bass_link", "bass_link", "nearest", "base_link")
+        self.case("mount: {link: tool}", "mount: {link: tol}", "tol", "nearest", "tool")
+        self.case("    link: base_link\n    pose: {xyz: [0.5", "    link: base_lnk\n    pose: {xyz: [0.5", "sensors.tracker", "base_lnk", "nearest", "base_link",
+                  at="    link: base_lnk")
+        self.case("    type: point\n", "    type: pont\n", "pont", "point", "tilting_laser")
+        self.case("    type: chessboard", "    type: chesboard", "chesboard", "chessboard", "charuco")
+        self.case("    model: pinhole", "    model: pinehole", "pinehole", "pinhole", "kannala_brandt")
+        self.case("sensors: [tracker, eye]", "sensors: [traker, eye]", "traker", "nearest", "tracker")
+        self.case("sensor/eye/pose]", "sensor/eyes/pose]", "sensor/eyes/pose", "nearest", "sensor/eye/pose")
+        self.case("sensor/eye/pose]", "sensor/eye/pose.w]", "sensor/eye/pose.w")
+        self.case("sensor/eye/pose]", "joint/turnn/offset]", "joint/turnn/offset", "nearest", "joint/turn/offset")
+        self.case("sensor/eye/pose]", "\"joint/wrist_*\"]", "joint/wrist_*")
+
+    def test_fixed_and_mimic_joints_by_name(self):
+        self.case("  slide: {sigma: 0.0002}", "  tool_joint: {sigma: 0.0002}", "tool_joint", "fixed")
+        self.case("  slide: {sigma: 0.0002}", "  follower: {sigma: 0.0002}", "follower", "mimic")
+
+    def test_numbers(self):
+        for bad in (".nan", ".inf", "-.inf", "1e999", "abc", "-0.1", "''", "[]"):
+            self.case("  slide: {sigma: 0.0002}", "  slide: {sigma: %s}" % bad, "joints.slide.sigma")
+        for bad in ("0", "-1", ".nan"):
+            self.case("    square: 0.05", "    square: %s" % bad, "targets.board.square")
+            self.case("    sigma: 0.2", "    sigma: %s" % bad, "sensors.eye.sigma", line=line_of(RIG, "    sigma: 0.2"))
+        for bad in ("0", "-3", "2.5", "three"):
+            self.case("    rows: 3", "    rows: %s" % bad, "targets.board.rows")
+        self.case("  slide: {sigma: 0.0002}", "  slide: {scale: 0}", "joints.slide.scale")
+        self.case("  slide: {sigma: 0.0002}", "  slide: {sigma: 0,0002}", "joints.slide")
+        self.case("intrinsics: [500, 500", "intrinsics: [0, 500", "sensors.eye.intrinsics")
+
+    def test_vector_lengths(self):
+        self.case("xyz: [0.5, -2.0, 0.3]", "xyz: [0.5, -2.0]", "sensors.tracker.pose.xyz", "3")
+        self.case("rpy: [0, 0, 1.2]}", "rpy: [0, 0, 1.2, 0]}", "sensors.tracker.pose.rpy", "3")
+        self.case("rpy: [0, 0, 1.2]}", "quat: [0, 0, 1]}", "sensors.tracker.pose.quat", "4")
+        self.case("rpy: [0, 0, 1.2]}", "quat: [0, 0, 0, 0]}", "sensors.tracker.pose.quat")
+        self.case("intrinsics: [500, 500, 320, 240]", "intrinsics: [500, 320, 240]", "sensors.eye.intrinsics", "4")
+        self.case("image_size: [640, 480]", "image_size: [640]", "sensors.eye.image_size")
+        self.case("    model: pinhole", "    model: brown_conrady\n    distortion: [0, 0, 0]", "sensors.eye.distortion", "5")
+        self.case("[0.1, 0, 0]", "[0.1, 0]", "targets.reflectors.points", "3")
+        self.case("    sigma: 0.0002", "    sigma: [0.0002, 0.0002]", "sensors.tracker.sigma", "3")
+        self.case("sigma: {translation: 0.0005, rotation: 0.001}", "sigma: 0.001", "sensors.mocap.sigma")
+
+    def test_wrong_kinds(self):
+        self.case("free: [sensor/tracker/pose, sensor/eye/pose]", "free: {sensor/tracker/pose: 1}", "free")
+        self.case("mount: free", "mount: fre", "targets.board.mount", "free")
+        self.case("base: base_link", "base: [base_link]", "base")
+        self.write("rig.yaml", "")
+        self.fails(self.calibrate(), "rig.yaml")
+        self.write("rig.yaml", "- 1\n- 2\n")
+        self.fails(self.calibrate(), "rig.yaml:1")
+        self.write("rig.yaml", "\x00\x01\x02 binary")
+        self.fails(self.calibrate(), "rig.yaml")
+
+    def test_steps(self):
+        self.case("free: [sensor/tracker/pose, sensor/eye/pose]", "free: []", "estimate[0].free", "nothing")
+        self.case("    sensors: [tracker, eye]", "    sensors: []", "sensors")
+        self.case("  - step: all", "  - step: eyes", "eyes", line=line_of(RIG, "  - step: all"))                                         # a name twice
+        self.case("    sensors: [tracker, eye]", "    sensors: [tracker, eye]\n    priors: {joint/lift/offset: 0.1}", "joint/lift/offset", "prior")
+        self.case("    sensors: [tracker, eye]", "    sensors: [tracker, eye]\n    priors: {sensor/tracker/pose: -0.1}", "sensor/tracker/pose")
+        self.case("    sensors: [tracker, eye]", "    sensors: [tracker, eye]\n    priors: {sensor/trackr/pose: 0.1}", "sensor/trackr/pose", "sensor/tracker/pose")
+        self.case("    sensors: [tracker, eye]", "    sensors: [tracker, eye]\n    loss: {huber: 0}", "loss")
+        # a glob whose every parameter nothing of the step depends on frees nothing
+        text = RIG.replace("free: [sensor/tracker/pose, sensor/eye/pose]", 'free: ["target/plate/*"]')
+        self.write("rig.yaml", text)
+        self.fails(self.calibrate(), "eyes", ("frees nothing", "target/plate"))
+        text = RIG[:RIG.index("estimate:")]
+        self.write("rig.yaml", text)
+        self.fails(self.calibrate(), "rig.yaml", ("estimate", "step"))
+
+    def test_files(self):
+        os.remove(self.path("rig.yaml"))
+        self.fails(self.calibrate(), "rig.yaml", ("no such file", "not found", "cannot be read", "cannot read"))
+        os.mkdir(self.path("rig.yaml"))
+        self.fails(self.calibrate(), "rig.yaml")
+        os.rmdir(self.path("rig.yaml"))
+        self.case("robot: robot.urdf", "robot: nobot.urdf", "nobot.urdf")
+
+
+class WrongRobot(Case):
+    def case(self, old, new, *words, at=None, where=True):
+        self.assertIn(old, URDF)
+        text = URDF.replace(old, new, 1)
+        self.write("robot.urdf", text)
+        if where:
+            words = ("robot.urdf:%d" % line_of(text, at or new.strip().splitlines()[0]),) + words
+        with self.subTest(new=new):
+            self.fails(self.calibrate(), "robot.urdf", *words)
+
+    def test_xml(self):
+        self.case("</robot>", "", where=False)
+        self.case('<joint name="turn" type="continuous">', '<joint name="turn" type="continuous"', where=False)
+        self.write("robot.urdf", "")
+        self.fails(self.calibrate(), "robot.urdf")
+        self.write("robot.urdf", "<sdf></sdf>")
+        self.fails(self.calibrate(), "robot.urdf", "robot")
+        self.write("robot.urdf", '<robot name="x"></robot>')
+        self.fails(self.calibrate(), "robot.urdf", "link")
+
+    def test_tree(self):
+        self.case('<child link="turret"/>', '<child link="tool"/>', "tool", where=False)                      # two parents
+        self.case('<link name="cart"/>', '<link name="cart"/><link name="island"/>', "root", "island", "base_link", where=False)
+        # a loop: base_link hangs on the tool
+        self.case("</robot>", '<joint name="back" type="fixed"><parent link="tool"/><child link="base_link"/></joint></robot>', ("loop", "root", "cycle"), where=False)
+        self.case('<child link="turret"/>', '<child link="turet"/>', "turet", "turret", where=False)
+        self.case('<link name="cart"/>', '<link name="tool"/>', "tool", ("twice", "already"), where=False)
+        self.case("<joint name='slide' type='prismatic'>", "<joint name='lift' type='prismatic'>", "lift", ("twice", "already"), where=False)
+        self.case('<mimic joint="slide"', '<mimic joint="slid"', "slid", "slide")
+        self.case('<mimic joint="slide"', '<mimic joint="follower"', "follower", where=False)
+        self.case('<joint name="turn" type="continuous">', '<joint name="turn" type="continous">', "continous", "continuous")
+        self.case('    <parent link="base_link"/>\n', "", "turn", "parent", where=False)
+
+    def test_numbers(self):
+        self.case('<origin xyz="0 0 0.4" rpy="0 0 0"/>', '<origin xyz="0 0" rpy="0 0 0"/>', "xyz", "3")
+        self.case('<origin xyz="0 0 0.4" rpy="0 0 0"/>', '<origin xyz="0 0 nan" rpy="0 0 0"/>', "xyz")
+        self.case('<origin xyz="0 0 0.4" rpy="0 0 0"/>', '<origin xyz="0 0 0,4" rpy="0 0 0"/>', "xyz")
+        self.case('<origin xyz="0 0 0.4" rpy="0 0 0"/>', '<origin xyz="0 0 inf" rpy="0 0 0"/>', "xyz")
+        self.case('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "axis")
+
+    def test_floating_joint_in_a_used_chain(self):
+        self.write("rig.yaml", RIG.replace("mount: {link: tool}", "mount: {link: cart}"))
+        self.fails(self.calibrate(), "caster", "floating")
+
+
+class WrongSamples(Case):
+    def case(self, change, *words, line=3, field=None):
+        samples = make_samples()
+        change(samples[line - 1])
+        self.write("samples.jsonl", lines(samples))
+        with self.subTest(words=words, field=field):
+            self.fails(self.calibrate(), "samples.jsonl:%d" % line, *(words + ((field,) if field else ())))
+
+    def text_case(self, text, *words, line=None):
+        self.write("samples.jsonl", text)
+        with self.subTest(text=text[:60]):
+            self.fails(self.calibrate(), "samples.jsonl" + (":%d" % line if line else ""), *words)
+
+    def test_malformed_lines(self):
+        good = lines(make_samples()).splitlines()
+        for bad in ('{"id": "x"', "not json", good[2][:-1], good[2] + "}", "[1, 2]", '"text"', good[2].replace('"joints"', "'joints'"), good[2] + " " + good[3]):
+            self.text_case("\n".join(good[:2] + [bad] + good[3:]) + "\n", line=3)
+
+    def test_empty(self):
+        self.text_case("", ("empty", "no sample"))
+        self.text_case("\n\n", ("empty", "no sample"))
+        samples = make_samples()
+        for s in samples:
+            s["split"] = "test"
+        self.text_case(lines(samples), ("train", "held out"))
+        os.remove(self.path("samples.jsonl"))
+        self.fails(self.calibrate(), "samples.jsonl", ("no such file", "not found", "cannot be read", "cannot read"))
+
+    def test_ids(self):
+        self.case(lambda s: s.update(id="arm_000"), "arm_000", ("twice", "duplicate", "line 1", ":1"), field="id")
+        self.case(lambda s: s.pop("id"), "id")
+
+    def test_not_finite(self):
+        good = lines(make_samples()).splitlines()
+        for bad in ("NaN", "Infinity", "-Infinity", "1e999", "nan"):
+            text = re.sub(r'"lift": [-0-9.e]+', '"lift": ' + bad, good[2])
+            self.text_case("\n".join(good[:2] + [text] + good[3:]) + "\n", line=3)
+        for bad in ('"0.5"', "null", "[0.5]", "true"):
+            text = re.sub(r'"lift": [-0-9.e]+', '"lift": ' + bad, good[2])
+            self.text_case("\n".join(good[:2] + [text] + good[3:]) + "\n", "joints.lift", line=3)
+
+    def test_unknown(self):
+        self.case(lambda s: s["views"][0].update(sensor="traker"), "traker", "nearest", "tracker", field="views[0].sensor")
+        self.case(lambda s: s["views"][1].update(target="plat"), "plat", "nearest", "plate", field="views[1].target")
+        self.case(lambda s: s["views"][0].update(sigmas=1), "sigmas", "sigma", field="views[0]")
+        self.case(lambda s: s.update(jonts={}), "jonts", "joints")
+        self.case(lambda s: s.update(split="validation"), "validation", "train", "test", field="split")
+
+    def test_missing_reading(self):
+        self.case(lambda s: s["joints"].pop("lift"), "lift")
+        self.case(lambda s: s["joints"].update(lyft=s["joints"].pop("lift")), "lift", "lyft")
+        self.case(lambda s: s.pop("joints"), "joints")
+
+    def test_vectors(self):
+        view = lambda s: s["views"][0]
+        self.case(lambda s: view(s)["points"].append([0, 0, 0]), ("3", "ids"), field="views[0]")
+        self.case(lambda s: view(s)["points"][1].pop(), "3", field="views[0].points[1]")
+        self.case(lambda s: view(s).update(points=[]), field="views[0].points")
+        self.case(lambda s: view(s).pop("points"), "points", field="views[0]")
+        self.case(lambda s: view(s).update(pixels=[[1, 2]]), "pixels", field="views[0]")
+        self.case(lambda s: view(s).update(ids=[0, 1]), "ids", field="views[0]")
+        self.case(lambda s: view(s).update(ids=[0, 1, 3]), "3", "2", field="views[0].ids")
+        self.case(lambda s: view(s).update(ids=[0, 1, -1]), "-1", field="views[0].ids")
+        self.case(lambda s: view(s).update(ids=[0, 1, 1]), "1", field="views[0].ids")
+        self.case(lambda s: view(s).update(ids=[0, 1, 1.5]), field="views[0].ids")
+        self.case(lambda s: view(s).update(sigma=0), field="views[0].sigma")
+        self.case(lambda s: view(s).update(sigma=[1, 2]), "3", field="views[0].sigma")
+        self.case(lambda s: view(s).update(covariance=[[1, 0], [0, 1]]), field="views[0].covariance")
+        self.case(lambda s: view(s).update(covariance=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), field="views[0].covariance")
+        self.case(lambda s: view(s).update(covariance=[[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]), field="views[0].covariance")
+        self.case(lambda s: view(s).update(covariance=[[1, 0, 0], [0, 1, 0], [0, 0, 1]], sigma=0.1), "sigma", field="views[0]")
+        view = lambda s: s["views"][1]
+        self.case(lambda s: view(s).update(ids=[0]), "ids", field="views[1]")
+        self.case(lambda s: view(s)["pose"]["quat"].pop(), "4", field="views[1].pose.quat")
+        self.case(lambda s: view(s)["pose"].update(quat=[0, 0, 0, 0]), field="views[1].pose.quat")
+        self.case(lambda s: view(s).pop("pose"), "pose", field="views[1]")
+        self.case(lambda s: view(s).update(covariance=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]), "covariance", field="views[1]")
+
+    def test_point_behind_the_camera(self):
+        """At the start: a mounted board behind the camera that should see it."""
+        text = RIG.replace("    mount: free", "    mount: {link: base_link, pose: {xyz: [-2, 0, 1], rpy: [0, 0, 0]}}")
+        self.write("rig.yaml", text)
+        self.fails(self.calibrate(), "board_000", "'eye'", "behind")
+
+
+class WrongArguments(Case):
+    def test_options(self):
+        for args, words in ((("--nose", "latent"), ("--nose",)), (("--noise", "latnt"), ("latnt", "latent")), (("--threads", "0"), ("threads",)),
+                            (("--threads", "two"), ("threads",)), (("--linear-solver", "magic"), ("magic", "dense", "cholmod")), (("--step",), ("step",)),
+                            (("extra",), ("extra",))):
+            with self.subTest(args=args):
+                self.fails(self.calibrate(*args), *words)
+        self.fails(self.run_kincal("calibrate", "rig.yaml"), "SAMPLES")
+        self.fails(self.run_kincal("calibrate", "rig.yaml", "samples.jsonl"), "--out")
+        self.fails(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--out", "out"), "--out")
+
+    def test_subcommands(self):
+        self.fails(self.run_kincal("calibrat", "rig.yaml", "samples.jsonl"), "calibrat", "calibrate", "evaluate")
+        self.fails(self.run_kincal(), "calibrate")
+
+    def test_names(self):
+        self.fails(self.calibrate("--step", "eye"), "eye", "eyes")
+        self.fails(self.calibrate("--free", "joint/lift/ofset"), "--free", "joint/lift/ofset", "nearest", "joint/lift/offset")
+        self.fails(self.calibrate("--free", "joint/arm_*"), "joint/arm_*")
+        self.fails(self.calibrate("--fix", "sensor/ey/pose"), "--fix", "sensor/ey/pose", "nearest", "sensor/eye/pose")
+        self.fails(self.calibrate("--fix", "*"), "all", ("frees nothing", "nothing"))
+        self.fails(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--free", "joint/lift/ofset"), "joint/lift/ofset", "nearest", "joint/lift/offset")
+        self.fails(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--urdf", "none.urdf"), "none.urdf")
+
+    def test_version_and_help(self):
+        run = self.run_kincal("--version")
+        self.assertEqual(run.code, 0)
+        self.assertRegex(run.out, r"^kincal \d+\.\d+\.\d+\n$")
+        run = self.run_kincal("--help")
+        self.assertEqual((run.code, run.err), (0, ""))
+        for word in ("calibrate", "evaluate", "apply", "Exit codes", "130", "rig.yaml", "samples.jsonl"):
+            self.assertIn(word, run.out)
+        subcommands = re.findall(r"^  ([a-z]+) {2,}\S", run.out[run.out.index("Subcommands:"):run.out.index("Examples:")], re.M)
+        # what the text promises must be there
+        for name in re.findall(r"^  kincal ([a-z]+)", run.out, re.M):
+            with self.subTest(example=name):
+                self.assertIn(name, subcommands)
+        must = {"calibrate": ["--out", "--noise", "--threads", "--step", "--free", "--fix", "--linear-solver", "--no-report", "--write-reduction", "--force",
+                              "--dry-run", "--quiet", "--json", "latent", "marginal", "RIG", "SAMPLES", "joint/NAME/offset"],
+                "evaluate": ["--urdf", "--free", "--noise", "--json", "RIG", "SAMPLES"], "apply": ["RESULT", "URDF", "--out"],
+                "simulate": ["--samples", "--seed", "--out", "--truth", "--spread", "--postures"]}
+        for name in subcommands:
+            run = self.run_kincal(name, "--help")
+            with self.subTest(subcommand=name, option="--help"):
+                self.assertEqual((run.code, run.err), (0, ""))
+                for word in must.get(name, []):
+                    self.assertIn(word, run.out)
+            with self.subTest(subcommand=name, option="--version"):
+                run = self.run_kincal(name, "--version")
+                self.assertEqual((run.code, run.err), (0, ""))
+                self.assertRegex(run.out, r"^kincal \d+\.\d+\.\d+\n$")
+
+
+# ----------------------------------------------------------------------------- writing
+
+class Writing(Case):
+    def test_an_existing_result_is_kept(self):
+        self.extra = {"out"}
+        self.assertEqual(self.calibrate().code, 0)
+        before = {f: self.read("out", f) for f in FILES}
+        self.fails(self.calibrate(), "out", "--force")
+        self.assertEqual({f: self.read("out", f) for f in FILES}, before)
+        run = self.calibrate("--force", "--step", "eyes", "--no-report")
+        self.assertEqual(run.code, 0, run.err)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), [f for f in FILES if f != "residuals.csv"])
+        self.assertEqual(len(self.result()["steps"]), 1)
+        self.assertEqual(set(os.listdir(self.dir)), {"out", "rig.yaml", "robot.urdf", "samples.jsonl"})
+
+    def test_force_replaces_nothing_but_results(self):
+        self.extra = {"out"}
+        os.mkdir(self.path("out"))
+        self.write("out/thesis.txt", "ten years of work")
+        self.fails(self.calibrate(), "out")
+        self.fails(self.calibrate("--force"), "out")
+        self.assertEqual(self.read("out", "thesis.txt"), "ten years of work")
+        shutil.rmtree(self.path("out"))
+        self.write("out", "a file")
+        self.fails(self.calibrate(), "out")
+        self.fails(self.calibrate("--force"), "out")
+        self.assertEqual(self.read("out"), "a file")
+        os.remove(self.path("out"))
+        os.mkdir(self.path("out"))
+        self.fails(self.calibrate(), "out")
+        self.assertEqual(self.calibrate("--force").code, 0)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+
+    def test_force_with_bad_input_keeps_the_old_result(self):
+        self.extra = {"out"}
+        self.assertEqual(self.calibrate().code, 0)
+        before = self.read("out", "result.json")
+        self.write("samples.jsonl", "{\n")
+        self.fails(self.calibrate("--force"), "samples.jsonl:1")
+        self.assertEqual(self.read("out", "result.json"), before)
+
+    def test_a_result_with_foreign_files_beside(self):
+        """--force on a result directory in which the user keeps something of his own must not destroy that."""
+        self.assertEqual(self.calibrate().code, 0)
+        self.write("out/notes.txt", "mine")
+        run = self.calibrate("--force")
+        self.assertTrue(os.path.exists(self.path("out", "notes.txt")), "--force removed a user's file; exit code %d" % run.code)
+
+    def test_parent(self):
+        self.fails(self.calibrate(out="rig.yaml/out"), "rig.yaml")
+        if os.getuid() != 0:
+            self.extra = {"locked"}
+            os.mkdir(self.path("locked"), 0o555)
+            self.fails(self.calibrate(out="locked/out"), "locked")
+        run = self.calibrate(out="a/b/out")       # either made or refused, never halves
+        self.assertIn(run.code, (0, 1))
+        if run.code == 0:
+            self.assertEqual(sorted(os.listdir(self.path("a/b/out"))), FILES)
+            self.assertEqual(os.listdir(self.path("a/b")), ["out"])
+        else:
+            self.assertFalse(os.path.exists(self.path("a")))
+            self.assertIn("a/b", run.err)
+
+    def test_full_disk(self):
+        """Files cannot grow beyond some limit: an error, and nothing left."""
+        def limit(size):
+            def f():
+                signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+            return f
+        for size in (0, 1000, 5000, 20000):
+            with self.subTest(size=size):
+                self.fails(self.calibrate(preexec_fn=limit(size), restore_signals=False), "out")
+        self.extra = {"out"}
+        self.assertEqual(self.calibrate().code, 0)
+        before = self.read("out", "result.json")
+        self.fails(self.calibrate("--force", "--step", "eyes", preexec_fn=limit(5000), restore_signals=False), "out")
+        self.assertEqual(self.read("out", "result.json"), before)
+
+    def test_standard_output_that_is_full(self):
+        """/dev/full as standard output: not success."""
+        if not os.path.exists("/dev/full"):
+            self.skipTest("no /dev/full")
+        self.assertEqual(self.calibrate().code, 0)
+        with open("/dev/full", "w") as full:
+            p = subprocess.run([KINCAL, "evaluate", "out/rig.yaml", "samples.jsonl", "--json"], stdout=full, stderr=subprocess.PIPE, cwd=self.dir)
+        self.assertNotEqual(p.returncode, 0)
+
+    def test_interrupted(self):
+        """SIGINT (and SIGTERM) at many moments of a long run: 130 and nothing left, or, at the very end, everything."""
+        text = lines(make_samples(count=300, boards=100, noise=1.0))
+        big = []
+        for i in range(20):
+            big.append(text.replace('"id": "', '"id": "copy%d_' % i))
+        self.write("samples.jsonl", "".join(big))
+        start = time.time()
+        self.assertEqual(self.calibrate().code, 0)
+        whole = time.time() - start
+        shutil.rmtree(self.path("out"))
+        interrupted = 0
+        for i in range(12):
+            p = subprocess.Popen([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out"], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            time.sleep(max(0.03, whole * (i + 0.5) / 12))
+            p.send_signal(signal.SIGINT if i % 3 else signal.SIGTERM)
+            out, err = p.communicate(timeout=60)
+            listed = set(os.listdir(self.dir)) - {"rig.yaml", "robot.urdf", "samples.jsonl"}
+            if p.returncode == 0:
+                self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+                shutil.rmtree(self.path("out"))
+            else:
+                self.assertEqual((p.returncode, listed), (130, set()), err)
+                interrupted += 1
+        self.assertGreaterEqual(interrupted, 6)
+
+
+# ----------------------------------------------------------------------------- results
+
+class Results(Case):
+    def test_files_and_fields(self):
+        run = self.calibrate()
+        self.assertEqual(run.code, 0, run.err)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+        self.assertEqual(set(os.listdir(self.dir)), {"out", "rig.yaml", "robot.urdf", "samples.jsonl"})
+        r = self.result()
+        must = {"kincal", "status", "noise", "chi2", "cost", "dof", "input", "steps", "parameters", "samples", "sensors", "unobservable", "warnings"}
+        self.assertEqual(must - set(r), set())
+        self.assertRegex(r["kincal"], r"^\d+\.\d+\.\d+$")
+        self.assertEqual((r["status"], r["noise"], r["unobservable"]), ("converged", "latent", []))
+        self.assertAlmostEqual(r["cost"], r["chi2"] / 2, delta=1e-9 * r["chi2"])
+        self.assertEqual(set(r["input"]), {"command", "rig", "samples", "urdf"})
+        import hashlib
+        for key, name in (("rig", "rig.yaml"), ("samples", "samples.jsonl"), ("urdf", "robot.urdf")):
+            self.assertEqual(r["input"][key], hashlib.sha256(self.read(name).encode()).hexdigest())
+        self.assertIn("calibrate rig.yaml samples.jsonl --out out", r["input"]["command"])
+        # steps
+        self.assertEqual([s["step"] for s in r["steps"]], ["eyes", "all"])
+        for s in r["steps"]:
+            self.assertEqual({"step", "status", "iterations", "chi2_initial", "chi2", "dof", "seconds", "linear_solver", "history", "unused", "held_out", "unobservable"} - set(s), set())
+            self.assertEqual(s["status"], "converged")
+            self.assertEqual(len(s["history"]), s["iterations"] + 1)
+            self.assertTrue(all(len(h) == 2 and h[1] > 0 for h in s["history"]))
+            self.assertAlmostEqual(s["history"][0][0], s["chi2_initial"], delta=1e-9 * s["chi2_initial"])
+            self.assertAlmostEqual(s["history"][-1][0], s["chi2"], delta=1e-6 * s["chi2"])
+            self.assertLess(s["chi2"], s["chi2_initial"])
+            self.assertIn(s["linear_solver"], ("dense", "cholmod"))
+            self.assertEqual((s["unused"], s["held_out"], s["unobservable"]), ([], [], []))
+        self.assertEqual(r["steps"][-1]["chi2"], r["chi2"])
+        self.assertEqual(r["steps"][-1]["dof"], r["dof"])
+        # degrees of freedom by hand: 18 arm samples (3 points, a pose, 3 joint errors), 6 boards (12 corners, 4 points; free pose; no joint in the way)
+        self.assertEqual(r["dof"], 18 * (9 + 6 + 3 - 3) + 6 * (24 + 12 - 6) - (6 + 6 + 6 + 6 + 3 + 5))
+        self.assertTrue(0.7 < r["chi2"] / r["dof"] < 1.3, r["chi2"] / r["dof"])
+        # parameters
+        names = ["sensor/tracker/pose", "sensor/eye/pose", "sensor/mocap/pose", "target/plate/pose", "joint/turn/scale", "joint/lift/offset", "joint/slide/offset",
+                 "joint/tool_joint/origin"]
+        self.assertEqual(sorted(r["parameters"]), sorted(names))
+        units = {"pose": ["m"] * 3 + ["rad"] * 3, "origin": ["m"] * 3 + ["rad"] * 3, "scale": [""], "offset": ["rad"]}
+        for name, p in r["parameters"].items():
+            kind = name.split("/")[-1]
+            size = 6 if kind in ("pose", "origin") else 1
+            self.assertEqual({"unit", "initial", "value", "sigma", "step"} | ({"pose"} if size == 6 else set()), set(p), name)
+            for key in ("unit", "initial", "value", "sigma"):
+                self.assertEqual(len(p[key]), size, name)
+            self.assertEqual(p["initial"], [0.0] * 6 if size == 6 else [1.0 if kind == "scale" else 0.0], name)
+            self.assertEqual(p["step"], "all")
+            if name == "joint/slide/offset":
+                self.assertEqual(p["unit"], ["m"])
+            elif kind != "scale":
+                self.assertEqual(p["unit"], units[kind], name)
+            if size == 6:
+                self.assertEqual((len(p["pose"]["xyz"]), len(p["pose"]["quat"])), (3, 4))
+                self.assertAlmostEqual(sum(x * x for x in p["pose"]["quat"]), 1, delta=1e-12)
+            for i, s in enumerate(p["sigma"]):
+                held = name == "joint/tool_joint/origin" and i == 2
+                self.assertTrue(s == 0 if held else 0 < s < 0.1, (name, i, s))
+                if held:
+                    self.assertAlmostEqual(p["value"][i], 0.0, delta=1e-15)
+        # the truth within 5 sigmas
+        scale, lift, slide = (r["parameters"]["joint/" + n] for n in ("turn/scale", "lift/offset", "slide/offset"))
+        self.assertLess(abs(scale["value"][0] - TRUTH["scale"]), 5 * scale["sigma"][0])
+        self.assertLess(abs(lift["value"][0] - TRUTH["lift"]), 5 * lift["sigma"][0])
+        # poses of samples
+        training = [s for s in make_samples() if s.get("split") != "test"]
+        self.assertEqual(set(r["samples"]), {s["id"] for s in training})
+        for s in training:
+            entry = r["samples"][s["id"]]
+            if s["id"].startswith("arm"):
+                self.assertEqual(set(entry["joint_errors"]), {"turn", "lift", "slide"})
+                self.assertTrue(all(abs(d) < 5 * 0.0005 for d in entry["joint_errors"].values()))
+                self.assertEqual(entry.get("targets", {}), {})
+            else:
+                self.assertEqual(set(entry["targets"]), {"board"})
+                self.assertEqual((len(entry["targets"]["board"]["xyz"]), len(entry["targets"]["board"]["quat"])), (3, 4))
+        # sensors
+        self.assertEqual(set(r["sensors"]), {"tracker", "mocap", "eye"})
+        self.assertEqual({k: v["unit"] for k, v in r["sensors"].items()}, {"tracker": "m", "mocap": "m", "eye": "px"})
+        counts = {"tracker": (18 * 3 + 6 * 4, 6 * 3 + 2 * 4), "mocap": (18, 6), "eye": (6 * 12, 2 * 12)}
+        for name, s in r["sensors"].items():
+            for split, n in zip(("train", "test"), counts[name]):
+                keys = {"points", "rms_before", "rms", "rms_as_read"}
+                if name == "mocap":
+                    keys |= {"rms_rotation"}
+                self.assertEqual(keys - set(s[split]), set())
+                self.assertEqual(s[split]["points"], n)
+                self.assertTrue(all(s[split][k] > 0 for k in keys))
+                self.assertLess(s[split]["rms"], s[split]["rms_before"])
+        self.assertLess(r["sensors"]["eye"]["test"]["rms"], 0.5)
+        self.assertLess(r["sensors"]["tracker"]["test"]["rms"], 0.001)
+        for w in r["warnings"]:
+            self.assertEqual(set(w), {"id", "text"})
+
+    def test_residuals_csv(self):
+        self.assertEqual(self.calibrate().code, 0)
+        r = self.result()
+        with open(self.path("out", "residuals.csv"), newline="") as f:
+            rows = list(csv.DictReader(f))
+        self.assertEqual(list(rows[0]), "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened".split(","))
+        self.assertEqual(len(rows), sum(s[k]["points"] for s in r["sensors"].values() for k in ("train", "test")))
+        for name, s in r["sensors"].items():
+            for split in ("train", "test"):
+                part = [x for x in rows if x["sensor"] == name and x["split"] == split]
+                for key, columns in (("rms", "xyz"), ("rms_before", ["before_x", "before_y", "before_z"]), ("rms_rotation", ["rx", "ry", "rz"])):
+                    if key in s[split]:
+                        total = sum(float(x[c] or 0) ** 2 for x in part for c in columns)
+                        self.assertAlmostEqual(math.sqrt(total / len(part)), s[split][key], delta=1e-9 * s[split][key], msg=name + " " + key)
+        eye = next(x for x in rows if x["sensor"] == "eye")
+        self.assertEqual((eye["unit"], eye["z"], eye["rx"]), ("px", "", ""))
+        mocap = next(x for x in rows if x["sensor"] == "mocap")
+        self.assertEqual((mocap["unit"], mocap["id"]), ("m", ""))
+        ids = [x["id"] for x in rows if x["sensor"] == "tracker" and x["sample"] == "board_000"]
+        self.assertEqual(ids, ["0", "3", "8", "11"])
+        # whitened: own noise; together with the joint errors' terms it is chi2
+        joints = sum((d / (0.0002 if j == "slide" else 0.0005)) ** 2 for s in r["samples"].values() for j, d in s.get("joint_errors", {}).items())
+        total = sum(float(x["whitened"]) ** 2 for x in rows if x["split"] == "train") + joints
+        self.assertAlmostEqual(total, r["chi2"], delta=1e-8 * r["chi2"])
+
+    def test_covariance_csv(self):
+        self.assertEqual(self.calibrate().code, 0)
+        r = self.result()
+        with open(self.path("out", "covariance.csv"), newline="") as f:
+            rows = list(csv.reader(f))
+        names, c = rows[0], [[float(x) for x in row] for row in rows[1:]]
+        self.assertEqual(len(names), 32)
+        self.assertEqual((len(c), {len(row) for row in c}), (32, {32}))
+        components = ["x", "y", "z", "rx", "ry", "rz"]
+        for i, name in enumerate(names):
+            block, _, component = name.partition(".")
+            sigma = r["parameters"][block]["sigma"][components.index(component) if component else 0]
+            self.assertAlmostEqual(math.sqrt(c[i][i]), sigma, delta=1e-9 * sigma, msg=name)
+            for j in range(32):
+                self.assertAlmostEqual(c[i][j], c[j][i], delta=1e-12 * math.sqrt(c[i][i] * c[j][j]))
+
+    def test_changes_yaml(self):
+        self.assertEqual(self.calibrate().code, 0)
+        text = self.read("out", "changes.yaml")
+        old, new = read_joints(URDF), read_joints(self.read("out", "robot.urdf"))
+        for name in ("lift", "slide", "tool_joint", "follower"):
+            m = re.search(r'"?%s"?:\s*\n\s+old: \{xyz: \[(.*?)\], rpy: \[(.*?)\]\}\s*\n\s+new: \{xyz: \[(.*?)\], rpy: \[(.*?)\]\}' % name, text)
+            self.assertTrue(m, name)
+            numbers = [[float(x) for x in m.group(i).split(",")] for i in range(1, 5)]
+            for xyz, rpy, joint in ((numbers[0], numbers[1], old[name]), (numbers[2], numbers[3], new[name])):
+                self.assertLess(distance(frame(xyz, rpy), joint["origin"]), 1e-12)
+        self.assertNotRegex(text, r'"?turn"?:\s*\n\s+old')
+        self.assertNotRegex(text, r'"?caster"?:')
+        m = re.search(r'"?turn"?: *\{scale: (.*?), old: (.*?), new: (.*?)\}', text)      # the gear, for its <transmission>
+        self.assertAlmostEqual(float(m.group(1)) * float(m.group(3)), -120.5, delta=1e-9)
+
+    def test_robot_urdf(self):
+        """Only changed lines differ, and forward kinematics of the written file is the estimated model's, for every link."""
+        self.assertEqual(self.calibrate().code, 0)
+        r, text = self.result(), self.read("out", "robot.urdf")
+        old, new = URDF.splitlines(), text.splitlines()
+        self.assertEqual(len(old), len(new))
+        changed = [(a, b) for a, b in zip(old, new) if a != b]
+        for a, b in changed:
+            # only numbers of a line of an origin differ
+            shape = lambda x: re.sub(r"[-+]?[0-9.]+(e[-+]?\d+)?", "#", x)
+            self.assertEqual(re.sub(r"(#\s*)+", "#", shape(a)), re.sub(r"(#\s*)+", "#", shape(b)))
+        self.assertLessEqual(len(changed), 5)
+        self.assertGreaterEqual(len(changed), 4)
+        joints, written = read_joints(URDF), read_joints(text)
+        p = r["parameters"]
+        joints["tool_joint"]["origin"] = from_quaternion(**{"xyz": p["joint/tool_joint/origin"]["pose"]["xyz"], "q": p["joint/tool_joint/origin"]["pose"]["quat"]})
+        rng = random.Random(5)
+        for _ in range(20):
+            q = {"turn": rng.uniform(-3, 3), "lift": rng.uniform(-1.2, 1.2), "slide": rng.uniform(0, 0.4)}
+            model = dict(q, lift=q["lift"] + p["joint/lift/offset"]["value"][0], slide=q["slide"] + p["joint/slide/offset"]["value"][0])
+            for link in ("turret", "upper", "carriage", "tool", "finger", "cart"):
+                self.assertLess(distance(link_pose(joints, link, model), link_pose(written, link, q)), 1e-9, link)
+        self.assertIn("-120.5", text)
+
+    def test_line_ends_stay(self):
+        self.write("robot.urdf", URDF.replace("\n", "\r\n"))
+        self.assertEqual(self.calibrate().code, 0)
+        text = self.read("out", "robot.urdf")
+        self.assertEqual(text.count("\r\n"), URDF.count("\n"))
+        self.assertEqual(text.count("\n"), URDF.count("\n"))
+
+    def test_second_calibration(self):
+        """From the written rig: the same chi2, the same robot, nothing applied twice."""
+        self.assertEqual(self.calibrate().code, 0)
+        run = self.calibrate(rig="out/rig.yaml", out="again")
+        self.assertEqual(run.code, 0, run.err)
+        a, b = self.result(), self.result("again")
+        self.assertAlmostEqual(a["chi2"], b["chi2"], delta=1e-9 * a["chi2"])
+        self.assertEqual(a["dof"], b["dof"])
+        for name, p in b["parameters"].items():
+            first = a["parameters"][name]
+            for i, v in enumerate(p["value"]):
+                if name == "joint/turn/scale":
+                    self.assertAlmostEqual(v, first["value"][0], delta=1e-4 * first["sigma"][0])
+                elif p["sigma"][i] > 0:
+                    self.assertLess(abs(v), 1e-4 * p["sigma"][i], name)
+            if "pose" in p:
+                self.assertLess(distance(from_quaternion(p["pose"]["xyz"], p["pose"]["quat"]), from_quaternion(first["pose"]["xyz"], first["pose"]["quat"])), 1e-7)
+        ja, jb = read_joints(self.read("out", "robot.urdf")), read_joints(self.read("again", "robot.urdf"))
+        for link in ("turret", "upper", "carriage", "tool", "finger"):
+            q = {"turn": 1, "lift": 0.5, "slide": 0.1}
+            self.assertLess(distance(link_pose(ja, link, q), link_pose(jb, link, q)), 1e-7)
+
+    def sensors_equal(self, a, b, msg):
+        for name in a:
+            for split in ("train", "test"):
+                for key in ("points", "rms", "rms_as_read", "rms_rotation"):
+                    if key in a[name][split]:
+                        x, y = a[name][split][key], b[name][split][key]
+                        self.assertAlmostEqual(x, y, delta=1e-6 * abs(x), msg="%s %s %s %s" % (msg, name, split, key))
+
+    def test_evaluate(self):
+        self.assertEqual(self.calibrate().code, 0)
+        r = self.result()
+        run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--json")
+        self.assertEqual((run.code, run.err), (0, ""))
+        e = strict_json(run.out)
+        self.assertEqual(set(e), {"chi2", "dof", "sensors"})
+        self.assertEqual(set(e["sensors"]), set(r["sensors"]))
+        for s in e["sensors"].values():
+            self.assertNotIn("rms_before", s["train"])
+        self.sensors_equal(r["sensors"], e["sensors"], "rig")
+        # training samples alone, nothing free but boards and joint errors: the result's chi2
+        self.write("train.jsonl", lines(s for s in make_samples() if s.get("split") != "test"))
+        t = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "train.jsonl", "--json").out)
+        self.assertEqual(t["dof"], r["dof"] + 32)
+        self.assertAlmostEqual(t["chi2"], r["chi2"], delta=1e-8 * r["chi2"])
+        self.assertEqual(e["dof"], t["dof"] + 6 * 15 + 2 * 30)       # all samples: the held-out ones' with theirs
+        e = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--urdf", "out/robot.urdf", "--json").out)
+        self.sensors_equal(r["sensors"], e["sensors"], "--urdf")
+        # the original robot in its place is worse
+        e = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--urdf", "robot.urdf", "--json").out)
+        self.assertGreater(e["sensors"]["tracker"]["train"]["rms"], 5 * r["sensors"]["tracker"]["train"]["rms"])
+        # an offset in the rig is taken as folded in, a scale stays
+        text = self.read("out", "rig.yaml")
+        self.assertNotIn("offset:", text)
+        self.assertRegex(text, r"turn: *\{.*scale: 1\.0")
+        with_offset = re.sub(r"(turn: *\{)", r"\1offset: 0.3, ", text)
+        self.write("out/with_offset.yaml", with_offset)
+        e = strict_json(self.run_kincal("evaluate", "out/with_offset.yaml", "samples.jsonl", "--urdf", "out/robot.urdf", "--json").out)
+        self.sensors_equal(r["sensors"], e["sensors"], "--urdf with offset")
+        table = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl")
+        self.assertEqual(table.code, 0)
+        for word in ("tracker", "mocap", "eye", "px", "chi2"):
+            self.assertIn(word, table.out)
+
+    def test_evaluate_free(self):
+        """--free is estimated in each split by itself."""
+        e0 = strict_json(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json").out)
+        run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json", "--free", "sensor/mocap/pose", "--free", "sensor/tracker/pose")
+        self.assertEqual((run.code, run.err), (0, ""))
+        e1 = strict_json(run.out)
+        self.assertLess(e1["chi2"], e0["chi2"])
+        self.assertEqual(e1["dof"], e0["dof"] - 2 * 12)
+        for split in ("train", "test"):
+            self.assertLess(e1["sensors"]["mocap"][split]["rms"], e0["sensors"]["mocap"][split]["rms"])
+
+    def test_apply(self):
+        self.assertEqual(self.calibrate().code, 0)
+        copy = URDF.replace("<link name=\"tool\"/>", "<!-- the user's own remark -->\n\n  <link name=\"tool\"/>\n\n").replace("  <joint name=\"lift\"", "\n\t<joint   name=\"lift\"")
+        self.write("copy.urdf", copy)
+        run = self.run_kincal("apply", "out", "copy.urdf", "--out", "copy_calibrated.urdf")
+        self.assertEqual(run.code, 0, run.err)
+        text = self.read("copy_calibrated.urdf")
+        self.assertIn("the user's own remark", text)
+        a, b = read_joints(self.read("out", "robot.urdf")), read_joints(text)
+        for name in a:
+            self.assertLess(distance(a[name]["origin"], b[name]["origin"]), 1e-12, name)
+        self.assertEqual(len(copy.splitlines()), len(text.splitlines()))
+        # the result's directory or its result.json; for the same copy the same numbers (to the last digits: result.json holds quaternions)
+        self.assertEqual(self.run_kincal("apply", "out/result.json", "robot.urdf", "--out", "same.urdf").code, 0)
+        b = read_joints(self.read("same.urdf"))
+        for name in a:
+            self.assertLess(distance(a[name]["origin"], b[name]["origin"]), 1e-12, name)
+        same = [x == y for x, y in zip(self.read("same.urdf").splitlines(), URDF.splitlines())]
+        written = [x == y for x, y in zip(self.read("out", "robot.urdf").splitlines(), URDF.splitlines())]
+        self.assertEqual(same, written)
+        # numbers written in another way, origin given as zero where it was absent
+        other = URDF.replace("xyz='0.3 0 0'", "xyz='3e-1 0.0 0.' rpy='0 0 0'").replace('xyz="0.1 0.02 0"', 'xyz="0.10 0.02 0.0"')
+        self.write("other.urdf", other)
+        run = self.run_kincal("apply", "out", "other.urdf", "--out", "other_calibrated.urdf")
+        self.assertEqual(run.code, 0, run.err)
+        self.extra = set(os.listdir(self.dir))
+        before = self.read("same.urdf")
+        self.fails(self.run_kincal("apply", "out", "robot.urdf", "--out", "same.urdf"), "same.urdf", "--force")
+        self.assertEqual(self.read("same.urdf"), before)
+        self.fails(self.run_kincal("apply", "out", "copy_calibrated.urdf", "--out", "twice.urdf"), "already")
+        self.fails(self.run_kincal("apply", "out", "out/robot.urdf", "--out", "twice.urdf"), "already")
+        for old, new, words in ((' xyz="0.1   0\n      0.2"', ' xyz="0.1   0\n      0.25"', ["lift"]), ("'slide'", "'slyde'", ["slide"]),
+                                ('<axis xyz="0 0 -2"/>', '<axis xyz="0 1 0"/>', ["lift"]), ('multiplier="-0.5"', 'multiplier="0.5"', ["follower"])):
+            self.assertIn(old, URDF)
+            text = URDF.replace(old, new).replace('joint="slide"', 'joint="slyde"') if "slyde" in new else URDF.replace(old, new)
+            self.write("alien.urdf", text)
+            self.extra.add("alien.urdf")
+            with self.subTest(alien=new):
+                run = self.run_kincal("apply", "out", "alien.urdf", "--out", "alien_calibrated.urdf")
+                if run.code == 0:
+                    os.remove(self.path("alien_calibrated.urdf"))
+                self.fails(run, "alien.urdf", *words)
+        self.fails(self.run_kincal("apply", "nowhere", "robot.urdf", "--out", "new.urdf"), "nowhere")
+        self.fails(self.run_kincal("apply", "rig.yaml", "robot.urdf", "--out", "new.urdf"), "rig.yaml")
+        self.fails(self.run_kincal("apply", "out", "none.urdf", "--out", "new.urdf"), "none.urdf")
+
+    def test_write_reduction(self):
+        run = self.calibrate()
+        self.assertEqual(run.code, 0)
+        scale = self.result()["parameters"]["joint/turn/scale"]["value"][0]
+        reduction = -120.5 / scale
+        self.assertIn("-120.5", self.read("out", "robot.urdf"))
+        self.assertIn("%.3f" % reduction, run.out)                                    # printed, and in result.json
+        text = json.dumps(self.result())
+        self.assertTrue(any(abs(float(x) - reduction) < 1e-9 for x in re.findall(r"-\d+\.\d+", text)), "reduction not in result.json")
+        self.assertEqual(self.calibrate("--write-reduction", out="geared").code, 0)
+        m = re.search(r"<mechanicalReduction>(.*?)</mechanicalReduction>", self.read("geared", "robot.urdf"))
+        self.assertAlmostEqual(float(m.group(1)), reduction, delta=1e-12)
+        rig = self.read("geared", "rig.yaml")
+        self.assertNotRegex(rig, r"scale: *1\.0[0-9]")
+        # logs recorded from then on have readings scaled by the new gear: readings * scale
+        samples = make_samples()
+        for s in samples:
+            s["joints"]["turn"] *= scale
+        self.write("later.jsonl", lines(samples))
+        a = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--json").out)["sensors"]
+        b = strict_json(self.run_kincal("evaluate", "geared/rig.yaml", "later.jsonl", "--json").out)["sensors"]
+        for name in a:
+            self.assertAlmostEqual(a[name]["train"]["rms_as_read"], b[name]["train"]["rms_as_read"], delta=1e-6 * a[name]["train"]["rms_as_read"])
+
+    def test_json_and_quiet(self):
+        run = self.calibrate("--json")
+        self.assertEqual((run.code, run.err), (0, ""))
+        self.assertEqual(run.out, self.read("out", "result.json"))
+        strict_json(run.out)
+        run = self.calibrate("--quiet", out="silent")
+        self.assertEqual((run.code, run.out, run.err), (0, "", ""))
+        self.assertEqual(sorted(os.listdir(self.path("silent"))), FILES)
+
+    def test_tables(self):
+        run = self.calibrate()
+        self.assertEqual(run.code, 0)
+        for word in ("eyes", "all", "tracker", "mocap", "eye", "px", "mm", "mrad", "before", "after", "train", "held out", "sigma", "chi2/dof",
+                     "joint/turn/scale", "sensor/tracker/pose", "out"):
+            self.assertIn(word, run.out + run.err)
+        self.assertNotIn("\x1b", run.out + run.err)     # piped: plain lines
+        self.assertNotIn("\r", run.out + run.err)
+
+    def test_dry_run(self):
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")
+        self.assertEqual((run.code, run.err), (0, ""))
+        self.assertEqual(set(os.listdir(self.dir)), {"rig.yaml", "robot.urdf", "samples.jsonl"})
+        self.assertEqual(self.calibrate().code, 0)
+        for s in self.result()["steps"]:
+            self.assertIn(s["step"], run.out)
+            self.assertRegex(run.out, r"\b%d\b" % s["dof"])
+        for name in ("sensor/tracker/pose", "joint/turn/scale", "joint/lift/offset", "target/plate/pose", "joint/tool_joint/origin"):
+            self.assertIn(name, run.out)
+        self.assertRegex(run.out, r"\b32\b")
+        before = sorted(os.listdir(self.path("out")))
+        self.assertEqual(self.calibrate("--dry-run").code, 0)       # an existing --out does not matter: nothing is written
+        self.assertEqual(sorted(os.listdir(self.path("out"))), before)
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", "--step", "eyes", "--free", "sensor/eye/intrinsics")
+        self.assertEqual(run.code, 0)
+        self.assertIn("sensor/eye/intrinsics", run.out)
+        self.assertNotIn("joint/turn/scale", run.out)
+
+    def test_step_free_fix(self):
+        self.assertEqual(self.calibrate("--step", "eyes", out="eyes").code, 0)
+        r = self.result("eyes")
+        self.assertEqual([s["step"] for s in r["steps"]], ["eyes"])
+        self.assertEqual(set(r["parameters"]), {"sensor/tracker/pose", "sensor/eye/pose"})
+        self.assertEqual(self.calibrate("--step", "all", out="all").code, 0)
+        self.assertEqual(len(self.result("all")["steps"]), 2)
+        # --free and --fix: the last step that runs
+        self.assertEqual(self.calibrate("--free", "sensor/eye/intrinsics", "--fix", "sensor/mocap/pose", "--fix", "joint/lift/*", out="mixed").code, 0)
+        r = self.result("mixed")
+        self.assertIn("sensor/eye/intrinsics", r["parameters"])
+        self.assertEqual(len(r["parameters"]["sensor/eye/intrinsics"]["value"]), 4)
+        self.assertEqual(r["parameters"]["sensor/eye/intrinsics"]["initial"], [500, 500, 320, 240])
+        for name in ("sensor/mocap/pose", "joint/lift/offset"):
+            self.assertNotIn(name, r["parameters"])
+        self.assertEqual([s["dof"] for s in r["steps"]][0], [s["dof"] for s in self.result("eyes")["steps"]][0])
+        # fixed in the last step, freed in the first: keeps the first's value and sigma
+        self.assertEqual(self.calibrate("--fix", "sensor/eye/pose", out="kept").code, 0)
+        a, b = self.result("eyes")["parameters"]["sensor/eye/pose"], self.result("kept")["parameters"]["sensor/eye/pose"]
+        self.assertEqual((a["value"], a["sigma"], b["step"]), (b["value"], b["sigma"], "eyes"))
+        # one component
+        self.assertEqual(self.calibrate("--fix", "sensor/eye/pose.rz", out="component").code, 0)
+        p = self.result("component")["parameters"]["sensor/eye/pose"]
+        self.assertAlmostEqual(p["value"][5], a["value"][5], delta=1e-14)
+
+    def test_noise_modes(self):
+        dof = {}
+        for mode in ("latent", "marginal", "point", "none"):
+            self.assertEqual(self.calibrate("--noise", mode, out=mode).code, 0)
+            r = self.result(mode)
+            self.assertEqual(r["noise"], mode)
+            dof[mode] = r["dof"]
+        self.assertEqual(len(set(dof.values())), 1)
+
+    def test_unused_and_held_out(self):
+        """A glob leaves out what nothing depends on; a mounted target that only held-out samples see is `held_out`."""
+        text = RIG.replace("free: [sensor/tracker/pose, sensor/eye/pose]", 'free: [sensor/tracker/pose, sensor/eye/pose, "joint/*/offset"]')
+        self.write("rig.yaml", text)
+        self.assertEqual(self.calibrate("--step", "eyes", "--fix", "joint/t*", "--fix", "joint/slide/*").code, 0)
+        self.assertEqual(self.result()["steps"][0]["unused"], [])
+        # the tracker alone on the arm: with boards only nothing depends on joints
+        samples = [s for s in make_samples() if s["id"].startswith("board")]
+        self.write("boards.jsonl", lines(samples))
+        self.assertEqual(self.calibrate("--step", "eyes", "--fix", "sensor/tracker/pose", samples="boards.jsonl", out="boards").code, 0)
+        self.assertEqual(set(self.result("boards")["steps"][0]["unused"]), {"joint/turn/offset", "joint/lift/offset", "joint/slide/offset"})
+        text = RIG.replace("  plate:\n", "  spare:\n    type: points\n    points: [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]\n    mount: {link: base_link, pose: {xyz: [1, 0, 0], rpy: [0, 0, 0]}}\n  plate:\n")
+        text = text.replace("target/plate/pose, joint", "target/plate/pose, target/spare/pose, joint")
+        self.write("rig.yaml", text)
+        samples = make_samples()
+        t = mul(inverse(mul(frame([0.5, -2.0, 0.3], [0, 0, 1.2]), twist(TRUTH["tracker"]))), frame([1.1, 0.2, 0.05], [0.1, 0, 0.3]))
+        samples.append({"id": "spare", "joints": {}, "split": "test",
+                        "views": [{"sensor": "tracker", "target": "spare", "points": [move(t, p) for p in ([0, 0, 0], [0.1, 0, 0], [0, 0.1, 0])]}]})
+        self.write("samples.jsonl", lines(samples))
+        run = self.calibrate(out="spare")
+        self.assertEqual(run.code, 0, run.err)
+        r = self.result("spare")
+        self.assertEqual(r["steps"][-1]["held_out"], ["target/spare/pose"])
+        self.assertEqual(r["unobservable"], [])
+        self.assertLess(r["sensors"]["tracker"]["test"]["rms"], 0.001)
+
+
+def distance(a, b):
+    e = mul(inverse(a), b)
+    return max([abs(e[i][3]) for i in range(3)] + [abs(x) for x in log_rotation(e)] + [abs(a[i][j] - b[i][j]) for i in range(3) for j in range(3)])
+
+
+class ExitCodes(Case):
+    def test_planted_gauge(self):
+        """The turntable's offset and the two instruments' poses: one direction, named with its coefficients; exit code 2; results written."""
+        run = self.calibrate("--free", "joint/turn/offset", "--fix", "sensor/eye/pose")
+        base = self.calibrate("--fix", "sensor/eye/pose", out="base")
+        self.assertEqual(base.code, 0)
+        self.assertEqual(run.code, 0, "eye holds the base: no gauge\n" + run.out)
+        shutil.rmtree(self.path("out"))
+        run = self.calibrate("--free", "joint/turn/offset")
+        self.assertEqual(run.code, 2, run.out + run.err)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+        r = self.result()
+        self.assertEqual(r["status"], "unobservable")
+        self.assertEqual(len(r["unobservable"]), 1)
+        self.assertEqual(r["steps"][-1]["unobservable"], r["unobservable"])
+        d = r["unobservable"][0]
+        self.assertIn("joint/turn/offset", d)
+        scale = d["joint/turn/offset"]
+        # rotating the turntable's zero by a is rotating every instrument on the base by a about its axis: xi = Ad(base_T_sensor^-1) [0 0 0 0 0 a]
+        for sensor in ("tracker", "mocap", "eye"):
+            pose = r["parameters"]["sensor/%s/pose" % sensor]["pose"]
+            t = from_quaternion(pose["xyz"], pose["quat"])
+            w = [t[2][k] for k in range(3)]
+            v = [sum(t[i][k] * c for i, c in enumerate((-t[1][3], t[0][3], 0.0))) for k in range(3)]
+            expected = dict(zip(["x", "y", "z", "rx", "ry", "rz"], v + w))
+            for c, e in expected.items():
+                got = d.get("sensor/%s/pose.%s" % (sensor, c), 0.0) / scale
+                self.assertAlmostEqual(abs(got), abs(e), delta=0.05 * max(1.0, abs(e)), msg="%s.%s" % (sensor, c))
+        # sigmas of all that takes part are null; the others' as without the gauge
+        self.assertEqual(r["parameters"]["joint/turn/offset"]["sigma"], [None])
+        self.assertIsNone(r["parameters"]["sensor/tracker/pose"]["sigma"][0])
+        lift = r["parameters"]["joint/lift/offset"]["sigma"][0]
+        self.assertIsNotNone(lift)
+        whole = self.calibrate(out="whole")
+        self.assertEqual(whole.code, 0)
+        w = self.result("whole")
+        self.assertAlmostEqual(lift, w["parameters"]["joint/lift/offset"]["sigma"][0], delta=1e-4 * lift)
+        self.assertAlmostEqual(r["chi2"], w["chi2"], delta=1e-7 * w["chi2"])
+        self.assertEqual(r["dof"], w["dof"])
+        for text in (run.out + run.err, " ".join(x["text"] for x in r["warnings"]) or run.out):
+            self.assertIn("joint/turn/offset", text)
+        # a second one, independent: both named apart
+        run = self.calibrate("--free", "joint/turn/offset", "--free", "joint/tool_joint/origin.z", "--force")
+        self.assertEqual(run.code, 2)
+        r = self.result()
+        self.assertEqual(len(r["unobservable"]), 2)
+        gauge = [d for d in r["unobservable"] if "joint/slide/offset" in d]
+        self.assertEqual(len(gauge), 1)
+        self.assertNotIn("joint/turn/offset", gauge[0])
+        # --quiet and --json end with 2 as well
+        self.assertEqual(self.calibrate("--free", "joint/turn/offset", "--quiet", out="q").code, 2)
+        self.assertEqual(self.calibrate("--free", "joint/turn/offset", "--json", out="j").code, 2)
+
+    def test_without_data(self):
+        """A plain name is freed though nothing depends on it: unobservable, named."""
+        run = self.calibrate("--step", "eyes", "--free", "sensor/mocap/pose.x")
+        self.assertEqual(run.code, 2, run.out + run.err)
+        r = self.result()
+        self.assertEqual(r["unobservable"], [{"sensor/mocap/pose.x": 1.0}])
+        self.assertIsNone(r["parameters"]["sensor/mocap/pose"]["sigma"][0])
+        self.assertEqual(r["parameters"]["sensor/mocap/pose"]["value"], [0.0] * 6)
+
+    def test_not_converged(self):
+        """Noise that is absurd (a radian a reading) and renewed at every turn: some of these do not settle in the iterations allowed."""
+        for sigma, mode in (("1", "marginal"), ("0.3", "point"), ("100", "marginal"), ("30", "marginal"), ("0.5", "point")):
+            self.write("rig.yaml", RIG.replace('"*": {sigma: 0.0005}', '"*": {sigma: %s}' % sigma).replace("slide: {sigma: 0.0002}", "slide: {sigma: %s}" % sigma))
+            run = self.calibrate("--noise", mode, "--force")
+            self.assertIn(run.code, (0, 2, 3))
+            if run.code == 3:
+                break
+        else:
+            self.skipTest("everything converged")
+        r = self.result()
+        self.assertEqual(r["status"], "not_converged")
+        self.assertIn("not_converged", [s["status"] for s in r["steps"]])
+        self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+        self.assertIn("not_converged", [w["id"] for w in r["warnings"]])
+        self.assertIn("converge", run.out + run.err)
+
+
+class SameEverywhere(Case):
+    def stripped(self, directory):
+        r = self.result(directory)
+        r["input"].pop("command")
+        for s in r["steps"]:
+            s.pop("seconds")
+        others = [self.read(directory, f) for f in FILES if f != "result.json"]
+        text = re.sub(r'"(command|seconds)": *("(?:[^"\\]|\\.)*"|[-+0-9.e]+)', "", self.read(directory, "result.json"))
+        return r, text, others
+
+    def test_threads(self):
+        for n in ("1", "2", "3"):
+            self.assertEqual(self.calibrate("--threads", n, out="t" + n).code, 0)
+        first = self.stripped("t1")
+        self.assertEqual(first, self.stripped("t2"))
+        self.assertEqual(first, self.stripped("t3"))
+
+    def test_directory(self):
+        self.assertEqual(self.calibrate(out="here").code, 0)
+        os.mkdir(self.path("elsewhere"))
+        run = self.run_kincal("calibrate", "../rig.yaml", self.path("samples.jsonl"), "--out", "../there", cwd=self.path("elsewhere"))
+        self.assertEqual(run.code, 0, run.err)
+        self.assertEqual(self.stripped("here"), self.stripped("there"))
+
+    def test_robot_path(self):
+        """The robot's path counts from the rig; the written rig names the written robot."""
+        os.mkdir(self.path("robots"))
+        shutil.move(self.path("robot.urdf"), self.path("robots", "tiny.urdf"))
+        self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: robots/tiny.urdf"))
+        run = self.run_kincal("calibrate", os.path.join(os.path.basename(self.dir), "rig.yaml"), self.path("samples.jsonl"), "--out", self.path("out"), cwd=self.root)
+        self.assertEqual(run.code, 0, run.err)
+        self.assertRegex(self.read("out", "rig.yaml"), r"(?m)^robot: \"?robot\.urdf\"?$")
+
+    def test_locale(self):
+        self.assertEqual(self.calibrate(out="c").code, 0)
+        env = {"LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"}
+        installed = subprocess.run(["locale", "-a"], stdout=subprocess.PIPE).stdout.decode().lower()
+        if "de_de.utf8" not in installed:
+            made = shutil.which("localedef") and subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", self.path("de_DE.UTF-8")],
+                                                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
+            if not made:
+                self.skipTest("no German locale here")
+            env["LOCPATH"] = self.dir
+        run = self.calibrate(out="de", env=env)
+        self.assertEqual(run.code, 0, run.err)
+        self.assertEqual(self.stripped("c"), self.stripped("de"))
+        a = self.run_kincal("evaluate", "c/rig.yaml", "samples.jsonl", "--json")
+        b = self.run_kincal("evaluate", "c/rig.yaml", "samples.jsonl", "--json", env=env)
+        self.assertEqual(a.out, b.out)
+
+    def test_repeated(self):
+        """Again, and with other addresses in memory: the same bytes in every file."""
+        self.assertEqual(self.calibrate(out="a").code, 0)
+        for i, size in enumerate((0, 3000, 60000)):
+            self.assertEqual(self.calibrate(out="b%d" % i, env={"PADDING": "x" * size, "MALLOC_ARENA_TEST": str(i), "MALLOC_TOP_PAD_": str(size * 7)}).code, 0)
+            self.assertEqual(self.stripped("a"), self.stripped("b%d" % i))
+
+    def test_order_of_residuals(self):
+        """residuals.csv goes through samples, views and points as the input does."""
+        self.assertEqual(self.calibrate().code, 0)
+        with open(self.path("out", "residuals.csv"), newline="") as f:
+            rows = [(x["sample"], x["sensor"]) for x in csv.DictReader(f)]
+        ids = [x for i, x in enumerate(rows) if i == 0 or x != rows[i - 1]]
+        self.assertEqual(ids, [(s["id"], v["sensor"]) for s in make_samples() for v in s["views"]])
+
+    def test_order_of_samples(self):
+        """Another order of the lines: the same optimum."""
+        self.assertEqual(self.calibrate(out="a").code, 0)
+        self.write("samples.jsonl", lines(reversed(make_samples())))
+        self.assertEqual(self.calibrate(out="b").code, 0)
+        a, b = self.result("a"), self.result("b")
+        self.assertAlmostEqual(a["chi2"], b["chi2"], delta=1e-10 * a["chi2"])
+        for name, p in a["parameters"].items():
+            for x, y, s in zip(p["value"], b["parameters"][name]["value"], p["sigma"]):
+                self.assertAlmostEqual(x, y, delta=max(1e-15, 1e-6 * s))
+
+    def test_linear_solvers(self):
+        self.assertEqual(self.calibrate("--linear-solver", "dense", out="a").code, 0)
+        run = self.calibrate("--linear-solver", "cholmod", out="b")
+        self.assertEqual(run.code, 0, run.err)
+        a, b = self.result("a"), self.result("b")
+        self.assertEqual({s["linear_solver"] for s in a["steps"]}, {"dense"})
+        self.assertEqual(len({s["linear_solver"] for s in b["steps"]} - {"dense"}), 1)
+        self.assertAlmostEqual(a["chi2"], b["chi2"], delta=1e-10 * a["chi2"])
+        for name, p in a["parameters"].items():
+            for x, y, s in zip(p["value"], b["parameters"][name]["value"], p["sigma"]):
+                self.assertAlmostEqual(x, y, delta=max(1e-15, 1e-6 * s))
+
+
+class NoNoise(Case):
+    def test_truth_is_recovered(self):
+        """Without noise in the samples: the truth to 1e-7, chi2 zero; poses of instruments absent from the rig as well."""
+        self.write("samples.jsonl", lines(make_samples(noise=0)))
+        rig = re.sub(r"    pose: \{xyz: \[(0\.5|0, 2|0\.1, 0, 0\.9).*\n", "", RIG)
+        self.assertEqual(rig.count("\n"), RIG.count("\n") - 3)
+        self.write("absent.yaml", rig)
+        for name in ("rig.yaml", "absent.yaml"):
+            with self.subTest(rig=name):
+                run = self.calibrate(rig=name, out=name + "_out")
+                self.assertEqual(run.code, 0, run.err)
+                r = self.result(name + "_out")
+                self.assertLess(r["chi2"], 1e-6)
+                self.assertAlmostEqual(r["parameters"]["joint/turn/scale"]["value"][0], TRUTH["scale"], delta=1e-7)
+                self.assertAlmostEqual(r["parameters"]["joint/lift/offset"]["value"][0], TRUTH["lift"], delta=1e-7)
+                tracker = mul(frame([0.5, -2.0, 0.3], [0, 0, 1.2]), twist(TRUTH["tracker"]))
+                pose = r["parameters"]["sensor/tracker/pose"]["pose"]
+                self.assertLess(distance(tracker, from_quaternion(pose["xyz"], pose["quat"])), 1e-7)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit("usage: cli_test.py SOURCE_DIR KINCAL [TEST ...]")
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:])

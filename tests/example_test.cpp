@@ -1,0 +1,267 @@
+// The shipped example as a statistical laboratory: simulated often, calibrated each time, compared with the truth.
+// Proves that estimates are right and that sigmas mean what they say in mode latent, on this robot. It does not prove anything about
+// errors that the model does not have (elasticity, backlash, wrong corners).
+
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "../io/rig_file.h"
+#include "../io/simulation_file.h"
+#include "../models/calibration.h"
+#include "../models/simulation.h"
+#include "../models/starts.h"
+
+using namespace kincal;
+
+namespace {
+
+const std::string kExample = std::string(KINCAL_SOURCE_DIR) + "/examples/pr2/";
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kSeeds = 20;
+#else
+constexpr int kSeeds = 200;
+#endif
+
+struct Laboratory {
+  Rig rig = read_rig(kExample + "rig.yaml").rig;
+  ParameterTable table{rig};
+  VectorXd truth = read_truth(kExample + "truth_values.json", table);
+  SimulationOptions options;
+
+  Laboratory() {
+    options.postures = read_postures(kExample + "postures.jsonl", rig);
+    options.samples = static_cast<int>(options.postures.size());
+  }
+  std::vector<Sample> samples(int seed) {
+    options.seed = seed;
+    return simulate(rig, table, truth, options).samples;
+  }
+};
+
+CalibrationResult calibrate(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise = NoiseMode::latent) {
+  CalibrationOptions options;
+  options.noise = noise;
+  options.judge = false;
+  return *Calibration(rig, samples).run(options);
+}
+
+/// Estimate minus truth of the last step's freed components, in the sense of the covariance: a wholly freed pose as the increment on the
+/// right at the estimate, else component by component.
+VectorXd errors(const CalibrationResult& result, const ParameterTable& table, const VectorXd& truth) {
+  VectorXd e(static_cast<Eigen::Index>(result.covariance_names.size()));
+  for (Eigen::Index i = 0; i < e.size(); ++i) {
+    const Freed f = table.select(result.covariance_names[i]).at(0);
+    const Parameter& p = table.all[f.parameter];
+    const int c = f.components.at(0);
+    if (!p.pose) {
+      e(i) = result.values.shared(p.start + c) - truth(p.start + c);
+      continue;
+    }
+    const Pose estimate = get_pose(result.values.shared, p.start), real = get_pose(truth, p.start), initial = get_pose(table.initial, p.start);
+    const bool whole = std::count_if(result.covariance_names.begin(), result.covariance_names.end(),
+                                     [&](const std::string& n) { return n.rfind(p.name + ".", 0) == 0; }) == 6;
+    e(i) = whole ? -log_se3(inverse(estimate) * real)(c) : (log_se3(inverse(initial) * estimate) - log_se3(inverse(initial) * real))(c);
+  }
+  return e;
+}
+
+double nees(const CalibrationResult& result, const VectorXd& e) { return e.dot(result.covariance.ldlt().solve(e)); }
+
+}  // namespace
+
+TEST_CASE("example: latent mode is honest over many seeds", "[example][statistics]") {
+  Laboratory lab;
+  lab.rig.steps = {lab.rig.steps.back()};  // everything together, from the rig's values
+  double chi2 = 0, dof = 0, squared = 0, count = 0;
+  for (int seed = 1; seed <= kSeeds; ++seed) {
+    const CalibrationResult result = calibrate(lab.rig, lab.samples(seed));
+    CAPTURE(seed);
+    REQUIRE(result.status == Status::converged);
+    const VectorXd e = errors(result, lab.table, lab.truth);
+    REQUIRE(e.size() >= 30);
+    chi2 += result.chi2;
+    dof += static_cast<double>(result.dof);
+    squared += nees(result, e);
+    count += static_cast<double>(e.size());
+  }
+  INFO(kSeeds << " seeds, " << count / kSeeds << " parameters: chi2/dof " << chi2 / dof << ", NEES/dof " << squared / count);
+  WARN("chi2/dof " << chi2 / dof << ", NEES/dof " << squared / count << " over " << kSeeds << " seeds");
+  CHECK(chi2 / dof > 0.95);
+  CHECK(chi2 / dof < 1.05);
+  // 20 seeds (sanitizers): the standard deviation of the pooled figure is 0.042, of 200 seeds 0.013.
+  CHECK(squared / count > (kSeeds < 200 ? 0.85 : 0.95));
+  CHECK(squared / count < (kSeeds < 200 ? 1.15 : 1.05));
+}
+
+TEST_CASE("example: the other noise modes are not", "[example][statistics]") {
+  Laboratory lab;
+  lab.rig.steps = {lab.rig.steps.back()};
+  std::map<NoiseMode, double> chi2, dof, squared, count, error;
+  for (int seed = 1; seed <= 5; ++seed) {
+    const std::vector<Sample> samples = lab.samples(seed);
+    for (NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+      const CalibrationResult result = calibrate(lab.rig, samples, mode);
+      CAPTURE(seed, static_cast<int>(mode));
+      REQUIRE(result.status == Status::converged);
+      const VectorXd e = errors(result, lab.table, lab.truth);
+      chi2[mode] += result.chi2;
+      dof[mode] += static_cast<double>(result.dof);
+      squared[mode] += nees(result, e);
+      count[mode] += static_cast<double>(e.size());
+    }
+  }
+  for (NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+    chi2[mode] /= dof[mode];
+    squared[mode] /= count[mode];
+  }
+  WARN("chi2/dof latent " << chi2[NoiseMode::latent] << " marginal " << chi2[NoiseMode::marginal] << " point " << chi2[NoiseMode::point]
+                          << " none " << chi2[NoiseMode::none] << "; NEES/dof " << squared[NoiseMode::latent] << " "
+                          << squared[NoiseMode::marginal] << " " << squared[NoiseMode::point] << " " << squared[NoiseMode::none]);
+  CHECK(squared[NoiseMode::latent] < 1.3);
+  CHECK(chi2[NoiseMode::point] < 0.8);       // 20 corners counted as 20 readings of the same encoder
+  CHECK(squared[NoiseMode::point] > 2);
+  CHECK(chi2[NoiseMode::none] > 2);
+  CHECK(squared[NoiseMode::none] > 2);
+}
+
+TEST_CASE("example: all steps in turn recover the truth, the laser's gear reduction among it", "[example]") {
+  Laboratory lab;
+  const CalibrationResult result = calibrate(lab.rig, lab.samples(1));
+  REQUIRE(result.steps.size() == lab.rig.steps.size());
+  CHECK(result.status == Status::converged);
+  const VectorXd e = errors(result, lab.table, lab.truth);
+  for (Eigen::Index i = 0; i < e.size(); ++i) {
+    CAPTURE(result.covariance_names[i]);
+    CHECK(std::abs(e(i)) < 4.5 * std::sqrt(result.covariance(i, i)));
+  }
+  const auto scale = std::find_if(result.parameters.begin(), result.parameters.end(),
+                                  [](const ParameterEstimate& p) { return p.name == "joint/laser_tilt_mount_joint/scale"; });
+  REQUIRE(scale != result.parameters.end());
+  CHECK(std::abs(scale->value[0] - 1) > 0.01);
+  CHECK(std::abs(scale->value[0] - lab.truth(lab.table.all[lab.table.select(scale->name)[0].parameter].start)) < 5 * scale->sigma[0]);
+  CHECK(scale->sigma[0] < 1e-3);
+}
+
+TEST_CASE("example: without noise the truth comes back exactly", "[example]") {
+  Laboratory lab;
+  lab.rig.steps = {lab.rig.steps.back()};
+  Rig quiet = lab.rig;
+  for (JointSettings& j : quiet.joints) j.sigma = 0;
+  for (Sensor& s : quiet.sensors)
+    for (double& sigma : s.sigma) sigma = 0;
+  std::vector<Sample> samples = simulate(quiet, lab.table, lab.truth, lab.options).samples;
+  for (Sample& s : samples)
+    for (View& v : s.views) v.sigma = lab.rig.sensors[v.sensor].sigma;
+  const CalibrationResult result = calibrate(lab.rig, samples);
+  CHECK(result.status == Status::converged);
+  CHECK(errors(result, lab.table, lab.truth).cwiseAbs().maxCoeff() < 1e-8);
+}
+
+TEST_CASE("example: freed gauges are found and named", "[example]") {
+  Laboratory lab;
+  const std::vector<Sample> samples = lab.samples(3);
+  struct Gauge {
+    std::string free;
+    size_t directions;
+    std::vector<std::string> named;
+  };
+  const std::vector<Gauge> gauges = {
+      {"sensor/left_arm/pose.rx", 1, {"sensor/left_arm/pose.rx", "joint/l_wrist_roll_joint/offset"}},
+      {"sensor/*_arm/pose.rx", 2, {"sensor/right_arm/pose.rx", "joint/r_wrist_roll_joint/offset"}},
+      {"joint/head_tilt_joint/offset", 1, {"joint/head_tilt_joint/offset", "joint/narrow_stereo_frame_joint/origin.ry"}},
+      {"joint/laser_tilt_mount_joint/origin.ry", 1, {"joint/laser_tilt_mount_joint/origin.ry", "joint/laser_tilt_mount_joint/offset"}},
+      {"sensor/forearm_right/baseline", 1, {"sensor/forearm_right/baseline", "joint/r_forearm_cam_frame_joint/origin.y"}},
+      {"joint/head_plate_frame_joint/origin", 6, {"joint/head_plate_frame_joint/origin.x"}}};
+  for (const Gauge& g : gauges) {
+    CAPTURE(g.free);
+    CalibrationOptions options;
+    options.judge = false;
+    options.free = {g.free};
+    const CalibrationResult result = *Calibration(lab.rig, samples).run(options);
+    CHECK(result.status == Status::unobservable);
+    CHECK(result.unobservable.size() == g.directions);
+    for (const std::string& name : g.named) {
+      bool found = false;
+      for (const Direction& d : result.unobservable)
+        for (const auto& c : d) found = found || c.first == name;
+      CAPTURE(name);
+      CHECK(found);
+    }
+  }
+}
+
+TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found in closed form", "[example][starts]") {
+  // Cameras, laser and boards in the hands on sensor poses instead of mount joints; each truth at a random place. The base rig knows the
+  // places, the other does not: both must end at the same optimum.
+  Laboratory lab;
+  std::mt19937_64 random(7);
+  const auto uniform = [&](double low, double high) { return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53; };
+  // Everything on one true robot: its mounts are exact, so only sensor poses are unknown.
+  Rig rig = lab.rig;
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
+    rig.tree.joints[j].parent_T_joint = get_pose(lab.truth, lab.table.all[lab.table.joint_origin[j]].start);
+    if (!rig.tree.joints[j].has_reading()) continue;
+    rig.joints[j].offset = lab.truth(lab.table.all[lab.table.joint_offset[j]].start);
+    rig.joints[j].scale = lab.truth(lab.table.all[lab.table.joint_scale[j]].start);
+  }
+  const std::vector<Sample> samples = lab.samples(11);
+  for (const std::vector<std::string>& absent :
+       {std::vector<std::string>{"narrow_left"}, {"narrow_left", "narrow_right", "wide_left", "wide_right"}, {"tilt_laser", "forearm_left"},
+        {"left_arm", "right_arm"}, {"narrow_left", "wide_left", "left_arm", "forearm_right"}}) {
+    Rig known = rig;
+    Step step;
+    step.name = "poses";
+    for (size_t s = 0; s < rig.sensors.size(); ++s) {
+      step.sensors.push_back(static_cast<int>(s));
+      Sensor& sensor = known.sensors[s];
+      sensor.link_T_sensor = get_pose(lab.truth, lab.table.all[lab.table.sensor_pose[s]].start);
+      sensor.pose_given = true;
+      if (std::find(absent.begin(), absent.end(), sensor.name) == absent.end()) continue;
+      step.free.push_back("sensor/" + sensor.name + "/pose");
+    }
+    known.steps = {step};
+    // Move each absent sensor's link frame by a random motion X, so that its true pose becomes X^-1 link_T_sensor.
+    Rig unknown = known;
+    for (const std::string& name : absent)
+      for (Rig* r : {&known, &unknown})
+        for (Sensor& sensor : r->sensors) {
+          if (sensor.name != name) continue;
+          if (r == &unknown) {
+            sensor.pose_given = false;
+            sensor.link_T_sensor = Pose();
+          }
+        }
+    // The truths here are near the links; turn the links' meaning instead: a fixed joint of random origin before each absent sensor.
+    for (const std::string& name : absent) {
+      Vector3d axis(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)), shift(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
+      const Pose x{exp_so3(axis.normalized() * uniform(2, M_PI)), shift.normalized() * uniform(0.5, 1)};
+      for (Rig* r : {&known, &unknown})
+        for (Sensor& sensor : r->sensors) {
+          if (sensor.name != name) continue;
+          Joint joint;
+          joint.name = "extra_" + name;
+          joint.parent = sensor.link;
+          joint.child = static_cast<int>(r->tree.links.size());
+          joint.parent_T_joint = x;
+          r->tree.links.push_back("extra_link_" + name);
+          r->tree.joints.push_back(joint);
+          r->joints.push_back({});
+          finish_tree(r->tree);
+          sensor.link = joint.child;
+          if (r == &known) sensor.link_T_sensor = inverse(x) * sensor.link_T_sensor;
+        }
+    }
+    std::vector<Sample> more = samples;
+    for (Sample& s : more) s.readings.resize(known.tree.joints.size(), std::nan(""));
+    const CalibrationResult a = calibrate(known, more), b = calibrate(unknown, more);
+    CAPTURE(absent);
+    CHECK(a.status == Status::converged);
+    CHECK(b.status == Status::converged);
+    CHECK(b.chi2 == Approx(a.chi2).epsilon(1e-8));
+    for (size_t i = 0; i < a.parameters.size(); ++i) {
+      const Vector6d apart = log_se3(inverse(*a.parameters[i].pose) * *b.parameters[i].pose);
+      for (int c = 0; c < 6; ++c) CHECK(std::abs(apart(c)) < 0.01 * a.parameters[i].sigma[c]);
+    }
+  }
+}
