@@ -119,7 +119,9 @@ int evaluate(const EvaluateArguments& a) {
       std::cout << evaluation_json(evaluation);
     } else {
       std::cout << residual_table(evaluation.sensors, false);
-      std::printf("chi2 %.8g, %ld degrees of freedom\n", evaluation.chi2, evaluation.dof);
+      std::printf("chi2 %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
+      if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
+      std::printf("\n");
     }
     if (!evaluation.converged) std::fprintf(stderr, "kincal: warning: the estimation of targets or joint errors did not converge\n");
     return evaluation.converged ? kConverged : kNotConverged;
@@ -177,7 +179,8 @@ int simulate(const SimulateArguments& a) {
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n", d.sample.c_str(),
                  rig_file.rig.sensors[d.sensor].name.c_str(), rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
-  for (int s : simulation.idle) std::fprintf(stderr, "kincal: warning: sensor '%s' sees nothing\n", rig_file.rig.sensors[s].name.c_str());
+  for (int s : simulation.idle) std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n", rig_file.rig.sensors[s].name.c_str(),
+                 rig_file.rig.sensors[s].type == "chain" ? "holds" : "sees");
   if (simulation.samples.empty()) throw InputError("simulate: no sample is left: no posture has a view that is possible");
   if (!write_directory(a.out, {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
                                {"truth.json", truth_text(rig_file.rig, table, simulation)}},
@@ -242,7 +245,8 @@ int main(int argc, char** argv) {
   CLI::App* evaluate_command = app.add_subcommand("evaluate", "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
   evaluate_command->add_option("RIG", e.rig, "rig.yaml")->required();
   evaluate_command->add_option("SAMPLES", e.samples, "samples.jsonl")->required();
-  evaluate_command->add_option("--urdf", e.urdf, "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay");
+  evaluate_command->add_option("--urdf", e.urdf, "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
+                               "use the rig.yaml beside it: what a URDF cannot express is there");
   evaluate_command->add_option("--free", e.free, "name or glob to re-estimate in each split")->allow_extra_args(false);
   evaluate_command->add_option("--noise", e.noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
   evaluate_command->add_flag("--json", e.json, "print {chi2, dof, sensors} as JSON");
@@ -277,6 +281,12 @@ int main(int argc, char** argv) {
     if (*apply_command) return apply(p);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    if (argc > 1 && argv[1][0] != '-' && app.get_subcommands().empty()) {
+      const std::vector<std::string> known = {"calibrate", "evaluate", "simulate", "apply"};
+      std::fprintf(stderr, "kincal: error: there is no command '%s'%s; known: calibrate, evaluate, simulate, apply\n", argv[1],
+                   nearest_names(argv[1], known).c_str());
+      return kBadInput;
+    }
     std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", error.what(),
                  app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
   } catch (const std::exception& error) {

@@ -76,7 +76,7 @@ void Progress::update(const std::string& step, int iteration, double chi2, doubl
 }
 
 void Progress::finish() {
-  if (quiet_ || step_.empty()) return;
+  if (quiet_ || step_.empty() || iteration_ == 0) return;
   std::fprintf(stderr, "%s%s: %d iterations, chi2 %.8g\n", terminal_ ? "\r\033[K" : "", step_.c_str(), iteration_, chi2_);
   step_.clear();
 }
@@ -127,7 +127,11 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
                         value(e.value[c], unit.factor), format("%+.4g", change * unit.factor),
                         std::isfinite(e.sigma[c]) ? "± " + format("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
     }
-  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) { return a.weight > b.weight; });
+  // The robot and its sensors first: where targets stand is seldom what one wants to know.
+  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) {
+    const bool ta = a.cells[0].rfind("target/", 0) == 0, tb = b.cells[0].rfind("target/", 0) == 0;
+    return ta != tb ? tb : a.weight > b.weight;
+  });
   std::vector<std::vector<std::string>> rows = {{"parameter", "before", "after", "change", "sigma", "unit"}};
   for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
   std::string out = align(rows, 1);
@@ -169,6 +173,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
   }
+  if (!files.reductions.empty()) out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";

@@ -39,6 +39,20 @@ Json pose(const Pose& p) {
   return {{"xyz", vector3(p.translation)}, {"quat", numbers({q(0), q(1), q(2), q(3)})}};
 }
 
+/// The rotation as its matrix, so that it comes back to the last bit.
+Json exact_pose(const Pose& p) {
+  Json rows = Json::array();
+  for (int i = 0; i < 3; ++i) rows.push_back(vector3(p.rotation.row(i)));
+  return {{"xyz", vector3(p.translation)}, {"rotation", rows}};
+}
+
+Pose read_exact_pose(const Field& field) {
+  field.check_keys({"xyz", "rotation"});
+  const std::vector<double> xyz = field["xyz"].vector(3), rows = field["rotation"].table(3);
+  if (rows.size() != 9) field["rotation"].fail("3 x 3 numbers are expected");
+  return {Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()), Eigen::Map<const Vector3d>(xyz.data())};
+}
+
 Json directions(const std::vector<Direction>& all) {
   Json out = Json::array();
   for (const Direction& d : all) {
@@ -266,8 +280,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     out.changes_yaml += "  " + key + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) + "}\n    new: {xyz: " +
                         list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
     robot[joint.name] = {{"offset", model.offsets[c.first]},
-                         {"old", pose(joint.parent_T_joint)},
-                         {"new", pose(c.second)}};
+                         {"old", exact_pose(joint.parent_T_joint)},
+                         {"new", exact_pose(c.second)}};
   }
   if (!out.reductions.empty()) {
     out.changes_yaml += "transmissions:  # mechanicalReduction, old / scale\n";
@@ -433,7 +447,7 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
     const Field entry = joints[name];
     const int j = urdf.tree.find_joint(name);
     if (j < 0) throw InputError(urdf.path + ": has no joint '" + name + "', which the result changes" + nearest_names(name, names));
-    const Pose before = entry["old"].pose(), after = entry["new"].pose();
+    const Pose before = read_exact_pose(entry["old"]), after = read_exact_pose(entry["new"]);
     const double to_old = apart(urdf.tree.joints[j].parent_T_joint, before), to_new = apart(urdf.tree.joints[j].parent_T_joint, after);
     if (to_new <= kSame && to_new < to_old) {
       ++held;

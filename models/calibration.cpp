@@ -443,7 +443,7 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
       result.sensors.push_back(unseen(rig_.sensors[i]));
     }
   const auto order = [](std::vector<ViewResiduals>& residuals) {
-    std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) { return a.view < b.view; });
+    std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) { return a.sample != b.sample ? a.sample < b.sample : a.view < b.view; });
   };
   for (bool train : {true, false}) {
     const std::vector<int> samples = split(train);
@@ -502,12 +502,22 @@ void Calibration::warn(CalibrationResult& result) const {
       add("chi2", "sensor '" + s.name + "': " +
                       text("chi2/n is %.3g, its residuals are %.2g times its sigma", s.train.whitened_squared / s.train.whitened_count,
                            std::sqrt(s.train.whitened_squared / s.train.whitened_count)));
+  struct Excess {
+    int count = 0, sample = -1;
+    double worst = 0;
+  };
+  std::map<int, Excess> excess;  // by joint
   for (const auto& e : result.values.errors) {
     const double sigmas = e.second / rig_.joints[e.first.second].sigma;
-    if (result.noise == NoiseMode::latent && std::abs(sigmas) > 4)
-      add("joint_error", "sample '" + samples_[e.first.first].id + "': the error of joint '" + rig_.tree.joints[e.first.second].name + "' is " +
-                             text("%.2g, %.1f of its sigmas", e.second, sigmas));
+    if (result.noise != NoiseMode::latent || !(std::abs(sigmas) > 4)) continue;
+    Excess& x = excess[e.first.second];
+    ++x.count;
+    if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
   }
+  for (const auto& x : excess)
+    add("joint_error", "joint '" + rig_.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " + std::to_string(x.second.count) +
+                           (x.second.count == 1 ? " sample" : " samples") + ", at worst " + text("%+.3g sigmas (%.2g) in sample '", x.second.worst,
+                           x.second.worst * rig_.joints[x.first].sigma) + samples_[x.second.sample].id + "'");
   for (const ParameterEstimate& e : result.parameters) {
     if (e.pose) {
       const double moved = std::hypot(e.value[0], e.value[1], e.value[2]), turned = std::hypot(e.value[3], e.value[4], e.value[5]);

@@ -117,6 +117,9 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
       v.target = &rig.targets[view.target];
       v.model = v.sensor->model.get();
       if (setup_.noise == NoiseMode::point && v.model->point_form()) v.model = v.model->point_form();
+      if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != v.model->sigmas())
+        throw std::invalid_argument(view.where + ": sensor '" + v.sensor->name + "' takes " + std::to_string(v.model->sigmas()) +
+                                    " sigmas, not " + std::to_string(view.sigma.size()));
       v.ids = view.ids;
       if (v.ids.empty() && !v.model->whole_pose())
         for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);

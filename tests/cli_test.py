@@ -208,15 +208,18 @@ def read_joints(urdf_text):
     return joints
 
 
+def position(joints, name, positions):
+    m = joints[name]["mimic"]
+    return m[1] * position(joints, m[0], positions) + m[2] if m else positions.get(name, 0.0)
+
+
 def link_pose(joints, link, positions):
-    """base_link_T_link; `positions`: by joint name, without mimic joints."""
+    """root_T_link; `positions`: by joint name, without mimic joints."""
     t = frame((0, 0, 0))
-    for name, j in sorted(joints.items(), key=lambda x: x[0]):
+    for name, j in joints.items():
         if j["child"] == link:
             t = mul(link_pose(joints, j["parent"], positions), j["origin"])
-            q = positions.get(name, 0.0)
-            if j["mimic"]:
-                q = j["mimic"][1] * positions[j["mimic"][0]] + j["mimic"][2]
+            q = position(joints, name, positions)
             if j["type"] == "prismatic":
                 n = math.sqrt(sum(x * x for x in j["axis"]))
                 t = mul(t, frame([x / n * q for x in j["axis"]]))

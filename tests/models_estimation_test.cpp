@@ -55,12 +55,12 @@ struct Scene {
     setup.noise = mode;
     setup.loss = loss;
     setup.sensors = sensors;
-    setup.priors = priors;
     Estimation all(rig, table, samples, all_of(samples), setup);
     const std::vector<char> used = all.influencing();
     for (const Freed& f : free)
       if (used[f.parameter] || std::any_of(priors.begin(), priors.end(), [&](const Prior& p) { return p.parameter == f.parameter; }))
         setup.free.push_back(f);
+    setup.priors = priors;
     return std::make_unique<Estimation>(rig, table, samples, all_of(samples), setup);
   }
 
@@ -627,6 +627,8 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   without.set_workers(1);
   with.set_workers(1);
   const VectorXd x = without.pack(s.values);
+  without.renew(x);
+  with.renew(x);
   const auto a = without.residuals(x), b = with.residuals(x);
   REQUIRE(a.size() == b.size());
   for (size_t i = 0; i < a.size(); ++i) CHECK(a[i].raw == b[i].raw);

@@ -278,7 +278,7 @@ TEST_CASE("errors of poses have exactly the formats' side and components, howeve
   rig.sensors[0].sigma = {0.001, 0.3, 0.02, 0.7, 0.01, 0.1};
   rig.sensors[1].sigma = {0.02, 0.001, 0.3, 0.1, 0.01, 0.7};
   const ParameterTable table(rig);
-  Simulation simulation = simulate(rig, table, draw_truth(table, kSpread, 5), options_of(11, 3000));
+  Simulation simulation = simulate(rig, table, draw_truth(table, {{"joint/*", 0.01}, {"sensor/*", 0.01}}, 5), options_of(11, 3000));
   double squares[12] = {}, sum[12] = {};
   for (const ViewResiduals& r : residuals_at_truth(rig, table, simulation, true))
     for (int i = 0; i < 6; ++i) squares[6 * r.view->sensor + i] += std::pow(r.whitened(i), 2), sum[6 * r.view->sensor + i] += r.whitened(i);
@@ -389,7 +389,7 @@ TEST_CASE("only what is wholly seen is kept", "[simulation]") {
     if (why) *why = s.dropped.empty() ? "" : s.dropped[0].why;
     return s.samples.size() == 1;
   };
-  const Vector3d eye(0.15, 0.02, 0.7), middle(0, 0.06, -0.045);  // of the pinhole camera; from the board's middle to its origin
+  const Vector3d eye(0.15, 0.02, 0.7), middle(0, 0.06, 0.045);  // of the pinhole camera; from the board's middle to its origin
   std::string why;
   const auto at = [&](const Vector3d& p) { return Pose{optical, eye + p + middle}; };
   CHECK(seen(1, at({1, 0, 0})));
@@ -401,7 +401,7 @@ TEST_CASE("only what is wholly seen is kept", "[simulation]") {
   for (const Vector3d& p : {Vector3d(1, 0.75, 0), Vector3d(1, -0.75, 0), Vector3d(1, 0, 0.56), Vector3d(1, 0, -0.56)})
     CHECK(!seen(1, at(p)));
   CHECK(seen(1, at({1, 0, 0}), nullptr, false));
-  const Pose turned{optical * rotation_from_rpy({0, kPi, 0}), eye + Vector3d(1, -0.06, -0.045)};
+  const Pose turned{optical * rotation_from_rpy({0, kPi, 0}), eye + Vector3d(1, -0.06, 0.045)};
   CHECK(seen(1, turned));
   CHECK(!seen(1, turned, nullptr, false));  // its back
   // Where the polynomial of brown turns back, far outside, it comes through the image's middle again.
