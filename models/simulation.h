@@ -3,8 +3,9 @@
 // Truth and noise. The true position of a joint is  scale * true reading + offset  at the true parameters; its logged reading is the true
 // one plus N(0, sigma), one draw a joint and sample, which all views of the sample share. A target that a chain holds really is at
 // link_T_target E, one that a `pose` sensor sees is measured at sensor_T_target E^-1; translation of E and Log of its rotation are
-// N(0, sigma), so that the residuals of models/pose.h are exactly that. A ray's true reading t, bearing and range come from where the point
-// crosses the scan plane (z = 0 in the sensor's frame): with n the plane's normal, c its offset, u the axis, x the point, in the joint's frame,
+// N(0, sigma), so that the residuals of models/pose.h are exactly that. A ray's true reading t, bearing and range come from where the
+// point crosses the scan plane (z = 0 in the sensor's frame): with n the plane's normal, c its offset, u the axis, x the point, in the
+// joint's frame,
 //     prismatic:  n.(x + q u) + c = 0,      rotation:  A cos q + B sin q + C = 0,
 //     A = n.(x - u (u.x)),  B = n.(u x x),  C = (n.u)(u.x) + c;     t = (direction q - offset) / scale.
 // Everything else is prediction plus N(0, sigma). With all sigmas 0 every residual at the truth is 0.

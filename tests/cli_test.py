@@ -1284,6 +1284,84 @@ class ExitCodes(Case):
         self.assertIn("converge", run.out + run.err)
 
 
+class Simulate(Case):
+    spread = ["--spread", "joint/lift/offset=0.01", "--spread", "joint/turn/scale=0.01", "--spread", "sensor/*/pose=0.01"]
+
+    def simulate(self, out, *args, seed="1", samples="40"):
+        return self.run_kincal("simulate", "rig.yaml", "--samples", samples, "--seed", seed, "--out", out, *args)
+
+    def test_and_calibrate(self):
+        """What is simulated is calibrated: chi2/dof near 1, truth within its sigmas."""
+        self.assertEqual(self.simulate("sim", *self.spread).code, 0)
+        self.assertEqual(sorted(os.listdir(self.path("sim"))), ["samples.jsonl", "truth.json"])
+        samples = [strict_json(x) for x in self.read("sim", "samples.jsonl").splitlines()]
+        self.assertEqual(len(samples), 40)
+        self.assertEqual(len({s["id"] for s in samples}), 40)
+        for s in samples:                                   # within the limits
+            self.assertTrue(-1.21 < s["joints"]["lift"] < 1.21 and -0.01 < s["joints"]["slide"] < 0.41)
+        truth = strict_json(self.read("sim", "truth.json"))["parameters"]
+        names = ["joint/lift/offset", "joint/turn/scale"] + ["sensor/%s/pose.%s" % (s, c) for s in ("tracker", "mocap", "eye") for c in ("x", "y", "z", "rx", "ry", "rz")]
+        self.assertEqual(set(truth), set(names))
+        run = self.calibrate(samples="sim/samples.jsonl")
+        self.assertEqual(run.code, 0, run.err)
+        r = self.result()
+        self.assertTrue(0.8 < r["chi2"] / r["dof"] < 1.2, r["chi2"] / r["dof"])
+        errors = []
+        for name in names:
+            block, _, c = name.partition(".")
+            p, i = r["parameters"][block], ["x", "y", "z", "rx", "ry", "rz"].index(c) if c else 0
+            errors.append(((p["value"][i] - truth[name]["true"]) / p["sigma"][i]) ** 2)
+        self.assertLess(max(errors), 25)
+        self.assertTrue(0.2 < sum(errors) / len(errors) < 3)
+
+    def test_seeds(self):
+        for out, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+            self.assertEqual(self.simulate(out, *self.spread, seed=seed).code, 0)
+        for f in ("samples.jsonl", "truth.json"):
+            self.assertEqual(self.read("a", f), self.read("b", f))
+            self.assertNotEqual(self.read("a", f), self.read("c", f))
+
+    def test_truth(self):
+        """A given truth comes back in truth.json; another seed, the same truth."""
+        self.write("truth.json", json.dumps({"parameters": {"joint/lift/offset": 0.02, "sensor/tracker/pose": [0.01, 0, 0, 0, 0.02, 0]}}))
+        self.assertEqual(self.simulate("sim", "--truth", "truth.json").code, 0)
+        truth = {k: v["true"] for k, v in strict_json(self.read("sim", "truth.json"))["parameters"].items()}
+        given = {"joint/lift/offset": 0.02, "sensor/tracker/pose.x": 0.01, "sensor/tracker/pose.ry": 0.02}
+        for name in set(truth) | set(given):
+            self.assertAlmostEqual(truth.get(name, 0.0), given.get(name, 0.0), delta=1e-14, msg=name)
+        self.assertEqual(self.simulate("again", "--truth", "sim/truth.json").code, 0)
+        a, b = ([float(x) for x in re.findall(r"-?\d+\.\d+(?:e[-+]\d+)?", self.read(d, "samples.jsonl"))] for d in ("sim", "again"))
+        self.assertEqual(len(a), len(b))
+        self.assertLess(max(abs(x - y) for x, y in zip(a, b)), 1e-9)
+
+    def test_postures(self):
+        self.write("postures.jsonl", '{"id": "p0", "joints": {"turn": 0.1, "lift": 0.2, "slide": 0.3}, "views": [{"sensor": "tracker", "target": "reflectors"}]}\n'
+                                     '{"id": "p1", "joints": {"turn": 0.5, "lift": -0.2, "slide": 0.1}, "views": [{"sensor": "mocap", "target": "plate"}]}\n')
+        run = self.simulate("sim", "--postures", "postures.jsonl", samples="2")
+        self.assertEqual(run.code, 0, run.err)
+        samples = [strict_json(x) for x in self.read("sim", "samples.jsonl").splitlines()]
+        self.assertEqual([[v["sensor"] for v in s["views"]] for s in samples], [["tracker"], ["mocap"]])
+        self.assertAlmostEqual(samples[0]["joints"]["turn"], 0.1, delta=0.004)
+
+    def test_wrong(self):
+        for args, words in ((["--spread", "joint/lift/ofset=0.01"], ["joint/lift/ofset", "nearest", "joint/lift/offset"]), (["--spread", "joint/lift/offset=x"], ["--spread", "joint/lift/offset=x"]),
+                            (["--spread", "joint/lift/offset"], ["--spread", "joint/lift/offset"]), (["--spread", "joint/lift/offset=-1"], ["joint/lift/offset"]),
+                            (["--truth", "none.json"], ["none.json"]), (["--truth", "rig.yaml"], ["rig.yaml:1"]), (["--postures", "none.jsonl"], ["none.jsonl"]),
+                            (["--truth", "rig.yaml", "--spread", "joint/lift/offset=1"], ["--spread", "--truth"])):
+            with self.subTest(args=args):
+                self.fails(self.simulate("sim", *args), *words)
+        for args in (dict(samples="0"), dict(samples="-3"), dict(samples="x"), dict(seed="x"), dict(seed="-1")):
+            with self.subTest(args=args):
+                run = self.simulate("sim", *self.spread, **args)
+                shutil.rmtree(self.path("sim"), ignore_errors=True)
+                self.fails(run)
+        self.extra = {"sim"}
+        self.assertEqual(self.simulate("sim", *self.spread).code, 0)
+        before = self.read("sim", "samples.jsonl")
+        self.fails(self.simulate("sim", *self.spread, seed="2"), "sim", "--force")
+        self.assertEqual(self.read("sim", "samples.jsonl"), before)
+
+
 class SameEverywhere(Case):
     def stripped(self, directory):
         r = self.result(directory)
@@ -1342,12 +1420,12 @@ class SameEverywhere(Case):
             self.assertEqual(self.stripped("a"), self.stripped("b%d" % i))
 
     def test_order_of_residuals(self):
-        """residuals.csv goes through samples, views and points as the input does."""
+        """residuals.csv goes through samples, views and points as the input does, training before held out."""
         self.assertEqual(self.calibrate().code, 0)
         with open(self.path("out", "residuals.csv"), newline="") as f:
             rows = [(x["sample"], x["sensor"]) for x in csv.DictReader(f)]
         ids = [x for i, x in enumerate(rows) if i == 0 or x != rows[i - 1]]
-        self.assertEqual(ids, [(s["id"], v["sensor"]) for s in make_samples() for v in s["views"]])
+        self.assertEqual(ids, [(s["id"], v["sensor"]) for split in ("train", "test") for s in make_samples() if s.get("split", "train") == split for v in s["views"]])
 
     def test_order_of_samples(self):
         """Another order of the lines: the same optimum."""
@@ -1391,6 +1469,33 @@ class NoNoise(Case):
                 tracker = mul(frame([0.5, -2.0, 0.3], [0, 0, 1.2]), twist(TRUTH["tracker"]))
                 pose = r["parameters"]["sensor/tracker/pose"]["pose"]
                 self.assertLess(distance(tracker, from_quaternion(pose["xyz"], pose["quat"])), 1e-7)
+
+    def single_point_in_the_hand(self, rig):
+        """An eye on the base sees one lamp in the hand in 30 postures: its pose is wanted, everything else is exact and known."""
+        rng = random.Random(9)
+        joints = read_joints(URDF)
+        eye = mul(frame([2.5, 0.3, 0.9], [-1.5707963, 0, 1.5707963]), twist([0, 0, 0, 0.1, -0.05, 0.02]))
+        samples = []
+        while len(samples) < 30:
+            q = {"turn": rng.uniform(-0.5, 0.5), "lift": rng.uniform(-1, 0.5), "slide": rng.uniform(0, 0.4)}
+            p = move(mul(inverse(eye), link_pose(joints, "tool", q)), [0, 0, 0.05])
+            samples.append({"id": "s%d" % len(samples), "joints": q, "views": [{"sensor": "eye", "target": "lamp", "pixels": [[500 * p[0] / p[2] + 320, 500 * p[1] / p[2] + 240]]}]})
+            self.assertGreater(p[2], 0.3)
+        self.write("samples.jsonl", lines(samples))
+        head, tail = RIG[:RIG.index("targets:")], RIG[RIG.index("  eye:"):RIG.index("estimate:")]
+        head += "targets:\n  lamp: {type: points, points: [[0, 0, 0.05]], mount: {link: tool}}\nsensors:\n"
+        self.write("rig.yaml", head.replace("0.0005", "0").replace("0.0002", "0") + rig(tail) + "estimate:\n  - {step: eye, free: [sensor/eye/pose]}\n")
+        run = self.calibrate()
+        self.assertEqual(run.code, 0, run.err)
+        pose = self.result()["parameters"]["sensor/eye/pose"]["pose"]
+        self.assertLess(distance(eye, from_quaternion(pose["xyz"], pose["quat"])), 1e-6)
+
+    def test_camera_by_single_points(self):
+        self.single_point_in_the_hand(lambda tail: re.sub(r"pose: .*", "pose: {xyz: [2.4, 0.2, 1], rpy: [-1.5, 0, 1.5]}", tail))
+
+    def test_unknown_camera_by_single_points(self):
+        """The pose absent: a closed form over all samples (formats, "Starting values")."""
+        self.single_point_in_the_hand(lambda tail: re.sub(r"    pose: .*\n", "", tail))
 
 
 if __name__ == "__main__":

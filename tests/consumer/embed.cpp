@@ -1,0 +1,36 @@
+// kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml samples.jsonl
+#include <kincal/io/rig_file.h>
+#include <kincal/models/calibration.h>
+
+#include <cstdio>
+#include <exception>
+
+int main(int argc, char** argv) {
+  if (argc != 3) {
+    std::fprintf(stderr, "usage: embed rig.yaml samples.jsonl\n");
+    return 1;
+  }
+  try {
+    const kincal::RigFile file = kincal::read_rig(argv[1]);
+    kincal::Calibration calibration(file.rig, kincal::read_samples(argv[2], file.rig));
+
+    kincal::CalibrationOptions options;
+    options.progress = [](const std::string&, int iteration, double, double) { return iteration < 100; };  // false cancels
+    const std::optional<kincal::CalibrationResult> result = calibration.run(options);
+    if (!result) {
+      std::printf("cancelled\n");
+      return 1;
+    }
+    std::printf("chi2 %.17g dof %ld\n", result->chi2, result->dof);
+    for (const kincal::ParameterEstimate& p : result->parameters)
+      for (size_t i = 0; i < p.value.size(); ++i)
+        std::printf("parameter %s%s%s %.17g %.17g\n", p.name.c_str(), p.components[i].empty() ? "" : ".", p.components[i].c_str(), p.value[i], p.sigma[i]);
+    for (const kincal::SensorResult& s : result->sensors)
+      std::printf("sensor %s %.17g %s, held out %.17g\n", s.name.c_str(), s.train.rms, s.unit.c_str(), s.test.rms);
+    for (const kincal::Warning& w : result->warnings) std::printf("warning %s: %s\n", w.id.c_str(), w.text.c_str());
+    return result->status == kincal::Status::converged ? 0 : 1;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+}
