@@ -1,6 +1,7 @@
 // The command line: arguments, progress, exit codes. Everything else is in the libraries.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <fstream>
@@ -39,11 +40,15 @@ InputError with_nearest(const NameError& error, const Calibration& calibration) 
   return InputError(error.what() + nearest_names(error.name, calibration.table().names()));
 }
 
-Calibration make_calibration(const Rig& rig, const std::vector<Sample>& samples) {
+Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
+  const std::vector<Sample> samples = read_samples(samples_path, rig_file.rig);
   try {
-    return Calibration(rig, samples);
+    return Calibration(rig_file.rig, samples);
   } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig).names()));
+    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig_file.rig).names()));
+  } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
+    const std::string what = error.what();
+    throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
   }
 }
 
@@ -60,7 +65,10 @@ int calibrate(const CalibrateArguments& a, const std::string& command) {
     check_output(a.out, a.force);
   }
   const RigFile rig_file = read_rig(a.rig);
-  Calibration calibration = make_calibration(rig_file.rig, read_samples(a.samples, rig_file.rig));
+  if (rig_file.rig.steps.empty()) throw InputError(a.rig + ": estimate: there are no steps: nothing is to be calibrated");
+  Calibration calibration = make_calibration(rig_file, a.samples);
+  if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
+    throw InputError(a.samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
   for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   CalibrationOptions options;
   options.noise = kNoiseModes.at(a.noise);
@@ -112,7 +120,7 @@ struct EvaluateArguments {
 
 int evaluate(const EvaluateArguments& a) {
   const RigFile rig_file = read_rig(a.rig, a.urdf);
-  const Calibration calibration = make_calibration(rig_file.rig, read_samples(a.samples, rig_file.rig));
+  const Calibration calibration = make_calibration(rig_file, a.samples);
   try {
     const Evaluation evaluation = calibration.evaluate(kNoiseModes.at(a.noise), a.free);
     if (a.json) {
@@ -262,7 +270,7 @@ int main(int argc, char** argv) {
   CLI::App* simulate_command = app.add_subcommand("simulate", "Make samples with known truth and noise from a rig: the way to try out a set-up");
   simulate_command->add_option("RIG", s.rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")->required();
   simulate_command->add_option("--samples", s.samples, "how many samples")->required()->check(CLI::Range(1, 1000000));
-  simulate_command->add_option("--seed", s.seed, "the same seed makes the same samples")->required();
+  simulate_command->add_option("--seed", s.seed, "the same seed makes the same samples")->required()->check(CLI::Range(0LL, 1LL << 62));
   simulate_command->add_option("--out", s.out, "new directory for samples.jsonl and truth.json")->required();
   CLI::Option* truth_option = simulate_command->add_option("--truth", s.truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
   simulate_command->add_option("--spread", s.spread, "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
@@ -270,6 +278,8 @@ int main(int argc, char** argv) {
       ->excludes(truth_option);
   simulate_command->add_option("--postures", s.postures, "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");
   simulate_command->add_flag("--force", s.force, "replace an existing simulation");
+
+  for (CLI::App* sub : app.get_subcommands({})) sub->set_version_flag("--version", "kincal " KINCAL_VERSION);
 
   std::string command;
   for (int i = 0; i < argc; ++i) command += (i ? " " : "") + std::string(argv[i]);
@@ -281,10 +291,10 @@ int main(int argc, char** argv) {
     if (*apply_command) return apply(p);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    if (argc > 1 && argv[1][0] != '-' && app.get_subcommands().empty()) {
-      const std::vector<std::string> known = {"calibrate", "evaluate", "simulate", "apply"};
-      std::fprintf(stderr, "kincal: error: there is no command '%s'%s; known: calibrate, evaluate, simulate, apply\n", argv[1],
-                   nearest_names(argv[1], known).c_str());
+    if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
+      const std::string what = argc == 1 ? "a command is required" : "there is no command '" + std::string(argv[1]) + "'" +
+                                                                         nearest_names(argv[1], {"calibrate", "evaluate", "simulate", "apply"});
+      std::fprintf(stderr, "kincal: error: %s; known: calibrate, evaluate, simulate, apply. `kincal --help` says more\n", what.c_str());
       return kBadInput;
     }
     std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", error.what(),

@@ -89,6 +89,16 @@ struct RobotModel {
   std::vector<double> offsets;
 };
 
+/// What else than its origin makes a joint what it is: type, axis and mimic, as one text to compare.
+std::string motion_text(const Tree& tree, const Joint& joint) {
+  static const char* const types[] = {"fixed", "revolute", "continuous", "prismatic", "floating", "planar"};
+  std::string out = types[static_cast<int>(joint.type)];
+  if (joint.moves()) out += " " + shortest(joint.axis.x()) + " " + shortest(joint.axis.y()) + " " + shortest(joint.axis.z());
+  if (joint.mimic)
+    out += " mimics " + tree.joints[joint.mimic->master].name + " times " + shortest(joint.mimic->multiplier) + " plus " + shortest(joint.mimic->offset);
+  return out;
+}
+
 RobotModel robot_model(const Calibration& calibration, const VectorXd& values) {
   const ParameterTable& table = calibration.table();
   RobotModel out;
@@ -218,6 +228,13 @@ std::string list_of(std::string text) {  // "1 2 3" -> "[1, 2, 3]"
   return out + "]";
 }
 
+/// Without slashes at the end, which would make a name its own parent.
+std::string plain_name(const std::string& directory) {
+  std::string name = fs::path(directory).lexically_normal().string();
+  while (name.size() > 1 && name.back() == '/') name.pop_back();
+  return name;
+}
+
 void write_whole(const fs::path& path, const std::string& text) {
   std::ofstream file(path, std::ios::binary);
   file.write(text.data(), static_cast<std::streamsize>(text.size()));
@@ -280,6 +297,7 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     out.changes_yaml += "  " + key + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) + "}\n    new: {xyz: " +
                         list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
     robot[joint.name] = {{"offset", model.offsets[c.first]},
+                         {"motion", motion_text(rig.tree, joint)},
                          {"old", exact_pose(joint.parent_T_joint)},
                          {"new", exact_pose(c.second)}};
   }
@@ -337,7 +355,9 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   json["unobservable"] = directions(result.unobservable);
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
-  json["robot"] = {{"joints", robot}, {"reductions", Json::object()}};
+  json["robot"] = {{"joints", robot}, {"mimics", Json::object()}, {"reductions", Json::object()}};
+  for (const Joint& joint : rig.tree.joints)
+    if (joint.moves() && joint.mimic) json["robot"]["mimics"][joint.name] = motion_text(rig.tree, joint);
   for (const Reduction& r : out.reductions)
     json["robot"]["reductions"][r.joint] = {{"scale", r.scale}, {"old", r.before}, {"new", r.after}, {"written", options.write_reduction}};
   out.result_json = json.dump(1) + "\n";
@@ -348,8 +368,10 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
 }
 
 void check_output(const std::string& directory, bool force) {
+  static const std::vector<std::string> ours = {"robot.urdf", "rig.yaml", "result.json", "changes.yaml", "covariance.csv", "residuals.csv",
+                                                "report.html", "samples.jsonl", "truth.json"};
   std::error_code error;
-  const fs::path path(directory);
+  const fs::path path(plain_name(directory));
   if (!fs::exists(path, error)) {
     const fs::path parent = fs::absolute(path, error).lexically_normal().parent_path();
     if (!parent.empty() && !fs::is_directory(parent, error)) throw InputError(directory + ": the folder " + parent.string() + " does not exist");
@@ -357,8 +379,9 @@ void check_output(const std::string& directory, bool force) {
   }
   if (!force) throw InputError(directory + ": exists already; --force replaces a result, another --out keeps it");
   if (!fs::is_directory(path, error)) throw InputError(directory + ": is not a directory");
-  if (!fs::is_empty(path, error) && !fs::exists(path / "result.json", error) && !fs::exists(path / "samples.jsonl", error))
-    throw InputError(directory + ": holds other files than results of kincal: --force does not replace it");
+  for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
+    if (std::find(ours.begin(), ours.end(), entry.path().filename().string()) == ours.end())
+      throw InputError(directory + ": --force would delete " + entry.path().filename().string() + ", which is no file of kincal's: move it away or choose another --out");
 }
 
 bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)()) {
@@ -372,8 +395,7 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
 }
 
 bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force, bool (*go_on)()) {
-  std::string name = fs::path(directory).lexically_normal().string();
-  while (name.size() > 1 && name.back() == '/') name.pop_back();
+  const std::string name = plain_name(directory);
   const fs::path target(name), work(name + ".writing-" + std::to_string(getpid())), old(name + ".replaced-" + std::to_string(getpid()));
   std::error_code error, ignored;
   try {
@@ -439,6 +461,14 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
   std::vector<Pose> origins;
   std::vector<double> offsets(urdf.tree.joints.size(), 0.0);
   for (const Joint& j : urdf.tree.joints) origins.push_back(j.parent_T_joint);
+  for (size_t i = 0; i < all["robot"]["mimics"].size(); ++i) {  // followers of a changed joint must be followers here too
+    const std::string& name = all["robot"]["mimics"].node->members[i].first;
+    const int j = urdf.tree.find_joint(name);
+    const std::string motion = j < 0 ? "absent" : motion_text(urdf.tree, urdf.tree.joints[j]);
+    if (motion != all["robot"]["mimics"][name].string())
+      throw InputError(urdf.path + ": joint '" + name + "' is not that of the calibrated robot: it is " + motion + ", there it is " +
+                       all["robot"]["mimics"][name].string());
+  }
   size_t held = 0;
   std::vector<std::string> names;
   for (const Joint& j : urdf.tree.joints) names.push_back(j.name);
@@ -447,6 +477,10 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
     const Field entry = joints[name];
     const int j = urdf.tree.find_joint(name);
     if (j < 0) throw InputError(urdf.path + ": has no joint '" + name + "', which the result changes" + nearest_names(name, names));
+    const std::string motion = motion_text(urdf.tree, urdf.tree.joints[j]);
+    if (motion != entry["motion"].string())
+      throw InputError(urdf.path + ": joint '" + name + "' is not that of the calibrated robot: it is " + motion + ", there it is " +
+                       entry["motion"].string());
     const Pose before = read_exact_pose(entry["old"]), after = read_exact_pose(entry["new"]);
     const double to_old = apart(urdf.tree.joints[j].parent_T_joint, before), to_new = apart(urdf.tree.joints[j].parent_T_joint, after);
     if (to_new <= kSame && to_new < to_old) {

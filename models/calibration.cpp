@@ -274,8 +274,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       for (const View& v : sample.views)
         if (std::count(step.sensors.begin(), step.sensors.end(), v.sensor))
           views += (views.empty() ? "'" : ", '") + rig_.sensors[v.sensor].name + "' of '" + rig_.targets[v.target].name + "'";
-      throw std::runtime_error("step '" + step.name + "': in sample '" + sample.id + "' a point lies behind a camera at the start; its views: " +
-                               views + ". Check poses, joint readings and the camera's link");
+      throw std::runtime_error("step '" + step.name + "': in sample '" + sample.id + "' a residual is undefined at the start: a point lies behind a camera, or a number is not finite. Its views: " +
+                               views + ". Check poses, joint readings and the sensor's link");
     }
     problem.unpack(state, result.values);
     problem.renew(state);
@@ -307,6 +307,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         estimate->name = parameter.name;
         estimate->components = parameter.components;
         estimate->units = parameter.units;
+        estimate->freed.assign(parameter.size(), 0);
       }
       if (column == 0 || problem.columns()[column - 1].first != p) {
         estimate->step = step.name;
@@ -316,6 +317,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
           if (prior.parameter == p) estimate->prior[prior.component] = prior.sigma;
       }
       const Eigen::Index c = static_cast<Eigen::Index>(column);
+      estimate->freed[component] = 1;
       estimate->sigma[component] = observability.unobservable[column] ? kNan : std::sqrt(std::max(0.0, observability.covariance(c, c)));
     }
     const bool last = i + 1 == steps.size();
@@ -340,6 +342,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         const Vector6d xi = log_se3(inverse(get_pose(table_.initial, parameter.start)) * get_pose(v, parameter.start));
         e.initial.assign(6, 0.0);
         e.value.assign(xi.data(), xi.data() + 6);
+        for (int c = 0; c < 6; ++c)
+          if (!e.freed[c]) e.value[c] = 0;  // exactly: log and exp leave 1e-19
         e.pose = get_pose(v, parameter.start);
       } else {
         e.initial.assign(table_.initial.data() + parameter.start, table_.initial.data() + parameter.start + parameter.size());

@@ -66,6 +66,7 @@ struct ParameterEstimate {
   std::vector<std::string> components, units;
   std::vector<double> initial, value;
   std::vector<double> sigma;             // NaN: unobservable; 0: held
+  std::vector<char> freed;               // components that some step freed
   std::vector<double> prior;             // sigmas of the last step's priors, 0: none
   std::string step;                      // the last that freed it
   std::optional<Pose> pose;              // absolute, of poses

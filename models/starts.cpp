@@ -29,6 +29,12 @@ std::vector<int> view_ids(const View& view, const Target& target) {
   return ids;
 }
 
+Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
+  Matrix3Xd out(3, static_cast<Eigen::Index>(points.size()));
+  for (size_t i = 0; i < points.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points[i];
+  return out;
+}
+
 Matrix3Xd select_columns(const Matrix3Xd& points, const std::vector<int>& ids) {
   Matrix3Xd out(3, static_cast<Eigen::Index>(ids.size()));
   for (size_t i = 0; i < ids.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points.col(ids[i]);
@@ -133,6 +139,70 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   return out;
 }
 
+/// Directions of a view's pixels that could be found, and the places of their points in the view.
+Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count, std::vector<int>& keep) {
+  Matrix3Xd xy1(3, count);
+  const int block = table.sensor_block[view.sensor];
+  const std::vector<bool> good =
+      directions(rig.sensors[view.sensor], block >= 0 ? values.data() + table.all[block].start : nullptr, view, count, xy1);
+  keep.clear();
+  for (int i = 0; i < count; ++i)
+    if (good[i]) keep.push_back(i);
+  return select_columns(xy1, keep);
+}
+
+/// Pose of one camera from points and directions of many views together: of perspective_poses() that with the least angles.
+/// False if they do not determine it.
+bool pose_from_directions(const Matrix3Xd& points, const Matrix3Xd& xy1, Pose& camera_T_frame) {
+  if (points.cols() < 4 || on_a_line(points)) return false;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Pose& pose : perspective_poses(points, xy1)) {
+    double sum = 0;
+    for (Eigen::Index i = 0; i < points.cols(); ++i)
+      sum += ((pose * Vector3d(points.col(i))).normalized() - xy1.col(i).normalized()).norm();
+    if (sum < least) least = sum, camera_T_frame = pose;
+  }
+  return std::isfinite(least);
+}
+
+/// Pose frame_T_target of points p seen along rays o + s d, all in the frame:  d x (R p + t) = d x o, linear in R and t. Coordinates
+/// along the points' principal axes; of a plane the third column of R is the cross product. False if the rays do not determine it.
+bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, Pose& frame_T_target) {
+  const Eigen::Index n = p.cols();
+  if (n < 4 || on_a_line(p)) return false;
+  const Vector3d mean = p.rowwise().mean();
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(p.colwise() - mean, Eigen::ComputeFullU);
+  Matrix3d axes = svd.matrixU();
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  const Matrix3Xd q = axes.transpose() * (p.colwise() - mean);
+  const int k = svd.singularValues()(2) <= 1e-6 * svd.singularValues()(0) ? 2 : 3;
+  Eigen::MatrixXd a(3 * n, 3 * k + 3);
+  VectorXd right(3 * n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Matrix3d cross = skew(d.col(i));
+    for (int c = 0; c < k; ++c) a.block<3, 3>(3 * i, 3 * c) = q(c, i) * cross;
+    a.block<3, 3>(3 * i, 3 * k) = cross;
+    right.segment<3>(3 * i) = cross * o.col(i);
+  }
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(a);
+  qr.setThreshold(1e-6);
+  if (qr.rank() < a.cols()) return false;
+  const VectorXd x = qr.solve(right);
+  Matrix3d r;
+  r.col(0) = x.segment<3>(0);
+  r.col(1) = x.segment<3>(3);
+  if (k == 3)
+    r.col(2) = x.segment<3>(6);
+  else
+    r.col(2) = r.col(0).cross(r.col(1)) / std::max(r.col(0).norm(), 1e-12);
+  r = nearest_rotation(r);
+  for (Eigen::Index i = 0; i < n; ++i) right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
+  const Vector3d t = a.rightCols<3>().colPivHouseholderQr().solve(right);
+  frame_T_target.rotation = r * axes.transpose();
+  frame_T_target.translation = t - frame_T_target.rotation * mean;
+  return true;
+}
+
 /// What one view says of sensor_T_target, by itself; nothing for chains' and scanners' views.
 std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
@@ -150,14 +220,9 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
     case Sight::chain: return {Pose()};
     case Sight::points: return {fit_points(points, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, n))};
     case Sight::rays: {
-      Matrix3Xd xy1(3, n);
-      const int block = table.sensor_block[view.sensor];
-      const std::vector<bool> good =
-          directions(sensor, block >= 0 ? values.data() + table.all[block].start : nullptr, view, static_cast<int>(n), xy1);
       std::vector<int> keep;
-      for (int i = 0; i < n; ++i)
-        if (good[i]) keep.push_back(i);
-      return perspective_poses(select_columns(points, keep), select_columns(xy1, keep));
+      const Matrix3Xd xy1 = seen_directions(rig, table, values, view, static_cast<int>(n), keep);
+      return perspective_poses(select_columns(points, keep), xy1);
     }
     default: return {};
   }
@@ -442,13 +507,25 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
     for (int parameter : open) {
       std::vector<Pose> poses;
       std::vector<Vector3d> from, to;  // the unknown pose takes `from` to `to`
+      std::vector<Vector3d> ray_points, ray_origins, ray_directions;  // where single views have no pose: points, and rays that they lie on
       for (const Seen& s : seen) {
         const View& v = *s.view;
         const Sensor& sensor = rig.sensors[v.sensor];
         const bool scan = sensor.model->sight() == Sight::scan;
         const Matrix3Xd points = select_columns(target_points(rig, table, values.shared, v.target), view_ids(v, rig.targets[v.target]));
+        const auto rays_of = [&](const Pose& frame_T_points, const Pose& frame_T_sensor) {
+          std::vector<int> keep;
+          const Matrix3Xd xy1 = seen_directions(rig, table, values.shared, v, static_cast<int>(points.cols()), keep);
+          for (size_t i = 0; i < keep.size(); ++i) {
+            ray_points.push_back(frame_T_points * Vector3d(points.col(keep[i])));
+            ray_origins.push_back(frame_T_sensor.translation);
+            ray_directions.push_back(frame_T_sensor.rotation * xy1.col(static_cast<Eigen::Index>(i)));
+          }
+        };
+        const bool lone_rays = sensor.model->sight() == Sight::rays && !s.pose;
         if (table.sensor_pose[v.sensor] == parameter && hub.count({s.sample, v.target})) {
           const Pose g = hub[{s.sample, v.target}];
+          if (lone_rays) rays_of(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g, Pose());
           if (s.pose) poses.push_back(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g * inverse(s.sensor_T_target));
           if (scan || sensor.model->sight() == Sight::points)
             for (Eigen::Index i = 0; i < points.cols(); ++i) {
@@ -461,6 +538,9 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
         }
         if (table.target_pose[v.target] == parameter && known[table.sensor_pose[v.sensor]]) {
           const Pose target_link = base_T_link(rig, table, values.shared, all[s.sample], rig.targets[v.target].link);
+          if (lone_rays)
+            rays_of(Pose(), inverse(target_link) * base_T_link(rig, table, values.shared, all[s.sample], sensor.link) *
+                                get_pose(values.shared, start_of(table.sensor_pose[v.sensor])));
           if (scan || sensor.model->sight() == Sight::points) {
             Matrix3Xd in_base;
             if (scan) {
@@ -481,8 +561,14 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
           }
         }
       }
-      Matrix3Xd a(3, static_cast<Eigen::Index>(from.size())), b(3, static_cast<Eigen::Index>(from.size()));
-      for (size_t i = 0; i < from.size(); ++i) a.col(static_cast<Eigen::Index>(i)) = from[i], b.col(static_cast<Eigen::Index>(i)) = to[i];
+      if (poses.empty() && from.empty() && !ray_points.empty()) {
+        const bool is_sensor = std::count(table.sensor_pose.begin(), table.sensor_pose.end(), parameter) > 0;
+        Pose found;
+        if (is_sensor && pose_from_directions(columns_of(ray_points), columns_of(ray_directions), found)) poses.push_back(inverse(found));
+        if (!is_sensor && pose_from_rays(columns_of(ray_points), columns_of(ray_origins), columns_of(ray_directions), found))
+          poses.push_back(found);
+      }
+      const Matrix3Xd a = columns_of(from), b = columns_of(to);
       const bool by_points = !from.empty() && !on_a_line(a);
       const size_t weight = std::max(poses.size() * 4, by_points ? from.size() : size_t(0));
       if (weight <= most) continue;

@@ -2,7 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <stdexcept>
+#include <new>
 
 #ifdef KINCAL_CHOLMOD
 #include <cholmod.h>
@@ -34,10 +34,12 @@ struct ReducedSystem::Sparse {
     matrix.i = row.data();
     matrix.stype = -1;
     matrix.itype = CHOLMOD_INT;
-    matrix.xtype = CHOLMOD_REAL;
+    matrix.xtype = CHOLMOD_PATTERN;  // no numbers yet
     matrix.dtype = CHOLMOD_DOUBLE;
     matrix.sorted = matrix.packed = 1;
     factor = cholmod_analyze(&matrix, &common);
+    if (!factor) throw std::bad_alloc();
+    matrix.xtype = CHOLMOD_REAL;
   }
   ~Sparse() {
     cholmod_free_dense(&x, &common);

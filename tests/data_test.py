@@ -19,6 +19,7 @@ import sys
 import tempfile
 import unittest
 
+sys.dont_write_bytecode = True
 import cli_test
 from cli_test import distance, frame, from_quaternion, inverse, link_pose, log_rotation, move, mul, quaternion, read_joints, strict_json, twist
 

@@ -49,8 +49,8 @@ struct Scene {
   }
 
   /// What every sensor sees, in `mode`, with all of `free` that has an influence.
-  std::unique_ptr<Estimation> problem(NoiseMode mode, const std::vector<int>& sensors, const std::vector<Freed>& free, const Loss& loss = {},
-                                      const std::vector<Prior>& priors = {}) const {
+  std::unique_ptr<Estimation> problem(NoiseMode mode, const std::vector<int>& sensors, const std::vector<Freed>& free,
+                                      const Loss& loss = {}, const std::vector<Prior>& priors = {}) const {
     EstimationSetup setup;
     setup.noise = mode;
     setup.loss = loss;
@@ -134,11 +134,16 @@ Eigen::Index block_rows(const Rig& rig, const ViewResiduals& v, NoiseMode mode) 
 double rho(const Loss& loss, double s) {
   const double c2 = loss.scale * loss.scale, z = s / c2;
   switch (loss.kind) {
-    case LossKind::none: return s;
-    case LossKind::huber: return c2 * (z <= 1 ? z : 2 * std::sqrt(z) - 1);
-    case LossKind::soft_l1: return c2 * 2 * (std::sqrt(1 + z) - 1);
-    case LossKind::cauchy: return c2 * std::log(1 + z);
-    case LossKind::tukey: return c2 * (z <= 1 ? (1 - std::pow(1 - z, 3)) / 3 : 1.0 / 3);
+    case LossKind::none:
+      return s;
+    case LossKind::huber:
+      return c2 * (z <= 1 ? z : 2 * std::sqrt(z) - 1);
+    case LossKind::soft_l1:
+      return c2 * 2 * (std::sqrt(1 + z) - 1);
+    case LossKind::cauchy:
+      return c2 * std::log(1 + z);
+    case LossKind::tukey:
+      return c2 * (z <= 1 ? (1 - std::pow(1 - z, 3)) / 3 : 1.0 / 3);
   }
   return 0;
 }
@@ -305,7 +310,8 @@ void check_views(const Scene& s, Estimation& problem, NoiseMode mode) {
     MatrixXd r_column;
     REQUIRE(problem.explicit_rows(group, state, r_column));
     whitened.rightCols(1) = r_column.rightCols(1).middleRows(row - (group_end - group_rows[group]), n);
-    CHECK(std::abs(v.whitened.squaredNorm() - expected(expected.rows() - 1, expected.rows() - 1)) < 1e-7 * expected(expected.rows() - 1, expected.rows() - 1));
+    CHECK(std::abs(v.whitened.squaredNorm() - expected(expected.rows() - 1, expected.rows() - 1)) <
+          1e-7 * expected(expected.rows() - 1, expected.rows() - 1));
     CHECK(scaled_difference(whitened.transpose() * whitened, expected, expected.diagonal().array() + 1e-6) < 2e-6);
     raw_row += n;
     row += n;
@@ -446,10 +452,11 @@ double middling(const Scene& s, const Estimation& problem, const VectorXd& state
 }  // namespace
 
 TEST_CASE("estimation: residuals, whitening and every derivative, everything freed whole") {
+  const Scene s(4, 5);
   for (const NoiseMode mode : kModes) {
-    const auto problem = scene().problem(mode, all_sensors(scene().rig), scene().whole());
+    const auto problem = s.problem(mode, all_sensors(s.rig), s.whole());
     problem->set_workers(1);
-    check_views(scene(), *problem, mode);
+    check_views(s, *problem, mode);
   }
 }
 
@@ -553,7 +560,8 @@ TEST_CASE("estimation: groups, names and states") {
   const Scene& s = scene();
   const std::vector<Freed> free = freed(s.table, {"joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose", "target/marks/points.1.y"});
   const int prior = s.table.joint_offset[joint_index(s.rig, "pan")];
-  const auto problem = s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {}, {{prior, 0, 0.1}});
+  const auto problem =
+      s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {}, {{prior, 0, 0.1}});
   REQUIRE(problem->shared_size() == 9);
   CHECK_FALSE(problem->empty());
   std::set<std::string> names;
@@ -562,8 +570,9 @@ TEST_CASE("estimation: groups, names and states") {
     const auto [parameter, component] = problem->columns()[c];
     CHECK(problem->column_name(c) == s.table.all[parameter].component_name(component));
   }
-  CHECK(names == std::set<std::string>{"joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose.x", "sensor/bc5/pose.y", "sensor/bc5/pose.z",
-                                       "sensor/bc5/pose.rx", "sensor/bc5/pose.ry", "sensor/bc5/pose.rz", "target/marks/points.1.y"});
+  CHECK(names == std::set<std::string>{"joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose.x", "sensor/bc5/pose.y",
+                                       "sensor/bc5/pose.z", "sensor/bc5/pose.rx", "sensor/bc5/pose.ry", "sensor/bc5/pose.rz",
+                                       "target/marks/points.1.y"});
   // One group a sample, and one of priors.
   REQUIRE(problem->groups().size() == s.samples.size() + 1);
   for (size_t g = 0; g < s.samples.size(); ++g) {
@@ -673,11 +682,13 @@ TEST_CASE("estimation: covariances are held until they are renewed") {
     int sensor;
     NoiseMode mode;
     bool renews;
-  } cases[] = {{laser, NoiseMode::none, true},   {laser, NoiseMode::latent, true}, {pin, NoiseMode::none, false}, {pin, NoiseMode::latent, false},
-               {pin, NoiseMode::marginal, true}, {pin, NoiseMode::point, true},    {grip, NoiseMode::latent, false}};
+  } cases[] = {{laser, NoiseMode::none, true},  {laser, NoiseMode::latent, true}, {pin, NoiseMode::none, false},
+               {pin, NoiseMode::latent, false}, {pin, NoiseMode::marginal, true}, {pin, NoiseMode::point, true},
+               {grip, NoiseMode::latent, false}};
   for (const auto& c : cases) {
     INFO(s.rig.sensors[c.sensor].name << ", " << mode_name(c.mode));
-    const auto problem = s.problem(c.mode, {c.sensor}, freed(s.table, {"joint/scan/scale", "joint/nod/origin", "joint/elbow/offset", "joint/wrist/origin"}));
+    const auto problem =
+        s.problem(c.mode, {c.sensor}, freed(s.table, {"joint/scan/scale", "joint/nod/origin", "joint/elbow/offset", "joint/wrist/origin"}));
     problem->set_workers(1);
     const VectorXd state = problem->pack(s.values);
     CHECK(problem->renew(state) == c.renews);
@@ -735,8 +746,10 @@ TEST_CASE("estimation: poses move on their surfaces") {
           const auto [index, component] = problem->columns()[c];
           if (index != static_cast<int>(p)) continue;
           is_free[component] = 1;
-          if (parameter.pose) delta(component) = step(c);
-          else CHECK(after.shared(parameter.start + component) == Approx(before.shared(parameter.start + component) + step(c)).margin(1e-15));
+          if (parameter.pose)
+            delta(component) = step(c);
+          else
+            CHECK(after.shared(parameter.start + component) == Approx(before.shared(parameter.start + component) + step(c)).margin(1e-15));
         }
         if (!parameter.pose) continue;
         const Isometry3d t0 = isometry(get_pose(s.table.initial, parameter.start)), a = isometry(get_pose(before.shared, parameter.start)),
@@ -767,15 +780,16 @@ TEST_CASE("estimation: poses move on their surfaces") {
 TEST_CASE("estimation: priors are Gaussians around the rig's values") {
   const Scene s(2, 41);
   Random random(42);
-  const std::vector<Freed> free =
-      freed(s.table, {"joint/pan/offset", "joint/eye/origin", "joint/tilt/origin.x", "joint/tilt/origin.ry", "sensor/bc5/intrinsics", "target/board/square"});
+  const std::vector<Freed> free = freed(s.table, {"joint/pan/offset", "joint/eye/origin", "joint/tilt/origin.x", "joint/tilt/origin.ry",
+                                                  "sensor/bc5/intrinsics", "target/board/square"});
   std::vector<Prior> priors;
   double sigma = 0.01;
   for (const Freed& f : free)
     for (const int c : f.components)
       if (s.table.all[f.parameter].name != "sensor/bc5/intrinsics" || c < 2) priors.push_back({f.parameter, c, sigma += 0.003});
   for (const LossKind loss : {LossKind::none, LossKind::cauchy}) {  // losses never act on priors
-    const auto problem = s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {loss, 0.1}, priors);
+    const auto problem =
+        s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {loss, 0.1}, priors);
     problem->set_workers(1);
     const VectorXd state = problem->pack(s.values);
     problem->renew(state);
@@ -795,7 +809,8 @@ TEST_CASE("estimation: priors are Gaussians around the rig's values") {
       const Parameter& parameter = s.table.all[p.parameter];
       double value = s.values.shared(parameter.start + p.component) - s.table.initial(parameter.start + p.component);
       if (parameter.pose)
-        value = log_se3(to_pose(isometry(get_pose(s.table.initial, parameter.start)).inverse() * isometry(get_pose(s.values.shared, parameter.start))))(p.component);
+        value = log_se3(to_pose(isometry(get_pose(s.table.initial, parameter.start)).inverse() *
+                                isometry(get_pose(s.values.shared, parameter.start))))(p.component);
       expected.push_back(value / p.sigma);
       sum += expected.back() * expected.back();
     }

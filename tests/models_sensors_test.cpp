@@ -73,30 +73,65 @@ std::vector<Number> numbers(const Stage& s, double step, Columns& c) {
   c.joint = s.scan ? c.pose + 13 : -1;
   c.total = c.pose + 30;
   for (int k = 0; k < 6; ++k) {
-    out.push_back({"pose " + std::to_string(k), c.pose + k, [&s, k](double h) {
+    out.push_back({"pose " + std::to_string(k), c.pose + k,
+                   [&s, k](double h) {
                      Stage m = s;
-                     if (m.scan) m.scan->behind_T_target = to_pose(turned(s.scan->behind_T_target, k, h));
-                     else m.pose = to_pose(turned(s.pose, k, h));
+                     if (m.scan)
+                       m.scan->behind_T_target = to_pose(turned(s.scan->behind_T_target, k, h));
+                     else
+                       m.pose = to_pose(turned(s.pose, k, h));
                      return m;
-                   }, step});
+                   },
+                   step});
     if (s.scan)
-      out.push_back({"sensor's side " + std::to_string(k), c.sensor_side + k, [&s, k](double h) {
+      out.push_back({"sensor's side " + std::to_string(k), c.sensor_side + k,
+                     [&s, k](double h) {
                        Stage m = s;
                        m.scan->sensor_T_before = to_pose(turned(s.scan->sensor_T_before, k, h));
                        return m;
-                     }, step});
+                     },
+                     step});
   }
   if (s.scan) {
-    out.push_back({"joint offset", c.joint, [&s](double h) { Stage m = s; m.scan->offset += h; return m; }, step});
-    out.push_back({"joint scale", c.joint + 1, [&s](double h) { Stage m = s; m.scan->scale += h; return m; }, step});
+    out.push_back({"joint offset", c.joint,
+                   [&s](double h) {
+                     Stage m = s;
+                     m.scan->offset += h;
+                     return m;
+                   },
+                   step});
+    out.push_back({"joint scale", c.joint + 1,
+                   [&s](double h) {
+                     Stage m = s;
+                     m.scan->scale += h;
+                     return m;
+                   },
+                   step});
   }
   for (size_t k = 0; k < s.parameters.size(); ++k)
     out.push_back({"parameter " + std::to_string(k), c.parameters + static_cast<int>(k),
-                   [&s, k](double h) { Stage m = s; m.parameters[k] += h; return m; }, 1e-3});
-  if (c.square >= 0) out.push_back({"square", c.square, [&s](double h) { Stage m = s; m.points += h * s.layout; return m; }, 1e-3});
+                   [&s, k](double h) {
+                     Stage m = s;
+                     m.parameters[k] += h;
+                     return m;
+                   },
+                   1e-3});
+  if (c.square >= 0)
+    out.push_back({"square", c.square,
+                   [&s](double h) {
+                     Stage m = s;
+                     m.points += h * s.layout;
+                     return m;
+                   },
+                   1e-3});
   for (Eigen::Index k = 0; shape && k < s.points.size(); ++k)
     out.push_back({"point " + std::to_string(k / 3) + "." + std::to_string(k % 3), c.points + static_cast<int>(k),
-                   [&s, k](double h) { Stage m = s; m.points.data()[k] += h; return m; }, step});
+                   [&s, k](double h) {
+                     Stage m = s;
+                     m.points.data()[k] += h;
+                     return m;
+                   },
+                   step});
   return out;
 }
 
@@ -201,8 +236,10 @@ Stage laser_stage(Random& random, bool prismatic, int direction) {
 Isometry3d far_T_sensor(const Scan& scan, double reading) {
   const double q = scan.direction * (scan.scale * reading + scan.offset);
   Isometry3d motion = Isometry3d::Identity();
-  if (scan.prismatic) motion = Eigen::Translation3d(q * scan.axis);
-  else motion = Eigen::AngleAxisd(q, scan.axis);
+  if (scan.prismatic)
+    motion = Eigen::Translation3d(q * scan.axis);
+  else
+    motion = Eigen::AngleAxisd(q, scan.axis);
   return (isometry(scan.sensor_T_before) * motion).inverse();
 }
 
@@ -273,7 +310,8 @@ TEST_CASE("cameras: parameters by name") {
   CHECK(blocks[2].name == "baseline");
   CHECK(blocks[2].units == std::vector<std::string>{"m"});
   CHECK(blocks[2].values == std::vector<double>{13});
-  CHECK(camera_parameters(Lens::kannala_brandt, {1, 2, 3, 4}, {5, 6, 7, 8}, 0)[1].components == std::vector<std::string>{"k1", "k2", "k3", "k4"});
+  CHECK(camera_parameters(Lens::kannala_brandt, {1, 2, 3, 4}, {5, 6, 7, 8}, 0)[1].components ==
+        std::vector<std::string>{"k1", "k2", "k3", "k4"});
   CHECK(camera_parameters(Lens::pinhole, {1, 2, 3, 4}, {}, 0).size() == 2);
 }
 
@@ -373,9 +411,9 @@ TEST_CASE("cameras: what is behind them is refused") {
     CHECK(defined({0.3, 0.2, 0.5}));
     CHECK(defined({0.3, 0.2, -0.5}) == fisheye);
     CHECK(defined({0.3, 0.2, 0}) == fisheye);
-    CHECK_FALSE(defined({camera.baseline, 0, -0.5}));                 // id 0 at the point opposite to +z
-    CHECK_FALSE(defined({camera.baseline, 0, 0}));                    // in the very centre
-    s.pose = {rpy(0, 1.2, 0), Vector3d(0, 0, 0.05)};                   // only the far column of the grid is behind
+    CHECK_FALSE(defined({camera.baseline, 0, -0.5}));  // id 0 at the point opposite to +z
+    CHECK_FALSE(defined({camera.baseline, 0, 0}));     // in the very centre
+    s.pose = {rpy(0, 1.2, 0), Vector3d(0, 0, 0.05)};   // only the far column of the grid is behind
     CHECK(s.model->evaluate(s.input(), Columns(), r.data(), nullptr) == fisheye);
   }
 }
@@ -388,11 +426,15 @@ TEST_CASE("point: value and derivatives") {
   set_grid(s);
   for (int i = 0; i < 12; ++i) s.z.push_back(random.uniform(-1, 1));
   for (int trial = 0; trial < 6; ++trial) {
-    s.pose = trial == 0 ? Pose() : trial == 1 ? to_pose(error_of(1e-8, 1e-8, random)) : trial == 2 ? to_pose(error_of(1, kPi, random)) : random.pose(2, 3);
+    s.pose = trial == 0   ? Pose()
+             : trial == 1 ? to_pose(error_of(1e-8, 1e-8, random))
+             : trial == 2 ? to_pose(error_of(1, kPi, random))
+                          : random.pose(2, 3);
     const VectorXd r = s.residual();
     for (int i = 0; i < 4; ++i)
-      CHECK((r.segment<3>(3 * i) - (isometry(s.pose) * Vector3d(s.points.col(s.ids[i])) - Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2]))).norm() <
-            1e-14);
+      CHECK((r.segment<3>(3 * i) -
+             (isometry(s.pose) * Vector3d(s.points.col(s.ids[i])) - Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2])))
+                .norm() < 1e-14);
     check_derivatives(s);
   }
 }
@@ -418,7 +460,14 @@ TEST_CASE("pose and chain: value and derivatives at random, next to the identity
 TEST_CASE("chain in noise mode point: value, derivatives, own noise") {
   Random random(19);
   for (int trial = 0; trial < 12; ++trial) {
-    Stage s = pose_stage(false, trial == 0 ? Isometry3d::Identity() : error_of(trial == 1 ? 1e-8 : 0.5, trial == 1 ? 1e-8 : trial == 2 ? kPi - 1e-9 : 2, random), random);
+    Stage s = pose_stage(false,
+                         trial == 0 ? Isometry3d::Identity()
+                                    : error_of(trial == 1 ? 1e-8 : 0.5,
+                                               trial == 1   ? 1e-8
+                                               : trial == 2 ? kPi - 1e-9
+                                                            : 2,
+                                               random),
+                         random);
     s.model = s.owner->point_form();
     REQUIRE(s.model);
     s.ids = {0, 1, 2, 3, 4, 5};

@@ -77,11 +77,10 @@ inline Pose to_pose(const Isometry3d& t) { return {t.linear(), t.translation()};
 
 inline Matrix3d rpy(double roll, double pitch, double yaw) {
   return (Eigen::AngleAxisd(yaw, Vector3d::UnitZ()) * Eigen::AngleAxisd(pitch, Vector3d::UnitY()) *
-          Eigen::AngleAxisd(roll, Vector3d::UnitX())).toRotationMatrix();
+          Eigen::AngleAxisd(roll, Vector3d::UnitX()))
+      .toRotationMatrix();
 }
-inline Pose at(const Vector3d& xyz, const Vector3d& angles = Vector3d::Zero()) {
-  return {rpy(angles.x(), angles.y(), angles.z()), xyz};
-}
+inline Pose at(const Vector3d& xyz, const Vector3d& angles = Vector3d::Zero()) { return {rpy(angles.x(), angles.y(), angles.z()), xyz}; }
 
 inline Matrix3d cross_matrix(const Vector3d& v) {
   Matrix3d m;
@@ -214,7 +213,8 @@ inline int add_grid(Rig& rig, const std::string& name, int rows, int columns, do
   rig.targets.push_back(t);
   return static_cast<int>(rig.targets.size()) - 1;
 }
-inline int add_points(Rig& rig, const std::string& name, const Eigen::Matrix3Xd& points, const std::string& link = "", const Pose& pose = {}) {
+inline int add_points(Rig& rig, const std::string& name, const Eigen::Matrix3Xd& points, const std::string& link = "",
+                      const Pose& pose = {}) {
   Target t;
   t.name = name;
   t.type = "points";
@@ -278,7 +278,9 @@ inline Isometry3d root_T_target(const Rig& rig, int target, const TruePosture& p
 inline Isometry3d sensor_T_target(const Rig& rig, int sensor, int target, const TruePosture& posture) {
   return root_T_sensor(rig, sensor, posture).inverse() * root_T_target(rig, target, posture);
 }
-inline Vector3d target_point(const Target& t, int id) { return t.grid ? Vector3d(t.square * t.layout.col(id)) : Vector3d(t.points.col(id)); }
+inline Vector3d target_point(const Target& t, int id) {
+  return t.grid ? Vector3d(t.square * t.layout.col(id)) : Vector3d(t.points.col(id));
+}
 
 /// The formats' cameras, from OpenCV's documentation. False behind the camera.
 inline bool project(const Sensor& s, const Vector3d& p, Vector2d& pixel) {
@@ -361,8 +363,9 @@ inline VectorXd residual(const Rig& rig, const View& view, const TruePosture& po
     if (s.type == "point")
       r.segment<3>(3 * i) = sensor_T_target(rig, view.sensor, view.target, posture) * target_point(t, ids[i]) - Vector3d(z[0], z[1], z[2]);
     else
-      r.segment<3>(3 * i) = sensor_T_target(rig, view.sensor, view.target, at_ray(rig, view.sensor, posture, z[0])) * target_point(t, ids[i]) -
-                            ray_point(z[1], z[2]);
+      r.segment<3>(3 * i) =
+          sensor_T_target(rig, view.sensor, view.target, at_ray(rig, view.sensor, posture, z[0])) * target_point(t, ids[i]) -
+          ray_point(z[1], z[2]);
   }
   return r;
 }
@@ -414,7 +417,8 @@ inline MatrixXd reading_noise(const Rig& rig, const View& view, const TruePostur
   const VectorXd r = residual(rig, view, posture, chain_points);
   std::vector<VectorXd> columns;
   for (size_t j = 0; j < rig.joints.size(); ++j) {
-    if (!rig.tree.joints[j].has_reading() || rig.joints[j].sigma == 0 || static_cast<int>(j) == rig.sensors[view.sensor].scanning_joint) continue;
+    if (!rig.tree.joints[j].has_reading() || rig.joints[j].sigma == 0 || static_cast<int>(j) == rig.sensors[view.sensor].scanning_joint)
+      continue;
     const auto moved = [&](double h) {
       TruePosture p = posture;
       p.errors[j] += h;
@@ -508,7 +512,8 @@ inline TruePosture random_posture(const Rig& rig, Random& random, double range, 
 }
 
 /// base_T_target of a free target whose middle stands `distance` in front of a sensor (along z), facing it within `tilt` rad.
-inline Isometry3d in_front(const Rig& rig, int sensor, int target, const TruePosture& posture, double distance, double tilt, Random& random) {
+inline Isometry3d in_front(const Rig& rig, int sensor, int target, const TruePosture& posture, double distance, double tilt,
+                           Random& random) {
   const Target& t = rig.targets[target];
   Vector3d middle = Vector3d::Zero();
   for (int i = 0; i < t.count(); ++i) middle += target_point(t, i) / t.count();
@@ -565,7 +570,8 @@ inline Rig with_values(Rig rig, const ParameterTable& table, const VectorXd& val
     rig.sensors[s].link_T_sensor = pose(table.sensor_pose[s]);
     for (size_t b = 0; b < rig.sensors[s].parameters.size(); ++b) {
       std::vector<double>& v = rig.sensors[s].parameters[b].values;
-      for (size_t k = 0; k < v.size(); ++k) v[k] = values(table.all[table.sensor_block[s] + static_cast<int>(b)].start + static_cast<int>(k));
+      for (size_t k = 0; k < v.size(); ++k)
+        v[k] = values(table.all[table.sensor_block[s] + static_cast<int>(b)].start + static_cast<int>(k));
     }
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
@@ -598,8 +604,10 @@ inline Rig moved(const Rig& rig, const std::vector<std::string>& names, Random& 
     Vector6d xi = Vector6d::Zero();
     for (const int c : f.components) {
       const double size = p.units[c] == "m" ? t : p.units[c] == "rad" ? r : p.units[c] == "px" ? px : u, step = random.uniform(-size, size);
-      if (p.pose) xi(c) = step;
-      else values(p.start + c) += step;
+      if (p.pose)
+        xi(c) = step;
+      else
+        values(p.start + c) += step;
     }
     if (!p.pose) continue;
     Isometry3d pose = Isometry3d::Identity();
@@ -748,8 +756,8 @@ inline bool pair_allowed(const Rig& rig, int sensor, int target) {
 inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned long seed, std::vector<TruePosture>* postures = nullptr) {
   Random random(seed);
   const int board = target_index(truth, "board"), probe = target_index(truth, "probe");
-  const std::vector<std::pair<const char*, const char*>> goals = {{"pin", "wall"}, {"bc5", "marks"}, {"bc8", "wall"}, {"kb", "marks"},
-                                                                   {"pin", "marks"}, {"bc5", "wall"}, {"kb", "wall"}};
+  const std::vector<std::pair<const char*, const char*>> goals = {{"pin", "wall"},  {"bc5", "marks"}, {"bc8", "wall"}, {"kb", "marks"},
+                                                                  {"pin", "marks"}, {"bc5", "wall"},  {"kb", "wall"}};
   const std::vector<std::string> cameras = {"pin", "bc5", "bc8", "kb"};
   std::vector<Sample> out;
   for (int n = 0; n < count; ++n) {
@@ -766,7 +774,9 @@ inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned l
     for (const int target : {board, target_index(truth, "wall"), target_index(truth, "marks"), probe})
       for (const int sensor : all_sensors(truth)) {
         if (!pair_allowed(truth, sensor, target)) continue;
-        if (!add_view(s, truth, sensor, target, p, &random, target == board && n % 2 ? std::vector<int>{7, 0, 3, 10, 5} : std::vector<int>())) continue;
+        if (!add_view(s, truth, sensor, target, p, &random,
+                      target == board && n % 2 ? std::vector<int>{7, 0, 3, 10, 5} : std::vector<int>()))
+          continue;
         View& v = s.views.back();
         if (truth.sensors[sensor].name != "depth") continue;
         v.sigma.clear();
