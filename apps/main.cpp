@@ -285,10 +285,9 @@ int main(int argc, char** argv) {
   for (int i = 0; i < argc; ++i) command += (i ? " " : "") + std::string(argv[i]);
   try {
     app.parse(argc, argv);
-    if (*calibrate_command) return calibrate(c, command);
-    if (*evaluate_command) return evaluate(e);
-    if (*simulate_command) return simulate(s);
-    if (*apply_command) return apply(p);
+    const int code = *calibrate_command ? calibrate(c, command) : *evaluate_command ? evaluate(e) : *apply_command ? apply(p) : simulate(s);
+    if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout)) throw InputError("standard output cannot be written");
+    return code;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
