@@ -33,7 +33,6 @@ struct Whitening {
   VectorXd inverse_sigma;             // one a row of a block, where nothing else is said
   std::vector<MatrixXd> block;        // one a block, or empty
   MatrixXd noise;                     // mode marginal: U, whitened own noise assumed; or empty
-  MatrixXd inverse_core;              // C^-1
   MatrixXd root;                      // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
@@ -85,7 +84,6 @@ struct Estimation::Scratch {
   MatrixXd m;                         // in its top left corner: M of the view at hand
   RowMatrix rows;                     // likewise [L r]
   VectorXd r;
-  MatrixXd projected;
   ExpandScratch expand;
 };
 
@@ -509,9 +507,7 @@ void Estimation::kinematic_matrix(const PlacedView& v, const std::vector<MotionC
 }
 
 /// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
-/// In mode marginal rows come out whitened by their own noise only, unless symmetric_root asks for the whole.
-bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost,
-                           bool symmetric_root) const {
+bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
   geometry(v, state, scratch);
   const int k = v.model->rows(), blocks = v.blocks(), rows = k * blocks, w = v.columns.total;
   auto weighted = scratch.rows.topLeftCorner(rows, w + 1);
@@ -545,13 +541,11 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
   if (!marginal) return true;
   auto all = scratch.r.head(rows);
   double squared = all.squaredNorm(), slope;
-  if (white.noise.size() > 0) {  // s = r'(1 - U C^-1 U') r
-    const VectorXd projected = white.noise.transpose() * all;
-    squared -= projected.dot(white.inverse_core * projected);
-    if (symmetric_root) {
-      all -= white.noise * (white.root * projected);
-      if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
-    }
+  if (white.noise.size() > 0) {
+    if (derivatives)
+      weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
+    all -= (white.noise * (white.root * (white.noise.transpose() * all))).eval();
+    squared = all.squaredNorm();
   }
   cost.chi2 += squared;
   cost.twice += setup_.loss(squared, slope);
@@ -571,7 +565,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   Scratch& scratch = scratch_[worker];
   motions(s, state, scratch);
   for (const PlacedView& v : s.views)
-    if (!view_rows(v, state, scratch, false, cost, false)) return false;
+    if (!view_rows(v, state, scratch, false, cost)) return false;
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
     const double e = state(errors + static_cast<int>(i)) / rig_.joints[s.noisy[i]].sigma;
@@ -596,15 +590,11 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, Eigen::
   Scratch& scratch = scratch_[worker];
   motions(s, state, scratch);
   for (const PlacedView& v : s.views) {
-    if (!view_rows(v, state, scratch, true, cost, false)) return false;
+    if (!view_rows(v, state, scratch, true, cost)) return false;
     const int rows = v.rows(), w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
     auto view_gram = scratch.expand.gram.topLeftCorner(w, w);
     kincal::gram(scratch.rows.data(), rows, w, static_cast<int>(scratch.rows.outerStride()), view_gram.data(),
                  static_cast<int>(scratch.expand.gram.outerStride()));
-    if (v.whitening.noise.size() > 0) {
-      scratch.projected.noalias() = v.whitening.noise.transpose() * scratch.rows.topLeftCorner(rows, w);
-      view_gram -= scratch.projected.transpose() * (v.whitening.inverse_core * scratch.projected);
-    }
     kinematic_matrix(v, v.motion, columns, state, scratch);
     expand(view_gram, scratch.m.topLeftCorner(v.kinematic_rows, columns), v.map, scratch.expand, gram);
   }
@@ -667,15 +657,18 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
   Cost cost;
   motions(s, state, scratch);
   for (const PlacedView& v : s.views) {
-    if (!view_rows(v, state, scratch, true, cost, true)) return false;
+    if (!view_rows(v, state, scratch, true, cost)) return false;
     MatrixXd view = scratch.rows.topLeftCorner(v.rows(), v.columns.total + 1);
     if (compress && view.rows() > view.cols()) {
       Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(view);
       view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
     }
     kinematic_matrix(v, v.motion, static_cast<int>(v.map.kinematic.size()), state, scratch);
-    const MatrixXd kinematic =
-        view.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
+    const auto m = scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
+    MatrixXd kinematic = view.leftCols(v.kinematic_rows) * m;
+    const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(v.kinematic_rows).colwise().squaredNorm().transpose();
+    for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
+      if (kinematic.col(i).squaredNorm() <= kCancelled * parts(i)) kinematic.col(i).setZero();
     auto part = rows.middleRows(used, view.rows());
     for (size_t i = 0; i < v.map.kinematic.size(); ++i) part.col(v.map.kinematic[i]) += kinematic.col(i);
     for (const auto& own : v.map.own) part.col(own.second) += view.col(own.first);
@@ -781,7 +774,6 @@ bool Estimation::renew(const VectorXd& state) {
         const MatrixXd& q = eigen.eigenvectors();
         // 1 - 1 / sqrt(1 + w) over w, without cancellation for small w.
         const VectorXd root = w.unaryExpr([](double x) { return 1 / (std::sqrt(1 + x) * (1 + std::sqrt(1 + x))); });
-        white.inverse_core = q * (w.array() + 1).inverse().matrix().asDiagonal() * q.transpose();
         white.root = q * root.asDiagonal() * q.transpose();
       }
     }
@@ -803,7 +795,7 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.ids.size())));
       if (!model.evaluate(scratch.input, v.columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
       Cost cost;
-      view_rows(v, state, scratch, false, cost, true);
+      view_rows(v, state, scratch, false, cost);
       r.whitened = scratch.r.head(v.rows());
       out.push_back(std::move(r));
     }

@@ -8,7 +8,8 @@
 // Noise modes (covariance of the whitened residuals of one view; Jq = L Mq: derivative by the joints' readings, S their variances):
 //   latent, none: own noise only.
 //   marginal:     own + Jq S Jq' for all residuals of the view together (the paper's equations (11)-(14), (21)). With U = own^-1/2 Jq S^1/2
-//                 and C = 1 + U'U, Woodbury gives  (1 + U U')^-1 = 1 - U C^-1 U', so  Gram = L'L - (U'L)' C^-1 (U'L).
+//                 = Q w^1/2 V' its root is applied to the few columns of U only:  (1 + U U')^-1/2 = 1 - U K U',
+//                 K = V ((1 - (1 + w)^-1/2) / w) V'  (Woodbury's identity for the root: it never subtracts large Gram matrices).
 //   point:        only the block of each point of that matrix, as the paper's code did.
 // Covariances that depend on the parameters are held between calls of renew().
 //
@@ -52,8 +53,8 @@ struct Values {
 struct ViewResiduals {
   const View* view = nullptr;
   int sample = -1;
-  VectorXd raw;       // blocks * rows, unwhitened
-  VectorXd whitened;  // the same whitened, without the loss
+  VectorXd raw;       // blocks * rows of the sensor's own model, unwhitened
+  VectorXd whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
 };
 
 class Estimation final : public Problem {
@@ -79,7 +80,7 @@ class Estimation final : public Problem {
   /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
   VectorXd pack(const Values& values) const;
   void unpack(const VectorXd& state, Values& values) const;
-  /// All views that take part, sample by sample.
+  /// All views that take part, sample by sample. Call renew() first: covariances are as it left them.
   std::vector<ViewResiduals> residuals(const VectorXd& state) const;
   /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
   std::vector<char> influencing() const;
@@ -108,8 +109,7 @@ class Estimation final : public Problem {
   void geometry(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
   void kinematic_matrix(const PlacedView& v, const std::vector<MotionColumns>& program, int columns, const VectorXd& state,
                         Scratch& scratch) const;
-  bool view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost,
-                 bool symmetric_root) const;
+  bool view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
   bool prior_rows(const VectorXd& state, MatrixXd* rows, VectorXd& r) const;
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const;
 

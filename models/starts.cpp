@@ -129,7 +129,10 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       out.push_back(pose);
     }
   }
-  if (out.empty())
+  const bool in_front = std::any_of(out.begin(), out.end(), [&](const Pose& p) {
+    return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
+  });
+  if (!in_front || n < 6)  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
       pose.rotation.diagonal() << 1, sign, sign;
@@ -321,6 +324,7 @@ std::vector<int> all_sensors(const Rig& rig) {
 
 Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
   Pose out;
+  if (a.cols() == 0) return out;
   const Vector3d ca = a.rowwise().mean(), cb = b.rowwise().mean();
   if (a.cols() >= 2) {
     const Matrix3Xd da = a.colwise() - ca, db = b.colwise() - cb;

@@ -99,6 +99,10 @@ inline void gram(const double* rows, int n, int w, int stride, double* __restric
     for (int i = 0; i < j; ++i) g[j + static_cast<size_t>(i) * ld] = g[i + static_cast<size_t>(j) * ld];
 }
 
+/// Where L M is a sum of parts that cancel (a rotation about a point of the target itself), rounding leaves 1e-16 of the parts, not 0:
+/// a column of at most this share of the parts' squared norms is nothing.
+constexpr double kCancelled = 1e-14;
+
 /// gram += M' G M on the lower triangle: `view_gram` is the Gram matrix of [L r] ((W + 1) squared, both triangles), `m` the
 /// kinematic part of M (K x columns.kinematic.size()). The residual's place is the last one of `gram`. Does not allocate.
 inline void expand(const Eigen::Ref<const MatrixXd>& view_gram, const Eigen::Ref<const MatrixXd>& m, const ViewColumns& columns,
@@ -109,6 +113,14 @@ inline void expand(const Eigen::Ref<const MatrixXd>& view_gram, const Eigen::Ref
   auto block = s.block.topLeftCorner(n, n);
   product.noalias() = view_gram.leftCols(k).lazyProduct(m);
   block.topLeftCorner(kin, kin).noalias() = m.transpose().lazyProduct(product.topRows(k));
+  for (Eigen::Index i = 0; i < kin; ++i) {
+    double parts = 0;
+    for (Eigen::Index r = 0; r < k; ++r) parts += view_gram(r, r) * m(r, i) * m(r, i);
+    if (block(i, i) > kCancelled * parts) continue;
+    block.row(i).head(kin).setZero();
+    block.col(i).head(kin).setZero();
+    product.col(i).setZero();
+  }
   for (Eigen::Index i = 0; i <= own; ++i) {
     const Eigen::Index row = i < own ? columns.own[i].first : w;
     for (Eigen::Index j = 0; j < kin; ++j) block(kin + i, j) = block(j, kin + i) = product(row, j);
