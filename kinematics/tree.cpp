@@ -57,26 +57,20 @@ void finish_tree(Tree& tree) {
 }
 
 Driver driver(const Tree& tree, int joint) {
-  double factor = 1;
-  while (tree.joints[joint].mimic) {
-    factor *= tree.joints[joint].mimic->multiplier;
-    joint = tree.joints[joint].mimic->master;
+  Driver out{joint, 1, 0};
+  while (tree.joints[out.joint].mimic) {
+    const Mimic& m = *tree.joints[out.joint].mimic;
+    out = {m.master, out.factor * m.multiplier, out.offset + out.factor * m.offset};
   }
-  return {joint, factor};
+  return out;
 }
 
 void follow_mimics(const Tree& tree, std::vector<double>& positions) {
-  for (size_t j = 0; j < tree.joints.size(); ++j) {
-    double factor = 1, offset = 0;  // position = factor * position(at) + offset
-    int at = static_cast<int>(j);
-    while (tree.joints[at].mimic) {
-      const Mimic& m = *tree.joints[at].mimic;
-      offset += factor * m.offset;
-      factor *= m.multiplier;
-      at = m.master;
+  for (size_t j = 0; j < tree.joints.size(); ++j)
+    if (tree.joints[j].mimic) {
+      const Driver d = driver(tree, static_cast<int>(j));
+      positions[j] = d.factor * positions[d.joint] + d.offset;
     }
-    if (at != static_cast<int>(j)) positions[j] = factor * positions[at] + offset;
-  }
 }
 
 Path find_path(const Tree& tree, int from, int to) {

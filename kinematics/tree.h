@@ -64,10 +64,11 @@ struct Tree {
 ///         (also one detached from the root); a mimic loop.
 void finish_tree(Tree& tree);
 
-/// The joint with a reading behind `joint` and d position(joint) / d position(of that joint); itself and 1 if it mimics nothing.
+/// The joint with a reading behind a joint that may mimic others:  position(joint) = factor * position(driver) + offset.
+/// Itself, 1 and 0 if it mimics nothing.
 struct Driver {
   int joint;
-  double factor;
+  double factor, offset;
 };
 Driver driver(const Tree& tree, int joint);
 

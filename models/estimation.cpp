@@ -402,15 +402,8 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
     return state(table_.all[table_.joint_scale[j]].start) * scratch.reading[j] + state(table_.all[table_.joint_offset[j]].start);
   };
   for (int j : s.joints) {
-    double factor = 1, offset = 0;
-    int at = j;
-    while (rig_.tree.joints[at].mimic) {
-      const Mimic& m = *rig_.tree.joints[at].mimic;
-      offset += factor * m.offset;
-      factor *= m.multiplier;
-      at = m.master;
-    }
-    scratch.motion[j] = joint_motion(rig_.tree.joints[j], factor * position(at) + offset);
+    const Driver d = driver(rig_.tree, j);
+    scratch.motion[j] = joint_motion(rig_.tree.joints[j], d.factor * position(d.joint) + d.offset);
   }
 }
 

@@ -356,14 +356,9 @@ Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& va
     const Joint& j = rig.tree.joints[step.joint];
     double position = 0;
     if (j.moves()) {
-      double factor = 1, offset = 0;
-      int at = step.joint;
-      for (; rig.tree.joints[at].mimic; at = rig.tree.joints[at].mimic->master) {
-        offset += factor * rig.tree.joints[at].mimic->offset;
-        factor *= rig.tree.joints[at].mimic->multiplier;
-      }
-      const double read = at == joint ? reading : sample.readings[at];
-      position = factor * (values(table.all[table.joint_scale[at]].start) * read + values(table.all[table.joint_offset[at]].start)) + offset;
+      const Driver d = driver(rig.tree, step.joint);
+      const double read = d.joint == joint ? reading : sample.readings[d.joint];
+      position = d.factor * (values(table.all[table.joint_scale[d.joint]].start) * read + values(table.all[table.joint_offset[d.joint]].start)) + d.offset;
     }
     Pose frame, there;
     walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start), joint_motion(j, position), here, frame, there);
