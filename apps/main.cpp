@@ -103,9 +103,12 @@ int calibrate(const CalibrateArguments& a, const std::string& command) {
     else if (!a.quiet)
       std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
     switch (result->status) {
-      case Status::converged: return kConverged;
-      case Status::unobservable: return kUnobservable;
-      default: return kNotConverged;
+      case Status::converged:
+        return kConverged;
+      case Status::unobservable:
+        return kUnobservable;
+      default:
+        return kNotConverged;
     }
   } catch (const NameError& error) {
     throw with_nearest(error, calibration);
@@ -187,12 +190,14 @@ int simulate(const SimulateArguments& a) {
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n", d.sample.c_str(),
                  rig_file.rig.sensors[d.sensor].name.c_str(), rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
-  for (int s : simulation.idle) std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n", rig_file.rig.sensors[s].name.c_str(),
+  for (int s : simulation.idle)
+    std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n", rig_file.rig.sensors[s].name.c_str(),
                  rig_file.rig.sensors[s].type == "chain" ? "holds" : "sees");
   if (simulation.samples.empty()) throw InputError("simulate: no sample is left: no posture has a view that is possible");
-  if (!write_directory(a.out, {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
-                               {"truth.json", truth_text(rig_file.rig, table, simulation)}},
-                       a.force, not_interrupted))
+  if (!write_directory(
+          a.out,
+          {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)}, {"truth.json", truth_text(rig_file.rig, table, simulation)}},
+          a.force, not_interrupted))
     return kInterrupted;
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
@@ -209,8 +214,9 @@ int main(int argc, char** argv) {
   std::signal(SIGINT, [](int) { interrupted = 1; });
   std::signal(SIGTERM, [](int) { interrupted = 1; });
 
-  CLI::App app{"kincal calibrates robots: joint offsets, gear scales, mounts, intrinsics, baselines and target poses that best explain\n"
-               "all measurements at once (bundle adjustment over kinematic chains)."};
+  CLI::App app{
+      "kincal calibrates robots: joint offsets, gear scales, mounts, intrinsics, baselines and target poses that best explain\n"
+      "all measurements at once (bundle adjustment over kinematic chains)."};
   app.set_version_flag("--version", "kincal " KINCAL_VERSION);
   app.require_subcommand(1);
   app.footer(
@@ -224,37 +230,52 @@ int main(int argc, char** argv) {
       "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked.");
 
   CalibrateArguments c;
-  CLI::App* calibrate_command = app.add_subcommand("calibrate", "Estimate the parameters that the rig's steps free and write a result directory");
+  CLI::App* calibrate_command =
+      app.add_subcommand("calibrate", "Estimate the parameters that the rig's steps free and write a result directory");
   calibrate_command->add_option("RIG", c.rig, "rig.yaml: robot, sensors, targets, steps")->required();
   calibrate_command->add_option("SAMPLES", c.samples, "samples.jsonl: one posture of the robot a line")->required();
-  calibrate_command->add_option("--out", c.out, "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
+  calibrate_command->add_option("--out", c.out,
+                                "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
   calibrate_command
-      ->add_option("--noise", c.noise, "how noise of joint readings counts: latent (an unknown error per joint and sample; honest sigmas), marginal, point, none")
+      ->add_option(
+          "--noise", c.noise,
+          "how noise of joint readings counts: latent (an unknown error per joint and sample; honest sigmas), marginal, point, none")
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
-  calibrate_command->add_option("--threads", c.threads, "threads; the result is the same for any number")->check(CLI::Range(1, 1024))->capture_default_str();
+  calibrate_command->add_option("--threads", c.threads, "threads; the result is the same for any number")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
   calibrate_command->add_option("--step", c.step, "run all steps up to this one");
-  calibrate_command->add_option("--free", c.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'")->allow_extra_args(false);
+  calibrate_command->add_option("--free", c.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'")
+      ->allow_extra_args(false);
   calibrate_command->add_option("--fix", c.fix, "name or glob to hold in the last step that runs")->allow_extra_args(false);
-  calibrate_command->add_option("--linear-solver", c.linear_solver, "of the reduced system")->check(CLI::IsMember(keys(kLinearSolvers)))->capture_default_str();
+  calibrate_command->add_option("--linear-solver", c.linear_solver, "of the reduced system")
+      ->check(CLI::IsMember(keys(kLinearSolvers)))
+      ->capture_default_str();
   calibrate_command->add_flag("--no-report", c.no_report, "leave out residuals.csv");
-  calibrate_command->add_flag("--write-reduction", c.write_reduction,
-                              "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");
+  calibrate_command->add_flag(
+      "--write-reduction", c.write_reduction,
+      "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");
   calibrate_command->add_flag("--force", c.force, "replace an existing result");
   calibrate_command->add_flag("--dry-run", c.dry_run, "only print what each step frees, the counts and the degrees of freedom");
   calibrate_command->add_flag("--quiet", c.quiet, "print errors only");
   calibrate_command->add_flag("--json", c.json, "print result.json on standard output instead of tables");
   calibrate_command->footer(
-      "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, /intrinsics[.fx ...], /distortion, /baseline;\n"
-      "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint readings\n"
+      "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, /intrinsics[.fx ...], /distortion, "
+      "/baseline;\n"
+      "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint "
+      "readings\n"
       "as exact: what the robot's own software will see.");
 
   EvaluateArguments e;
-  CLI::App* evaluate_command = app.add_subcommand("evaluate", "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
+  CLI::App* evaluate_command =
+      app.add_subcommand("evaluate", "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
   evaluate_command->add_option("RIG", e.rig, "rig.yaml")->required();
   evaluate_command->add_option("SAMPLES", e.samples, "samples.jsonl")->required();
-  evaluate_command->add_option("--urdf", e.urdf, "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
-                               "use the rig.yaml beside it: what a URDF cannot express is there");
+  evaluate_command->add_option(
+      "--urdf", e.urdf,
+      "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
+      "use the rig.yaml beside it: what a URDF cannot express is there");
   evaluate_command->add_option("--free", e.free, "name or glob to re-estimate in each split")->allow_extra_args(false);
   evaluate_command->add_option("--noise", e.noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
   evaluate_command->add_flag("--json", e.json, "print {chi2, dof, sensors} as JSON");
@@ -267,16 +288,19 @@ int main(int argc, char** argv) {
   apply_command->add_flag("--force", p.force, "replace an existing file");
 
   SimulateArguments s;
-  CLI::App* simulate_command = app.add_subcommand("simulate", "Make samples with known truth and noise from a rig: the way to try out a set-up");
+  CLI::App* simulate_command =
+      app.add_subcommand("simulate", "Make samples with known truth and noise from a rig: the way to try out a set-up");
   simulate_command->add_option("RIG", s.rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")->required();
   simulate_command->add_option("--samples", s.samples, "how many samples")->required()->check(CLI::Range(1, 1000000));
   simulate_command->add_option("--seed", s.seed, "the same seed makes the same samples")->required()->check(CLI::Range(0LL, 1LL << 62));
   simulate_command->add_option("--out", s.out, "new directory for samples.jsonl and truth.json")->required();
-  CLI::Option* truth_option = simulate_command->add_option("--truth", s.truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
+  CLI::Option* truth_option =
+      simulate_command->add_option("--truth", s.truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
   simulate_command->add_option("--spread", s.spread, "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
       ->allow_extra_args(false)
       ->excludes(truth_option);
-  simulate_command->add_option("--postures", s.postures, "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");
+  simulate_command->add_option("--postures", s.postures,
+                               "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");
   simulate_command->add_flag("--force", s.force, "replace an existing simulation");
 
   for (CLI::App* sub : app.get_subcommands({})) sub->set_version_flag("--version", "kincal " KINCAL_VERSION);
@@ -291,8 +315,9 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
-      const std::string what = argc == 1 ? "a command is required" : "there is no command '" + std::string(argv[1]) + "'" +
-                                                                         nearest_names(argv[1], {"calibrate", "evaluate", "simulate", "apply"});
+      const std::string what = argc == 1 ? "a command is required"
+                                         : "there is no command '" + std::string(argv[1]) + "'" +
+                                               nearest_names(argv[1], {"calibrate", "evaluate", "simulate", "apply"});
       std::fprintf(stderr, "kincal: error: %s; known: calibrate, evaluate, simulate, apply. `kincal --help` says more\n", what.c_str());
       return kBadInput;
     }

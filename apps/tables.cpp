@@ -145,8 +145,8 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
     int shared = 0;
     for (const Freed& f : p.free) shared += static_cast<int>(f.components.size());
     out += format("step %s: %d shared parameters free, %d samples\n", p.name.c_str(), shared, p.samples);
-    out += format("  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the samples) = %ld degrees of freedom\n", p.rows,
-                  p.unknowns, shared, p.unknowns - shared, p.rows - p.unknowns);
+    out += format("  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the samples) = %ld degrees of freedom\n",
+                  p.rows, p.unknowns, shared, p.unknowns - shared, p.rows - p.unknowns);
     for (const Freed& f : p.free) {
       const Parameter& parameter = table.all[f.parameter];
       std::string components;

@@ -79,7 +79,8 @@ Json statistics(const SplitStatistics& s, bool whole_pose, bool before) {
 Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   Json out = Json::object();
   for (const SensorResult& s : sensors)
-    out[s.name] = {{"unit", s.unit}, {"train", statistics(s.train, s.whole_pose, before)}, {"test", statistics(s.test, s.whole_pose, before)}};
+    out[s.name] = {
+        {"unit", s.unit}, {"train", statistics(s.train, s.whole_pose, before)}, {"test", statistics(s.test, s.whole_pose, before)}};
   return out;
 }
 
@@ -95,7 +96,8 @@ std::string motion_text(const Tree& tree, const Joint& joint) {
   std::string out = types[static_cast<int>(joint.type)];
   if (joint.moves()) out += " " + shortest(joint.axis.x()) + " " + shortest(joint.axis.y()) + " " + shortest(joint.axis.z());
   if (joint.mimic)
-    out += " mimics " + tree.joints[joint.mimic->master].name + " times " + shortest(joint.mimic->multiplier) + " plus " + shortest(joint.mimic->offset);
+    out += " mimics " + tree.joints[joint.mimic->master].name + " times " + shortest(joint.mimic->multiplier) + " plus " +
+           shortest(joint.mimic->offset);
   return out;
 }
 
@@ -115,7 +117,8 @@ RobotModel robot_model(const Calibration& calibration, const VectorXd& values) {
 
 bool equal(const Pose& a, const Pose& b) { return a.rotation == b.rotation && a.translation == b.translation; }
 
-RigValues rig_values(const Calibration& calibration, const VectorXd& values, bool write_reduction, const std::vector<Reduction>& reductions) {
+RigValues rig_values(const Calibration& calibration, const VectorXd& values, bool write_reduction,
+                     const std::vector<Reduction>& reductions) {
   const Rig& rig = calibration.rig();
   const ParameterTable& table = calibration.table();
   RigValues out = values_of(rig);
@@ -123,7 +126,8 @@ RigValues rig_values(const Calibration& calibration, const VectorXd& values, boo
     out.joint_offsets[j] = 0;
     if (!rig.tree.joints[j].has_reading()) continue;
     out.joint_scales[j] = values(table.all[table.joint_scale[j]].start);
-    if (write_reduction && std::any_of(reductions.begin(), reductions.end(), [&](const Reduction& r) { return r.joint == rig.tree.joints[j].name; }))
+    if (write_reduction &&
+        std::any_of(reductions.begin(), reductions.end(), [&](const Reduction& r) { return r.joint == rig.tree.joints[j].name; }))
       out.joint_scales[j] = 1;
   }
   const auto changed_pose = [&](int parameter, const Pose& rigs) {
@@ -152,18 +156,25 @@ RigValues rig_values(const Calibration& calibration, const VectorXd& values, boo
 
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
-    case NoiseMode::latent: return "latent";
-    case NoiseMode::marginal: return "marginal";
-    case NoiseMode::point: return "point";
-    default: return "none";
+    case NoiseMode::latent:
+      return "latent";
+    case NoiseMode::marginal:
+      return "marginal";
+    case NoiseMode::point:
+      return "point";
+    default:
+      return "none";
   }
 }
 
 std::string status_name(Status status) {
   switch (status) {
-    case Status::converged: return "converged";
-    case Status::unobservable: return "unobservable";
-    default: return "not_converged";
+    case Status::converged:
+      return "converged";
+    case Status::unobservable:
+      return "unobservable";
+    default:
+      return "not_converged";
   }
 }
 
@@ -193,8 +204,9 @@ std::string residuals_csv(const Calibration& calibration, const CalibrationResul
       out += std::string(",") + sensor.model->unit();
       for (int i = 0; i < 6; ++i) out += "," + (i < rows ? shortest(r.raw(b * rows + i)) : std::string());
       for (int i = 0; i < 3; ++i)
-        out += "," + (i < rows && found != before.end() && std::isfinite(found->second->raw(b * rows + i)) ? shortest(found->second->raw(b * rows + i))
-                                                                                                           : std::string());
+        out += "," + (i < rows && found != before.end() && std::isfinite(found->second->raw(b * rows + i))
+                          ? shortest(found->second->raw(b * rows + i))
+                          : std::string());
       out += "," + shortest(r.whitened.segment(b * white, white).norm()) + "\n";
     }
   }
@@ -269,7 +281,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   if (options.write_reduction)
     for (const Reduction& r : out.reductions) {
       changes.reductions[r.joint] = r.after;
-      out.not_in_urdf.erase(std::remove(out.not_in_urdf.begin(), out.not_in_urdf.end(), "joint/" + r.joint + "/scale"), out.not_in_urdf.end());
+      out.not_in_urdf.erase(std::remove(out.not_in_urdf.begin(), out.not_in_urdf.end(), "joint/" + r.joint + "/scale"),
+                            out.not_in_urdf.end());
     }
   out.robot_urdf = edit_urdf(rig_file.urdf, changes);
   prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
@@ -280,13 +293,16 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   // Old and new origins.
   Json robot = Json::object();
   out.changes_yaml = "# Old and new origins of the joints that the calibration changed (joint offsets folded in).\n";
-  if (changes.origins.empty()) out.changes_yaml += "joints: {}\n";
-  else out.changes_yaml += "joints:\n";
+  if (changes.origins.empty())
+    out.changes_yaml += "joints: {}\n";
+  else
+    out.changes_yaml += "joints:\n";
   for (const auto& c : changes.origins) {
     const Joint& joint = rig.tree.joints[c.first];
     const OriginText old = origin_text(rig_file.urdf, c.first);
     const Vector3d rpy = rpy_from_rotation(c.second.rotation);
-    const bool moved = c.second.translation != joint.parent_T_joint.translation, turned = c.second.rotation != joint.parent_T_joint.rotation;
+    const bool moved = c.second.translation != joint.parent_T_joint.translation,
+               turned = c.second.rotation != joint.parent_T_joint.rotation;
     const std::string xyz = moved ? three(c.second.translation) : old.xyz, angles = turned ? three(rpy) : old.rpy;
     Node name;
     name.kind = Node::Kind::scalar;
@@ -294,8 +310,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     name.quoted = true;
     std::string key = to_yaml(name);
     while (!key.empty() && std::isspace(static_cast<unsigned char>(key.back()))) key.pop_back();
-    out.changes_yaml += "  " + key + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) + "}\n    new: {xyz: " +
-                        list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
+    out.changes_yaml += "  " + key + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) +
+                        "}\n    new: {xyz: " + list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
     robot[joint.name] = {{"offset", model.offsets[c.first]},
                          {"motion", motion_text(rig.tree, joint)},
                          {"old", exact_pose(joint.parent_T_joint)},
@@ -304,7 +320,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   if (!out.reductions.empty()) {
     out.changes_yaml += "transmissions:  # mechanicalReduction, old / scale\n";
     for (const Reduction& r : out.reductions)
-      out.changes_yaml += "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";
+      out.changes_yaml +=
+          "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";
   }
 
   // Everything.
@@ -339,7 +356,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   }
   json["parameters"] = Json::object();
   for (const ParameterEstimate& e : result.parameters) {
-    Json one = {{"unit", e.units}, {"initial", numbers(e.initial)}, {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}, {"step", e.step}};
+    Json one = {
+        {"unit", e.units}, {"initial", numbers(e.initial)}, {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}, {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
     json["parameters"][e.name] = one;
   }
@@ -368,33 +386,37 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
 }
 
 void check_output(const std::string& directory, bool force) {
-  static const std::vector<std::string> ours = {"robot.urdf", "rig.yaml", "result.json", "changes.yaml", "covariance.csv", "residuals.csv",
-                                                "report.html", "samples.jsonl", "truth.json"};
+  static const std::vector<std::string> ours = {"robot.urdf",    "rig.yaml",    "result.json",   "changes.yaml", "covariance.csv",
+                                                "residuals.csv", "report.html", "samples.jsonl", "truth.json"};
   std::error_code error;
   const fs::path path(plain_name(directory));
   if (!fs::exists(path, error)) {
     const fs::path parent = fs::absolute(path, error).lexically_normal().parent_path();
-    if (!parent.empty() && !fs::is_directory(parent, error)) throw InputError(directory + ": the folder " + parent.string() + " does not exist");
+    if (!parent.empty() && !fs::is_directory(parent, error))
+      throw InputError(directory + ": the folder " + parent.string() + " does not exist");
     return;
   }
   if (!force) throw InputError(directory + ": exists already; --force replaces a result, another --out keeps it");
   if (!fs::is_directory(path, error)) throw InputError(directory + ": is not a directory");
   for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
     if (std::find(ours.begin(), ours.end(), entry.path().filename().string()) == ours.end())
-      throw InputError(directory + ": --force would delete " + entry.path().filename().string() + ", which is no file of kincal's: move it away or choose another --out");
+      throw InputError(directory + ": --force would delete " + entry.path().filename().string() +
+                       ", which is no file of kincal's: move it away or choose another --out");
 }
 
 bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)()) {
   const std::vector<std::pair<std::string, const std::string*>> all = {
-      {"robot.urdf", &files.robot_urdf},       {"rig.yaml", &files.rig_yaml},           {"result.json", &files.result_json},
-      {"changes.yaml", &files.changes_yaml},   {"covariance.csv", &files.covariance_csv}, {"residuals.csv", &files.residuals_csv}};
+      {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
+      {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
+      {"covariance.csv", &files.covariance_csv}, {"residuals.csv", &files.residuals_csv}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
     if (f.first != "residuals.csv" || !f.second->empty()) present.push_back({f.first, *f.second});
   return write_directory(directory, present, force, go_on);
 }
 
-bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force, bool (*go_on)()) {
+bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force,
+                     bool (*go_on)()) {
   const std::string name = plain_name(directory);
   const fs::path target(name), work(name + ".writing-" + std::to_string(getpid())), old(name + ".replaced-" + std::to_string(getpid()));
   std::error_code error, ignored;
@@ -452,7 +474,8 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
   const std::string text = read_file(path);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);
-  if (!all.has("robot") || !all["robot"].has("joints")) throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
+  if (!all.has("robot") || !all["robot"].has("joints"))
+    throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
   const auto apart = [](const Pose& a, const Pose& b) {
     return std::max((a.translation - b.translation).norm(), log_so3(a.rotation.transpose() * b.rotation).norm());
@@ -500,7 +523,9 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
       if (t.joint == name) changes.reductions[name] = reductions[name]["new"].number();
   }
   if (held == joints.size() && held > 0) throw InputError(urdf.path + ": holds the changes of " + path + " already");
-  if (held > 0) throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " + std::to_string(joints.size()) + " changes of " + path + " already");
+  if (held > 0)
+    throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " + std::to_string(joints.size()) + " changes of " + path +
+                     " already");
   const std::string out = edit_urdf(urdf, changes);
   // The written origins hold the offsets: take these out of them again, so that the proof compares file and model as in a calibration.
   std::vector<double> back(offsets.size());

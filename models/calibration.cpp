@@ -72,9 +72,9 @@ struct Calibration::Judged {
   bool converged = true;
   double chi2 = 0;
   long dof = 0;
-  std::vector<Sums> sums;                 // by sensor
+  std::vector<Sums> sums;  // by sensor
   std::vector<ViewResiduals> residuals;
-  std::vector<std::string> undefined;     // samples without any evaluable start
+  std::vector<std::string> undefined;  // samples without any evaluable start
 };
 
 Calibration::Calibration(Rig rig, std::vector<Sample> samples) : rig_(std::move(rig)), samples_(std::move(samples)), table_(rig_) {
@@ -126,8 +126,7 @@ StepPlan Calibration::resolve(const Step& step, const std::vector<std::string>& 
   setup.noise = noise;
   setup.sensors = step.sensors;
   const Estimation probe(rig_, table_, samples_, train, setup);
-  if (probe.groups().empty())
-    throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
+  if (probe.groups().empty()) throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
   const std::vector<char> used = probe.influencing();
 
   std::vector<Freed> with_priors = wanted;  // priors are checked against what the step means to free
@@ -170,7 +169,8 @@ StepPlan Calibration::resolve(const Step& step, const std::vector<std::string>& 
     bool covers = false;
     for (const Freed& f : found) {
       if (prior.split && !table_.all[f.parameter].pose)
-        throw std::invalid_argument(prior.where + ": '" + table_.all[f.parameter].name + "' is no pose: a number is expected, not {translation, rotation}");
+        throw std::invalid_argument(prior.where + ": '" + table_.all[f.parameter].name +
+                                    "' is no pose: a number is expected, not {translation, rotation}");
       const Freed* meant = find_freed(with_priors, f.parameter);
       const Freed* freed = find_freed(plan.free, f.parameter);
       for (int c : f.components) {
@@ -233,7 +233,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     Values started;
     started.shared = table_.initial;
     for (const std::string& name : start_unknown_poses(rig_, table_, samples_, train, unknown, started))
-      result.warnings.push_back({"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
+      result.warnings.push_back(
+          {"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
     table_.initial = result.values.shared = started.shared;
   }
 
@@ -274,8 +275,10 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       for (const View& v : sample.views)
         if (std::count(step.sensors.begin(), step.sensors.end(), v.sensor))
           views += (views.empty() ? "'" : ", '") + rig_.sensors[v.sensor].name + "' of '" + rig_.targets[v.target].name + "'";
-      throw std::runtime_error("step '" + step.name + "': in sample '" + sample.id + "' a residual is undefined at the start: a point lies behind a camera, or a number is not finite. Its views: " +
-                               views + ". Check poses, joint readings and the sensor's link");
+      throw std::runtime_error(
+          "step '" + step.name + "': in sample '" + sample.id +
+          "' a residual is undefined at the start: a point lies behind a camera, or a number is not finite. Its views: " + views +
+          ". Check poses, joint readings and the sensor's link");
     }
     problem.unpack(state, result.values);
     problem.renew(state);
@@ -336,7 +339,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     result.covariance = observability.covariance;
     for (int c = 0; c < problem.shared_size(); ++c) result.covariance_names.push_back(problem.column_name(c));
     for (ParameterEstimate& e : result.parameters) {
-      const Parameter& parameter = *std::find_if(table_.all.begin(), table_.all.end(), [&](const Parameter& q) { return q.name == e.name; });
+      const Parameter& parameter =
+          *std::find_if(table_.all.begin(), table_.all.end(), [&](const Parameter& q) { return q.name == e.name; });
       const VectorXd& v = result.values.shared;
       if (parameter.pose) {
         const Vector6d xi = log_se3(inverse(get_pose(table_.initial, parameter.start)) * get_pose(v, parameter.start));
@@ -380,8 +384,10 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
   }
   for (const std::vector<int>& group : groups) {
     if (group.empty()) continue;
-    if (&group == &groups[0]) setup.free = free;
-    else setup.free.clear();
+    if (&group == &groups[0])
+      setup.free = free;
+    else
+      setup.free.clear();
     Estimation problem(rig_, table_, samples_, group, setup);
     if (problem.groups().empty()) continue;
     Values values;
@@ -391,8 +397,10 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
       for (const View& v : samples_[i].views) {
         if (rig_.targets[v.target].link >= 0) continue;
         const auto known = start ? start->targets.find({i, v.target}) : std::map<std::pair<int, int>, Pose>::const_iterator();
-        if (start && known != start->targets.end()) values.targets[{i, v.target}] = known->second;
-        else if (to_start.empty() || to_start.back() != i) to_start.push_back(i);
+        if (start && known != start->targets.end())
+          values.targets[{i, v.target}] = known->second;
+        else if (to_start.empty() || to_start.back() != i)
+          to_start.push_back(i);
       }
     VectorXd state;
     SolveSummary summary;
@@ -447,7 +455,9 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
       result.sensors.push_back(unseen(rig_.sensors[i]));
     }
   const auto order = [](std::vector<ViewResiduals>& residuals) {
-    std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) { return a.sample != b.sample ? a.sample < b.sample : a.view < b.view; });
+    std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) {
+      return a.sample != b.sample ? a.sample < b.sample : a.view < b.view;
+    });
   };
   for (bool train : {true, false}) {
     const std::vector<int> samples = split(train);
@@ -480,9 +490,13 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
       s.whitened_count = now.sums[i].count;
     }
     for (const std::string& id : before.undefined)
-      result.warnings.push_back({"undefined_before", "sample '" + id + "' cannot be evaluated at the rig's values (a point behind a camera): it is missing from rms_before"});
+      result.warnings.push_back(
+          {"undefined_before",
+           "sample '" + id + "' cannot be evaluated at the rig's values (a point behind a camera): it is missing from rms_before"});
     for (const std::string& id : now.undefined)
-      result.warnings.push_back({"undefined", "held-out sample '" + id + "' cannot be evaluated at the estimate (a point behind a camera): it is missing from its rms"});
+      result.warnings.push_back(
+          {"undefined",
+           "held-out sample '" + id + "' cannot be evaluated at the estimate (a point behind a camera): it is missing from its rms"});
     order(now.residuals);
     order(before.residuals);
     std::move(now.residuals.begin(), now.residuals.end(), std::back_inserter(result.residuals));
@@ -520,13 +534,15 @@ void Calibration::warn(CalibrationResult& result) const {
   }
   for (const auto& x : excess)
     add("joint_error", "joint '" + rig_.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " + std::to_string(x.second.count) +
-                           (x.second.count == 1 ? " sample" : " samples") + ", at worst " + text("%+.3g sigmas (%.2g) in sample '", x.second.worst,
-                           x.second.worst * rig_.joints[x.first].sigma) + samples_[x.second.sample].id + "'");
+                           (x.second.count == 1 ? " sample" : " samples") + ", at worst " +
+                           text("%+.3g sigmas (%.2g) in sample '", x.second.worst, x.second.worst * rig_.joints[x.first].sigma) +
+                           samples_[x.second.sample].id + "'");
   for (const ParameterEstimate& e : result.parameters) {
     if (e.pose) {
       const double moved = std::hypot(e.value[0], e.value[1], e.value[2]), turned = std::hypot(e.value[3], e.value[4], e.value[5]);
       if (moved > 0.1) add("moved", e.name + text(" moved by %.3g m from its initial value: is that possible?", moved));
-      if (turned > 10 * M_PI / 180) add("moved", e.name + text(" turned by %.3g degrees from its initial value: is that possible?", turned * 180 / M_PI));
+      if (turned > 10 * M_PI / 180)
+        add("moved", e.name + text(" turned by %.3g degrees from its initial value: is that possible?", turned * 180 / M_PI));
     }
     for (size_t c = 0; c < e.value.size(); ++c) {
       const std::string name = e.components[c].empty() ? e.name : e.name + "." + e.components[c];
@@ -562,7 +578,8 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
     const Judged now = judge(samples, table_.initial, noise, Loss(), here, nullptr, true);
     const Judged read = judge(samples, table_.initial, NoiseMode::none, Loss(), here, nullptr, false);
     if (!now.undefined.empty())
-      throw std::runtime_error("sample '" + now.undefined[0] + "' cannot be evaluated: a point lies behind a camera wherever its target is put");
+      throw std::runtime_error("sample '" + now.undefined[0] +
+                               "' cannot be evaluated: a point lies behind a camera wherever its target is put");
     out.converged = out.converged && now.converged;
     out.chi2 += now.chi2;
     out.dof += now.dof;

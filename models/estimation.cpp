@@ -18,11 +18,11 @@ enum class Source { offset, scale, error, origin, sensor_pose, target_pose };
 
 struct Estimation::MotionColumns {
   Source source;
-  int step = -1;          // in the path, for joints
-  double factor = 1;      // d position / d position of the driver
-  int joint = -1;         // the driver, whose reading and scale count
-  int parameter = -1;     // of a partly freed pose, for its chart
-  int first = 0;          // column of M
+  int step = -1;       // in the path, for joints
+  double factor = 1;   // d position / d position of the driver
+  int joint = -1;      // the driver, whose reading and scale count
+  int parameter = -1;  // of a partly freed pose, for its chart
+  int first = 0;       // column of M
   int count = 1;
 };
 
@@ -30,10 +30,10 @@ namespace {
 
 /// How a view's residuals become white.
 struct Whitening {
-  VectorXd inverse_sigma;             // one a row of a block, where nothing else is said
-  std::vector<MatrixXd> block;        // one a block, or empty
-  MatrixXd noise;                     // mode marginal: U, whitened own noise assumed; or empty
-  MatrixXd root;                      // (1 + U U')^-1/2 = 1 - noise root noise'
+  VectorXd inverse_sigma;       // one a row of a block, where nothing else is said
+  std::vector<MatrixXd> block;  // one a block, or empty
+  MatrixXd noise;               // mode marginal: U, whitened own noise assumed; or empty
+  MatrixXd root;                // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
 MatrixXd inverse_square_root(const MatrixXd& c) {
@@ -50,9 +50,9 @@ struct Estimation::PlacedView {
   const Target* target = nullptr;
   const SensorModel* model = nullptr;
   std::vector<int> ids;
-  Path path;                          // from the sensor's link to the target's link, or to the base
-  int scan_step = -1;                 // step of the scanning joint
-  int target_start = 0;               // of the target's pose in the state
+  Path path;             // from the sensor's link to the target's link, or to the base
+  int scan_step = -1;    // step of the scanning joint
+  int target_start = 0;  // of the target's pose in the state
   Columns columns;
   ViewColumns map;
   std::vector<MotionColumns> motion;  // M
@@ -66,23 +66,23 @@ struct Estimation::PlacedView {
 };
 
 struct Estimation::PlacedSample {
-  int index = -1;                     // in all_
+  int index = -1;  // in all_
   std::vector<PlacedView> views;
-  std::vector<int> targets;           // free ones, in the order of their blocks
-  std::vector<int> noisy;             // joints with an error unknown, in order
-  std::vector<int> joints;            // joints whose motion some view needs
-  int start = 0;                      // of its part of the state: poses, then errors
+  std::vector<int> targets;  // free ones, in the order of their blocks
+  std::vector<int> noisy;    // joints with an error unknown, in order
+  std::vector<int> joints;   // joints whose motion some view needs
+  int start = 0;             // of its part of the state: poses, then errors
 };
 
 struct Estimation::Scratch {
-  std::vector<Pose> motion;           // by joint
-  std::vector<double> reading;        // by joint, error included
-  std::vector<Pose> frames;           // by step of the path
+  std::vector<Pose> motion;     // by joint
+  std::vector<double> reading;  // by joint, error included
+  std::vector<Pose> frames;     // by step of the path
   ViewInput input;
   Scan scan;
   Eigen::Matrix3Xd points;
-  MatrixXd m;                         // in its top left corner: M of the view at hand
-  RowMatrix rows;                     // likewise [L r]
+  MatrixXd m;      // in its top left corner: M of the view at hand
+  RowMatrix rows;  // likewise [L r]
   VectorXd r;
   ExpandScratch expand;
 };
@@ -101,89 +101,15 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
     for (int c : f.components) columns_.push_back({f.parameter, c});
     if (table.all[f.parameter].pose && !f.whole(table.all[f.parameter])) charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
   }
-  std::vector<char> used(rig.sensors.size(), 0);
-  for (int s : setup_.sensors) used[s] = 1;
   state_size_ = static_cast<int>(table.initial.size());
   for (int index : samples) {
-    PlacedSample s;
-    s.index = index;
-    for (const View& view : all[index].views) {
-      if (!used[view.sensor] || (setup_.only_target >= 0 && view.target != setup_.only_target)) continue;
-      PlacedView v;
-      v.view = &view;
-      v.sensor = &rig.sensors[view.sensor];
-      v.target = &rig.targets[view.target];
-      v.model = v.sensor->model.get();
-      if (setup_.noise == NoiseMode::point && v.model->point_form()) v.model = v.model->point_form();
-      if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != v.model->sigmas())
-        throw std::invalid_argument(view.where + ": sensor '" + v.sensor->name + "' takes " + std::to_string(v.model->sigmas()) +
-                                    " sigmas, not " + std::to_string(view.sigma.size()));
-      v.ids = view.ids;
-      if (v.ids.empty() && !v.model->whole_pose())
-        for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
-      const int far = v.target->link >= 0 ? v.target->link : rig.base;
-      v.path = find_path(rig.tree, v.sensor->link, far);
-      if (v.model->scans()) {
-        const auto scan_step = [&] {
-          for (size_t k = 0; k < v.path.size(); ++k)
-            if (v.path[k].joint == v.sensor->scanning_joint) return static_cast<int>(k);
-          return -1;
-        };
-        v.scan_step = scan_step();
-        if (v.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
-          v.path = find_path(rig.tree, v.sensor->link, rig.base);
-          v.scan_step = scan_step();
-          for (const PathStep& step : find_path(rig.tree, rig.base, far)) v.path.push_back(step);
-          if (v.scan_step < 0)
-            throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig.tree.joints[v.sensor->scanning_joint].name +
-                                        "' is not between its link and the base");
-        }
-      }
-      for (size_t k = 0; k < v.path.size(); ++k) {
-        const Joint& joint = rig.tree.joints[v.path[k].joint];
-        if (!joint.moves() || static_cast<int>(k) == v.scan_step) continue;
-        const int drv = driver(rig.tree, v.path[k].joint).joint;
-        if (v.scan_step >= 0 && drv == v.sensor->scanning_joint && joint.mimic)
-          throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name + "' follows the scanning joint; only one "
-                                      "joint may move within a view");
-        if (std::find(s.joints.begin(), s.joints.end(), v.path[k].joint) == s.joints.end()) s.joints.push_back(v.path[k].joint);
-        if (setup_.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 &&
-            std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
-          s.noisy.push_back(drv);
-      }
-      if (v.target->link < 0 && std::find(s.targets.begin(), s.targets.end(), view.target) == s.targets.end())
-        s.targets.push_back(view.target);
-      s.views.push_back(std::move(v));
-    }
+    PlacedSample s = place_sample(index);
     if (s.views.empty()) continue;
     s.start = state_size_;
     state_size_ += static_cast<int>(12 * s.targets.size() + s.noisy.size());
     samples_.push_back(std::move(s));
   }
-  // Columns that a group touches, then where each view's columns are.
-  for (PlacedSample& s : samples_) {
-    std::map<int, int> places;  // shared column -> place in the group
-    GroupShape shape;
-    shape.private_size = static_cast<int>(6 * s.targets.size() + s.noisy.size());
-    shape.rows = static_cast<int>(s.noisy.size());
-    for (int pass = 0; pass < 2; ++pass) {  // the first finds the columns, the second their places
-      for (PlacedView& v : s.views) place_view(v, places, s);
-      if (pass == 1) break;
-      for (const PlacedView& v : s.views) {
-        for (int c : v.map.kinematic)
-          if (c < 0) places[-c - 1] = 0;
-        for (const auto& o : v.map.own)
-          if (o.second < 0) places[-o.second - 1] = 0;
-        shape.rows += v.rows();
-      }
-      int place = shape.private_size;
-      for (auto& p : places) {
-        p.second = place++;
-        shape.columns.push_back(p.first);
-      }
-    }
-    groups_.push_back(std::move(shape));
-  }
+  for (PlacedSample& s : samples_) groups_.push_back(place_columns(s));
   if (!setup_.priors.empty()) {
     GroupShape shape;
     for (const Prior& prior : setup_.priors)  // a prior on a component of a partly freed pose depends on all its freed ones
@@ -197,9 +123,91 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
   set_workers(1);
 }
 
-int Estimation::sample_of(int group) const {
-  return group < static_cast<int>(samples_.size()) ? samples_[group].index : -1;
+/// The sample's views that take part, their ways between sensor and target, and what the sample's private unknowns are.
+Estimation::PlacedSample Estimation::place_sample(int index) const {
+  PlacedSample s;
+  s.index = index;
+  for (const View& view : all_[index].views) {
+    if (std::find(setup_.sensors.begin(), setup_.sensors.end(), view.sensor) == setup_.sensors.end() ||
+        (setup_.only_target >= 0 && view.target != setup_.only_target))
+      continue;
+    PlacedView v;
+    v.view = &view;
+    v.sensor = &rig_.sensors[view.sensor];
+    v.target = &rig_.targets[view.target];
+    v.model = v.sensor->model.get();
+    if (setup_.noise == NoiseMode::point && v.model->point_form()) v.model = v.model->point_form();
+    if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != v.model->sigmas())
+      throw std::invalid_argument(view.where + ": sensor '" + v.sensor->name + "' takes " + std::to_string(v.model->sigmas()) +
+                                  " sigmas, not " + std::to_string(view.sigma.size()));
+    v.ids = view.ids;
+    if (v.ids.empty() && !v.model->whole_pose())
+      for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
+    const int far = v.target->link >= 0 ? v.target->link : rig_.base;
+    v.path = find_path(rig_.tree, v.sensor->link, far);
+    if (v.model->scans()) {
+      const auto scan_step = [&] {
+        for (size_t k = 0; k < v.path.size(); ++k)
+          if (v.path[k].joint == v.sensor->scanning_joint) return static_cast<int>(k);
+        return -1;
+      };
+      v.scan_step = scan_step();
+      if (v.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
+        v.path = find_path(rig_.tree, v.sensor->link, rig_.base);
+        v.scan_step = scan_step();
+        for (const PathStep& step : find_path(rig_.tree, rig_.base, far)) v.path.push_back(step);
+        if (v.scan_step < 0)
+          throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig_.tree.joints[v.sensor->scanning_joint].name +
+                                      "' is not between its link and the base");
+      }
+    }
+    for (size_t k = 0; k < v.path.size(); ++k) {
+      const Joint& joint = rig_.tree.joints[v.path[k].joint];
+      if (!joint.moves() || static_cast<int>(k) == v.scan_step) continue;
+      const int drv = driver(rig_.tree, v.path[k].joint).joint;
+      if (v.scan_step >= 0 && drv == v.sensor->scanning_joint && joint.mimic)
+        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name +
+                                    "' follows the scanning joint; only one "
+                                    "joint may move within a view");
+      if (std::find(s.joints.begin(), s.joints.end(), v.path[k].joint) == s.joints.end()) s.joints.push_back(v.path[k].joint);
+      if (setup_.noise == NoiseMode::latent && rig_.joints[drv].sigma > 0 &&
+          std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
+        s.noisy.push_back(drv);
+    }
+    if (v.target->link < 0 && std::find(s.targets.begin(), s.targets.end(), view.target) == s.targets.end())
+      s.targets.push_back(view.target);
+    s.views.push_back(std::move(v));
+  }
+  return s;
 }
+
+/// Columns that a group touches, then where each view's columns are among them.
+GroupShape Estimation::place_columns(PlacedSample& s) const {
+  std::map<int, int> places;  // shared column -> place in the group
+  GroupShape shape;
+  shape.private_size = static_cast<int>(6 * s.targets.size() + s.noisy.size());
+  shape.rows = static_cast<int>(s.noisy.size());
+  const auto place_views = [&] {
+    for (PlacedView& v : s.views) place_view(v, places, s);
+  };
+  place_views();  // no column has a place yet: this finds out which there are
+  for (const PlacedView& v : s.views) {
+    for (int c : v.map.kinematic)
+      if (c < 0) places[-c - 1] = 0;
+    for (const auto& o : v.map.own)
+      if (o.second < 0) places[-o.second - 1] = 0;
+    shape.rows += v.rows();
+  }
+  int place = shape.private_size;
+  for (auto& p : places) {
+    p.second = place++;
+    shape.columns.push_back(p.first);
+  }
+  place_views();
+  return shape;
+}
+
+int Estimation::sample_of(int group) const { return group < static_cast<int>(samples_.size()) ? samples_[group].index : -1; }
 
 /// Fills in columns, map and motion. Shared columns without a place yet stand as -column - 1.
 void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, const PlacedSample& s) const {
@@ -397,7 +405,8 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
     scratch.reading[j] = sample.readings[j];
     if (!s.noisy.empty()) {
       const auto it = std::find(s.noisy.begin(), s.noisy.end(), j);
-      if (it != s.noisy.end()) scratch.reading[j] += state(s.start + 12 * static_cast<int>(s.targets.size()) + static_cast<int>(it - s.noisy.begin()));
+      if (it != s.noisy.end())
+        scratch.reading[j] += state(s.start + 12 * static_cast<int>(s.targets.size()) + static_cast<int>(it - s.noisy.begin()));
     }
     return state(table_.all[table_.joint_scale[j]].start) * scratch.reading[j] + state(table_.all[table_.joint_offset[j]].start);
   };
@@ -492,7 +501,8 @@ void Estimation::kinematic_matrix(const PlacedView& v, const std::vector<MotionC
                                            : column.source == Source::scale ? scratch.reading[column.joint]
                                                                             : state(table_.all[table_.joint_scale[column.joint]].start));
         const int j = v.path[column.step].joint;
-        m.block<6, 1>(row, column.first) += by * position_twist(rig_.tree.joints[j], v.path[column.step].direction, scratch.frames[column.step]);
+        m.block<6, 1>(row, column.first) +=
+            by * position_twist(rig_.tree.joints[j], v.path[column.step].direction, scratch.frames[column.step]);
         break;
       }
     }
@@ -535,8 +545,7 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
   auto all = scratch.r.head(rows);
   double squared = all.squaredNorm(), slope;
   if (white.noise.size() > 0) {
-    if (derivatives)
-      weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
+    if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
     all -= (white.noise * (white.root * (white.noise.transpose() * all))).eval();
     squared = all.squaredNorm();
   }
@@ -682,9 +691,7 @@ bool Estimation::square_root(int group, const VectorXd& state, int worker, Matri
   return group_rows(group, state, worker, true, rows);
 }
 
-bool Estimation::explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const {
-  return group_rows(group, state, 0, false, rows);
-}
+bool Estimation::explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const { return group_rows(group, state, 0, false, rows); }
 
 void Estimation::retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const {
   moved = state;
@@ -737,8 +744,8 @@ bool Estimation::renew(const VectorXd& state) {
         } else if (own_noise) {
           v.model->own_noise(scratch.input, i, b);
           covariance[i] = b * sigma.cwiseAbs2().asDiagonal() * b.transpose();
-          inverse_root[i] = b.rows() == b.cols() ? MatrixXd(sigma.cwiseInverse().asDiagonal() * b.inverse())
-                                                 : inverse_square_root(covariance[i]);
+          inverse_root[i] =
+              b.rows() == b.cols() ? MatrixXd(sigma.cwiseInverse().asDiagonal() * b.inverse()) : inverse_square_root(covariance[i]);
         } else {
           covariance[i] = sigma.cwiseAbs2().asDiagonal();
         }
@@ -751,7 +758,8 @@ bool Estimation::renew(const VectorXd& state) {
       Eigen::Ref<RowMatrix> reference(l);
       if (!v.model->evaluate(scratch.input, v.columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
       kinematic_matrix(v, v.noise, static_cast<int>(v.noise_sigma.size()), state, scratch);
-      MatrixXd jq = l.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.noise_sigma.size()));
+      MatrixXd jq =
+          l.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.noise_sigma.size()));
       for (size_t i = 0; i < v.noise_sigma.size(); ++i) jq.col(i) *= v.noise_sigma[i];
       if (setup_.noise == NoiseMode::point) {
         white.block.resize(blocks);

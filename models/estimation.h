@@ -104,6 +104,8 @@ class Estimation final : public Problem {
   struct PlacedSample;
   struct Scratch;
 
+  PlacedSample place_sample(int index) const;
+  GroupShape place_columns(PlacedSample& sample) const;
   void place_view(PlacedView& v, const std::map<int, int>& shared_places, const PlacedSample& sample) const;
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void geometry(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;

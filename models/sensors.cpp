@@ -14,8 +14,10 @@ void SensorModel::own_noise(const ViewInput&, int, Eigen::MatrixXd& b) const { b
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count) {
   if (lens == Lens::kannala_brandt && distortion_count == 4) return std::make_shared<PointwiseSensor<KannalaBrandt>>(KannalaBrandt(), "px");
   if (lens == Lens::pinhole && distortion_count == 0) return std::make_shared<PointwiseSensor<BrownConrady<0>>>(BrownConrady<0>(), "px");
-  if (lens == Lens::brown_conrady && distortion_count == 5) return std::make_shared<PointwiseSensor<BrownConrady<5>>>(BrownConrady<5>(), "px");
-  if (lens == Lens::brown_conrady && distortion_count == 8) return std::make_shared<PointwiseSensor<BrownConrady<8>>>(BrownConrady<8>(), "px");
+  if (lens == Lens::brown_conrady && distortion_count == 5)
+    return std::make_shared<PointwiseSensor<BrownConrady<5>>>(BrownConrady<5>(), "px");
+  if (lens == Lens::brown_conrady && distortion_count == 8)
+    return std::make_shared<PointwiseSensor<BrownConrady<8>>>(BrownConrady<8>(), "px");
   throw std::invalid_argument("distortion: pinhole takes 0 numbers, brown_conrady 5 or 8, kannala_brandt 4; not " +
                               std::to_string(distortion_count));
 }

@@ -106,8 +106,8 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       a.row(2 * i + 1).tail(k) = -s.y() * h.transpose();
     }
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solution(a.transpose() * a);
-    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m = Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(
-        VectorXd(solution.eigenvectors().col(0)).data(), 3, k);
+    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
+        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(VectorXd(solution.eigenvectors().col(0)).data(), 3, k);
     m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
     const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
     m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
@@ -129,9 +129,8 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       out.push_back(pose);
     }
   }
-  const bool in_front = std::any_of(out.begin(), out.end(), [&](const Pose& p) {
-    return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
-  });
+  const bool in_front = std::any_of(out.begin(), out.end(),
+                                    [&](const Pose& p) { return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0; });
   if (!in_front || n < 6)  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
@@ -143,7 +142,8 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
 }
 
 /// Directions of a view's pixels that could be found, and the places of their points in the view.
-Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count, std::vector<int>& keep) {
+Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count,
+                          std::vector<int>& keep) {
   Matrix3Xd xy1(3, count);
   const int block = table.sensor_block[view.sensor];
   const std::vector<bool> good =
@@ -220,14 +220,17 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
       z.rotation = rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
       return {z};
     }
-    case Sight::chain: return {Pose()};
-    case Sight::points: return {fit_points(points, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, n))};
+    case Sight::chain:
+      return {Pose()};
+    case Sight::points:
+      return {fit_points(points, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, n))};
     case Sight::rays: {
       std::vector<int> keep;
       const Matrix3Xd xy1 = seen_directions(rig, table, values, view, static_cast<int>(n), keep);
       return perspective_poses(select_columns(points, keep), xy1);
     }
-    default: return {};
+    default:
+      return {};
   }
 }
 
@@ -238,8 +241,8 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
   Matrix3Xd out(3, static_cast<Eigen::Index>(view.z.size() / 3));
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const double* z = view.z.data() + 3 * i;
-    out.col(i) = base_T_link(rig, table, values, sample, sensor.link, sensor.scanning_joint, z[0]) * link_T_sensor *
-                 TiltingLaser::measured_point(z);
+    out.col(i) =
+        base_T_link(rig, table, values, sample, sensor.link, sensor.scanning_joint, z[0]) * link_T_sensor * TiltingLaser::measured_point(z);
   }
   return out;
 }
@@ -249,8 +252,8 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
   const Sensor& sensor = rig.sensors[view.sensor];
   if (sensor.model->sight() == Sight::scan) {
     const std::vector<int> ids = view_ids(view, rig.targets[view.target]);
-    return {fit_points(select_columns(target_points(rig, table, values, view.target), ids),
-                       scanned_points(rig, table, values, sample, view))};
+    return {
+        fit_points(select_columns(target_points(rig, table, values, view.target), ids), scanned_points(rig, table, values, sample, view))};
   }
   const Pose base_T_sensor =
       base_T_link(rig, table, values, sample, sensor.link) * get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
@@ -350,7 +353,8 @@ Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const Vecto
   return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start, 3, t.count());
 }
 
-Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint, double reading) {
+Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint,
+                 double reading) {
   Pose here;
   for (const PathStep& step : find_path(rig.tree, rig.base, link)) {
     const Joint& j = rig.tree.joints[step.joint];
@@ -358,7 +362,9 @@ Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& va
     if (j.moves()) {
       const Driver d = driver(rig.tree, step.joint);
       const double read = d.joint == joint ? reading : sample.readings[d.joint];
-      position = d.factor * (values(table.all[table.joint_scale[d.joint]].start) * read + values(table.all[table.joint_offset[d.joint]].start)) + d.offset;
+      position =
+          d.factor * (values(table.all[table.joint_scale[d.joint]].start) * read + values(table.all[table.joint_offset[d.joint]].start)) +
+          d.offset;
     }
     Pose frame, there;
     walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start), joint_motion(j, position), here, frame, there);
@@ -442,7 +448,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
   struct Seen {
     int sample;
     const View* view;
-    bool pose;   // `sensor_T_target` is there
+    bool pose;  // `sensor_T_target` is there
     Pose sensor_T_target;
   };
   std::vector<Seen> seen;
@@ -505,7 +511,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
     Pose best_pose;
     for (int parameter : open) {
       std::vector<Pose> poses;
-      std::vector<Vector3d> from, to;  // the unknown pose takes `from` to `to`
+      std::vector<Vector3d> from, to;                                 // the unknown pose takes `from` to `to`
       std::vector<Vector3d> ray_points, ray_origins, ray_directions;  // where single views have no pose: points, and rays that they lie on
       for (const Seen& s : seen) {
         const View& v = *s.view;
@@ -525,7 +531,8 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
         if (table.sensor_pose[v.sensor] == parameter && hub.count({s.sample, v.target})) {
           const Pose g = hub[{s.sample, v.target}];
           if (lone_rays) rays_of(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g, Pose());
-          if (s.pose) poses.push_back(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g * inverse(s.sensor_T_target));
+          if (s.pose)
+            poses.push_back(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g * inverse(s.sensor_T_target));
           if (scan || sensor.model->sight() == Sight::points)
             for (Eigen::Index i = 0; i < points.cols(); ++i) {
               const double* z = v.z.data() + 3 * i;
@@ -548,7 +555,8 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
               const Pose base_T_sensor = base_T_link(rig, table, values.shared, all[s.sample], sensor.link) *
                                          get_pose(values.shared, start_of(table.sensor_pose[v.sensor]));
               in_base.resize(3, points.cols());
-              for (Eigen::Index i = 0; i < points.cols(); ++i) in_base.col(i) = base_T_sensor * Vector3d(Eigen::Map<const Vector3d>(v.z.data() + 3 * i));
+              for (Eigen::Index i = 0; i < points.cols(); ++i)
+                in_base.col(i) = base_T_sensor * Vector3d(Eigen::Map<const Vector3d>(v.z.data() + 3 * i));
             }
             for (Eigen::Index i = 0; i < points.cols(); ++i) {
               from.push_back(points.col(i));

@@ -6,9 +6,10 @@
 //
 // Unknown poses. Views relate poses: with L_s = base_T_link of a sensor, X_s its pose, B = sensor_T_target as the view sees it, and
 // G = base_T_target (a mounted target's: L_t Z_t),  L_s X_s B = G.  Poses are found one after the other: where everything else of a
-// relation is known, as the robust mean over all samples; point correspondences, and directions
-// of all views together, serve where single views do not determine a pose. Where two are unknown, A_i X = Y B_i is solved over all samples (robot-world-hand-eye): rotations from the
-// largest singular vectors of sum R_B (x) R_A (Shah 2013), translations by linear least squares.
+// relation is known, as the robust mean over all samples; point correspondences, and directions of all views together, serve
+// where single views do not determine a pose. Where two are unknown, A_i X = Y B_i is solved over all samples
+// (robot-world-hand-eye): rotations from the largest singular vectors of sum R_B (x) R_A (Shah 2013), translations by linear
+// least squares.
 #pragma once
 
 #include <string>

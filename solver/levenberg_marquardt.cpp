@@ -19,9 +19,9 @@ constexpr int kPieces = 16;                 // of the partition, whatever the nu
 
 /// What one group keeps between linearisation and substitution.
 struct GroupStore {
-  MatrixXd rows;      // [P Q a], private_size x (size + 1)
-  MatrixXd factor;    // Cholesky factor L of the damped P, in the lower triangle
-  MatrixXd right;     // B = L^-1 [Q a]
+  MatrixXd rows;    // [P Q a], private_size x (size + 1)
+  MatrixXd factor;  // Cholesky factor L of the damped P, in the lower triangle
+  MatrixXd right;   // B = L^-1 [Q a]
   int private_start = 0;
 };
 
@@ -192,8 +192,7 @@ struct LevenbergMarquardt::Workspace {
       for (size_t i = 0; i < damped_matrix.size(); ++i) damped_matrix[i] -= accumulators[p][i];
       reduced_gradient -= vectors[p];
     }
-    for (int i = 0; i < n; ++i)
-      system.add_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
+    for (int i = 0; i < n; ++i) system.add_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
     return true;
   }
 

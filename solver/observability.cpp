@@ -126,8 +126,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
       std::vector<std::pair<int, double>> direction;
       for (int i = 0; i < n; ++i) {
         if (std::abs(basis(i, j)) > 1e-3) out.unobservable[i] = 1;
-        if (std::abs(basis(i, j)) > 0.02)
-          direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
+        if (std::abs(basis(i, j)) > 0.02) direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
       }
       out.directions.push_back(std::move(direction));
     }
