@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 
@@ -27,6 +28,16 @@ const std::map<std::string, NoiseMode> kNoiseModes = {
     {"latent", NoiseMode::latent}, {"marginal", NoiseMode::marginal}, {"point", NoiseMode::point}, {"none", NoiseMode::none}};
 const std::map<std::string, LinearSolver> kLinearSolvers = {
     {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
+
+int say_interrupted() {
+  std::fprintf(stderr, "kincal: interrupted, nothing written\n");
+  return kInterrupted;
+}
+
+/// A folder with a rig.yaml (a result) stands for that file.
+std::string rig_path(const std::string& path) {
+  return std::filesystem::is_directory(path) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
+}
 
 template <class Map>
 std::vector<std::string> keys(const Map& map) {
@@ -64,7 +75,7 @@ int calibrate(const CalibrateArguments& a, const std::string& command) {
     if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
     check_output(a.out, a.force);
   }
-  const RigFile rig_file = read_rig(a.rig);
+  const RigFile rig_file = read_rig(rig_path(a.rig));
   if (rig_file.rig.steps.empty()) throw InputError(a.rig + ": estimate: there are no steps: nothing is to be calibrated");
   Calibration calibration = make_calibration(rig_file, a.samples);
   if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
@@ -88,8 +99,11 @@ int calibrate(const CalibrateArguments& a, const std::string& command) {
       return kConverged;
     }
     const std::optional<CalibrationResult> result = calibration.run(options);
+    if (!result || interrupted) {
+      progress.interrupted();
+      return say_interrupted();
+    }
     progress.finish();
-    if (!result || interrupted) return kInterrupted;
     ResultOptions result_options;
     result_options.command = command;
     result_options.samples_path = a.samples;
@@ -97,7 +111,7 @@ int calibrate(const CalibrateArguments& a, const std::string& command) {
     result_options.residuals = !a.no_report;
     result_options.write_reduction = a.write_reduction;
     const ResultFiles files = make_results(rig_file, calibration, *result, result_options);
-    if (!write_results(a.out, files, a.force, not_interrupted)) return kInterrupted;
+    if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
     if (a.json)
       std::cout << files.result_json;
     else if (!a.quiet)
@@ -122,7 +136,7 @@ struct EvaluateArguments {
 };
 
 int evaluate(const EvaluateArguments& a) {
-  const RigFile rig_file = read_rig(a.rig, a.urdf);
+  const RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   const Calibration calibration = make_calibration(rig_file, a.samples);
   try {
     const Evaluation evaluation = calibration.evaluate(kNoiseModes.at(a.noise), a.free);
@@ -130,7 +144,7 @@ int evaluate(const EvaluateArguments& a) {
       std::cout << evaluation_json(evaluation);
     } else {
       std::cout << residual_table(evaluation.sensors, false);
-      std::printf("chi2 %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
+      std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
       std::printf("\n");
     }
@@ -148,7 +162,7 @@ struct ApplyArguments {
 
 int apply(const ApplyArguments& a) {
   if (!a.force && std::ifstream(a.out).good()) throw InputError(a.out + ": exists already; --force replaces it");
-  write_file(a.out, apply_result(a.result, read_urdf(a.urdf)));
+  write_file(a.out, apply_result(a.result, read_urdf(a.urdf), a.force));
   std::cout << "Written to " << a.out << "\n";
   return kConverged;
 }
@@ -163,7 +177,7 @@ struct SimulateArguments {
 
 int simulate(const SimulateArguments& a) {
   check_output(a.out, a.force);
-  const RigFile rig_file = read_rig(a.rig);
+  const RigFile rig_file = read_rig(rig_path(a.rig));
   const ParameterTable table(rig_file.rig);
   SimulationOptions options;
   options.seed = a.seed;
@@ -193,12 +207,16 @@ int simulate(const SimulateArguments& a) {
   for (int s : simulation.idle)
     std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n", rig_file.rig.sensors[s].name.c_str(),
                  rig_file.rig.sensors[s].type == "chain" ? "holds" : "sees");
+  if (simulation.samples.size() < static_cast<size_t>(a.samples))
+    std::fprintf(stderr,
+                 "kincal: warning: %zu of %d samples are left out: in these postures no sensor sees a whole target from its printed side\n",
+                 a.samples - simulation.samples.size(), a.samples);
   if (simulation.samples.empty()) throw InputError("simulate: no sample is left: no posture has a view that is possible");
   if (!write_directory(
           a.out,
           {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)}, {"truth.json", truth_text(rig_file.rig, table, simulation)}},
           a.force, not_interrupted))
-    return kInterrupted;
+    return say_interrupted();
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
     for (const View& view : sample.views) ++views[view.sensor];
@@ -246,9 +264,13 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   calibrate_command->add_option("--step", c.step, "run all steps up to this one");
-  calibrate_command->add_option("--free", c.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'")
-      ->allow_extra_args(false);
-  calibrate_command->add_option("--fix", c.fix, "name or glob to hold in the last step that runs")->allow_extra_args(false);
+  calibrate_command
+      ->add_option("--free", c.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
+  calibrate_command->add_option("--fix", c.fix, "name or glob to hold in the last step that runs; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
   calibrate_command->add_option("--linear-solver", c.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
@@ -265,7 +287,9 @@ int main(int argc, char** argv) {
       "/baseline;\n"
       "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint "
       "readings\n"
-      "as exact: what the robot's own software will see.");
+      "as exact: what the robot's own software will see.\n"
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge (2 and 3:\n"
+      "results are written, `status` in result.json says so); 130 interrupted, nothing written.");
 
   EvaluateArguments e;
   CLI::App* evaluate_command =
@@ -276,7 +300,9 @@ int main(int argc, char** argv) {
       "--urdf", e.urdf,
       "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
       "use the rig.yaml beside it: what a URDF cannot express is there");
-  evaluate_command->add_option("--free", e.free, "name or glob to re-estimate in each split")->allow_extra_args(false);
+  evaluate_command->add_option("--free", e.free, "name or glob to re-estimate in each split; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
   evaluate_command->add_option("--noise", e.noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
   evaluate_command->add_flag("--json", e.json, "print {chi2, dof, sensors} as JSON");
 
@@ -285,7 +311,7 @@ int main(int argc, char** argv) {
   apply_command->add_option("RESULT", p.result, "result directory or its result.json")->required();
   apply_command->add_option("URDF", p.urdf, "the copy; only numbers of its joint origins are replaced")->required();
   apply_command->add_option("--out", p.out, "file to write")->required();
-  apply_command->add_flag("--force", p.force, "replace an existing file");
+  apply_command->add_flag("--force", p.force, "replace an existing file; apply a result that is not converged or not determined");
 
   SimulateArguments s;
   CLI::App* simulate_command =
@@ -298,6 +324,7 @@ int main(int argc, char** argv) {
       simulate_command->add_option("--truth", s.truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
   simulate_command->add_option("--spread", s.spread, "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
       ->allow_extra_args(false)
+      ->type_name("GLOB")
       ->excludes(truth_option);
   simulate_command->add_option("--postures", s.postures,
                                "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");

@@ -75,6 +75,11 @@ void Progress::update(const std::string& step, int iteration, double chi2, doubl
   if (terminal_) std::fprintf(stderr, "\r\033[K%s: iteration %d, chi2 %.8g, damping %.0e", step.c_str(), iteration, chi2, damping);
 }
 
+void Progress::interrupted() {
+  if (terminal_ && !quiet_ && !step_.empty()) std::fprintf(stderr, "\n");
+  step_.clear();
+}
+
 void Progress::finish() {
   if (quiet_ || step_.empty() || iteration_ == 0) return;
   std::fprintf(stderr, "%s%s: %d iterations, chi2 %.8g\n", terminal_ ? "\r\033[K" : "", step_.c_str(), iteration_, chi2_);
@@ -127,15 +132,16 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
                         value(e.value[c], unit.factor), format("%+.4g", change * unit.factor),
                         std::isfinite(e.sigma[c]) ? "± " + format("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
     }
-  // The robot and its sensors first: where targets stand is seldom what one wants to know.
-  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) {
-    const bool ta = a.cells[0].rfind("target/", 0) == 0, tb = b.cells[0].rfind("target/", 0) == 0;
-    return ta != tb ? tb : a.weight > b.weight;
-  });
+  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) { return a.weight > b.weight; });
+  // Where targets stand is seldom what one wants to know: a few of these behind the robot and its sensors.
   std::vector<std::vector<std::string>> rows = {{"parameter", "before", "after", "change", "sigma", "unit"}};
-  for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
+  for (bool target : {false, true}) {
+    size_t room = target ? most / 3 : most;
+    for (const Line& line : lines)
+      if ((line.cells[0].rfind("target/", 0) == 0) == target && room > 0) rows.push_back(line.cells), --room;
+  }
   std::string out = align(rows, 1);
-  if (lines.size() > most) out += "  ... and " + std::to_string(lines.size() - most) + " more in result.json\n";
+  if (lines.size() + 1 > rows.size()) out += "  ... and " + std::to_string(lines.size() + 1 - rows.size()) + " more in result.json\n";
   return out;
 }
 
@@ -166,6 +172,20 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
+  if (!result.computed_starts.empty()) {
+    out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
+    std::vector<std::vector<std::string>> poses = {{"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
+    for (const ParameterEstimate& e : result.parameters)
+      if (std::count(result.computed_starts.begin(), result.computed_starts.end(), e.name)) {
+        const Vector3d& t = e.pose->translation;
+        const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
+        std::vector<std::string> row = {e.name};
+        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()}) row.push_back(format("%.6f", v));
+        row.push_back("m, rad");
+        poses.push_back(row);
+      }
+    out += align(poses, 1);
+  }
   out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";

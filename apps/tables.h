@@ -16,6 +16,8 @@ class Progress {
   void update(const std::string& step, int iteration, double chi2, double damping);
   /// Ends the last step's line.
   void finish();
+  /// Ends the line where it is.
+  void interrupted();
 
  private:
   bool quiet_, terminal_;

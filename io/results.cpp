@@ -290,9 +290,15 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   // The rig: what is folded into the robot is not in it.
   out.rig_yaml = rig_text(rig_file, rig_values(calibration, values, options.write_reduction, out.reductions), "robot.urdf");
 
+  // Whoever opens a file of a bad result should see it there too. (The URDF stays the input but for its numbers.)
+  const std::string mark = result.status == Status::converged
+                               ? ""
+                               : "# kincal: status " + status_name(result.status) + ", see result.json: do not rely on these numbers.\n";
+  out.rig_yaml = mark + out.rig_yaml;
+
   // Old and new origins.
   Json robot = Json::object();
-  out.changes_yaml = "# Old and new origins of the joints that the calibration changed (joint offsets folded in).\n";
+  out.changes_yaml = mark + "# Old and new origins of the joints that the calibration changed (joint offsets folded in).\n";
   if (changes.origins.empty())
     out.changes_yaml += "joints: {}\n";
   else
@@ -468,7 +474,7 @@ std::string evaluation_json(const Evaluation& evaluation) {
   return json.dump(1) + "\n";
 }
 
-std::string apply_result(const std::string& result_path, const Urdf& urdf) {
+std::string apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
   constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
   const std::string path = fs::is_directory(result_path) ? (fs::path(result_path) / "result.json").string() : result_path;
   const std::string text = read_file(path);
@@ -476,6 +482,8 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf) {
   const Field all = top(node, path);
   if (!all.has("robot") || !all["robot"].has("joints"))
     throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
+  if (!force && all["status"].string() != "converged")
+    throw InputError(path + ": status: " + all["status"].string() + ": this result is not to be trusted; --force applies it all the same");
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
   const auto apart = [](const Pose& a, const Pose& b) {
     return std::max((a.translation - b.translation).norm(), log_so3(a.rotation.transpose() * b.rotation).norm());

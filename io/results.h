@@ -53,7 +53,8 @@ void write_file(const std::string& path, const std::string& text);
 std::string evaluation_json(const Evaluation& evaluation);
 
 /// The text of `urdf` with the changes of a result (a result directory or its result.json).
-/// @throws InputError if the robot differs from the calibrated one where the result changes it, or holds the changes already.
-std::string apply_result(const std::string& result_path, const Urdf& urdf);
+/// @throws InputError if the robot differs from the calibrated one where the result changes it, or holds the changes already; if the
+///         result's status is not `converged`, unless `force`.
+std::string apply_result(const std::string& result_path, const Urdf& urdf, bool force);
 
 }  // namespace kincal

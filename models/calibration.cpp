@@ -215,6 +215,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
 
   // Poses that the rig leaves open and the steps free wholly, without a prior: their T0 comes from the data.
   std::vector<int> unknown;
+  std::vector<std::string> identity;  // freed in part or with a prior: absent means the identity
   for (size_t p = 0; p < table_.all.size(); ++p) {
     const auto sensor = std::find(table_.sensor_pose.begin(), table_.sensor_pose.end(), static_cast<int>(p));
     const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), static_cast<int>(p));
@@ -227,8 +228,15 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       whole = whole || (f && f->whole(table_.all[p]));
       for (const Prior& q : plan.priors) prior = prior || q.parameter == static_cast<int>(p);
     }
-    if (whole && !prior) unknown.push_back(static_cast<int>(p));
+    if (whole && !prior)
+      unknown.push_back(static_cast<int>(p));
+    else if (std::any_of(plans.begin(), plans.end(), [&](const StepPlan& plan) { return find_freed(plan.free, static_cast<int>(p)); }))
+      identity.push_back(table_.all[p].name);
   }
+  for (const std::string& name : identity)
+    result.warnings.push_back(
+        {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
+  for (int p : unknown) result.computed_starts.push_back(table_.all[p].name);
   if (!unknown.empty()) {
     Values started;
     started.shared = table_.initial;
@@ -535,10 +543,11 @@ void Calibration::warn(CalibrationResult& result) const {
   for (const auto& x : excess)
     add("joint_error", "joint '" + rig_.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " + std::to_string(x.second.count) +
                            (x.second.count == 1 ? " sample" : " samples") + ", at worst " +
-                           text("%+.3g sigmas (%.2g) in sample '", x.second.worst, x.second.worst * rig_.joints[x.first].sigma) +
+                           text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.worst * rig_.joints[x.first].sigma) +
                            samples_[x.second.sample].id + "'");
   for (const ParameterEstimate& e : result.parameters) {
-    if (e.pose) {
+    const auto about_it = [&](const Warning& w) { return w.id == "identity" && w.text.rfind(e.name + " ", 0) == 0; };
+    if (e.pose && std::none_of(result.warnings.begin(), result.warnings.end(), about_it)) {
       const double moved = std::hypot(e.value[0], e.value[1], e.value[2]), turned = std::hypot(e.value[3], e.value[4], e.value[5]);
       if (moved > 0.1) add("moved", e.name + text(" moved by %.3g m from its initial value: is that possible?", moved));
       if (turned > 10 * M_PI / 180)
@@ -548,9 +557,9 @@ void Calibration::warn(CalibrationResult& result) const {
       const std::string name = e.components[c].empty() ? e.name : e.name + "." + e.components[c];
       if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > 3 * e.prior[c])
         add("prior", name + text(" is %.1f prior sigmas from its prior", (e.value[c] - e.initial[c]) / e.prior[c]));
-      if (e.units[c] == "m" && e.sigma[c] > 0.01) add("sigma", name + text(" is known to %.2g m only (one sigma)", e.sigma[c]));
+      if (e.units[c] == "m" && e.sigma[c] > 0.01) add("sigma", name + text(" is known to %.3g m only (one sigma)", e.sigma[c]));
       if (e.units[c] == "rad" && e.sigma[c] > M_PI / 180)
-        add("sigma", name + text(" is known to %.2g degrees only (one sigma)", e.sigma[c] * 180 / M_PI));
+        add("sigma", name + text(" is known to %.3g degrees only (one sigma)", e.sigma[c] * 180 / M_PI));
     }
   }
 }

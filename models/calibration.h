@@ -103,6 +103,7 @@ struct CalibrationResult {
   std::vector<Direction> unobservable;             // of the last step
   std::vector<SensorResult> sensors;               // that see something
   std::vector<Warning> warnings;
+  std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
   MatrixXd covariance;
   Values values;                                   // shared parameters; poses and joint errors of the training samples
