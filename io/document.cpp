@@ -5,6 +5,7 @@
 #include <yaml-cpp/parser.h>
 
 #include <algorithm>
+#include <unordered_map>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -698,6 +699,23 @@ std::string to_yaml(const Node& node) {
   std::string out;
   write_block(node, 0, false, out);
   return out;
+}
+
+void for_each_json_line(const std::string& path, const std::function<std::string(const Field&)>& read) {
+  const std::string text = read_file(path);
+  std::unordered_map<std::string, int> lines;  // of the ids
+  int line = 1;
+  for (size_t at = 0; at < text.size(); ++line) {
+    const size_t end = std::min(text.find('\n', at), text.size());
+    const std::string one = text.substr(at, end - at);
+    at = end + 1;
+    if (one.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const Node node = parse_json(one, path, line);
+    const Field field = top(node, path);
+    const std::string id = read(field);
+    const auto [first, is_new] = lines.emplace(id, line);
+    if (!is_new) field["id"].fail("'" + id + "' stands already in line " + std::to_string(first->second));
+  }
 }
 
 }  // namespace kincal

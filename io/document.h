@@ -2,6 +2,7 @@
 // All numbers are read with std::from_chars, whatever the locale.
 #pragma once
 
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -68,6 +69,10 @@ struct Field {
   Pose pose() const;                                // {xyz, rpy} or {xyz, quat}; both parts optional
 };
 Field top(const Node& node, const std::string& path);
+
+/// Visits the values of a JSON lines file, one a line, blank lines aside. `read` returns the value's id. @throws InputError where a line
+/// is malformed or an id stands twice.
+void for_each_json_line(const std::string& path, const std::function<std::string(const Field&)>& read);
 
 /// "; nearest: a, b, c" by edit distance, or "" if nothing is near.
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names);

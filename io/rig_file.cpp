@@ -10,9 +10,9 @@
 #include <limits>
 #include <map>
 #include <stdexcept>
-#include <unordered_map>
 
 #include "../models/sensors.h"
+#include "../models/starts.h"
 
 namespace kincal {
 namespace {
@@ -409,18 +409,6 @@ std::vector<int> needed_joints(const Rig& rig, int link, int except) {
     if (joint != except && std::find(needed.begin(), needed.end(), joint) == needed.end()) needed.push_back(joint);
   }
   return needed;
-}
-
-/// Is no point farther from the line through the first and the one farthest from it than a millionth of its length?
-bool on_a_line(const Eigen::Matrix3Xd& points) {
-  if (points.cols() < 3) return true;
-  const Eigen::Matrix3Xd from_first = points.colwise() - Vector3d(points.col(0));
-  int farthest = 0;
-  const double length = from_first.colwise().norm().maxCoeff(&farthest);
-  const Vector3d along = from_first.col(farthest);
-  double off = 0;
-  for (int i = 0; i < from_first.cols(); ++i) off = std::max(off, along.cross(Vector3d(from_first.col(i))).norm());
-  return off <= 1e-6 * length * length;
 }
 
 Lookup lookup(const Rig& rig) {
@@ -865,22 +853,12 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
 
 // ------------------------------------------------------------------------------------------------ samples
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
-  const std::string text = read_file(path);
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;
-  std::unordered_map<std::string, int> lines;  // of the ids
-  int line = 1;
-  for (size_t at = 0; at < text.size(); ++line) {
-    const size_t end = std::min(text.find('\n', at), text.size());
-    const std::string one = text.substr(at, end - at);
-    at = end + 1;
-    if (one.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const Node node = parse_json(one, path, line);
-    const Field field = top(node, path);
+  for_each_json_line(path, [&](const Field& field) {
     samples.push_back(read_sample(field, rig, look));
-    const auto [first, is_new] = lines.emplace(samples.back().id, line);
-    if (!is_new) field["id"].fail("'" + samples.back().id + "' stands already in line " + std::to_string(first->second));
-  }
+    return samples.back().id;
+  });
   if (samples.empty()) throw InputError(path + ": no samples");
   return samples;
 }

@@ -5,7 +5,6 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <unordered_map>
 
 #include "../models/starts.h"
 
@@ -129,21 +128,11 @@ class Lines {
 }  // namespace
 
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
-  const std::string text = read_file(path);
   std::vector<Posture> postures;
-  std::unordered_map<std::string, int> lines;  // of the ids
-  int line = 1;
-  for (size_t at = 0; at < text.size(); ++line) {
-    const size_t end = std::min(text.find('\n', at), text.size());
-    const std::string one = text.substr(at, end - at);
-    at = end + 1;
-    if (one.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const Node node = parse_json(one, path, line);
-    const Field field = top(node, path);
+  for_each_json_line(path, [&](const Field& field) {
     postures.push_back(read_posture(field, rig));
-    const auto [first, is_new] = lines.emplace(postures.back().id, line);
-    if (!is_new) field["id"].fail("'" + postures.back().id + "' stands already in line " + std::to_string(first->second));
-  }
+    return postures.back().id;
+  });
   if (postures.empty()) throw InputError(path + ": no postures");
   return postures;
 }

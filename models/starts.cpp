@@ -317,12 +317,6 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
   return true;
 }
 
-std::vector<int> all_sensors(const Rig& rig) {
-  std::vector<int> out;
-  for (size_t i = 0; i < rig.sensors.size(); ++i) out.push_back(static_cast<int>(i));
-  return out;
-}
-
 }  // namespace
 
 Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
@@ -488,7 +482,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
   while (!open.empty()) {
     // base_T_target where sensors with known poses see a free target, or where a mounted one's pose is known.
     std::vector<int> known_sensors;
-    for (int s : all_sensors(rig))
+    for (int s = 0; s < static_cast<int>(rig.sensors.size()); ++s)
       if (known[table.sensor_pose[s]]) known_sensors.push_back(s);
     Values with;
     with.shared = values.shared;
