@@ -352,6 +352,7 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
     else
       lambda *= 2;
     std::swap(state, w.moved);
+    const bool little = w.options.relative_decrease > 0 && twice - trial.twice <= w.options.relative_decrease * twice;
     summary.cost = trial;
     ++summary.iterations;
     summary.history.push_back({trial.chi2, used});
@@ -364,7 +365,7 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
       w.sizes.push_back(rounding ? length : kInfinity);
       still = length < kConvergedStep || settled(w.sizes);
     }
-    if (still && (fresh || !renewable)) {
+    if (little || (still && (fresh || !renewable))) {
       summary.outcome = Outcome::converged;
       return summary;
     }

@@ -32,6 +32,9 @@ struct SolverOptions {
   int max_iterations = 200;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
+  /// Others' stopping rule, for comparisons: converged as well when an accepted step lowers the cost by at most this share of it.
+  /// 0: only when nothing moves any more.
+  double relative_decrease = 0;
   /// Called after each iteration with its number, chi2 and damping; false cancels.
   std::function<bool(int, double, double)> progress;
 };
