@@ -9,8 +9,8 @@ namespace kincal::benchmarks {
 namespace {
 
 constexpr double kPi = 3.141592653589793;
-constexpr int kColumns = 8, kRows = 6;      // corners of the board
-constexpr double kSquare = 0.05;            // m
+constexpr int kColumns = 8, kRows = 6;  // corners of the board
+constexpr double kSquare = 0.05;        // m
 constexpr double kWidth = 640, kHeight = 480;
 
 struct Limits {
@@ -300,7 +300,8 @@ RobotProblem four_arms(int samples) {
   std::vector<Limb> limbs;
   for (int a = 0; a < 4; ++a) {  // in two rows, all looking along x
     const std::string number = std::to_string(a);
-    const std::vector<int> arm = add_arm(rig, "arm" + number + "_", {Matrix3d::Identity(), Vector3d(-0.3 * (a / 2), a % 2 ? -0.3 : 0.3, 0)});
+    const std::vector<int> arm =
+        add_arm(rig, "arm" + number + "_", {Matrix3d::Identity(), Vector3d(-0.3 * (a / 2), a % 2 ? -0.3 : 0.3, 0)});
     Limb limb{7 * a, arm_limits(a % 2 ? -1 : 1), {add_camera(rig, "camera" + number, arm[6], {0.1, 0, 0}, 0, 430, 0.25)}};
     if (a == 0) limb.sensors.push_back(add_camera(rig, "camera4", arm[6], {0.1, 0.05, 0}, 0, 430, 0.25));
     limbs.push_back(limb);

@@ -8,9 +8,9 @@ namespace kincal::benchmarks {
 struct Run {
   double start_cost = 0, cost = 0;  // 1/2 sum |r|^2
   int iterations = 0;
-  double seconds = 0;               // CPU time of the process
-  double wall = 0;                  // s
-  double setup = 0;                 // CPU time before that: building the problem itself
+  double seconds = 0;  // CPU time of the process
+  double wall = 0;     // s
+  double setup = 0;    // CPU time before that: building the problem itself
   bool converged = false;
 };
 
