@@ -166,9 +166,10 @@ std::pair<double, double> robot(int boards, const Settings& settings, json& repo
   const RobotProblem p = pr2_like(boards);
   const Counts c = count(Estimation(p.rig, p.table, p.samples, p.all(), p.setup));
   std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows, c.shared, c.private_unknowns);
-  CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest);
+  CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest), compressed(p, PeerForm::compressed);
   std::vector<Contestant> contestants = {{"kincal", [&] { return solve_robot(p, 1); }},
                                          {"ceres strongest (analytic, block a view, DENSE_SCHUR)", [&] { return strongest.solve(); }},
+                                         {"ceres with kincal's compression of views", [&] { return compressed.solve(); }},
                                          {"ceres usual (autodiff, block a corner)", [&] { return usual.solve(); }}};
   race(p.name, contestants, settings.rounds, 1e-6);
   for (const Contestant& contestant : contestants) print_contestant(contestant);
