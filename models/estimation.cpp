@@ -577,36 +577,40 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   return true;
 }
 
-bool Estimation::linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const {
+bool Estimation::linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const {
   cost = {};
-  const Eigen::Index last = gram.rows() - 1;
   if (group == static_cast<int>(samples_.size())) {
     MatrixXd rows;
     VectorXd r;
     prior_rows(state, &rows, r);
     cost.twice = cost.chi2 = r.squaredNorm();
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
+    for (Eigen::Index j = 0; j + 1 < rows.cols(); ++j) {
+      for (Eigen::Index i = j; i + 1 < rows.cols(); ++i) to.shared[to.origin[to.row[j]] + to.row[i]] += rows.col(i).dot(rows.col(j));
+      to.gradient[to.row[j]] += rows.col(j).dot(rows.col(rows.cols() - 1));
+    }
     return true;
   }
   const PlacedSample& s = samples_[group];
   Scratch& scratch = scratch_[worker];
+  const int size = groups_[group].size();
   motions(s, state, scratch);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, state, scratch, true, cost)) return false;
     const int rows = v.rows(), w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
-    auto view_gram = scratch.expand.gram.topLeftCorner(w, w);
-    kincal::gram(scratch.rows.data(), rows, w, static_cast<int>(scratch.rows.outerStride()), view_gram.data(),
-                 static_cast<int>(scratch.expand.gram.outerStride()));
+    const MatrixXd soa = scratch.rows.topLeftCorner(rows, w);
+    MatrixXd padded_rows = MatrixXd::Zero(padded(rows), w);
+    padded_rows.topRows(rows) = soa;
+    kernels().gram(padded_rows.data(), padded(rows), padded_rows.rows(), w, scratch.expand.gram.data(),
+                   static_cast<int>(scratch.expand.gram.outerStride()));
     kinematic_matrix(v, v.motion, columns, state, scratch);
-    expand(view_gram, scratch.m.topLeftCorner(v.kinematic_rows, columns), v.map, scratch.expand, gram);
+    expand(w - 1, scratch.m.topLeftCorner(v.kinematic_rows, columns), v.map, groups_[group].private_size, size, scratch.expand, to);
   }
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
     const double w = 1 / rig_.joints[s.noisy[i]].sigma, e = state(errors + static_cast<int>(i)) * w;
-    const Eigen::Index at = static_cast<Eigen::Index>(6 * s.targets.size() + i);
-    gram(at, at) += w * w;
-    gram(last, at) += w * e;
-    gram(last, last) += e * e;
+    const size_t at = 6 * s.targets.size() + i;
+    to.rows[at * to.stride + at] += w * w;
+    to.rows[at * to.stride + size] += w * e;
     cost.twice += e * e;
     cost.chi2 += e * e;
   }

@@ -90,7 +90,7 @@ class Estimation final : public Problem {
   void set_workers(int count) override;
   void prepare(const VectorXd& state) override;
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
-  bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const override;
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd& state) override;
