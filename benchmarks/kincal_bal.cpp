@@ -24,12 +24,15 @@ int main(int argc, char** argv) {
   app.add_option("--threads", options.threads, "Threads; the result is the same to the last bit")
       ->capture_default_str()
       ->check(CLI::Range(1, 1024));
-  app.add_option("--linear-solver", options.linear_solver, "Of the cameras' reduced system. automatic: dense if small or full, else sparse")
-      ->transform(CLI::CheckedTransformer(solvers));
+  std::string solver = "automatic";
+  app.add_option("--linear-solver", solver, "Of the cameras' reduced system. automatic: dense if small or full, else sparse (cholmod)")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"automatic", "dense", "cholmod"}));
   app.add_option("--decrease", options.relative_decrease, "Stop when a step lowers the cost by at most this share of it")
       ->capture_default_str();
   app.add_option("--iterations", options.max_iterations, "At most so many")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
+  options.linear_solver = solvers.at(solver);
   try {
     const double before = cpu_seconds();
     const BundleAdjustmentData data = file == "synthetic" ? synthetic_bal(500, 100000) : read_bal(file);
