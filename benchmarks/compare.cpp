@@ -76,11 +76,11 @@ void race(const std::string& problem, std::vector<Contestant>& contestants, int 
     if (!first.back().converged) throw std::runtime_error(problem + ": " + c.name + " did not converge");
     if (first.size() > 1) fastest_peer = std::min(fastest_peer, first.back().seconds);
     for (const auto& [what, difference, allowed] :
-         {std::make_tuple("start at", relative_difference(first.back().start_cost, first[0].start_cost), kSameStart),
-          std::make_tuple("end at", relative_difference(first.back().cost, first[0].cost), same_end)})
+         {std::make_tuple("at the start", relative_difference(first.back().start_cost, first[0].start_cost), kSameStart),
+          std::make_tuple("at the end", relative_difference(first.back().cost, first[0].cost), same_end)})
       if (!(difference <= allowed)) {
         char text[300];
-        std::snprintf(text, sizeof text, "%s: costs %s differs by %.2g of it between %s (%.12g -> %.12g) and %s (%.12g -> %.12g)",
+        std::snprintf(text, sizeof text, "%s: costs %s differ by %.2g of them between %s (%.12g -> %.12g) and %s (%.12g -> %.12g)",
                       problem.c_str(), what, difference, contestants[0].name.c_str(), first[0].start_cost, first[0].cost, c.name.c_str(),
                       first.back().start_cost, first.back().cost);
         throw std::runtime_error(text);
