@@ -119,9 +119,11 @@ std::string describe(const BundleAdjustmentData& data) {
          std::to_string(data.camera_of.size()) + " observations";
 }
 
-/// The one place that calls kincal's bundle adjustment.
-std::optional<KincalBalRun> solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options) {
+// The one place that calls kincal's bundle adjustment.
 #ifdef KINCAL_BUNDLE_ADJUSTMENT
+bool has_bundle_adjustment() { return true; }
+
+KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options) {
   KincalBalRun run;
   const double before = cpu_seconds();
   BundleAdjustment problem(data);
@@ -144,10 +146,13 @@ std::optional<KincalBalRun> solve_with_kincal(const BundleAdjustmentData& data, 
   run.cost = 0.5 * summary.cost.twice;
   run.linear_solver = lm.linear_solver();
   return run;
-#else
-  (void)data, (void)options;
-  return std::nullopt;
-#endif
 }
+#else
+bool has_bundle_adjustment() { return false; }
+
+KincalBalRun solve_with_kincal(const BundleAdjustmentData&, const KincalBalOptions&) {
+  throw std::logic_error("this kincal has no bundle adjustment");
+}
+#endif
 
 }  // namespace kincal::benchmarks

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,7 +33,9 @@ struct KincalBalRun : Run {
   std::string linear_solver;
   std::vector<double> costs;  // at the start and after each iteration
 };
-/// Nothing, if this kincal has no bundle adjustment.
-std::optional<KincalBalRun> solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options);
+/// Whether models/bundle_adjustment.cpp was there when this was configured.
+bool has_bundle_adjustment();
+/// @throws std::logic_error if it was not.
+KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options);
 
 }  // namespace kincal::benchmarks

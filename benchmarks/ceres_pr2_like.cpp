@@ -2,6 +2,9 @@
 
 #include <ceres/ceres.h>
 
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -217,6 +220,59 @@ struct Geometry {
   }
 };
 
+/// Positions of N joints from their block: offsets, then scales.
+template <int N>
+std::array<double, N> positions(const ViewData& view, const double* joints) {
+  std::array<double, N> q;
+  for (int j = 0; j < N; ++j) q[j] = joints[N + j] * view.readings[j] + joints[j];
+  return q;
+}
+/// The same of an arm's 7 joints, whose wrist has its own block.
+std::array<double, 7> positions(const ViewData& view, const double* upper, const double* wrist) {
+  std::array<double, 7> q;
+  for (int j = 0; j < 7; ++j) q[j] = j < 5 ? upper[5 + j] * view.readings[j] + upper[j] : wrist[j - 3] * view.readings[j] + wrist[j - 5];
+  return q;
+}
+
+/// Rows of a joint block from the columns of its offsets.
+template <int Rows, int N>
+void joint_columns(const Rows_t<Rows, N>& by_offset, const double* readings, double* out) {
+  for (int k = 0; k < Rows; ++k)
+    for (int j = 0; j < N; ++j) {
+      out[2 * N * k + j] = by_offset(k, j);
+      out[2 * N * k + N + j] = by_offset(k, j) * readings[j];
+    }
+}
+
+/// One corner in a camera: residuals and, if asked for, their derivatives by the board's twist and by fx fy cx cy k1 k2.
+struct CornerRows {
+  double r[2];
+  Rows_t<2, 6> by_twist, by_numbers;
+
+  bool compute(const ViewData& view, const Pose& sensor_T_board, const double* number, int i, bool derivatives) {
+    const double w = view.inverse_sigma, fx = number[0] * w, fy = number[1] * w, k1 = number[4], k2 = number[5];
+    const Vector3d p = sensor_T_board * Vector3d(view.corners->col(i));
+    if (!(p.z() > 1e-9)) return false;
+    const double inverse_depth = 1 / p.z(), u = p.x() * inverse_depth, v = p.y() * inverse_depth, s = u * u + v * v;
+    const double radial = 1 + s * (k1 + s * k2);
+    r[0] = fx * u * radial + (number[2] - view.z[2 * i]) * w;
+    r[1] = fy * v * radial + (number[3] - view.z[2 * i + 1]) * w;
+    if (!derivatives) return true;
+    const double slope = 2 * (k1 + 2 * k2 * s), uu = radial + slope * u * u, uv = slope * u * v, vv = radial + slope * v * v;
+    Rows_t<2, 6>& l = by_twist;  // [v | w]: a (v + w x p) = [a | p x a]
+    l(0, 0) = fx * inverse_depth * uu, l(0, 1) = fx * inverse_depth * uv, l(0, 2) = -fx * inverse_depth * (uu * u + uv * v);
+    l(1, 0) = fy * inverse_depth * uv, l(1, 1) = fy * inverse_depth * vv, l(1, 2) = -fy * inverse_depth * (uv * u + vv * v);
+    for (int k = 0; k < 2; ++k) {
+      l(k, 3) = p.y() * l(k, 2) - p.z() * l(k, 1);
+      l(k, 4) = p.z() * l(k, 0) - p.x() * l(k, 2);
+      l(k, 5) = p.x() * l(k, 1) - p.y() * l(k, 0);
+    }
+    by_numbers << w * u * radial, 0, w, 0, fx * u * s, fx * u * s * s,  //
+        0, w * v * radial, 0, w, fy * v * s, fy * v * s * s;
+    return true;
+  }
+};
+
 /// A camera behind N joints: 96 residuals; board 6, joints N offsets and N scales, camera 12 (pose 6, fx fy cx cy k1 k2).
 template <int N>
 class CameraView final : public ceres::SizedCostFunction<2 * kCorners, 6, 2 * N, 12> {
@@ -224,46 +280,21 @@ class CameraView final : public ceres::SizedCostFunction<2 * kCorners, 6, 2 * N,
   explicit CameraView(const ViewData& view) : view_(view) {}
 
   bool Evaluate(double const* const* x, double* r, double** jacobians) const override {
-    std::array<double, N> positions;
-    for (int j = 0; j < N; ++j) positions[j] = x[1][N + j] * view_.readings[j] + x[1][j];
-    const bool derivatives = jacobians != nullptr;
     Geometry<N> g;
-    g.compute(view_, x[0], positions, x[2], derivatives);
-    const double* number = x[2] + 6;
-    const double fx = number[0] * view_.inverse_sigma, fy = number[1] * view_.inverse_sigma, k1 = number[4], k2 = number[5];
+    g.compute(view_, x[0], positions<N>(view_, x[1]), x[2], jacobians != nullptr);
+    CornerRows corner;
     for (int i = 0; i < kCorners; ++i) {
-      const Vector3d p = g.sensor_T_board * Vector3d(view_.corners->col(i));
-      if (!(p.z() > 1e-9)) return false;
-      const double inverse_depth = 1 / p.z(), u = p.x() * inverse_depth, v = p.y() * inverse_depth, s = u * u + v * v;
-      const double radial = 1 + s * (k1 + s * k2);
-      r[2 * i] = fx * u * radial + (number[2] - view_.z[2 * i]) * view_.inverse_sigma;
-      r[2 * i + 1] = fy * v * radial + (number[3] - view_.z[2 * i + 1]) * view_.inverse_sigma;
-      if (!derivatives) continue;
-      const double slope = 2 * (k1 + 2 * k2 * s), uu = radial + slope * u * u, uv = slope * u * v, vv = radial + slope * v * v;
-      Rows_t<2, 6> l;  // by the twist [v | w]: a (v + w x p) = [a | p x a]
-      l(0, 0) = fx * inverse_depth * uu, l(0, 1) = fx * inverse_depth * uv, l(0, 2) = -fx * inverse_depth * (uu * u + uv * v);
-      l(1, 0) = fy * inverse_depth * uv, l(1, 1) = fy * inverse_depth * vv, l(1, 2) = -fy * inverse_depth * (uv * u + vv * v);
-      for (int k = 0; k < 2; ++k) {
-        l(k, 3) = p.y() * l(k, 2) - p.z() * l(k, 1);
-        l(k, 4) = p.z() * l(k, 0) - p.x() * l(k, 2);
-        l(k, 5) = p.x() * l(k, 1) - p.y() * l(k, 0);
-      }
+      if (!corner.compute(view_, g.sensor_T_board, x[2] + 6, i, jacobians != nullptr)) return false;
+      r[2 * i] = corner.r[0];
+      r[2 * i + 1] = corner.r[1];
+      if (!jacobians) continue;
+      const Rows_t<2, 6>& l = corner.by_twist;
       if (jacobians[0]) Eigen::Map<Rows_t<2, 6>>(jacobians[0] + 12 * i) = l.lazyProduct(g.by_board);
-      if (jacobians[1]) {
-        const Rows_t<2, N> by_offset = l.lazyProduct(g.by_offset);
-        double* out = jacobians[1] + 4 * N * i;
-        for (int k = 0; k < 2; ++k)
-          for (int j = 0; j < N; ++j) {
-            out[2 * N * k + j] = by_offset(k, j);
-            out[2 * N * k + N + j] = by_offset(k, j) * view_.readings[j];
-          }
-      }
+      if (jacobians[1]) joint_columns<2, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1] + 4 * N * i);
       if (jacobians[2]) {
         Eigen::Map<Rows_t<2, 12>> out(jacobians[2] + 24 * i);
         out.template leftCols<6>() = l.lazyProduct(g.by_pose);
-        const double w = view_.inverse_sigma;
-        out.template rightCols<6>() << w * u * radial, 0, w, 0, fx * u * s, fx * u * s * s,  //
-            0, w * v * radial, 0, w, fy * v * s, fy * v * s * s;
+        out.template rightCols<6>() = corner.by_numbers;
       }
     }
     return true;
@@ -279,11 +310,8 @@ class HandView final : public ceres::SizedCostFunction<3 * kCorners, 6, 10, 4, 6
   explicit HandView(const ViewData& view) : view_(view) {}
 
   bool Evaluate(double const* const* x, double* r, double** jacobians) const override {
-    std::array<double, 7> positions;
-    for (int j = 0; j < 7; ++j)
-      positions[j] = j < 5 ? x[1][5 + j] * view_.readings[j] + x[1][j] : x[2][j - 3] * view_.readings[j] + x[2][j - 5];
     Geometry<7> g;
-    g.compute(view_, x[0], positions, x[3], jacobians != nullptr);
+    g.compute(view_, x[0], positions(view_, x[1], x[2]), x[3], jacobians != nullptr);
     const double w = view_.inverse_sigma;
     for (int i = 0; i < kCorners; ++i) {
       const Vector3d p = g.sensor_T_board * Vector3d(view_.corners->col(i));
@@ -297,18 +325,8 @@ class HandView final : public ceres::SizedCostFunction<3 * kCorners, 6, 10, 4, 6
         Eigen::Map<Rows_t<3, 6>>(jacobians[3] + 18 * i) = w * (g.by_pose.topRows<3>() + cross.lazyProduct(g.by_pose.bottomRows<3>()));
       if (!jacobians[1] && !jacobians[2]) continue;
       const Rows_t<3, 7> by_offset = w * (g.by_offset.topRows<3>() + cross.lazyProduct(g.by_offset.bottomRows<3>()));
-      for (int k = 0; k < 3; ++k) {
-        if (jacobians[1])
-          for (int j = 0; j < 5; ++j) {
-            jacobians[1][10 * (3 * i + k) + j] = by_offset(k, j);
-            jacobians[1][10 * (3 * i + k) + 5 + j] = by_offset(k, j) * view_.readings[j];
-          }
-        if (jacobians[2])
-          for (int j = 5; j < 7; ++j) {
-            jacobians[2][4 * (3 * i + k) + j - 5] = by_offset(k, j);
-            jacobians[2][4 * (3 * i + k) + j - 3] = by_offset(k, j) * view_.readings[j];
-          }
-      }
+      if (jacobians[1]) joint_columns<3, 5>(by_offset.leftCols<5>(), view_.readings, jacobians[1] + 30 * i);
+      if (jacobians[2]) joint_columns<3, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2] + 12 * i);
     }
     return true;
   }
@@ -317,7 +335,107 @@ class HandView final : public ceres::SizedCostFunction<3 * kCorners, 6, 10, 4, 6
   ViewData view_;
 };
 
-// ---------------------------------------------------------------- both
+// ---------------------------------------------------------------- compressed: kincal's idea, in Ceres
+
+/// The triangle R of a QR of `a`: R'R = a'a. Through the Gram matrix, which is faster; by QR if that is not positive definite.
+template <int Rows, int W>
+Rows_t<W, W> triangle(const Rows_t<Rows, W>& a) {
+  Eigen::Matrix<double, W, W> gram = Eigen::Matrix<double, W, W>::Zero();
+  for (int k = 0; k < Rows; k += 4) {
+    const double *p = a.data() + k * W, *q = p + W, *r = q + W, *s = r + W;
+    for (int j = 0; j < W; ++j)
+      for (int i = j; i < W; ++i) gram(i, j) += p[j] * p[i] + q[j] * q[i] + r[j] * r[i] + s[j] * s[i];
+  }
+  const Eigen::LLT<Eigen::Matrix<double, W, W>> cholesky(gram);
+  if (cholesky.info() == Eigen::Success) return cholesky.matrixU();
+  const Eigen::HouseholderQR<Eigen::Matrix<double, Rows, W>> qr(a);
+  return qr.matrixQR().template topRows<W>().template triangularView<Eigen::Upper>();
+}
+
+/// CameraView in 13 residuals: with the triangle R of [derivatives by the twist and by the camera's numbers | residuals], the last
+/// column of R has the norm of the residuals, and with R in place of the rows all products J'J and J'r are the same.
+template <int N>
+class CompressedCamera final : public ceres::SizedCostFunction<13, 6, 2 * N, 12> {
+ public:
+  explicit CompressedCamera(const ViewData& view) : view_(view) {}
+
+  bool Evaluate(double const* const* x, double* r, double** jacobians) const override {
+    Geometry<N> g;
+    g.compute(view_, x[0], positions<N>(view_, x[1]), x[2], jacobians != nullptr);
+    CornerRows corner;
+    double squares = 0;
+    Rows_t<2 * kCorners, 13> a;
+    for (int i = 0; i < kCorners; ++i) {
+      if (!corner.compute(view_, g.sensor_T_board, x[2] + 6, i, jacobians != nullptr)) return false;
+      squares += corner.r[0] * corner.r[0] + corner.r[1] * corner.r[1];
+      if (!jacobians) continue;
+      a.template block<2, 6>(2 * i, 0) = corner.by_twist;
+      a.template block<2, 6>(2 * i, 6) = corner.by_numbers;
+      a(2 * i, 12) = corner.r[0];
+      a(2 * i + 1, 12) = corner.r[1];
+    }
+    Eigen::Map<Eigen::Matrix<double, 13, 1>> out(r);
+    if (!jacobians) {
+      out.setZero();
+      r[0] = std::sqrt(squares);
+      return true;
+    }
+    const Rows_t<13, 13> t = triangle(a);
+    const Rows_t<13, 6> l = t.template leftCols<6>();
+    out = t.col(12);
+    if (jacobians[0]) Eigen::Map<Rows_t<13, 6>>(jacobians[0] + 0) = l.lazyProduct(g.by_board);
+    if (jacobians[1]) joint_columns<13, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1]);
+    if (jacobians[2]) {
+      Eigen::Map<Rows_t<13, 12>> by_camera(jacobians[2]);
+      by_camera.template leftCols<6>() = l.lazyProduct(g.by_pose);
+      by_camera.template rightCols<6>() = t.template middleCols<6>(6);
+    }
+    return true;
+  }
+
+ private:
+  ViewData view_;
+};
+
+/// HandView in 7 residuals, likewise.
+class CompressedHand final : public ceres::SizedCostFunction<7, 6, 10, 4, 6> {
+ public:
+  explicit CompressedHand(const ViewData& view) : view_(view) {}
+
+  bool Evaluate(double const* const* x, double* r, double** jacobians) const override {
+    Geometry<7> g;
+    g.compute(view_, x[0], positions(view_, x[1], x[2]), x[3], jacobians != nullptr);
+    const double w = view_.inverse_sigma;
+    double squares = 0;
+    Rows_t<3 * kCorners, 7> a;
+    for (int i = 0; i < kCorners; ++i) {
+      const Vector3d p = g.sensor_T_board * Vector3d(view_.corners->col(i));
+      const Vector3d e = w * (p - Eigen::Map<const Vector3d>(view_.z + 3 * i));
+      squares += e.squaredNorm();
+      if (jacobians) a.block<3, 7>(3 * i, 0) << w * Matrix3d::Identity(), -w * skew(p), e;
+    }
+    Eigen::Map<Eigen::Matrix<double, 7, 1>> out(r);
+    if (!jacobians) {
+      out.setZero();
+      r[0] = std::sqrt(squares);
+      return true;
+    }
+    const Rows_t<7, 7> t = triangle(a);
+    const Rows_t<7, 6> l = t.leftCols<6>();
+    const Rows_t<7, 7> by_offset = l.lazyProduct(g.by_offset);
+    out = t.col(6);
+    if (jacobians[0]) Eigen::Map<Rows_t<7, 6>>(jacobians[0] + 0) = l.lazyProduct(g.by_board);
+    if (jacobians[1]) joint_columns<7, 5>(by_offset.leftCols<5>(), view_.readings, jacobians[1]);
+    if (jacobians[2]) joint_columns<7, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2]);
+    if (jacobians[3]) Eigen::Map<Rows_t<7, 6>>(jacobians[3] + 0) = l.lazyProduct(g.by_pose);
+    return true;
+  }
+
+ private:
+  ViewData view_;
+};
+
+// ---------------------------------------------------------------- all
 
 /// (x - mean) / sigma, number by number.
 class DiagonalPrior final : public ceres::CostFunction {
@@ -369,7 +487,7 @@ struct CeresPr2Like::Implementation {
     for (auto& b : boards) all.push_back({b.data(), 6});
     for (auto& j : joint_blocks) all.push_back({j.data(), static_cast<int>(j.size())});
     for (auto& s : sensors) {
-      if (form == PeerForm::strongest || s.size() == 6) {
+      if (form != PeerForm::usual || s.size() == 6) {
         all.push_back({s.data(), static_cast<int>(s.size())});
       } else {
         all.push_back({s.data(), 6});
@@ -439,6 +557,15 @@ CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_
       const size_t block = first == 0 ? 0 : first == 2 ? 1 : 3;
       double *board = m.boards[k].data(), *joints = m.joint_blocks[block].data(), *pose = m.sensors[s].data();
       const size_t joint_count = m.chains[s].axes.size();
+      if (form == PeerForm::compressed) {
+        if (joint_count == 2)
+          m.problem->AddResidualBlock(new CompressedCamera<2>(view), nullptr, board, joints, pose);
+        else if (joint_count == 5)
+          m.problem->AddResidualBlock(new CompressedCamera<5>(view), nullptr, board, joints, pose);
+        else
+          m.problem->AddResidualBlock(new CompressedHand(view), nullptr, board, joints, m.joint_blocks[block + 1].data(), pose);
+        continue;
+      }
       if (form == PeerForm::strongest) {
         if (joint_count == 2)
           m.problem->AddResidualBlock(new CameraView<2>(view), nullptr, board, joints, pose);
@@ -467,7 +594,7 @@ CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_
   for (size_t b = 0; b < m.joint_blocks.size(); ++b)
     add_prior(m.joint_blocks[b].data(), m.joint_start[b].data(), joint_sigma[b].data(), m.joint_blocks[b].size());
   for (size_t s = 0; s < m.sensors.size(); ++s) {
-    if (form == PeerForm::strongest) {
+    if (form != PeerForm::usual) {
       add_prior(m.sensors[s].data(), m.sensor_start[s].data(), sensor_sigma[s].data(), m.sensors[s].size());
     } else {
       for (size_t at = 0; at < m.sensors[s].size(); at += 6)
