@@ -234,9 +234,14 @@ int calibrate_set(const Set& set, const Output& output, const CalibrateSettings&
     Job job = read_job(set.rig, set.samples);
     const std::optional<CalibrationResult> result = run(job, settings, nullptr);
     ResultFiles files = make_files(job, *result, settings);
-    BatchRecord record{KINCAL_VERSION,     options_text(settings), files.rig_hash,
-                       files.samples_hash, files.urdf_hash,        top(job.rig_file.node, job.rig_file.path)["robot"].string(),
-                       summarize(*result)};
+    BatchRecord record;
+    record.version = KINCAL_VERSION;
+    record.options = options_text(settings);
+    record.rig = files.rig_hash;
+    record.samples = files.samples_hash;
+    record.urdf = files.urdf_hash;
+    record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
+    record.set = summarize(*result);
     for (const std::string& warning : job.rig_file.urdf.warnings) record.set.warnings.push_back("urdf: " + warning);
     record.set.exit_code = exit_code(result->status);
     record.set.seconds = seconds_since(start);
@@ -360,7 +365,8 @@ std::string some(const std::vector<std::string>& names, size_t most) {
 }  // namespace
 
 int batch(const BatchArguments& a) {
-  const Sets sets = fs::is_directory(a.sets) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
+  std::error_code ignored;
+  const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
   const Output output = open_output(a.out);
   const std::string options = options_text(a.settings);
 
@@ -389,7 +395,6 @@ int batch(const BatchArguments& a) {
     const Set& set = sets.all[i];
     const fs::path folder = output.result(set.name);
     std::string why;
-    std::error_code ignored;
     if (!set.wrong.empty()) {
       summaries[i] = failed(set, kBadInput, set.wrong);
     } else if (fs::exists(folder, ignored) && !fs::exists(folder / "batch.json", ignored)) {
@@ -422,7 +427,6 @@ int batch(const BatchArguments& a) {
 
   // The summary is there only when the batch is done.
   const fs::path csv = output.folder / "summary.csv", json = output.folder / "summary.json";
-  std::error_code ignored;
   if (!todo.empty())
     for (const fs::path& path : {csv, json}) fs::remove(path, ignored);
 
@@ -434,8 +438,7 @@ int batch(const BatchArguments& a) {
   std::map<pid_t, Child> running;
   size_t next = 0, finished = 0;
   const auto finish = [&](size_t i, SetSummary summary) {
-    std::error_code unused;
-    if (summary.status == "failed" && fs::exists(output.result(sets.all[i].name), unused))
+    if (summary.status == "failed" && fs::exists(output.result(sets.all[i].name), ignored))
       summary.error += " (" + output.result(sets.all[i].name).string() + " is the result of before)";
     summaries[i] = std::move(summary);
     ++finished;

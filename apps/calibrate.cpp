@@ -22,7 +22,8 @@ ExitCode exit_code(Status status) {
 }
 
 std::string rig_path(const std::string& path) {
-  return std::filesystem::is_directory(path) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
+  std::error_code ignored;
+  return std::filesystem::is_directory(path, ignored) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
 }
 
 InputError with_nearest(const NameError& error, const Calibration& calibration) {

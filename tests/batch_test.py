@@ -219,7 +219,7 @@ class Results(Case):
     def test_held_out(self):
         text = read(self.dir, "fleet", "robot_0", "samples.jsonl").splitlines(True)
         for i in range(0, len(text), 4):
-            text[i] = '{"split": "test", ' + text[i][1:]
+            text[i] = text[i].replace('"split": "train"', '"split": "test"')
         write("".join(text), self.dir, "fleet", "robot_0", "samples.jsonl")
         self.assertEqual(self.batch().code, 0)
         first, second = self.table()[:2]
