@@ -227,8 +227,9 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output, const 
 }
 
 // ------------------------------------------------------------------------------------------------ one set, in the child
-/// Calibrates a set into its result directory. What goes wrong is left in a file for the parent. Returns the exit code.
-int calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
+/// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent, and ends the process with the exit code:
+/// at once, since nobody needs its memory given back piece by piece.
+[[noreturn]] void calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
     Job job = read_job(set.rig, set.samples);
@@ -247,12 +248,15 @@ int calibrate_set(const Set& set, const Output& output, const CalibrateSettings&
     record.set.seconds = seconds_since(start);
     files.batch_json = record_text(record);
     write_results(output.result(set.name).string(), files, true, nullptr, output.scratch.string());
-    return record.set.exit_code;
+    _exit(record.set.exit_code);
   } catch (const std::exception& error) {
     std::string text = error.what();
     std::replace(text.begin(), text.end(), '\n', ' ');
-    write_file(output.error(set.name).string(), text);
-    return kBadInput;
+    try {
+      write_file(output.error(set.name).string(), text);
+    } catch (const InputError&) {  // a full disk: the parent has words for it
+    }
+    _exit(kBadInput);
   }
 }
 
@@ -267,12 +271,7 @@ pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& s
   std::signal(SIGINT, SIG_IGN);  // Ctrl-C reaches all; the parent decides
   std::signal(SIGTERM, SIG_DFL);
   sigprocmask(SIG_SETMASK, &signals_before, nullptr);
-  int code = kBadInput;
-  try {
-    code = calibrate_set(set, output, settings);
-  } catch (...) {  // the error could not be written
-  }
-  _exit(code);
+  calibrate_set(set, output, settings);
 }
 
 SetSummary failed(const Set& set, int code, const std::string& error) {

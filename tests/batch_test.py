@@ -323,13 +323,11 @@ class Failing(Case):
         self.grow(12)
         p = self.start("--jobs", "2", "--quiet")
         self.wait_for(p, 2)
-        victim = None
-        while victim is None:
+        old = new = set(children(p.pid))
+        while not new - old:      # one that has just begun
             self.assertIsNone(p.poll())
-            for pid in children(p.pid):
-                os.kill(pid, signal.SIGKILL)
-                victim = pid
-                break
+            new = set(children(p.pid))
+        os.kill((new - old).pop(), signal.SIGKILL)
         out, err = p.communicate(timeout=100)
         self.assertEqual(p.returncode, 1)
         failed = [name for name, r in self.summary()["results"].items() if r["status"] == "failed"]
