@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
@@ -361,75 +360,68 @@ std::string some(const std::vector<std::string>& names, size_t most) {
   return out;
 }
 
-}  // namespace
+// ------------------------------------------------------------------------------------------------ the parent
+/// While one exists, signals wait until they are asked for, so that none is missed between two looks.
+class Signals {
+ public:
+  Signals() {
+    sigemptyset(&ours_);
+    for (int s : {SIGCHLD, SIGINT, SIGTERM}) sigaddset(&ours_, s);
+    std::signal(SIGCHLD, SIG_DFL);
+    sigprocmask(SIG_BLOCK, &ours_, &before);
+  }
+  ~Signals() { sigprocmask(SIG_SETMASK, &before, nullptr); }
 
-int batch(const BatchArguments& a) {
-  std::error_code ignored;
-  const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
-  const Output output = open_output(a.out);
-  const std::string options = options_text(a.settings);
-
-  // Signals are taken where they are waited for, below, so that none is missed.
-  sigset_t signals, signals_before;
-  sigemptyset(&signals);
-  for (int s : {SIGCHLD, SIGINT, SIGTERM}) sigaddset(&signals, s);
-  std::signal(SIGCHLD, SIG_DFL);
-  sigprocmask(SIG_BLOCK, &signals, &signals_before);
-  const auto wait_signal = [&](double seconds) {
-    timespec time{static_cast<time_t>(seconds), static_cast<long>(std::fmod(seconds, 1) * 1e9)};
-    const int s = sigtimedwait(&signals, nullptr, &time);
+  /// Waits until a child ends or the time is over. True: the user wants to stop.
+  bool wait(long milliseconds) const {
+    const timespec time{milliseconds / 1000, milliseconds % 1000 * 1000000};
+    const int s = sigtimedwait(&ours_, nullptr, &time);
     return s == SIGINT || s == SIGTERM;
-  };
-  const auto interrupted = [&](size_t done) {
-    std::fprintf(stderr, "kincal: interrupted; %zu of %s done, the same command goes on\n", done, plural(sets.all.size(), "set").c_str());
-    return kInterrupted;
-  };
+  }
 
-  // What is done already.
-  std::vector<SetSummary> summaries(sets.all.size());
-  std::vector<size_t> todo;
-  std::vector<std::string> again;
+  sigset_t before;
+
+ private:
+  sigset_t ours_;
+};
+
+/// What is known of the sets before and while they are calibrated.
+struct Work {
+  std::vector<SetSummary> summaries;  // by set; status empty: not yet known
+  std::vector<size_t> todo;           // sets to calibrate
+  std::vector<std::string> again;     // those of them that have a result, with why it does not do
+};
+
+/// Looks for what is done already; false: interrupted.
+bool find_work(const Sets& sets, const Output& output, const std::string& options, const Signals& signals, Work& work) {
+  work.summaries.resize(sets.all.size());
   for (size_t i = 0; i < sets.all.size(); ++i) {
-    if (wait_signal(0)) return interrupted(i - todo.size());
+    if (signals.wait(0)) return false;
     const Set& set = sets.all[i];
     const fs::path folder = output.result(set.name);
     std::string why;
+    std::error_code ignored;
     if (!set.wrong.empty()) {
-      summaries[i] = failed(set, kBadInput, set.wrong);
+      work.summaries[i] = failed(set, kBadInput, set.wrong);
     } else if (fs::exists(folder, ignored) && !fs::exists(folder / "batch.json", ignored)) {
-      summaries[i] = failed(set, kBadInput, folder.string() + ": is there already and was not written by a batch: move it away");
+      work.summaries[i] = failed(set, kBadInput, folder.string() + ": is there already and was not written by a batch: move it away");
     } else if (std::optional<SetSummary> done = find_done(set, output, options, why)) {
-      summaries[i] = *done;
+      work.summaries[i] = *done;
     } else {
-      todo.push_back(i);
-      if (!why.empty()) again.push_back(set.name + " (" + why + ")");
+      work.todo.push_back(i);
+      if (!why.empty()) work.again.push_back(set.name + " (" + why + ")");
     }
   }
-  const size_t before = static_cast<size_t>(
-      std::count_if(summaries.begin(), summaries.end(), [](const SetSummary& s) { return !s.status.empty() && s.status != "failed"; }));
-  size_t failing = 0;
-  const bool silent = a.quiet || a.json;
-  BatchProgress progress(silent, todo.size());
-  const auto say_failing = [&](const SetSummary& s) {
-    if (s.status == "converged") return;
-    ++failing;
-    progress.say("kincal: error: " + s.name + ": " + (s.status == "failed" ? "" : s.status + ": ") + s.error);
-  };
-  if (!silent) {
-    std::string line = plural(sets.all.size(), "set");
-    if (before > 0) line += ", " + std::to_string(before) + " done before";
-    if (!again.empty()) line += ", " + std::to_string(again.size()) + " again: " + some(again, 5);
-    progress.say(line);
-  }
-  for (const SetSummary& s : summaries)
-    if (!s.status.empty()) say_failing(s);
+  return true;
+}
 
-  // The summary is there only when the batch is done.
-  const fs::path csv = output.folder / "summary.csv", json = output.folder / "summary.json";
-  if (!todo.empty())
-    for (const fs::path& path : {csv, json}) fs::remove(path, ignored);
+std::string failing_text(const SetSummary& s) {
+  return "kincal: error: " + s.name + ": " + (s.status == "failed" ? "" : s.status + ": ") + s.error;
+}
 
-  // Children, at most a.jobs at once.
+/// Calibrates what is to be done, each set in a child, at most `jobs` at once. Returns how many are finished: all, or it was interrupted.
+size_t calibrate_all(const Sets& sets, const Output& output, const BatchArguments& a, const Signals& signals, Work& work,
+                     BatchProgress& progress, size_t failing) {
   struct Child {
     size_t set;
     Clock::time_point start;
@@ -437,30 +429,31 @@ int batch(const BatchArguments& a) {
   std::map<pid_t, Child> running;
   size_t next = 0, finished = 0;
   const auto finish = [&](size_t i, SetSummary summary) {
-    if (summary.status == "failed" && fs::exists(output.result(sets.all[i].name), ignored))
-      summary.error += " (" + output.result(sets.all[i].name).string() + " is the result of before)";
-    summaries[i] = std::move(summary);
+    const fs::path folder = output.result(summary.name);
+    std::error_code ignored;
+    if (summary.status == "failed" && fs::exists(folder, ignored)) summary.error += " (" + folder.string() + " is the result of before)";
+    if (summary.status != "converged") ++failing, progress.say(failing_text(summary));
+    work.summaries[i] = std::move(summary);
     ++finished;
-    say_failing(summaries[i]);
   };
-  std::fflush(nullptr);  // a child must not write it a second time
-  while (finished < todo.size()) {
-    while (running.size() < static_cast<size_t>(a.jobs) && next < todo.size()) {
-      const size_t i = todo[next++];
-      const pid_t pid = start_set(sets.all[i], output, a.settings, signals_before);
-      if (pid > 0)
-        running[pid] = {i, Clock::now()};
-      else
+  std::fflush(nullptr);  // else children would write it a second time
+  while (finished < work.todo.size()) {
+    while (running.size() < static_cast<size_t>(a.jobs) && next < work.todo.size()) {
+      const size_t i = work.todo[next];
+      const pid_t pid = start_set(sets.all[i], output, a.settings, signals.before);
+      if (pid < 0 && !running.empty()) break;  // not now: when one of them has ended
+      ++next;
+      if (pid < 0)
         finish(i, failed(sets.all[i], kBadInput, std::string("no process can be started: ") + std::strerror(errno)));
+      else
+        running[pid] = {i, Clock::now()};
     }
     progress.update(finished, failing);
     if (running.empty()) continue;
-    if (wait_signal(0.5)) {
+    if (signals.wait(500)) {
       for (const auto& child : running) kill(child.first, SIGKILL);
       for (const auto& child : running) waitpid(child.first, nullptr, 0);
-      output.clean();
-      progress.end();
-      return interrupted(sets.all.size() - (todo.size() - finished));
+      return finished;
     }
     int status;
     for (pid_t pid; (pid = waitpid(-1, &status, WNOHANG)) > 0;) {
@@ -474,21 +467,61 @@ int batch(const BatchArguments& a) {
     }
   }
   progress.update(finished, failing);
-  output.clean();
+  return finished;
+}
 
-  const std::string text = summary_json(summaries, KINCAL_VERSION, options, sets.ignored);
-  write_file(csv.string(), summary_csv(summaries));
-  write_file(json.string(), text);
+}  // namespace
+
+int batch(const BatchArguments& a) {
+  std::error_code ignored;
+  const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
+  const Output output = open_output(a.out);
+  const std::string options = options_text(a.settings), count = plural(sets.all.size(), "set");
+  const bool silent = a.quiet || a.json;
+  const auto interrupted = [&](const std::string& done) {
+    std::fprintf(stderr, "kincal: interrupted%s, the same command goes on\n", done.c_str());
+    return kInterrupted;
+  };
+
+  const Signals signals;
+  Work work;
+  if (!find_work(sets, output, options, signals, work)) return interrupted("");
+  BatchProgress progress(silent, work.todo.size());
+  const size_t known = sets.all.size() - work.todo.size();
+  size_t before = 0, failing = 0;
+  for (const SetSummary& s : work.summaries) {
+    if (s.status.empty()) continue;
+    if (s.status != "failed") ++before;
+    if (s.status != "converged") ++failing, progress.say(failing_text(s));
+  }
+  if (!silent)
+    progress.say(count + (before > 0 ? ", " + std::to_string(before) + " done before" : "") +
+                 (work.again.empty() ? "" : ", " + std::to_string(work.again.size()) + " again: " + some(work.again, 5)));
+
+  // The summary is there only when the batch is done.
+  const std::string csv = (output.folder / "summary.csv").string(), json = (output.folder / "summary.json").string();
+  if (!work.todo.empty())
+    for (const std::string& path : {csv, json}) fs::remove(path, ignored);
+  const size_t finished = calibrate_all(sets, output, a, signals, work, progress, failing);
+  output.clean();
+  if (finished < work.todo.size()) {
+    progress.end();
+    return interrupted("; " + std::to_string(known + finished) + " of " + count + " done");
+  }
+
+  const std::string text = summary_json(work.summaries, KINCAL_VERSION, options, sets.ignored);
+  write_file(csv, summary_csv(work.summaries));
+  write_file(json, text);
   if (a.json)
     std::cout << text;
   else if (!a.quiet)
-    std::cout << batch_table(summaries, sets.ignored) << "\nWritten to " << a.out
+    std::cout << batch_table(work.summaries, sets.ignored) << "\nWritten to " << a.out
               << ": summary.csv, summary.json and a folder for each set\n";
-  if (failing == 0) return kConverged;
   std::vector<std::string> names;
-  for (const SetSummary& s : summaries)
+  for (const SetSummary& s : work.summaries)
     if (s.status != "converged") names.push_back(s.name);
-  std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", failing, plural(summaries.size(), "set").c_str(), some(names, 100).c_str());
+  if (names.empty()) return kConverged;
+  std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", names.size(), count.c_str(), some(names, 100).c_str());
   return kBadInput;
 }
 

@@ -96,8 +96,15 @@ class Case(unittest.TestCase):
         return self.kincal("batch", sets, "--out", out, *args)
 
     def start(self, *args):
-        return subprocess.Popen([KINCAL, "batch", "fleet", "--out", "out", *args], cwd=self.dir, stdin=subprocess.DEVNULL,
-                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+        p = subprocess.Popen([KINCAL, "batch", "fleet", "--out", "out", *args], cwd=self.dir, stdin=subprocess.DEVNULL,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+
+        def end():
+            if p.poll() is None:
+                p.kill()
+                p.communicate()
+        self.addCleanup(end)
+        return p
 
     def grow(self, count):
         """A larger fleet: the same robots under more names."""
@@ -441,19 +448,22 @@ class Resume(Case):
         self.assertEqual(self.batch("--jobs", "2", out="fresh").code, 0)
         self.assertEqual(read(self.dir, "out", "summary.csv"), read(self.dir, "fresh", "summary.csv"))
 
-    def test_killed_while_replacing(self):
+    def test_replacing(self):
         """Every result directory is the old or the new one, at any moment of a run that replaces them all."""
         self.grow(8)
         self.assertEqual(self.batch().code, 0)
+        names = self.finished()
         p = self.start("--jobs", "2", "--quiet", "--no-report")
         while p.poll() is None:
-            for name in os.listdir(self.path("out")):
-                if name not in (".batch", "summary.csv", "summary.json"):
-                    try:
-                        files = sorted(os.listdir(self.path("out", name)))
-                    except FileNotFoundError:
-                        continue
-                    self.assertIn(len(files), (6, 7), name)
+            for name in names:
+                try:
+                    folder = os.stat(self.path("out", name)).st_ino
+                    files = os.listdir(self.path("out", name))
+                    if os.stat(self.path("out", name)).st_ino != folder:
+                        continue      # replaced while it was read
+                except FileNotFoundError:
+                    continue
+                self.assertIn(len(files), (6, 7), name)
         self.assertEqual(p.wait(), 0)
         p.communicate()
 
