@@ -25,6 +25,17 @@ Matrix3d exp_so3(const Vector3d& w) {
   return Matrix3d::Identity() + a * k + b * (k * k);
 }
 
+Matrix3d rotation_about(const Vector3d& axis, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  const Vector3d sine = s * axis, versine = (1 - c) * axis;
+  Matrix3d r = versine * axis.transpose();
+  r.diagonal().array() += c;
+  r(1, 0) += sine.z(), r(0, 1) -= sine.z();
+  r(0, 2) += sine.y(), r(2, 0) -= sine.y();
+  r(2, 1) += sine.x(), r(1, 2) -= sine.x();
+  return r;
+}
+
 Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r) {
   const Eigen::Vector4d t(1 + r(0, 0) - r(1, 1) - r(2, 2), 1 - r(0, 0) + r(1, 1) - r(2, 2),
                           1 - r(0, 0) - r(1, 1) + r(2, 2), 1 + r(0, 0) + r(1, 1) + r(2, 2));

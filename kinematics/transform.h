@@ -39,6 +39,8 @@ Matrix3d skew(const Vector3d& v);
 
 /// Rotation of |w| radians about w (Rodrigues); exact to rounding for every length, 0 included.
 Matrix3d exp_so3(const Vector3d& w);
+/// exp_so3(angle * axis) of a unit axis, cheaper.
+Matrix3d rotation_about(const Vector3d& axis, double angle);
 /// Inverse of exp_so3 with |w| <= pi, through the quaternion: accurate near 0 and near pi.
 Vector3d log_so3(const Matrix3d& r);
 /// J_l with exp(w + d) = exp(J_l d) exp(w) to first order.

@@ -100,7 +100,7 @@ Pose joint_motion(const Joint& joint, double position) {
   if (joint.type == JointType::prismatic)
     motion.translation = position * joint.axis;
   else if (joint.moves())
-    motion.rotation = exp_so3(position * joint.axis);
+    motion.rotation = rotation_about(joint.axis, position);
   return motion;
 }
 

@@ -6,6 +6,7 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 namespace kincal {
@@ -79,8 +80,8 @@ struct Estimation::PlacedView {
   int target_start = 0;  // of the target's pose in the state
   Columns columns;       // of the sensor's own L
   ViewColumns map;
-  std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses, before those of the way
-  int pose_columns = 0;
+  std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses
+  std::vector<int> way_column;       // and of the way: column of M of each
   ViewKernel kernel = nullptr;  // if the sensor and its noise allow
   int own[kMaxParameters];      // for the kernel: column of each own number or -1
   size_t points = 0, measured = 0;  // for the kernel: where in seen_ the layout of the seen points and the measured numbers begin
@@ -120,7 +121,6 @@ struct Estimation::Scratch {
   Scan scan;
   Eigen::Matrix3Xd points;
   std::vector<double> gathered;  // points of a view for its kernel
-  MatrixXd m;                    // in its top left corner: M of the view at hand
   RowMatrix evaluated;           // L as sensors without a kernel write it
   MatrixXd rows;                 // in its top left corner: [L r]; residuals alone in the last column
   VectorXd r;                    // residuals of sensors without a kernel
@@ -347,8 +347,15 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
     add_pose(Source::target_pose, table_.target_pose[view.target]);
   }
   add_pose(Source::sensor_pose, table_.sensor_pose[view.sensor]);
-  v.pose_columns = static_cast<int>(v.map.kinematic.size());
+  const std::vector<int> poses = v.map.kinematic;
   v.map.kinematic.insert(v.map.kinematic.end(), way.places.begin(), way.places.end());
+  std::sort(v.map.kinematic.begin(), v.map.kinematic.end());
+  const auto column_at = [&](int place) {
+    return static_cast<int>(std::lower_bound(v.map.kinematic.begin(), v.map.kinematic.end(), place) - v.map.kinematic.begin());
+  };
+  for (MotionColumns& m : v.poses) m.first = column_at(poses[m.first]);
+  v.way_column.clear();
+  for (int place : way.places) v.way_column.push_back(column_at(place));
 
   // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
   v.columns = Columns();
@@ -447,8 +454,7 @@ void Estimation::set_workers(int count) {
     s.slopes.resize(rows);
     s.gathered.resize(3 * rows);
     s.projected.resize(noisy, width + 1);
-    s.m.resize(14, std::max(columns, way_columns));
-    s.expand.reserve(static_cast<int>(width), static_cast<int>(columns));
+    s.expand.reserve(static_cast<int>(width), static_cast<int>(std::max(columns, way_columns)));
     s.motion.resize(rig_.tree.joints.size());
     s.reading.resize(rig_.tree.joints.size());
     s.ways.resize(ways);
@@ -638,29 +644,30 @@ void Estimation::view_input(const PlacedView& v, const VectorXd& state, Scratch&
   in.z = v.view->z.data();
 }
 
-/// Columns `from` (of the way) as the sensor sees them, to scratch.m from column `at` on.
-void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, int count, Scratch& scratch,
-                                  int at) const {
+/// Columns of the way as the sensor sees them, column c to column at[c] of M.
+void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
+                                  Scratch& scratch) const {
   const Way& way = s.ways[v.way];
   const Pose link_T_sensor = get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start);
   const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
-  const auto& twists = scratch.ways[v.way].twists;
+  const MatrixXd& twists = scratch.ways[v.way].twists;
+  RowMatrix& m = scratch.expand.m;
   const int moved = way.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
   for (int c = 0; c < count; ++c) {
     const Vector3d w = twists.block<3, 1>(moved + 3, c), x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
     if (moved) {
-      scratch.m.block<6, 1>(0, at + c) = twists.block<6, 1>(0, c);
-      scratch.m.block<2, 1>(12, at + c) = twists.block<2, 1>(12, c);
+      m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
+      m.block<2, 1>(12, at[c]) = twists.block<2, 1>(12, c);
     }
-    scratch.m.block<3, 1>(moved, at + c) = sensor_R_link * x;
-    scratch.m.block<3, 1>(moved + 3, at + c) = sensor_R_link * w;
+    m.block<3, 1>(moved, at[c]).noalias() = sensor_R_link * x;
+    m.block<3, 1>(moved + 3, at[c]).noalias() = sensor_R_link * w;
   }
 }
 
 /// M (way's rows x columns) of a view into the top left corner of scratch.m; view_poses() and way_columns() have been called.
 void Estimation::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
   const Way& way = s.ways[v.way];
-  auto m = scratch.m.topLeftCorner(way.rows(), v.pose_columns);
+  RowMatrix& m = scratch.expand.m;
   if (way.scan_step >= 0) m.setZero();
   for (const MotionColumns& column : v.poses) {
     const bool sensor_side = column.source == Source::sensor_pose;
@@ -675,7 +682,7 @@ void Estimation::kinematic_matrix(const PlacedView& v, const PlacedSample& s, co
     else
       m.block<6, 6>(row, column.first) = twist;
   }
-  seen_from_sensor(v, s, state, static_cast<int>(way.places.size()), scratch, v.pose_columns);
+  seen_from_sensor(v, s, state, v.way_column.data(), static_cast<int>(v.way_column.size()), scratch);
 }
 
 /// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
@@ -792,9 +799,10 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
 bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& cost) const {
   cost = {};
   if (group == static_cast<int>(samples_.size())) {
+    PriorRow row;
     for (size_t i = 0; i < setup_.priors.size(); ++i) {
-      const double r = prior_row(i, state).r;
-      cost.twice = cost.chi2 += r * r;
+      prior_row(i, state, false, row);
+      cost.twice = cost.chi2 += row.r * row.r;
     }
     return true;
   }
@@ -816,8 +824,9 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
 bool Estimation::linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const {
   cost = {};
   if (group == static_cast<int>(samples_.size())) {
+    PriorRow row;
     for (size_t i = 0; i < setup_.priors.size(); ++i) {
-      const PriorRow row = prior_row(i, state);
+      prior_row(i, state, true, row);
       cost.twice = cost.chi2 += row.r * row.r;
       for (int a = 0; a < row.count; ++a) {
         for (int b = 0; b <= a; ++b)
@@ -836,11 +845,11 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     way_columns(s.ways[w], s.ways[w].motion, static_cast<int>(s.ways[w].places.size()), state, scratch, scratch.ways[w]);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, s, state, scratch, true, cost)) return false;
-    const int w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
+    const int w = v.columns.total + 1;
     kernels().gram(scratch.rows.data(), v.padded_rows(), scratch.rows.outerStride(), w, scratch.expand.gram.data(),
                    static_cast<int>(scratch.expand.gram.outerStride()));
     kinematic_matrix(v, s, state, scratch);
-    expand(w - 1, scratch.m.topLeftCorner(s.ways[v.way].rows(), columns), v.map, groups_[group].private_size, size, scratch.expand, to);
+    expand(w - 1, s.ways[v.way].rows(), v.map, groups_[group].private_size, size, scratch.expand, to);
   }
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
@@ -854,30 +863,31 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   return true;
 }
 
-/// Row of a prior: its derivative stands at places place .. place + count - 1 of the priors' group.
-Estimation::PriorRow Estimation::prior_row(size_t i, const VectorXd& state) const {
+/// Row of prior i, derivatives only if asked for: they stand at places place .. place + count - 1 of the priors' group. `row` may hold
+/// that of prior i - 1: priors of one pose share its logarithm.
+void Estimation::prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const {
   const Prior& prior = setup_.priors[i];
   const Parameter& p = table_.all[prior.parameter];
   const std::vector<int>& touched = groups_.back().columns;
   const std::vector<int>& components = freed_[prior.parameter]->components;
-  PriorRow row;
-  row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), first_column_[prior.parameter]) - touched.begin());
+  const bool same = row.parameter == prior.parameter, whole = p.pose && freed_[prior.parameter]->whole(p);
+  row.parameter = prior.parameter;
   if (p.pose) {
-    const Vector6d e = log_se3(inverse(get_pose(table_.initial, p.start)) * get_pose(state, p.start));
-    row.r = e(prior.component) / prior.sigma;
-    if (freed_[prior.parameter]->whole(p)) {
-      const Matrix6d inverse_jacobian = right_jacobian_se3(e).inverse();
-      row.count = 6;
-      for (int k = 0; k < 6; ++k) row.derivative[k] = inverse_jacobian(prior.component, k) / prior.sigma;
-      return row;
-    }
+    if (!same) row.log = log_se3(inverse(get_pose(table_.initial, p.start)) * get_pose(state, p.start));
+    if (!same && derivatives && whole) row.inverse_jacobian = right_jacobian_se3(row.log).inverse();
+    row.r = row.log(prior.component) / prior.sigma;
   } else {
     row.r = (state(p.start + prior.component) - table_.initial(p.start + prior.component)) / prior.sigma;
   }
-  row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
-  row.count = 1;
-  row.derivative[0] = 1 / prior.sigma;
-  return row;
+  if (!derivatives) return;
+  row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), first_column_[prior.parameter]) - touched.begin());
+  row.count = whole ? 6 : 1;
+  if (whole) {
+    for (int k = 0; k < 6; ++k) row.derivative[k] = row.inverse_jacobian(prior.component, k) / prior.sigma;
+  } else {
+    row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
+    row.derivative[0] = 1 / prior.sigma;
+  }
 }
 
 bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const {
@@ -885,8 +895,9 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
   const int size = shape.size();
   rows.setZero(shape.rows, size + 1);
   if (group == static_cast<int>(samples_.size())) {
+    PriorRow row;
     for (size_t i = 0; i < setup_.priors.size(); ++i) {
-      const PriorRow row = prior_row(i, state);
+      prior_row(i, state, true, row);
       for (int k = 0; k < row.count; ++k) rows(static_cast<Eigen::Index>(i), row.place + k) = row.derivative[k];
       rows(static_cast<Eigen::Index>(i), size) = row.r;
     }
@@ -911,7 +922,7 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
       view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
     }
     kinematic_matrix(v, s, state, scratch);
-    const auto m = scratch.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
+    const auto m = scratch.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
     MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
     const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
     for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
@@ -1007,8 +1018,10 @@ bool Estimation::renew(const VectorXd& state) {
       if (!v.model->evaluate(scratch.input, v.columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
       const int noisy = static_cast<int>(way.noise_sigma.size());
       way_columns(way, way.noise, noisy, state, scratch, scratch.ways[v.way]);
-      seen_from_sensor(v, s, state, noisy, scratch, 0);
-      MatrixXd jq = l.leftCols(way.rows()) * scratch.m.topLeftCorner(way.rows(), noisy);
+      std::vector<int> in_order(noisy);
+      std::iota(in_order.begin(), in_order.end(), 0);
+      seen_from_sensor(v, s, state, in_order.data(), noisy, scratch);
+      MatrixXd jq = l.leftCols(way.rows()) * scratch.expand.m.topLeftCorner(way.rows(), noisy);
       for (int i = 0; i < noisy; ++i) jq.col(i) *= way.noise_sigma[i];
       if (setup_.noise == NoiseMode::point) {
         white.block.resize(blocks);

@@ -109,9 +109,11 @@ class Estimation final : public Problem {
   struct WalkedWay;
   struct Scratch;
   struct PriorRow {
-    int place = 0, count = 0;
+    int parameter = -1, place = 0, count = 0;
     double derivative[6];
     double r = 0;
+    Vector6d log;
+    Matrix6d inverse_jacobian;
   };
 
   PlacedSample place_sample(int index) const;
@@ -126,12 +128,13 @@ class Estimation final : public Problem {
                    WalkedWay& walked) const;
   void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
-  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, int count, Scratch& scratch, int at) const;
+  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
+                        Scratch& scratch) const;
   void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
   bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
   bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  PriorRow prior_row(size_t i, const VectorXd& state) const;
+  void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const;
 
   const Rig& rig_;

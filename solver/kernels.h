@@ -39,9 +39,9 @@ struct Kernels {
   void (*subtract_block)(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
                          std::ptrdiff_t stride);
 
-  /// out = M' G M and product = G M, with G (width x width, leading dimension ldg, both triangles), of which the first k columns count,
-  /// M (k x columns, column by column, ldm apart), product (row-major: width x columns, `ldp` apart), out (row-major: columns x columns).
-  void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ldp);
+  /// product = G M and out = M' G M: G (width x width, leading dimension ldg, both triangles), of which the first k columns count; M
+  /// (k x columns), product (width x columns) and out (columns x columns, whole) row-major, ld >= columns + kSlack apart.
+  void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld);
 
   /// a += b
   void (*add)(double* a, const double* b, std::ptrdiff_t n);

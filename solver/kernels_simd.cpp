@@ -223,30 +223,43 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
     block_columns<0>(d, step, a, rows, b, columns, depth, stride);
 }
 
-// ---- expand
+// ---- expand: both products are  to(i, :) = sum_r factor(i, r) * from(r, :)  with few r.
 
-void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ldp) {
-  // M by rows, padded: at most kMost rows and kWide columns at a time stay on the stack.
-  constexpr int kMost = 14, kWide = 16;
-  for (int c = 0; c < columns; c += kWide) {
-    const int wide = columns - c < kWide ? columns - c : kWide;
-    double rows[kMost][kWide];
-    for (int r = 0; r < k; ++r)
-      for (int j = 0; j < kWide; ++j) rows[r][j] = j < wide ? m[r + static_cast<std::ptrdiff_t>(c + j) * ldm] : 0;
-    for (int i = 0; i < width; ++i)
-      for (int j = 0; j < wide; j += kLanes) {
-        Pack s = load(rows[0] + j) * g[i];
-        for (int r = 1; r < k; ++r) s += load(rows[r] + j) * g[i + static_cast<std::ptrdiff_t>(r) * ldg];
-        store(product + static_cast<std::ptrdiff_t>(i) * ldp + c + j, s);
+template <int Depth>
+inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows, int depth, const double* from,
+                    std::ptrdiff_t ld_from, int columns, double* to, std::ptrdiff_t ld) {
+  const int n = Depth > 0 ? Depth : depth;
+  for (int j = 0; j < columns; j += kLanes) {
+    if constexpr (Depth > 0) {
+      Pack x[Depth];
+      for (int r = 0; r < Depth; ++r) x[r] = load(from + r * ld_from + j);
+      for (int i = 0; i < rows; ++i) {
+        const double* f = factor + i * step_i;
+        Pack s = x[0] * f[0], t = x[1] * f[step_r];
+        for (int r = 2; r < Depth; r += 2) {
+          s += x[r] * f[r * step_r];
+          t += x[r + 1] * f[(r + 1) * step_r];
+        }
+        store(to + i * ld + j, s + t);
       }
-  }
-  for (int i = 0; i < columns; ++i) {
-    const double* mi = m + static_cast<std::ptrdiff_t>(i) * ldm;
-    for (int j = 0; j <= i; j += kLanes) {
-      Pack s = load(product + j) * mi[0];
-      for (int r = 1; r < k; ++r) s += load(product + static_cast<std::ptrdiff_t>(r) * ldp + j) * mi[r];
-      store(out + static_cast<std::ptrdiff_t>(i) * ldp + j, s);
+    } else {
+      for (int i = 0; i < rows; ++i) {
+        const double* f = factor + i * step_i;
+        Pack s = {};
+        for (int r = 0; r < n; ++r) s += load(from + r * ld_from + j) * f[r * step_r];
+        store(to + i * ld + j, s);
+      }
     }
+  }
+}
+
+void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld) {
+  if (k == 6) {
+    combine<6>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
+    combine<6>(m, 1, ldm, columns, k, product, ld, columns, out, ld);
+  } else {
+    combine<0>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
+    combine<0>(m, 1, ldm, columns, k, product, ld, columns, out, ld);
   }
 }
 

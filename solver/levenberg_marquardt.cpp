@@ -122,7 +122,7 @@ struct LevenbergMarquardt::Workspace {
     double total = 0, sum = 0;
     const auto work = [](const GroupShape& g) { return g.rows * 20.0 + static_cast<double>(g.size()) * (g.private_size + 2); };
     for (const GroupShape& g : groups) total += work(g);
-    const int most = total < 40.0 * system.storage() ? kFewPieces : kPieces;
+    const int most = static_cast<int>(std::clamp(total / (8.0 * system.storage()), double(kFewPieces), double(kPieces)));
     pieces.emplace_back();
     for (size_t g = 0; g < groups.size(); ++g) {
       sum += work(groups[g]);
@@ -208,7 +208,7 @@ struct LevenbergMarquardt::Workspace {
   bool factor_private(size_t g, const Room& at, double lambda) {
     const int k = groups[g].private_size, ld = k + kSlack, width = stride(g);
     for (int j = 0; j < k; ++j)
-      for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(i) * width + j];
+      for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
     for (int i = 0; i < k; ++i) {
       const double scale = private_scale(stores[g].private_start + i);
       at.factor[i + static_cast<size_t>(i) * ld] += scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0

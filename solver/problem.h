@@ -39,7 +39,7 @@ struct GroupShape {
 
 /// Where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
 struct GroupEquations {
-  double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the lower triangle counts
+  double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
   int stride;                    // between rows
   double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]
   const std::ptrdiff_t* origin;
@@ -87,26 +87,31 @@ class Problem {
   virtual bool renew(const VectorXd& state) = 0;
 };
 
-/// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves.
+/// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves. Both stand in
+/// the order of their places in the group (private unknowns first, then touched columns); own ones are shared.
 struct ViewColumns {
-  std::vector<int> kinematic;               // place of each column of M in the group: private unknowns first, then touched columns
-  std::vector<std::pair<int, int>> own;     // (column of L, place in the group)
+  std::vector<int> kinematic;               // place of each column of M
+  std::vector<std::pair<int, int>> own;     // (column of L, place)
 };
+
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Scratch of expand(): sized once for the largest view, so that nothing is allocated later.
 struct ExpandScratch {
   MatrixXd gram;                        // of [L r]
-  std::vector<double> product, block;   // row-major, `stride` apart: G M; Gram matrix over the view's columns
+  RowMatrix m;                          // in its top left corner: M
+  std::vector<double> product, block;   // row-major, `stride` apart: G M and M' G M
+  std::vector<int> column;              // shared column of each column of M
   int stride = 0;
-  std::vector<int> places;
 
-  /// width: columns of L; columns: of M, own ones included.
+  /// width: columns of L; columns: of M.
   void reserve(int width, int columns) {
     gram.resize(width + 1, width + 1);
-    stride = padded(columns + 1) + kSlack;
+    stride = padded(columns) + kSlack;
+    m.setZero(14, stride);
     product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
-    block.assign(static_cast<size_t>(columns + 1) * stride, 0.0);
-    places.reserve(columns + 1);
+    block.assign(static_cast<size_t>(columns) * stride, 0.0);
+    column.resize(columns);
   }
 };
 
@@ -115,43 +120,49 @@ struct ExpandScratch {
 constexpr double kCancelled = 1e-14;
 
 /// Adds M' G M to the equations of a group of `k` private unknowns and `size` in all: `gram` in the scratch is the Gram matrix of [L r]
-/// (width + 1 squared, both triangles), m the kinematic part of M (depth x columns.kinematic.size()). Does not allocate.
-inline void expand(int width, const Eigen::Ref<const MatrixXd>& m, const ViewColumns& columns, int k, int size, ExpandScratch& s,
-                   const GroupEquations& to) {
-  const int depth = static_cast<int>(m.rows()), kin = static_cast<int>(m.cols()), own = static_cast<int>(columns.own.size());
-  const int n = kin + own, ld = static_cast<int>(s.gram.outerStride());
+/// (width + 1 squared, both triangles), `m` the kinematic part of M (its first `depth` rows). Does not allocate.
+inline void expand(int width, int depth, const ViewColumns& columns, int k, int size, ExpandScratch& s, const GroupEquations& to) {
+  const int kin = static_cast<int>(columns.kinematic.size()), ld = static_cast<int>(s.gram.outerStride()), stride = s.stride;
   const double* g = s.gram.data();
-  kernels().expand(g, ld, width + 1, m.data(), static_cast<int>(m.outerStride()), depth, kin, s.product.data(), s.block.data(), s.stride);
-  const auto product = [&](int i, int j) -> double& { return s.product[static_cast<size_t>(i) * s.stride + j]; };
-  const auto block = [&](int i) { return s.block.data() + static_cast<size_t>(i) * s.stride; };
-  for (int i = 0; i < kin; ++i) {
+  const int* place = columns.kinematic.data();
+  kernels().expand(g, ld, width + 1, s.m.data(), stride, depth, kin, s.product.data(), s.block.data(), stride);
+  int own_rows = 0;  // columns of M that are private
+  while (own_rows < kin && place[own_rows] < k) ++own_rows;
+  for (int j = 0; j < kin; ++j) {
+    double* row = s.block.data() + static_cast<size_t>(j) * stride;
     double parts = 0;
-    for (int r = 0; r < depth; ++r) parts += g[r + static_cast<size_t>(r) * ld] * m(r, i) * m(r, i);
-    if (block(i)[i] > kCancelled * parts) continue;
-    for (int j = 0; j <= i; ++j) block(i)[j] = 0;
-    for (int j = i; j < kin; ++j) block(j)[i] = 0;
-    for (int j = 0; j <= width; ++j) product(j, i) = 0;
+    for (int r = 0; r < depth; ++r) parts += g[r + static_cast<size_t>(r) * ld] * s.m(r, j) * s.m(r, j);
+    if (row[j] > kCancelled * parts) continue;
+    for (int i = 0; i < kin; ++i) row[i] = s.block[static_cast<size_t>(i) * stride + j] = 0;
+    for (int i = 0; i <= width; ++i) s.product[static_cast<size_t>(i) * stride + j] = 0;
   }
-  for (int i = 0; i <= own; ++i) {
-    const int row = i < own ? columns.own[i].first : width;
-    std::copy_n(&product(row, 0), kin, block(kin + i));
-    for (int j = 0; j < own; ++j) block(kin + i)[kin + j] = g[row + static_cast<size_t>(columns.own[j].first) * ld];
-  }
-  s.places.assign(columns.kinematic.begin(), columns.kinematic.end());
-  for (const auto& c : columns.own) s.places.push_back(c.second);
-  for (int i = 0; i < n; ++i) {
-    const int pi = s.places[i];
-    for (int j = 0; j <= i; ++j) {
-      const int low = std::min(pi, s.places[j]), high = std::max(pi, s.places[j]);
-      if (low >= k)
-        to.shared[to.origin[to.row[low - k]] + to.row[high - k]] += block(i)[j];
-      else if (high >= k)
-        to.rows[low * to.stride + high] += block(i)[j];
-      else
-        to.rows[high * to.stride + low] += block(i)[j];
+  for (int j = own_rows; j < kin; ++j) s.column[j] = to.row[place[j] - k];
+  for (int j = 0; j < kin; ++j) {
+    const double* from = s.block.data() + static_cast<size_t>(j) * stride;
+    if (j < own_rows) {
+      double* row = to.rows + static_cast<std::ptrdiff_t>(place[j]) * to.stride;
+      for (int i = j; i < kin; ++i) row[place[i]] += from[i];
+    } else {
+      double* column = to.shared + to.origin[s.column[j]];
+      for (int i = j; i < kin; ++i) column[s.column[i]] += from[i];
     }
   }
-  for (int j = 0; j < n; ++j) (s.places[j] < k ? to.rows[s.places[j] * to.stride + size] : to.gradient[to.row[s.places[j] - k]]) += block(n)[j];
+  const double* last = s.product.data() + static_cast<size_t>(width) * stride;  // of the residual
+  for (int j = 0; j < own_rows; ++j) to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + size] += last[j];
+  for (int j = own_rows; j < kin; ++j) to.gradient[s.column[j]] += last[j];
+  for (const auto& own : columns.own) {
+    const double* from = s.product.data() + static_cast<size_t>(own.first) * stride;
+    const int column = to.row[own.second - k];
+    int j = 0;
+    for (; j < own_rows; ++j) to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + own.second] += from[j];
+    for (; j < kin && place[j] < own.second; ++j) to.shared[to.origin[s.column[j]] + column] += from[j];
+    double* below = to.shared + to.origin[column];
+    for (; j < kin; ++j) below[s.column[j]] += from[j];
+    const double* g_own = g + static_cast<size_t>(own.first) * ld;
+    for (const auto& other : columns.own)
+      if (other.second >= own.second) below[to.row[other.second - k]] += g_own[other.first];
+    to.gradient[column] += g_own[width];
+  }
 }
 
 }  // namespace kincal

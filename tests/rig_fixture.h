@@ -806,7 +806,7 @@ inline bool add_equations(const Problem& problem, int group, const VectorXd& sta
   }
   if (!problem.linearise(group, state, worker, {rows.data(), size + 1, shared.data(), origin.data(), row.data(), gradient.data()}, cost))
     return false;
-  gram.topLeftCorner(k, k) += MatrixXd(rows.leftCols(k).triangularView<Eigen::Lower>());
+  gram.topLeftCorner(k, k) += MatrixXd(MatrixXd(rows.leftCols(k).transpose()).triangularView<Eigen::Lower>());
   gram.block(k, 0, m + 1, k) += rows.rightCols(m + 1).transpose();
   gram.block(k, k, m, m) += MatrixXd(shared.triangularView<Eigen::Lower>());
   gram.block(size, k, 1, m) += gradient.transpose();
