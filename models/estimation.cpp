@@ -17,6 +17,8 @@ enum class Source { offset, scale, error, origin, sensor_pose, target_pose };
 
 }  // namespace
 
+constexpr size_t kWeights = 8;  // numbers in front of the measured ones: 1 / sigma of each component
+
 struct Estimation::MotionColumns {
   Source source;
   int step = -1;       // in the path, for joints
@@ -31,13 +33,17 @@ namespace {
 
 using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;  // on the stack
 
-/// How a view's residuals become white.
-struct Whitening {
+}  // namespace
+
+/// How residuals of a view without a kernel become white.
+struct Estimation::Whitening {
   VectorXd inverse_sigma;          // one a row of a block, where nothing else is said
   std::vector<SmallMatrix> block;  // one a block, or empty
   MatrixXd noise;                  // mode marginal: U, whitened own noise assumed; or empty
   MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
 };
+
+namespace {
 
 SmallMatrix inverse_square_root(const SmallMatrix& c) {
   const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
@@ -70,22 +76,23 @@ struct Estimation::Way {
   int rows() const { return scan_step >= 0 ? 14 : 6; }
 };
 
-struct Estimation::PlacedView {
-  const View* view = nullptr;
+/// What all views of a sensor and a target with the same points have in common, whatever they measured.
+struct Estimation::ViewPlan {
+  int sensor_index, target_index;
   const Sensor* sensor = nullptr;
   const Target* target = nullptr;
   const SensorModel* model = nullptr;
   std::vector<int> ids;
+  bool covariances = false;
   int way = 0;
-  int target_start = 0;  // of the target's pose in the state
+  int target_slot = -1;  // of a free target among the sample's
   Columns columns;       // of the sensor's own L
   ViewColumns map;
   std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses
   std::vector<int> way_column;       // and of the way: column of M of each
-  ViewKernel kernel = nullptr;  // if the sensor and its noise allow
-  int own[kMaxParameters];      // for the kernel: column of each own number or -1
-  size_t points = 0, measured = 0;  // for the kernel: where in seen_ the layout of the seen points and the measured numbers begin
-  Whitening whitening;
+  ViewKernel kernel = nullptr;       // if the sensor and its noise allow
+  int own[kMaxParameters];           // for the kernel: column of each own number or -1
+  size_t points = 0;                 // for the kernel: where in seen_ the layout of the seen points begins
 
   int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
   int rows() const { return blocks() * model->rows(); }
@@ -95,14 +102,32 @@ struct Estimation::PlacedView {
   int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
 };
 
-struct Estimation::PlacedSample {
-  int index = -1;  // in all_
+/// What all samples that show the same have in common.
+struct Estimation::SamplePlan {
   std::vector<Way> ways;
-  std::vector<PlacedView> views;
+  std::vector<ViewPlan> views;
   std::vector<int> targets;  // free ones, in the order of their blocks
   std::vector<int> noisy;    // joints with an error unknown, in order
   std::vector<int> joints;   // joints whose motion some view needs
-  int start = 0;             // of its part of the state: poses, then errors
+  GroupShape shape;
+
+  int state_size() const { return static_cast<int>(12 * targets.size() + noisy.size()); }
+};
+
+struct Estimation::PlacedView {
+  const View* view;
+  const ViewPlan* plan;
+  size_t measured = 0;  // with a kernel: where in seen_ 1 / sigma of each component, then the measured numbers begin
+  int whitening = -1;   // without: in whitenings_
+};
+
+struct Estimation::PlacedSample {
+  int index = -1;  // in all_
+  int start = 0;   // of its part of the state: poses, then errors
+  const SamplePlan* plan = nullptr;
+  std::vector<PlacedView> views;
+
+  int errors() const { return start + 12 * static_cast<int>(plan->targets.size()); }
 };
 
 /// What a way looks like at the state at hand.
@@ -145,14 +170,7 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
     if (table.all[f.parameter].pose && !f.whole(table.all[f.parameter])) charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
   }
   state_size_ = static_cast<int>(table.initial.size());
-  for (int index : samples) {
-    PlacedSample s = place_sample(index);
-    if (s.views.empty()) continue;
-    s.start = state_size_;
-    state_size_ += static_cast<int>(12 * s.targets.size() + s.noisy.size());
-    samples_.push_back(std::move(s));
-  }
-  for (PlacedSample& s : samples_) groups_.push_back(place_columns(s));
+  for (int index : samples) place_sample(index);
   place_data();
   if (!setup_.priors.empty()) {
     GroupShape shape;
@@ -167,36 +185,67 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
   set_workers(1);
 }
 
-/// The sample's views that take part, their ways between sensor and target, and what the sample's private unknowns are.
-Estimation::PlacedSample Estimation::place_sample(int index) const {
+/// A sample's views that take part. Its plan is that of an earlier sample that shows the same, or a new one.
+void Estimation::place_sample(int index) {
   PlacedSample s;
   s.index = index;
+  std::vector<int> key;  // sensor, target, with covariances, ids of each view
   for (const View& view : all_[index].views) {
     if (std::find(setup_.sensors.begin(), setup_.sensors.end(), view.sensor) == setup_.sensors.end() ||
         (setup_.only_target >= 0 && view.target != setup_.only_target))
       continue;
-    PlacedView v;
-    v.view = &view;
-    v.sensor = &rig_.sensors[view.sensor];
-    v.target = &rig_.targets[view.target];
-    v.model = v.sensor->model.get();
-    if (setup_.noise == NoiseMode::point && v.model->point_form()) v.model = v.model->point_form();
-    if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != v.model->sigmas())
-      throw std::invalid_argument(view.where + ": sensor '" + v.sensor->name + "' takes " + std::to_string(v.model->sigmas()) +
+    const Sensor& sensor = rig_.sensors[view.sensor];
+    if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != model_of(sensor).sigmas())
+      throw std::invalid_argument(view.where + ": sensor '" + sensor.name + "' takes " + std::to_string(model_of(sensor).sigmas()) +
                                   " sigmas, not " + std::to_string(view.sigma.size()));
-    v.ids = view.ids;
+    key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(), static_cast<int>(view.ids.size())});
+    key.insert(key.end(), view.ids.begin(), view.ids.end());
+    s.views.push_back({&view, nullptr});
+  }
+  if (s.views.empty()) return;
+  std::unique_ptr<SamplePlan>& plan = plans_[key];
+  if (!plan) plan = std::make_unique<SamplePlan>(make_plan(s));
+  s.plan = plan.get();
+  s.start = state_size_;
+  state_size_ += s.plan->state_size();
+  for (size_t v = 0; v < s.views.size(); ++v) s.views[v].plan = &s.plan->views[v];
+  groups_.push_back(s.plan->shape);
+  samples_.push_back(std::move(s));
+}
+
+const SensorModel& Estimation::model_of(const Sensor& sensor) const {
+  const SensorModel* point_form = setup_.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
+  return point_form ? *point_form : *sensor.model;
+}
+
+/// The ways between sensors and targets, what the sample's private unknowns are, and all columns.
+Estimation::SamplePlan Estimation::make_plan(const PlacedSample& placed) const {
+  SamplePlan s;
+  for (const PlacedView& p : placed.views) {
+    ViewPlan v;
+    v.sensor_index = p.view->sensor;
+    v.target_index = p.view->target;
+    v.sensor = &rig_.sensors[v.sensor_index];
+    v.target = &rig_.targets[v.target_index];
+    v.model = &model_of(*v.sensor);
+    v.covariances = !p.view->covariance.empty();
+    v.ids = p.view->ids;
     if (v.ids.empty() && !v.model->whole_pose())
       for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
     v.way = place_way(s, v);
-    if (v.target->link < 0 && std::find(s.targets.begin(), s.targets.end(), view.target) == s.targets.end())
-      s.targets.push_back(view.target);
+    if (v.target->link < 0) {
+      const auto it = std::find(s.targets.begin(), s.targets.end(), v.target_index);
+      v.target_slot = static_cast<int>(it - s.targets.begin());
+      if (it == s.targets.end()) s.targets.push_back(v.target_index);
+    }
     s.views.push_back(std::move(v));
   }
+  s.shape = place_columns(s);
   return s;
 }
 
 /// The view's way among the sample's, a new one if there is none yet.
-int Estimation::place_way(PlacedSample& s, const PlacedView& v) const {
+int Estimation::place_way(SamplePlan& s, const ViewPlan& v) const {
   Way way;
   way.from = v.sensor->link;
   way.to = v.target->link >= 0 ? v.target->link : rig_.base;
@@ -237,17 +286,17 @@ int Estimation::place_way(PlacedSample& s, const PlacedView& v) const {
 }
 
 /// Columns that a group touches, then where each view's columns are among them.
-GroupShape Estimation::place_columns(PlacedSample& s) const {
+GroupShape Estimation::place_columns(SamplePlan& s) const {
   std::map<int, int> places;  // shared column -> place in the group
   GroupShape shape;
   shape.private_size = static_cast<int>(6 * s.targets.size() + s.noisy.size());
   shape.rows = static_cast<int>(s.noisy.size());
   const auto place_all = [&] {
     for (Way& way : s.ways) place_joints(way, places, s);
-    for (PlacedView& v : s.views) place_view(v, places, s);
+    for (ViewPlan& v : s.views) place_view(v, places, s);
   };
   place_all();  // no column has a place yet: this finds out which there are
-  for (const PlacedView& v : s.views) {
+  for (const ViewPlan& v : s.views) {
     for (int c : v.map.kinematic)
       if (c < 0) places[-c - 1] = 0;
     for (const auto& o : v.map.own)
@@ -276,7 +325,7 @@ int place_of(const std::map<int, int>& places, int column) {
 }  // namespace
 
 /// The way's columns of M: joints' offsets, scales, errors and origins.
-void Estimation::place_joints(Way& way, const std::map<int, int>& places, const PlacedSample& s) const {
+void Estimation::place_joints(Way& way, const std::map<int, int>& places, const SamplePlan& s) const {
   way.motion.clear();
   way.places.clear();
   way.noise.clear();
@@ -318,8 +367,7 @@ void Estimation::place_joints(Way& way, const std::map<int, int>& places, const 
 }
 
 /// Columns of L and of M, and where they are in the group.
-void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, const PlacedSample& s) const {
-  const View& view = *v.view;
+void Estimation::place_view(ViewPlan& v, const std::map<int, int>& places, const SamplePlan& s) const {
   const Way& way = s.ways[v.way];
   v.map = ViewColumns();
   v.poses.clear();
@@ -335,18 +383,15 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
     for (int i = 0; i < m.count; ++i) v.map.kinematic.push_back(shared(first_column_[parameter] + i));
     v.poses.push_back(m);
   };
-  if (v.target->link < 0) {
-    const int slot = static_cast<int>(std::find(s.targets.begin(), s.targets.end(), view.target) - s.targets.begin());
-    v.target_start = s.start + 12 * slot;
+  if (v.target_slot >= 0) {
     MotionColumns m{Source::target_pose};
     m.count = 6;
-    for (int i = 0; i < 6; ++i) v.map.kinematic.push_back(6 * slot + i);
+    for (int i = 0; i < 6; ++i) v.map.kinematic.push_back(6 * v.target_slot + i);
     v.poses.push_back(m);
   } else {
-    v.target_start = table_.all[table_.target_pose[view.target]].start;
-    add_pose(Source::target_pose, table_.target_pose[view.target]);
+    add_pose(Source::target_pose, table_.target_pose[v.target_index]);
   }
-  add_pose(Source::sensor_pose, table_.sensor_pose[view.sensor]);
+  add_pose(Source::sensor_pose, table_.sensor_pose[v.sensor_index]);
   const std::vector<int> poses = v.map.kinematic;
   v.map.kinematic.insert(v.map.kinematic.end(), way.places.begin(), way.places.end());
   std::sort(v.map.kinematic.begin(), v.map.kinematic.end());
@@ -360,10 +405,10 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
   // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
   v.columns = Columns();
   Columns& c = v.columns;
-  const int square = v.model->whole_pose() ? -1 : table_.target_square[view.target];
-  const int points = v.model->whole_pose() ? -1 : table_.target_points[view.target];
+  const int square = v.model->whole_pose() ? -1 : table_.target_square[v.target_index];
+  const int points = v.model->whole_pose() ? -1 : table_.target_points[v.target_index];
   const bool points_freed = points >= 0 && freed_[points];
-  v.kernel = view.covariance.empty() && !points_freed && (setup_.noise == NoiseMode::latent || setup_.noise == NoiseMode::none)
+  v.kernel = !v.covariances && !points_freed && (setup_.noise == NoiseMode::latent || setup_.noise == NoiseMode::none)
                  ? v.model->kernel()
                  : nullptr;
   if (way.scan_step >= 0) {
@@ -372,8 +417,8 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
     c.total = 14;
   }
   std::fill(std::begin(v.own), std::end(v.own), -1);
-  if (table_.sensor_block[view.sensor] >= 0) {
-    const int first = table_.sensor_block[view.sensor];
+  if (table_.sensor_block[v.sensor_index] >= 0) {
+    const int first = table_.sensor_block[v.sensor_index];
     int own = 0, column = c.total;
     for (size_t b = 0; b < v.sensor->parameters.size(); ++b) {
       const int parameter = first + static_cast<int>(b);
@@ -401,22 +446,27 @@ void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, con
   }
 }
 
-/// What the kernels read: layouts of grids, each set of seen points once, and room for the measured numbers.
+/// What the kernels read: layouts of grids, each set of seen points once, and room for weights and measured numbers, view after view.
 void Estimation::place_data() {
   std::map<std::pair<int, std::vector<int>>, size_t> layouts;
+  for (auto& entry : plans_)
+    for (ViewPlan& v : entry.second->views) {
+      if (!v.kernel || !v.target->grid) continue;
+      const auto placed = layouts.insert({{v.target_index, v.ids}, seen_.size()});
+      v.points = placed.first->second;
+      if (!placed.second) continue;
+      for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < v.stride(); ++i) seen_.push_back(v.target->layout(c, v.ids[std::min<size_t>(i, v.ids.size() - 1)]));
+    }
   for (PlacedSample& s : samples_)
     for (PlacedView& v : s.views) {
-      if (!v.kernel) continue;
-      const size_t stride = v.stride(), count = v.ids.size();
-      if (v.target->grid) {
-        const auto placed = layouts.insert({{v.view->target, v.ids}, seen_.size()});
-        v.points = placed.first->second;
-        if (placed.second)
-          for (int c = 0; c < 3; ++c)
-            for (size_t i = 0; i < stride; ++i) seen_.push_back(v.target->layout(c, v.ids[std::min(i, count - 1)]));
+      if (v.plan->kernel) {
+        v.measured = seen_.size();
+        seen_.resize(seen_.size() + kWeights + static_cast<size_t>(v.plan->stride()) * v.plan->model->numbers(), 0.0);
+      } else {
+        v.whitening = static_cast<int>(whitenings_.size());
+        whitenings_.emplace_back();
       }
-      v.measured = seen_.size();
-      seen_.resize(seen_.size() + stride * v.model->numbers(), 0.0);
     }
   reload();
 }
@@ -424,23 +474,26 @@ void Estimation::place_data() {
 void Estimation::reload() {
   for (PlacedSample& s : samples_)
     for (PlacedView& v : s.views) {
-      if (!v.kernel) continue;
-      const int numbers = v.model->numbers();
-      for (size_t i = 0; i < v.ids.size(); ++i)
-        for (int k = 0; k < numbers; ++k) seen_[v.measured + static_cast<size_t>(k) * v.stride() + i] = v.view->z[i * numbers + k];
+      if (!v.plan->kernel) continue;
+      const int numbers = v.plan->model->numbers(), stride = v.plan->stride();
+      double* to = seen_.data() + v.measured;
+      for (int k = 0; k < v.plan->model->rows(); ++k) to[k] = 1 / v.view->sigma[k];
+      for (size_t i = 0; i < v.plan->ids.size(); ++i)
+        for (int k = 0; k < numbers; ++k) to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
     }
 }
 
 void Estimation::set_workers(int count) {
   size_t rows = 8, width = 0, columns = 6, ways = 0, steps = 0, way_columns = 0, noisy = 0;  // of the largest view and way
-  for (const PlacedSample& s : samples_) {
-    ways = std::max(ways, s.ways.size());
-    for (const Way& way : s.ways) {
+  for (const auto& entry : plans_) {
+    const SamplePlan& plan = *entry.second;
+    ways = std::max(ways, plan.ways.size());
+    for (const Way& way : plan.ways) {
       steps = std::max(steps, way.path.size());
       way_columns = std::max({way_columns, way.places.size(), way.noise_sigma.size()});
       noisy = std::max(noisy, way.noise_sigma.size());
     }
-    for (const PlacedView& v : s.views) {
+    for (const ViewPlan& v : plan.views) {
       rows = std::max(rows, static_cast<size_t>(v.padded_rows()));
       width = std::max(width, static_cast<size_t>(v.columns.total));
       columns = std::max(columns, v.map.kinematic.size() + v.map.own.size());
@@ -480,12 +533,12 @@ VectorXd Estimation::pack(const Values& values) const {
   state.head(values.shared.size()) = values.shared;
   for (const PlacedSample& s : samples_) {
     int at = s.start;
-    for (int t : s.targets) {
+    for (int t : s.plan->targets) {
       const auto it = values.targets.find({s.index, t});
       set_pose(state, at, it == values.targets.end() ? Pose() : it->second);
       at += 12;
     }
-    for (int j : s.noisy) {
+    for (int j : s.plan->noisy) {
       const auto it = values.errors.find({s.index, j});
       state(at++) = it == values.errors.end() ? 0 : it->second;
     }
@@ -497,11 +550,11 @@ void Estimation::unpack(const VectorXd& state, Values& values) const {
   values.shared = state.head(table_.initial.size());
   for (const PlacedSample& s : samples_) {
     int at = s.start;
-    for (int t : s.targets) {
+    for (int t : s.plan->targets) {
       values.targets[{s.index, t}] = get_pose(state, at);
       at += 12;
     }
-    for (int j : s.noisy) values.errors[{s.index, j}] = state(at++);
+    for (int j : s.plan->noisy) values.errors[{s.index, j}] = state(at++);
   }
 }
 
@@ -512,14 +565,14 @@ std::vector<char> Estimation::influencing() const {
   };
   for (const PlacedSample& s : samples_)
     for (const PlacedView& v : s.views) {
-      use(table_.sensor_pose[v.view->sensor]);
-      for (size_t b = 0; b < v.sensor->parameters.size(); ++b) use(table_.sensor_block[v.view->sensor] + static_cast<int>(b));
-      use(table_.target_pose[v.view->target]);
-      if (!v.sensor->model->whole_pose()) {
-        use(table_.target_square[v.view->target]);
-        use(table_.target_points[v.view->target]);
+      use(table_.sensor_pose[v.plan->sensor_index]);
+      for (size_t b = 0; b < v.plan->sensor->parameters.size(); ++b) use(table_.sensor_block[v.plan->sensor_index] + static_cast<int>(b));
+      use(table_.target_pose[v.plan->target_index]);
+      if (!v.plan->sensor->model->whole_pose()) {
+        use(table_.target_square[v.plan->target_index]);
+        use(table_.target_points[v.plan->target_index]);
       }
-      for (const PathStep& step : s.ways[v.way].path) {
+      for (const PathStep& step : s.plan->ways[v.plan->way].path) {
         use(table_.joint_origin[step.joint]);
         if (!rig_.tree.joints[step.joint].moves()) continue;
         const int drv = driver(rig_.tree, step.joint).joint;
@@ -535,14 +588,14 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
   const Sample& sample = all_[s.index];
   const auto position = [&](int j) {
     scratch.reading[j] = sample.readings[j];
-    if (!s.noisy.empty()) {
-      const auto it = std::find(s.noisy.begin(), s.noisy.end(), j);
-      if (it != s.noisy.end())
-        scratch.reading[j] += state(s.start + 12 * static_cast<int>(s.targets.size()) + static_cast<int>(it - s.noisy.begin()));
+    if (!s.plan->noisy.empty()) {
+      const auto it = std::find(s.plan->noisy.begin(), s.plan->noisy.end(), j);
+      if (it != s.plan->noisy.end())
+        scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.plan->noisy.begin()));
     }
     return state(table_.all[table_.joint_scale[j]].start) * scratch.reading[j] + state(table_.all[table_.joint_offset[j]].start);
   };
-  for (int j : s.joints) {
+  for (int j : s.plan->joints) {
     const Driver d = driver(rig_.tree, j);
     scratch.motion[j] = joint_motion(rig_.tree.joints[j], d.factor * position(d.joint) + d.offset);
   }
@@ -550,8 +603,8 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
 
 /// Walks the sample's ways.
 void Estimation::walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
-  for (size_t w = 0; w < s.ways.size(); ++w) {
-    const Way& way = s.ways[w];
+  for (size_t w = 0; w < s.plan->ways.size(); ++w) {
+    const Way& way = s.plan->ways[w];
     WalkedWay& walked = scratch.ways[w];
     Pose here, there;
     for (int k = 0; k < static_cast<int>(way.path.size()); ++k) {
@@ -601,14 +654,19 @@ void Estimation::way_columns(const Way& way, const std::vector<MotionColumns>& p
   }
 }
 
+/// Where the pose of the view's target stands in the state.
+int Estimation::target_start(const PlacedView& v, const PlacedSample& s) const {
+  return v.plan->target_slot >= 0 ? s.start + 12 * v.plan->target_slot : table_.all[table_.target_pose[v.plan->target_index]].start;
+}
+
 /// Poses of the view into scratch.input (and scratch.scan).
 void Estimation::view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
-  const Way& way = s.ways[v.way];
-  const WalkedWay& walked = scratch.ways[v.way];
-  const Pose sensor_T_link = inverse(get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start));
-  const Pose link_T_target = walked.link_T_far * get_pose(state, v.target_start);
+  const Way& way = s.plan->ways[v.plan->way];
+  const WalkedWay& walked = scratch.ways[v.plan->way];
+  const Pose sensor_T_link = inverse(get_pose(state, table_.all[table_.sensor_pose[v.plan->sensor_index]].start));
+  const Pose link_T_target = walked.link_T_far * get_pose(state, target_start(v, s));
   ViewInput& in = scratch.input;
-  const int block = table_.sensor_block[v.view->sensor];
+  const int block = table_.sensor_block[v.plan->sensor_index];
   in.parameters = block >= 0 ? state.data() + table_.all[block].start : nullptr;
   in.scan = nullptr;
   if (way.scan_step < 0) {
@@ -630,27 +688,27 @@ void Estimation::view_poses(const PlacedView& v, const PlacedSample& s, const Ve
 /// The rest of the sensor's input.
 void Estimation::view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const {
   ViewInput& in = scratch.input;
-  if (v.target->grid) {
-    scratch.points = state(table_.all[table_.target_square[v.view->target]].start) * v.target->layout;
-    in.layout = &v.target->layout;
+  if (v.plan->target->grid) {
+    scratch.points = state(table_.all[table_.target_square[v.plan->target_index]].start) * v.plan->target->layout;
+    in.layout = &v.plan->target->layout;
   } else {
-    const Parameter& p = table_.all[table_.target_points[v.view->target]];
+    const Parameter& p = table_.all[table_.target_points[v.plan->target_index]];
     scratch.points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
     in.layout = nullptr;
   }
   in.points = &scratch.points;
-  in.ids = v.ids.data();
-  in.count = static_cast<int>(v.ids.size());
+  in.ids = v.plan->ids.data();
+  in.count = static_cast<int>(v.plan->ids.size());
   in.z = v.view->z.data();
 }
 
 /// Columns of the way as the sensor sees them, column c to column at[c] of M.
 void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
                                   Scratch& scratch) const {
-  const Way& way = s.ways[v.way];
-  const Pose link_T_sensor = get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start);
+  const Way& way = s.plan->ways[v.plan->way];
+  const Pose link_T_sensor = get_pose(state, table_.all[table_.sensor_pose[v.plan->sensor_index]].start);
   const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
-  const MatrixXd& twists = scratch.ways[v.way].twists;
+  const MatrixXd& twists = scratch.ways[v.plan->way].twists;
   RowMatrix& m = scratch.expand.m;
   const int moved = way.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
   for (int c = 0; c < count; ++c) {
@@ -666,10 +724,10 @@ void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, co
 
 /// M (way's rows x columns) of a view into the top left corner of scratch.m; view_poses() and way_columns() have been called.
 void Estimation::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
-  const Way& way = s.ways[v.way];
+  const Way& way = s.plan->ways[v.plan->way];
   RowMatrix& m = scratch.expand.m;
   if (way.scan_step >= 0) m.setZero();
-  for (const MotionColumns& column : v.poses) {
+  for (const MotionColumns& column : v.plan->poses) {
     const bool sensor_side = column.source == Source::sensor_pose;
     Matrix6d twist;
     if (sensor_side)
@@ -682,35 +740,35 @@ void Estimation::kinematic_matrix(const PlacedView& v, const PlacedSample& s, co
     else
       m.block<6, 6>(row, column.first) = twist;
   }
-  seen_from_sensor(v, s, state, v.way_column.data(), static_cast<int>(v.way_column.size()), scratch);
+  seen_from_sensor(v, s, state, v.plan->way_column.data(), static_cast<int>(v.plan->way_column.size()), scratch);
 }
 
 /// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
 bool Estimation::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives,
                            Cost& cost) const {
   view_poses(v, s, state, scratch);
-  return v.kernel ? kernel_rows(v, state, scratch, derivatives, cost) : plain_rows(v, state, scratch, derivatives, cost);
+  return v.plan->kernel ? kernel_rows(v, state, scratch, derivatives, cost) : plain_rows(v, state, scratch, derivatives, cost);
 }
 
 /// view_rows() by the sensor's kernel.
 bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
-  const int stride = v.stride(), w = v.columns.total, rows = v.padded_rows(), count = static_cast<int>(v.ids.size());
-  const double* points = seen_.data() + v.points;
-  if (!v.target->grid) {
-    const double* from = state.data() + table_.all[table_.target_points[v.view->target]].start;
+  const int stride = v.plan->stride(), w = v.plan->columns.total, rows = v.plan->padded_rows(), count = static_cast<int>(v.plan->ids.size());
+  const double* points = seen_.data() + v.plan->points;
+  if (!v.plan->target->grid) {
+    const double* from = state.data() + table_.all[table_.target_points[v.plan->target_index]].start;
     for (int i = 0; i < stride; ++i)
-      for (int c = 0; c < 3; ++c) scratch.gathered[c * stride + i] = from[3 * v.ids[std::min(i, count - 1)] + c];
+      for (int c = 0; c < 3; ++c) scratch.gathered[c * stride + i] = from[3 * v.plan->ids[std::min(i, count - 1)] + c];
     points = scratch.gathered.data();
   }
   const Pose& pose = scratch.input.sensor_T_target;
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
-  const PointView view = {points, v.target->grid ? state(table_.all[table_.target_square[v.view->target]].start) : 1.0, rotation.data(),
-                          pose.translation.data(), scratch.input.parameters, seen_.data() + v.measured, v.whitening.inverse_sigma.data(),
+  const PointView view = {points, v.plan->target->grid ? state(table_.all[table_.target_square[v.plan->target_index]].start) : 1.0, rotation.data(),
+                          pose.translation.data(), scratch.input.parameters, seen_.data() + v.measured + kWeights, seen_.data() + v.measured,
                           count, stride};
   const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(), derivatives ? scratch.rows.data() : nullptr,
-                        scratch.rows.outerStride(), v.own, v.columns.square};
+                        scratch.rows.outerStride(), v.plan->own, v.plan->columns.square};
   double squares;
-  if (!v.kernel(view, to, squares)) return false;
+  if (!v.plan->kernel(view, to, squares)) return false;
   cost.chi2 += squares;
   if (setup_.loss.kind == LossKind::none) {
     cost.twice += squares;
@@ -736,17 +794,17 @@ bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch
 /// view_rows() by the sensor's evaluate().
 bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
   view_input(v, state, scratch);
-  const int k = v.model->rows(), blocks = v.blocks(), rows = k * blocks, w = v.columns.total;
+  const int k = v.plan->model->rows(), blocks = v.plan->blocks(), rows = k * blocks, w = v.plan->columns.total;
   auto weighted = scratch.evaluated.topLeftCorner(rows, w + 1);
   if (derivatives) {
     weighted.setZero();
     Eigen::Ref<RowMatrix> l(weighted.leftCols(w));
-    if (!v.model->evaluate(scratch.input, v.columns, scratch.r.data(), &l)) return false;
+    if (!v.plan->model->evaluate(scratch.input, v.plan->columns, scratch.r.data(), &l)) return false;
     weighted.col(w) = scratch.r.head(rows);
-  } else if (!v.model->evaluate(scratch.input, v.columns, scratch.r.data(), nullptr)) {
+  } else if (!v.plan->model->evaluate(scratch.input, v.plan->columns, scratch.r.data(), nullptr)) {
     return false;
   }
-  const Whitening& white = v.whitening;
+  const Whitening& white = whitenings_[v.whitening];
   const bool marginal = setup_.noise == NoiseMode::marginal;  // the view's residuals belong together
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
@@ -791,7 +849,7 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
   }
   if (derivatives) {
     scratch.rows.topLeftCorner(rows, w + 1) = weighted;
-    scratch.rows.block(rows, 0, v.padded_rows() - rows, w + 1).setZero();
+    scratch.rows.block(rows, 0, v.plan->padded_rows() - rows, w + 1).setZero();
   }
   return true;
 }
@@ -812,9 +870,9 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   walk_ways(s, state, scratch);
   for (const PlacedView& v : s.views)
     if (!view_rows(v, s, state, scratch, false, cost)) return false;
-  const int errors = s.start + 12 * static_cast<int>(s.targets.size());
-  for (size_t i = 0; i < s.noisy.size(); ++i) {
-    const double e = state(errors + static_cast<int>(i)) / rig_.joints[s.noisy[i]].sigma;
+  const int errors = s.errors();
+  for (size_t i = 0; i < s.plan->noisy.size(); ++i) {
+    const double e = state(errors + static_cast<int>(i)) / rig_.joints[s.plan->noisy[i]].sigma;
     cost.twice += e * e;
     cost.chi2 += e * e;
   }
@@ -841,20 +899,20 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   const int size = groups_[group].size();
   motions(s, state, scratch);
   walk_ways(s, state, scratch);
-  for (size_t w = 0; w < s.ways.size(); ++w)
-    way_columns(s.ways[w], s.ways[w].motion, static_cast<int>(s.ways[w].places.size()), state, scratch, scratch.ways[w]);
+  for (size_t w = 0; w < s.plan->ways.size(); ++w)
+    way_columns(s.plan->ways[w], s.plan->ways[w].motion, static_cast<int>(s.plan->ways[w].places.size()), state, scratch, scratch.ways[w]);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, s, state, scratch, true, cost)) return false;
-    const int w = v.columns.total + 1;
-    kernels().gram(scratch.rows.data(), v.padded_rows(), scratch.rows.outerStride(), w, scratch.expand.gram.data(),
+    const int w = v.plan->columns.total + 1;
+    kernels().gram(scratch.rows.data(), v.plan->padded_rows(), scratch.rows.outerStride(), w, scratch.expand.gram.data(),
                    static_cast<int>(scratch.expand.gram.outerStride()));
     kinematic_matrix(v, s, state, scratch);
-    expand(w - 1, s.ways[v.way].rows(), v.map, groups_[group].private_size, size, scratch.expand, to);
+    expand(w - 1, s.plan->ways[v.plan->way].rows(), v.plan->map, groups_[group].private_size, size, scratch.expand, to);
   }
-  const int errors = s.start + 12 * static_cast<int>(s.targets.size());
-  for (size_t i = 0; i < s.noisy.size(); ++i) {
-    const double w = 1 / rig_.joints[s.noisy[i]].sigma, e = state(errors + static_cast<int>(i)) * w;
-    const size_t at = 6 * s.targets.size() + i;
+  const int errors = s.errors();
+  for (size_t i = 0; i < s.plan->noisy.size(); ++i) {
+    const double w = 1 / rig_.joints[s.plan->noisy[i]].sigma, e = state(errors + static_cast<int>(i)) * w;
+    const size_t at = 6 * s.plan->targets.size() + i;
     to.rows[at * to.stride + at] += w * w;
     to.rows[at * to.stride + size] += w * e;
     cost.twice += e * e;
@@ -909,34 +967,34 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
   Cost cost;
   motions(s, state, scratch);
   walk_ways(s, state, scratch);
-  for (size_t w = 0; w < s.ways.size(); ++w)
-    way_columns(s.ways[w], s.ways[w].motion, static_cast<int>(s.ways[w].places.size()), state, scratch, scratch.ways[w]);
+  for (size_t w = 0; w < s.plan->ways.size(); ++w)
+    way_columns(s.plan->ways[w], s.plan->ways[w].motion, static_cast<int>(s.plan->ways[w].places.size()), state, scratch, scratch.ways[w]);
   for (const PlacedView& v : s.views) {
     if (!view_rows(v, s, state, scratch, true, cost)) return false;
-    const int k = v.model->rows(), kinematic_rows = s.ways[v.way].rows();
-    MatrixXd view(v.rows(), v.columns.total + 1);
-    for (int b = 0; b < v.blocks(); ++b)
-      for (int i = 0; i < k; ++i) view.row(b * k + i) = scratch.rows.row(v.row(b, i)).head(view.cols());
+    const int k = v.plan->model->rows(), kinematic_rows = s.plan->ways[v.plan->way].rows();
+    MatrixXd view(v.plan->rows(), v.plan->columns.total + 1);
+    for (int b = 0; b < v.plan->blocks(); ++b)
+      for (int i = 0; i < k; ++i) view.row(b * k + i) = scratch.rows.row(v.plan->row(b, i)).head(view.cols());
     if (compress && view.rows() > view.cols()) {
       Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(view);
       view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
     }
     kinematic_matrix(v, s, state, scratch);
-    const auto m = scratch.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
+    const auto m = scratch.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.plan->map.kinematic.size()));
     MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
     const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
     for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
       if (kinematic.col(i).squaredNorm() <= kCancelled * parts(i)) kinematic.col(i).setZero();
     auto part = rows.middleRows(used, view.rows());
-    for (size_t i = 0; i < v.map.kinematic.size(); ++i) part.col(v.map.kinematic[i]) += kinematic.col(i);
-    for (const auto& own : v.map.own) part.col(own.second) += view.col(own.first);
+    for (size_t i = 0; i < v.plan->map.kinematic.size(); ++i) part.col(v.plan->map.kinematic[i]) += kinematic.col(i);
+    for (const auto& own : v.plan->map.own) part.col(own.second) += view.col(own.first);
     part.col(size) = view.col(view.cols() - 1);
     used += view.rows();
   }
-  const int errors = s.start + 12 * static_cast<int>(s.targets.size());
-  for (size_t i = 0; i < s.noisy.size(); ++i, ++used) {
-    const double w = 1 / rig_.joints[s.noisy[i]].sigma;
-    rows(used, static_cast<Eigen::Index>(6 * s.targets.size() + i)) = w;
+  const int errors = s.errors();
+  for (size_t i = 0; i < s.plan->noisy.size(); ++i, ++used) {
+    const double w = 1 / rig_.joints[s.plan->noisy[i]].sigma;
+    rows(used, static_cast<Eigen::Index>(6 * s.plan->targets.size() + i)) = w;
     rows(used, size) = w * state(errors + static_cast<int>(i));
   }
   rows.conservativeResize(used, size + 1);
@@ -968,9 +1026,9 @@ void Estimation::retract(const VectorXd& state, const VectorXd& shared_step, con
   Eigen::Index at = 0;
   for (const PlacedSample& s : samples_) {
     int place = s.start;
-    for (size_t t = 0; t < s.targets.size(); ++t, place += 12, at += 6)
+    for (size_t t = 0; t < s.plan->targets.size(); ++t, place += 12, at += 6)
       set_pose(moved, place, get_pose(state, place) * exp_se3(private_step.segment<6>(at)));
-    for (size_t i = 0; i < s.noisy.size(); ++i) moved(place++) += private_step(at++);
+    for (size_t i = 0; i < s.plan->noisy.size(); ++i) moved(place++) += private_step(at++);
   }
 }
 
@@ -981,12 +1039,13 @@ bool Estimation::renew(const VectorXd& state) {
   for (PlacedSample& s : samples_) {
     bool walked = false;
     for (PlacedView& v : s.views) {
-      Way& way = s.ways[v.way];
-      Whitening& white = v.whitening;
+      if (v.plan->kernel) continue;
+      const Way& way = s.plan->ways[v.plan->way];
+      Whitening& white = whitenings_[v.whitening];
       const View& view = *v.view;
-      const int k = v.model->rows(), blocks = v.blocks();
+      const int k = v.plan->model->rows(), blocks = v.plan->blocks();
       const Eigen::Map<const VectorXd> sigma(view.sigma.data(), static_cast<Eigen::Index>(view.sigma.size()));
-      const bool own_noise = v.model->has_own_noise(), joints = !way.noise.empty();
+      const bool own_noise = v.plan->model->has_own_noise(), joints = !way.noise.empty();
       depends = depends || own_noise || joints;
       if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
       white.block.clear();
@@ -1005,19 +1064,19 @@ bool Estimation::renew(const VectorXd& state) {
           root = inverse_square_root(view.covariance[i]);
           continue;
         }
-        v.model->own_noise(scratch.input, i, scratch.own_noise);
+        v.plan->model->own_noise(scratch.input, i, scratch.own_noise);
         const SmallMatrix b = scratch.own_noise;
         root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
                                     : inverse_square_root(covariance_of(b, sigma));
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.
-      RowMatrix l = RowMatrix::Zero(k * blocks, v.columns.total);
+      RowMatrix l = RowMatrix::Zero(k * blocks, v.plan->columns.total);
       VectorXd r(k * blocks);
       Eigen::Ref<RowMatrix> reference(l);
-      if (!v.model->evaluate(scratch.input, v.columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
+      if (!v.plan->model->evaluate(scratch.input, v.plan->columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
       const int noisy = static_cast<int>(way.noise_sigma.size());
-      way_columns(way, way.noise, noisy, state, scratch, scratch.ways[v.way]);
+      way_columns(way, way.noise, noisy, state, scratch, scratch.ways[v.plan->way]);
       std::vector<int> in_order(noisy);
       std::iota(in_order.begin(), in_order.end(), 0);
       seen_from_sensor(v, s, state, in_order.data(), noisy, scratch);
@@ -1030,7 +1089,7 @@ bool Estimation::renew(const VectorXd& state) {
           if (!view.covariance.empty()) {
             covariance += view.covariance[i];
           } else if (own_noise) {
-            v.model->own_noise(scratch.input, i, scratch.own_noise);
+            v.plan->model->own_noise(scratch.input, i, scratch.own_noise);
             covariance += covariance_of(scratch.own_noise, sigma);
           } else {
             covariance.diagonal() += sigma.cwiseAbs2();
@@ -1066,14 +1125,14 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       r.sample = s.index;
       Cost cost;
       view_rows(v, s, state, scratch, false, cost);
-      r.whitened.resize(v.rows());
-      const int k = v.model->rows();
-      for (int b = 0; b < v.blocks(); ++b)
-        for (int i = 0; i < k; ++i) r.whitened(b * k + i) = scratch.r(v.row(b, i));
+      r.whitened.resize(v.plan->rows());
+      const int k = v.plan->model->rows();
+      for (int b = 0; b < v.plan->blocks(); ++b)
+        for (int i = 0; i < k; ++i) r.whitened(b * k + i) = scratch.r(v.plan->row(b, i));
       view_input(v, state, scratch);
-      const SensorModel& model = *v.sensor->model;  // whatever the mode whitens: what the sensor itself measures
-      r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.ids.size())));
-      if (!model.evaluate(scratch.input, v.columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
+      const SensorModel& model = *v.plan->sensor->model;  // whatever the mode whitens: what the sensor itself measures
+      r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.plan->ids.size())));
+      if (!model.evaluate(scratch.input, v.plan->columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
       out.push_back(std::move(r));
     }
   }

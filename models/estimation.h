@@ -18,6 +18,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -104,8 +105,11 @@ class Estimation final : public Problem {
  private:
   struct MotionColumns;
   struct Way;
+  struct ViewPlan;
+  struct SamplePlan;
   struct PlacedView;
   struct PlacedSample;
+  struct Whitening;
   struct WalkedWay;
   struct Scratch;
   struct PriorRow {
@@ -116,16 +120,19 @@ class Estimation final : public Problem {
     Matrix6d inverse_jacobian;
   };
 
-  PlacedSample place_sample(int index) const;
-  int place_way(PlacedSample& sample, const PlacedView& v) const;
-  GroupShape place_columns(PlacedSample& sample) const;
-  void place_joints(Way& way, const std::map<int, int>& places, const PlacedSample& sample) const;
-  void place_view(PlacedView& v, const std::map<int, int>& places, const PlacedSample& sample) const;
+  void place_sample(int index);
+  const SensorModel& model_of(const Sensor& sensor) const;
+  SamplePlan make_plan(const PlacedSample& placed) const;
+  int place_way(SamplePlan& sample, const ViewPlan& v) const;
+  GroupShape place_columns(SamplePlan& sample) const;
+  void place_joints(Way& way, const std::map<int, int>& places, const SamplePlan& sample) const;
+  void place_view(ViewPlan& v, const std::map<int, int>& places, const SamplePlan& sample) const;
   void place_data();
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
                    WalkedWay& walked) const;
+  int target_start(const PlacedView& v, const PlacedSample& s) const;
   void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
   void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
@@ -144,7 +151,9 @@ class Estimation final : public Problem {
   std::vector<std::pair<int, int>> columns_;      // (parameter, component)
   std::vector<int> first_column_;                 // by parameter, -1: held
   std::vector<const Freed*> freed_;               // by parameter, null: held
+  std::map<std::vector<int>, std::unique_ptr<SamplePlan>> plans_;  // by what samples show
   std::vector<PlacedSample> samples_;
+  std::vector<Whitening> whitenings_;
   std::vector<GroupShape> groups_;
   std::vector<double> seen_;                      // what the kernels read: layouts, measured numbers
   std::vector<MatrixXd> charts_;                  // by parameter: 6 x freed components, of partly freed poses
