@@ -305,7 +305,7 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     out.changes_yaml += "joints:\n";
   for (const auto& c : changes.origins) {
     const Joint& joint = rig.tree.joints[c.first];
-    const OriginText old = origin_text(rig_file.urdf, c.first);
+    const OriginText& old = origin_text(rig_file.urdf, c.first);
     const Vector3d rpy = rpy_from_rotation(c.second.rotation);
     const bool moved = c.second.translation != joint.parent_T_joint.translation,
                turned = c.second.rotation != joint.parent_T_joint.rotation;
