@@ -2,7 +2,7 @@
 
 #include <sys/types.h>
 
-#include <sha256.h>
+#include <nettle/sha2.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -20,8 +20,14 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 std::string sha256(const std::string& text) {
-  char hex[SHA256_DIGEST_STRING_LENGTH];
-  return SHA256Data(reinterpret_cast<const uint8_t*>(text.data()), text.size(), hex);
+  sha256_ctx context;
+  uint8_t digest[SHA256_DIGEST_SIZE];
+  sha256_init(&context);
+  sha256_update(&context, text.size(), reinterpret_cast<const uint8_t*>(text.data()));
+  sha256_digest(&context, sizeof digest, digest);
+  std::string hex;
+  for (const uint8_t byte : digest) hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
+  return hex;
 }
 
 Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
