@@ -5,6 +5,7 @@
 #include <yaml-cpp/parser.h>
 
 #include <algorithm>
+#include <unordered_map>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -16,13 +17,12 @@
 #include <sstream>
 #include <string_view>
 #include <system_error>
-#include <unordered_map>
 
 namespace kincal {
 namespace {
 
-constexpr size_t kMaxDepth = 100;           // of nesting: far beyond any real file, far below the end of the stack
-constexpr size_t kMaxAliasNodes = 100'000;  // that all YAML anchors and aliases of a file together may hold
+constexpr size_t kMaxDepth = 100;            // of nesting: far beyond any real file, far below the end of the stack
+constexpr size_t kMaxAliasNodes = 100'000;   // that all YAML anchors and aliases of a file together may hold
 
 std::string place(const std::string& path, int line, int column) {
   return path + ":" + std::to_string(line) + ":" + std::to_string(column) + ": ";
@@ -60,7 +60,9 @@ class Builder {
   }
 
   /// In a mapping, is a key due next?
-  bool wants_key() const { return !open_.empty() && open_.back().node.kind == Node::Kind::mapping && !open_.back().has_key; }
+  bool wants_key() const {
+    return !open_.empty() && open_.back().node.kind == Node::Kind::mapping && !open_.back().has_key;
+  }
 
   const Node& add(Node&& node) {
     if (open_.empty()) return root = std::move(node);
@@ -92,7 +94,8 @@ class Builder {
   void refuse_duplicates(const Node& mapping) const {
     std::set<std::string_view> seen;
     for (const auto& [name, value] : mapping.members)
-      if (!seen.insert(name).second) throw InputError(place(path_, value.line, value.column) + "key '" + name + "' stands twice");
+      if (!seen.insert(name).second)
+        throw InputError(place(path_, value.line, value.column) + "key '" + name + "' stands twice");
   }
 
   const std::string& path_;
@@ -162,7 +165,9 @@ class YamlEvents : public YAML::EventHandler {
     node.column = mark.column + 1;
     return node;
   }
-  void value(Node&& node, YAML::anchor_t anchor) { keep(builder.add(std::move(node)), anchor); }
+  void value(Node&& node, YAML::anchor_t anchor) {
+    keep(builder.add(std::move(node)), anchor);
+  }
   void open(Node::Kind kind, const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) {
     refuse_tag(mark, tag);
     if (builder.wants_key()) fail(mark, "a key must be a text or a number");
@@ -182,8 +187,8 @@ class YamlEvents : public YAML::EventHandler {
   void limit(const Node& copied) {
     alias_nodes_ += count_nodes(copied);
     if (alias_nodes_ > kMaxAliasNodes)
-      throw InputError(place(path_, copied.line, copied.column) + "anchors and aliases hold more than " + std::to_string(kMaxAliasNodes) +
-                       " values");
+      throw InputError(place(path_, copied.line, copied.column) + "anchors and aliases hold more than " +
+                       std::to_string(kMaxAliasNodes) + " values");
   }
 
   const std::string& path_;
@@ -214,7 +219,13 @@ struct Cursor {
 class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
  public:
   JsonEvents(const std::string& text, const std::string& path, int line)
-      : builder(path), furthest(text.data()), path_(path), text_(text), scanned_(text.data()), line_(line), line_start_(text.data()) {}
+      : builder(path),
+        furthest(text.data()),
+        path_(path),
+        text_(text),
+        scanned_(text.data()),
+        line_(line),
+        line_start_(text.data()) {}
 
   bool null() override { return scalar(Node::Kind::null, "", false); }
   bool boolean(bool value) override { return scalar(Node::Kind::scalar, value ? "true" : "false", false); }
@@ -300,8 +311,8 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
 
   const std::string& path_;
   const std::string& text_;
-  const char* scanned_;  // end of the last token
-  int line_;             // of scanned_
+  const char* scanned_;      // end of the last token
+  int line_;                 // of scanned_
   const char* line_start_;
 };
 
@@ -434,7 +445,9 @@ class PlainJson {
 };
 
 // ------------------------------------------------------------------------------------------------ scalars
-bool starts_with_zero(std::string_view digits) { return digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9'; }
+bool starts_with_zero(std::string_view digits) {
+  return digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9';
+}
 
 /// A whole finite decimal number. Refused: 010 (octal in YAML 1.1), 0x10, 1_000, 1:30, nan, inf.
 bool read_number(std::string_view text, double& value) {
@@ -452,14 +465,10 @@ std::string shortened(const std::string& text) { return text.size() <= 60 ? text
 /// What stands there, for messages: 'abc', 'abc' (a string), a list, a mapping, nothing.
 std::string describe(const Node& node) {
   switch (node.kind) {
-    case Node::Kind::null:
-      return "nothing";
-    case Node::Kind::sequence:
-      return "a list";
-    case Node::Kind::mapping:
-      return "a mapping";
-    default:
-      return "'" + shortened(node.text) + "'" + (node.quoted ? " (a string)" : "");
+    case Node::Kind::null: return "nothing";
+    case Node::Kind::sequence: return "a list";
+    case Node::Kind::mapping: return "a mapping";
+    default: return "'" + shortened(node.text) + "'" + (node.quoted ? " (a string)" : "");
   }
 }
 
@@ -562,8 +571,8 @@ std::string flow_text(const Node& node, bool small_mapping) {
 bool is_vector(const Node& node) {
   double value = 0;
   return node.items.size() <= 12 && std::all_of(node.items.begin(), node.items.end(), [&](const Node& item) {
-           return item.kind == Node::Kind::scalar && !item.quoted && read_number(item.text, value);
-         });
+    return item.kind == Node::Kind::scalar && !item.quoted && read_number(item.text, value);
+  });
 }
 
 void write_block(const Node& node, size_t indent, bool first_line_indented, std::string& out);
@@ -790,7 +799,8 @@ Pose Field::pose() const {
     const Field field = (*this)["quat"];
     const std::vector<double> q = field.vector(4);
     const double length = Eigen::Map<const Eigen::Vector4d>(q.data()).norm();
-    if (!(std::abs(length - 1) <= 1e-3)) field.fail("a unit quaternion [x, y, z, w] is expected, this one's length is " + shortest(length));
+    if (!(std::abs(length - 1) <= 1e-3))
+      field.fail("a unit quaternion [x, y, z, w] is expected, this one's length is " + shortest(length));
     pose.rotation = rotation_from_quaternion(Eigen::Map<const Eigen::Vector4d>(q.data()));
   }
   return pose;
@@ -810,15 +820,16 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
   for (const std::string& other : names) {
     if (other.empty() || other.size() > kLongest) continue;
     size_t distance = edit_distance(name, other);
-    const bool part =
-        std::min(letters, other.size()) >= 3 && (other.find(name) != std::string::npos || name.find(other) != std::string::npos);
+    const bool part = std::min(letters, other.size()) >= 3 &&
+                      (other.find(name) != std::string::npos || name.find(other) != std::string::npos);
     if (part) distance = std::min(distance, limit);
     // of short names two changes are the whole name
     if (distance > limit || distance >= std::max(letters, other.size())) continue;
     near.push_back({distance, common_prefix(name, other), &other});
   }
-  std::stable_sort(near.begin(), near.end(),
-                   [](const Near& a, const Near& b) { return a.distance != b.distance ? a.distance < b.distance : a.prefix > b.prefix; });
+  std::stable_sort(near.begin(), near.end(), [](const Near& a, const Near& b) {
+    return a.distance != b.distance ? a.distance < b.distance : a.prefix > b.prefix;
+  });
   if (near.size() > kMost) near.resize(kMost);
   std::string out;
   for (const Near& one : near) out += (out.empty() ? "; nearest: " : ", ") + *one.name;
