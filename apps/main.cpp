@@ -1,42 +1,29 @@
 // The command line: arguments, progress, exit codes. Everything else is in the libraries.
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <thread>
 
-#include "../io/results.h"
-#include "../io/rig_file.h"
 #include "../io/simulation_file.h"
-#include "../models/calibration.h"
+#include "batch.h"
+#include "calibrate.h"
 #include "tables.h"
 
 namespace {
 
 using namespace kincal;
 
-enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kInterrupted = 130 };
-
 volatile std::sig_atomic_t interrupted = 0;
 
 bool not_interrupted() { return interrupted == 0; }
 
-const std::map<std::string, NoiseMode> kNoiseModes = {
-    {"latent", NoiseMode::latent}, {"marginal", NoiseMode::marginal}, {"point", NoiseMode::point}, {"none", NoiseMode::none}};
-const std::map<std::string, LinearSolver> kLinearSolvers = {
-    {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
-
 int say_interrupted() {
   std::fprintf(stderr, "kincal: interrupted, nothing written\n");
   return kInterrupted;
-}
-
-/// A folder with a rig.yaml (a result) stands for that file.
-std::string rig_path(const std::string& path) {
-  return std::filesystem::is_directory(path) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
 }
 
 template <class Map>
@@ -46,87 +33,41 @@ std::vector<std::string> keys(const Map& map) {
   return out;
 }
 
-/// An unknown parameter name in terms that help: with the nearest ones.
-InputError with_nearest(const NameError& error, const Calibration& calibration) {
-  return InputError(error.what() + nearest_names(error.name, calibration.table().names()));
-}
-
-Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
-  const std::vector<Sample> samples = read_samples(samples_path, rig_file.rig);
-  try {
-    return Calibration(rig_file.rig, samples);
-  } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig_file.rig).names()));
-  } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
-    const std::string what = error.what();
-    throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
-  }
-}
-
 struct CalibrateArguments {
-  std::string rig, samples, out, noise = "latent", step, linear_solver = "auto";
-  std::vector<std::string> free, fix;
-  int threads = 1;
-  bool no_report = false, write_reduction = false, force = false, dry_run = false, quiet = false, json = false;
+  std::string rig, samples, out;
+  CalibrateSettings settings;
+  bool force = false, dry_run = false, quiet = false, json = false;
 };
 
-int calibrate(const CalibrateArguments& a, const std::string& command) {
+int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
     if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
     check_output(a.out, a.force);
   }
-  const RigFile rig_file = read_rig(rig_path(a.rig));
-  if (rig_file.rig.steps.empty()) throw InputError(a.rig + ": estimate: there are no steps: nothing is to be calibrated");
-  Calibration calibration = make_calibration(rig_file, a.samples);
-  if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
-    throw InputError(a.samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
-  for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
-  CalibrationOptions options;
-  options.noise = kNoiseModes.at(a.noise);
-  options.linear_solver = kLinearSolvers.at(a.linear_solver);
-  options.threads = a.threads;
-  options.last_step = a.step;
-  options.free = a.free;
-  options.fix = a.fix;
-  Progress progress(a.quiet || a.json);
-  options.progress = [&](const std::string& step, int iteration, double chi2, double damping) {
-    progress.update(step, iteration, chi2, damping);
-    return not_interrupted();
-  };
-  try {
-    if (a.dry_run) {
-      std::cout << plan_table(calibration.plan(options), calibration.table());
-      return kConverged;
-    }
-    const std::optional<CalibrationResult> result = calibration.run(options);
-    if (!result || interrupted) {
-      progress.interrupted();
-      return say_interrupted();
-    }
-    progress.finish();
-    ResultOptions result_options;
-    result_options.command = command;
-    result_options.samples_path = a.samples;
-    result_options.version = KINCAL_VERSION;
-    result_options.residuals = !a.no_report;
-    result_options.write_reduction = a.write_reduction;
-    const ResultFiles files = make_results(rig_file, calibration, *result, result_options);
-    if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
-    if (a.json)
-      std::cout << files.result_json;
-    else if (!a.quiet)
-      std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
-    switch (result->status) {
-      case Status::converged:
-        return kConverged;
-      case Status::unobservable:
-        return kUnobservable;
-      default:
-        return kNotConverged;
-    }
-  } catch (const NameError& error) {
-    throw with_nearest(error, calibration);
+  Job job = read_job(a.rig, a.samples);
+  for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  if (a.dry_run) {
+    std::cout << plan_table(plan(job, a.settings), job.calibration.table());
+    return kConverged;
   }
+  Progress progress(a.quiet || a.json);
+  const std::optional<CalibrationResult> result =
+      run(job, a.settings, [&](const std::string& step, int iteration, double chi2, double damping) {
+        progress.update(step, iteration, chi2, damping);
+        return not_interrupted();
+      });
+  if (!result || interrupted) {
+    progress.interrupted();
+    return say_interrupted();
+  }
+  progress.finish();
+  const ResultFiles files = make_files(job, *result, a.settings);
+  if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
+  if (a.json)
+    std::cout << files.result_json;
+  else if (!a.quiet)
+    std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
+  return exit_code(result->status);
 }
 
 struct EvaluateArguments {
@@ -226,6 +167,33 @@ int simulate(const SimulateArguments& a) {
   return kConverged;
 }
 
+/// The options of calibrate that batch has as well.
+void add_settings(CLI::App& command, CalibrateSettings& s) {
+  command
+      .add_option(
+          "--noise", s.noise,
+          "how noise of joint readings counts: latent (an unknown error per joint and sample; honest sigmas), marginal, point, none")
+      ->check(CLI::IsMember(keys(kNoiseModes)))
+      ->capture_default_str();
+  command.add_option("--threads", s.threads, "threads of one calibration; the result is the same for any number")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  command.add_option("--step", s.step, "run all steps up to this one");
+  command.add_option("--free", s.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
+  command.add_option("--fix", s.fix, "name or glob to hold in the last step that runs; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
+  command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
+      ->check(CLI::IsMember(keys(kLinearSolvers)))
+      ->capture_default_str();
+  command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
+  command.add_flag(
+      "--write-reduction", s.write_reduction,
+      "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -241,11 +209,13 @@ int main(int argc, char** argv) {
       "Examples:\n"
       "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and counts\n"
       "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf is the calibrated robot\n"
+      "  kincal batch fleet --out results                           the same for every folder of fleet\n"
       "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked.");
+      "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked. batch: 0 all\n"
+      "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
 
   CalibrateArguments c;
   CLI::App* calibrate_command =
@@ -254,30 +224,7 @@ int main(int argc, char** argv) {
   calibrate_command->add_option("SAMPLES", c.samples, "samples.jsonl: one posture of the robot a line")->required();
   calibrate_command->add_option("--out", c.out,
                                 "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
-  calibrate_command
-      ->add_option(
-          "--noise", c.noise,
-          "how noise of joint readings counts: latent (an unknown error per joint and sample; honest sigmas), marginal, point, none")
-      ->check(CLI::IsMember(keys(kNoiseModes)))
-      ->capture_default_str();
-  calibrate_command->add_option("--threads", c.threads, "threads; the result is the same for any number")
-      ->check(CLI::Range(1, 1024))
-      ->capture_default_str();
-  calibrate_command->add_option("--step", c.step, "run all steps up to this one");
-  calibrate_command
-      ->add_option("--free", c.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; may be repeated")
-      ->allow_extra_args(false)
-      ->type_name("GLOB");
-  calibrate_command->add_option("--fix", c.fix, "name or glob to hold in the last step that runs; may be repeated")
-      ->allow_extra_args(false)
-      ->type_name("GLOB");
-  calibrate_command->add_option("--linear-solver", c.linear_solver, "of the reduced system")
-      ->check(CLI::IsMember(keys(kLinearSolvers)))
-      ->capture_default_str();
-  calibrate_command->add_flag("--no-report", c.no_report, "leave out residuals.csv");
-  calibrate_command->add_flag(
-      "--write-reduction", c.write_reduction,
-      "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");
+  add_settings(*calibrate_command, c.settings);
   calibrate_command->add_flag("--force", c.force, "replace an existing result");
   calibrate_command->add_flag("--dry-run", c.dry_run, "only print what each step frees, the counts and the degrees of freedom");
   calibrate_command->add_flag("--quiet", c.quiet, "print errors only");
@@ -290,6 +237,29 @@ int main(int argc, char** argv) {
       "as exact: what the robot's own software will see.\n"
       "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge (2 and 3:\n"
       "results are written, `status` in result.json says so); 130 interrupted, nothing written.");
+
+  BatchArguments b;
+  b.jobs = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  CLI::App* batch_command = app.add_subcommand("batch", "Calibrate many sample sets, each into a result directory of its own");
+  batch_command
+      ->add_option(
+          "SETS", b.sets,
+          "a folder whose folders have a rig.yaml and a samples.jsonl each, or a list file with lines RIG SAMPLES [NAME], relative to\n"
+          "the list's folder")
+      ->required();
+  batch_command->add_option("--out", b.out, "directory for the result directories, summary.csv and summary.json; the same one to go on")
+      ->required();
+  batch_command->add_option("--jobs", b.jobs, "how many calibrations run at once (default: as many as there are cores)")
+      ->check(CLI::Range(1, 1024));
+  add_settings(*batch_command, b.settings);
+  batch_command->add_flag("--quiet", b.quiet, "print errors only");
+  batch_command->add_flag("--json", b.json, "print summary.json on standard output instead of tables");
+  batch_command->footer(
+      "A set whose result is there, of the same inputs, options and version, is not calibrated again; so the same command goes on after "
+      "an\n"
+      "interruption. A set that fails stops no other; failing sets are named at the end.\n"
+      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see `status` in summary.csv), or bad usage;\n"
+      "130 interrupted, what is finished stays.");
 
   EvaluateArguments e;
   CLI::App* evaluate_command =
@@ -336,7 +306,12 @@ int main(int argc, char** argv) {
   for (int i = 0; i < argc; ++i) command += (i ? " " : "") + std::string(argv[i]);
   try {
     app.parse(argc, argv);
-    const int code = *calibrate_command ? calibrate(c, command) : *evaluate_command ? evaluate(e) : *apply_command ? apply(p) : simulate(s);
+    c.settings.command = b.settings.command = command;
+    const int code = *calibrate_command  ? calibrate(c)
+                     : *batch_command    ? batch(b)
+                     : *evaluate_command ? evaluate(e)
+                     : *apply_command    ? apply(p)
+                                         : simulate(s);
     if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout)) throw InputError("standard output cannot be written");
     return code;
   } catch (const CLI::ParseError& error) {
@@ -344,8 +319,9 @@ int main(int argc, char** argv) {
     if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
       const std::string what = argc == 1 ? "a command is required"
                                          : "there is no command '" + std::string(argv[1]) + "'" +
-                                               nearest_names(argv[1], {"calibrate", "evaluate", "simulate", "apply"});
-      std::fprintf(stderr, "kincal: error: %s; known: calibrate, evaluate, simulate, apply. `kincal --help` says more\n", what.c_str());
+                                               nearest_names(argv[1], {"calibrate", "batch", "evaluate", "simulate", "apply"});
+      std::fprintf(stderr, "kincal: error: %s; known: calibrate, batch, evaluate, simulate, apply. `kincal --help` says more\n",
+                   what.c_str());
       return kBadInput;
     }
     std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", error.what(),

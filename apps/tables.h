@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../io/results.h"
+#include "../io/summary_file.h"
 #include "../models/calibration.h"
 
 namespace kincal {
@@ -34,5 +35,7 @@ std::string parameter_table(const CalibrationResult& result, size_t most);
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
+/// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
+std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored);
 
 }  // namespace kincal

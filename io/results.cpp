@@ -19,17 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-std::string sha256(const std::string& text) {
-  sha256_ctx context;
-  uint8_t digest[SHA256_DIGEST_SIZE];
-  sha256_init(&context);
-  sha256_update(&context, text.size(), reinterpret_cast<const uint8_t*>(text.data()));
-  sha256_digest(&context, sizeof digest, digest);
-  std::string hex;
-  for (const uint8_t byte : digest) hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
-  return hex;
-}
-
 Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
 
 Json numbers(const std::vector<double>& v) {
@@ -173,24 +162,6 @@ std::string noise_name(NoiseMode noise) {
   }
 }
 
-std::string status_name(Status status) {
-  switch (status) {
-    case Status::converged:
-      return "converged";
-    case Status::unobservable:
-      return "unobservable";
-    default:
-      return "not_converged";
-  }
-}
-
-std::string csv_field(const std::string& s) {
-  if (s.find_first_of(",\"\n") == std::string::npos) return s;
-  std::string out = "\"";
-  for (char c : s) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return out + "\"";
-}
-
 std::string residuals_csv(const Calibration& calibration, const CalibrationResult& result) {
   std::string out = "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened\n";
   std::map<const View*, const ViewResiduals*> before;
@@ -261,6 +232,35 @@ void write_whole(const fs::path& path, const std::string& text) {
 }
 
 }  // namespace
+
+std::string status_name(Status status) {
+  switch (status) {
+    case Status::converged:
+      return "converged";
+    case Status::unobservable:
+      return "unobservable";
+    default:
+      return "not_converged";
+  }
+}
+
+std::string csv_field(const std::string& s) {
+  if (s.find_first_of(",\"\n\r") == std::string::npos) return s;
+  std::string out = "\"";
+  for (char c : s) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
+std::string sha256(const std::string& text) {
+  sha256_ctx context;
+  uint8_t digest[SHA256_DIGEST_SIZE];
+  sha256_init(&context);
+  sha256_update(&context, text.size(), reinterpret_cast<const uint8_t*>(text.data()));
+  sha256_digest(&context, sizeof digest, digest);
+  std::string hex;
+  for (const uint8_t byte : digest) hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
+  return hex;
+}
 
 ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration, const CalibrationResult& result,
                          const ResultOptions& options) {
@@ -344,10 +344,10 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   json["chi2"] = number(result.chi2);
   json["cost"] = number(result.cost);
   json["dof"] = result.dof;
-  json["input"] = {{"command", options.command},
-                   {"rig", sha256(rig_file.text)},
-                   {"samples", sha256(read_file(options.samples_path))},
-                   {"urdf", sha256(rig_file.urdf.text)}};
+  out.rig_hash = sha256(rig_file.text);
+  out.samples_hash = sha256(read_file(options.samples_path));
+  out.urdf_hash = sha256(rig_file.urdf.text);
+  json["input"] = {{"command", options.command}, {"rig", out.rig_hash}, {"samples", out.samples_hash}, {"urdf", out.urdf_hash}};
   json["steps"] = Json::array();
   for (const StepResult& s : result.steps) {
     Json history = Json::array();
@@ -398,8 +398,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
 }
 
 void check_output(const std::string& directory, bool force) {
-  static const std::vector<std::string> ours = {"robot.urdf",    "rig.yaml",    "result.json",   "changes.yaml", "covariance.csv",
-                                                "residuals.csv", "report.html", "samples.jsonl", "truth.json"};
+  static const std::vector<std::string> ours = {"robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
+                                                "residuals.csv", "batch.json", "report.html", "samples.jsonl", "truth.json"};
   std::error_code error;
   const fs::path path(plain_name(directory));
   if (!fs::exists(path, error)) {
@@ -416,21 +416,23 @@ void check_output(const std::string& directory, bool force) {
                        ", which is no file of kincal's: move it away or choose another --out");
 }
 
-bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)()) {
+bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)(), const std::string& scratch) {
   const std::vector<std::pair<std::string, const std::string*>> all = {
       {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
       {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
-      {"covariance.csv", &files.covariance_csv}, {"residuals.csv", &files.residuals_csv}};
+      {"covariance.csv", &files.covariance_csv}, {"residuals.csv", &files.residuals_csv},
+      {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
-    if (f.first != "residuals.csv" || !f.second->empty()) present.push_back({f.first, *f.second});
-  return write_directory(directory, present, force, go_on);
+    if ((f.first != "residuals.csv" && f.first != "batch.json") || !f.second->empty()) present.push_back({f.first, *f.second});
+  return write_directory(directory, present, force, go_on, scratch);
 }
 
 bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force,
-                     bool (*go_on)()) {
-  const std::string name = plain_name(directory);
-  const fs::path target(name), work(name + ".writing-" + std::to_string(getpid())), old(name + ".replaced-" + std::to_string(getpid()));
+                     bool (*go_on)(), const std::string& scratch) {
+  const std::string name = plain_name(directory), pid = std::to_string(getpid());
+  const std::string beside = scratch.empty() ? name : (fs::path(scratch) / fs::path(name).filename()).string();
+  const fs::path target(name), work(beside + ".writing-" + pid), old(beside + ".replaced-" + pid);
   std::error_code error, ignored;
   try {
     check_output(name, force);

@@ -13,6 +13,7 @@
 
 #include <cmath>
 
+#include "brown_conrady.h"
 #include "sensor.h"
 
 namespace kincal {
@@ -24,46 +25,11 @@ struct BrownConrady {
   int parameter_count() const { return 5 + N; }
 
   bool residual(const double* parameters, const Vector3d& p, const double* z, double* r, double* d_p, double* d_own) const {
-    const double fx = parameters[0], fy = parameters[1], depth = p.z();
-    if (!(depth > 1e-9)) return false;
-    const double* d = parameters + 4;
-    const double u = (p.x() - parameters[4 + N]) / depth, v = p.y() / depth;
-    double a = u, b = v;
-    double a_u = 1, a_v = 0, b_v = 1;  // d(a, b) / d(u, v); symmetric: b_u = a_v
-    double radial = 1, denominator = 1;
-    const double s = u * u + v * v;
-    if constexpr (N > 0) {
-      const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = d[4];
-      const double k4 = N == 8 ? d[5] : 0, k5 = N == 8 ? d[6] : 0, k6 = N == 8 ? d[7] : 0;
-      denominator = 1 + s * (k4 + s * (k5 + s * k6));
-      radial = (1 + s * (k1 + s * (k2 + s * k3))) / denominator;
-      const double d_radial = ((k1 + s * (2 * k2 + 3 * k3 * s)) - radial * (k4 + s * (2 * k5 + 3 * k6 * s))) / denominator;
-      a = u * radial + 2 * p1 * u * v + p2 * (s + 2 * u * u);
-      b = v * radial + p1 * (s + 2 * v * v) + 2 * p2 * u * v;
-      a_u = radial + 2 * u * u * d_radial + 2 * p1 * v + 6 * p2 * u;
-      a_v = 2 * u * v * d_radial + 2 * p1 * u + 2 * p2 * v;
-      b_v = radial + 2 * v * v * d_radial + 6 * p1 * v + 2 * p2 * u;
-    }
-    r[0] = fx * a + parameters[2] - z[0];
-    r[1] = fy * b + parameters[3] - z[1];
-    if (!d_p) return true;
-    const double ix = fx / depth, iy = fy / depth;
-    d_p[0] = ix * a_u, d_p[1] = ix * a_v, d_p[2] = -ix * (a_u * u + a_v * v);
-    d_p[3] = iy * a_v, d_p[4] = iy * b_v, d_p[5] = -iy * (a_v * u + b_v * v);
-    double *x = d_own, *y = d_own + parameter_count();
-    x[0] = a, x[1] = 0, x[2] = 1, x[3] = 0;
-    y[0] = 0, y[1] = b, y[2] = 0, y[3] = 1;
-    if constexpr (N > 0) {
-      const double s1 = s / denominator, s2 = s * s1, s3 = s * s2;
-      x[4] = fx * u * s1, x[5] = fx * u * s2, x[6] = fx * 2 * u * v, x[7] = fx * (s + 2 * u * u), x[8] = fx * u * s3;
-      y[4] = fy * v * s1, y[5] = fy * v * s2, y[6] = fy * (s + 2 * v * v), y[7] = fy * 2 * u * v, y[8] = fy * v * s3;
-      if constexpr (N == 8) {
-        x[9] = -x[4] * radial, x[10] = -x[5] * radial, x[11] = -x[8] * radial;
-        y[9] = -y[4] * radial, y[10] = -y[5] * radial, y[11] = -y[8] * radial;
-      }
-    }
-    x[4 + N] = -d_p[0];
-    y[4 + N] = -d_p[3];
+    if (!(p.z() > 1e-9)) return false;
+    double pixel[2];
+    brown_conrady<N>(parameters, p.x() - parameters[4 + N], p.y(), p.z(), pixel, d_p, d_own);
+    r[0] = pixel[0] - z[0];
+    r[1] = pixel[1] - z[1];
     return true;
   }
 };

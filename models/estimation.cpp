@@ -22,27 +22,52 @@ struct Estimation::MotionColumns {
   double factor = 1;   // d position / d position of the driver
   int joint = -1;      // the driver, whose reading and scale count
   int parameter = -1;  // of a partly freed pose, for its chart
-  int first = 0;       // column of M
+  int first = 0;       // column
   int count = 1;
 };
 
 namespace {
 
+using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;  // on the stack
+
 /// How a view's residuals become white.
 struct Whitening {
-  VectorXd inverse_sigma;       // one a row of a block, where nothing else is said
-  std::vector<MatrixXd> block;  // one a block, or empty
-  MatrixXd noise;               // mode marginal: U, whitened own noise assumed; or empty
-  MatrixXd root;                // (1 + U U')^-1/2 = 1 - noise root noise'
+  VectorXd inverse_sigma;          // one a row of a block, where nothing else is said
+  std::vector<SmallMatrix> block;  // one a block, or empty
+  MatrixXd noise;                  // mode marginal: U, whitened own noise assumed; or empty
+  MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
-MatrixXd inverse_square_root(const MatrixXd& c) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(c);
-  const VectorXd w = eigen.eigenvalues().cwiseMax(1e-14 * eigen.eigenvalues().maxCoeff());
-  return eigen.eigenvectors() * w.cwiseSqrt().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+SmallMatrix inverse_square_root(const SmallMatrix& c) {
+  const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
+  SmallMatrix scaled = eigen.eigenvectors();
+  for (Eigen::Index i = 0; i < c.cols(); ++i)
+    scaled.col(i) /= std::sqrt(std::max(eigen.eigenvalues()(i), 1e-14 * eigen.eigenvalues().maxCoeff()));
+  return scaled.lazyProduct(eigen.eigenvectors().transpose());
+}
+
+/// B diag(sigma^2) B'
+SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>& sigma) {
+  SmallMatrix scaled = b;
+  for (Eigen::Index i = 0; i < b.cols(); ++i) scaled.col(i) *= sigma(i);
+  return scaled.lazyProduct(scaled.transpose());
 }
 
 }  // namespace
+
+/// The way from a sensor's link to a target's, shared by all views of a sample that go it. Its columns of M are computed once, in the
+/// frame of the sensor's link; where a scanning joint lies between, what is behind it is in the frame behind.
+struct Estimation::Way {
+  int from = -1, to = -1, scanning_joint = -1;
+  Path path;
+  int scan_step = -1;                 // step of the scanning joint
+  std::vector<MotionColumns> motion;  // M's columns of joints
+  std::vector<int> places;            // place in the group of each of these columns
+  std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
+  std::vector<double> noise_sigma;
+
+  int rows() const { return scan_step >= 0 ? 14 : 6; }
+};
 
 struct Estimation::PlacedView {
   const View* view = nullptr;
@@ -50,23 +75,28 @@ struct Estimation::PlacedView {
   const Target* target = nullptr;
   const SensorModel* model = nullptr;
   std::vector<int> ids;
-  Path path;             // from the sensor's link to the target's link, or to the base
-  int scan_step = -1;    // step of the scanning joint
+  int way = 0;
   int target_start = 0;  // of the target's pose in the state
-  Columns columns;
+  Columns columns;       // of the sensor's own L
   ViewColumns map;
-  std::vector<MotionColumns> motion;  // M
-  std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
-  std::vector<double> noise_sigma;
-  int kinematic_rows = 6;
+  std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses, before those of the way
+  int pose_columns = 0;
+  ViewKernel kernel = nullptr;  // if the sensor and its noise allow
+  int own[kMaxParameters];      // for the kernel: column of each own number or -1
+  size_t points = 0, measured = 0;  // for the kernel: where in seen_ the layout of the seen points and the measured numbers begin
   Whitening whitening;
 
   int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
   int rows() const { return blocks() * model->rows(); }
+  int stride() const { return padded(static_cast<int>(ids.size())); }
+  /// Rows of [L r] with the padding; residual k of block b is row(b, k).
+  int padded_rows() const { return kernel ? model->rows() * stride() : padded(rows()); }
+  int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
 };
 
 struct Estimation::PlacedSample {
   int index = -1;  // in all_
+  std::vector<Way> ways;
   std::vector<PlacedView> views;
   std::vector<int> targets;  // free ones, in the order of their blocks
   std::vector<int> noisy;    // joints with an error unknown, in order
@@ -74,16 +104,29 @@ struct Estimation::PlacedSample {
   int start = 0;             // of its part of the state: poses, then errors
 };
 
+/// What a way looks like at the state at hand.
+struct Estimation::WalkedWay {
+  std::vector<Pose> frames;  // by step of the path
+  Pose link_T_far;           // from the sensor's link to the target's
+  Pose link_T_before;        // with a scanning joint: to it, on the sensor's side; link_T_far is then seen from behind it
+  MatrixXd twists;           // in its top left corner: the way's columns
+};
+
 struct Estimation::Scratch {
   std::vector<Pose> motion;     // by joint
   std::vector<double> reading;  // by joint, error included
-  std::vector<Pose> frames;     // by step of the path
+  std::vector<WalkedWay> ways;
   ViewInput input;
   Scan scan;
   Eigen::Matrix3Xd points;
-  MatrixXd m;      // in its top left corner: M of the view at hand
-  RowMatrix rows;  // likewise [L r]
-  VectorXd r;
+  std::vector<double> gathered;  // points of a view for its kernel
+  MatrixXd m;                    // in its top left corner: M of the view at hand
+  RowMatrix evaluated;           // L as sensors without a kernel write it
+  MatrixXd rows;                 // in its top left corner: [L r]; residuals alone in the last column
+  VectorXd r;                    // residuals of sensors without a kernel
+  std::vector<double> slopes;    // roots of the loss's slopes, by row
+  MatrixXd projected;            // mode marginal: noise' [L r]
+  MatrixXd own_noise;
   ExpandScratch expand;
 };
 
@@ -110,6 +153,7 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
     samples_.push_back(std::move(s));
   }
   for (PlacedSample& s : samples_) groups_.push_back(place_columns(s));
+  place_data();
   if (!setup_.priors.empty()) {
     GroupShape shape;
     for (const Prior& prior : setup_.priors)  // a prior on a component of a partly freed pose depends on all its freed ones
@@ -143,42 +187,53 @@ Estimation::PlacedSample Estimation::place_sample(int index) const {
     v.ids = view.ids;
     if (v.ids.empty() && !v.model->whole_pose())
       for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
-    const int far = v.target->link >= 0 ? v.target->link : rig_.base;
-    v.path = find_path(rig_.tree, v.sensor->link, far);
-    if (v.model->scans()) {
-      const auto scan_step = [&] {
-        for (size_t k = 0; k < v.path.size(); ++k)
-          if (v.path[k].joint == v.sensor->scanning_joint) return static_cast<int>(k);
-        return -1;
-      };
-      v.scan_step = scan_step();
-      if (v.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
-        v.path = find_path(rig_.tree, v.sensor->link, rig_.base);
-        v.scan_step = scan_step();
-        for (const PathStep& step : find_path(rig_.tree, rig_.base, far)) v.path.push_back(step);
-        if (v.scan_step < 0)
-          throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig_.tree.joints[v.sensor->scanning_joint].name +
-                                      "' is not between its link and the base");
-      }
-    }
-    for (size_t k = 0; k < v.path.size(); ++k) {
-      const Joint& joint = rig_.tree.joints[v.path[k].joint];
-      if (!joint.moves() || static_cast<int>(k) == v.scan_step) continue;
-      const int drv = driver(rig_.tree, v.path[k].joint).joint;
-      if (v.scan_step >= 0 && drv == v.sensor->scanning_joint && joint.mimic)
-        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name +
-                                    "' follows the scanning joint; only one "
-                                    "joint may move within a view");
-      if (std::find(s.joints.begin(), s.joints.end(), v.path[k].joint) == s.joints.end()) s.joints.push_back(v.path[k].joint);
-      if (setup_.noise == NoiseMode::latent && rig_.joints[drv].sigma > 0 &&
-          std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
-        s.noisy.push_back(drv);
-    }
+    v.way = place_way(s, v);
     if (v.target->link < 0 && std::find(s.targets.begin(), s.targets.end(), view.target) == s.targets.end())
       s.targets.push_back(view.target);
     s.views.push_back(std::move(v));
   }
   return s;
+}
+
+/// The view's way among the sample's, a new one if there is none yet.
+int Estimation::place_way(PlacedSample& s, const PlacedView& v) const {
+  Way way;
+  way.from = v.sensor->link;
+  way.to = v.target->link >= 0 ? v.target->link : rig_.base;
+  if (v.model->scans()) way.scanning_joint = v.sensor->scanning_joint;
+  for (size_t i = 0; i < s.ways.size(); ++i)
+    if (s.ways[i].from == way.from && s.ways[i].to == way.to && s.ways[i].scanning_joint == way.scanning_joint) return static_cast<int>(i);
+  way.path = find_path(rig_.tree, way.from, way.to);
+  if (v.model->scans()) {
+    const auto scan_step = [&] {
+      for (size_t k = 0; k < way.path.size(); ++k)
+        if (way.path[k].joint == way.scanning_joint) return static_cast<int>(k);
+      return -1;
+    };
+    way.scan_step = scan_step();
+    if (way.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
+      way.path = find_path(rig_.tree, way.from, rig_.base);
+      way.scan_step = scan_step();
+      for (const PathStep& step : find_path(rig_.tree, rig_.base, way.to)) way.path.push_back(step);
+      if (way.scan_step < 0)
+        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig_.tree.joints[way.scanning_joint].name +
+                                    "' is not between its link and the base");
+    }
+  }
+  for (size_t k = 0; k < way.path.size(); ++k) {
+    const int j = way.path[k].joint;
+    const Joint& joint = rig_.tree.joints[j];
+    if (!joint.moves() || static_cast<int>(k) == way.scan_step) continue;
+    const int drv = driver(rig_.tree, j).joint;
+    if (way.scan_step >= 0 && drv == way.scanning_joint && joint.mimic)
+      throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name +
+                                  "' follows the scanning joint; only one joint may move within a view");
+    if (std::find(s.joints.begin(), s.joints.end(), j) == s.joints.end()) s.joints.push_back(j);
+    if (setup_.noise == NoiseMode::latent && rig_.joints[drv].sigma > 0 && std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
+      s.noisy.push_back(drv);
+  }
+  s.ways.push_back(std::move(way));
+  return static_cast<int>(s.ways.size()) - 1;
 }
 
 /// Columns that a group touches, then where each view's columns are among them.
@@ -187,10 +242,11 @@ GroupShape Estimation::place_columns(PlacedSample& s) const {
   GroupShape shape;
   shape.private_size = static_cast<int>(6 * s.targets.size() + s.noisy.size());
   shape.rows = static_cast<int>(s.noisy.size());
-  const auto place_views = [&] {
+  const auto place_all = [&] {
+    for (Way& way : s.ways) place_joints(way, places, s);
     for (PlacedView& v : s.views) place_view(v, places, s);
   };
-  place_views();  // no column has a place yet: this finds out which there are
+  place_all();  // no column has a place yet: this finds out which there are
   for (const PlacedView& v : s.views) {
     for (int c : v.map.kinematic)
       if (c < 0) places[-c - 1] = 0;
@@ -203,133 +259,203 @@ GroupShape Estimation::place_columns(PlacedSample& s) const {
     p.second = place++;
     shape.columns.push_back(p.first);
   }
-  place_views();
+  place_all();
   return shape;
 }
 
 int Estimation::sample_of(int group) const { return group < static_cast<int>(samples_.size()) ? samples_[group].index : -1; }
 
-/// Fills in columns, map and motion. Shared columns without a place yet stand as -column - 1.
+namespace {
+
+/// Place of a shared column in its group; without a place yet -column - 1.
+int place_of(const std::map<int, int>& places, int column) {
+  const auto it = places.find(column);
+  return it == places.end() ? -column - 1 : it->second;
+}
+
+}  // namespace
+
+/// The way's columns of M: joints' offsets, scales, errors and origins.
+void Estimation::place_joints(Way& way, const std::map<int, int>& places, const PlacedSample& s) const {
+  way.motion.clear();
+  way.places.clear();
+  way.noise.clear();
+  way.noise_sigma.clear();
+  const auto add = [&](MotionColumns m, int place) {  // a column, or several that follow each other; what comes twice shares them
+    const auto it = std::find(way.places.begin(), way.places.end(), place);
+    m.first = static_cast<int>(it - way.places.begin());
+    if (it == way.places.end())
+      for (int i = 0; i < m.count; ++i) way.places.push_back(place < 0 ? place - i : place + i);
+    way.motion.push_back(m);
+  };
+  for (int k = 0; k < static_cast<int>(way.path.size()); ++k) {
+    const int j = way.path[k].joint, origin = table_.joint_origin[j];
+    if (freed_[origin]) {
+      MotionColumns m{Source::origin, k};
+      m.parameter = origin;
+      m.count = static_cast<int>(freed_[origin]->components.size());
+      add(m, place_of(places, first_column_[origin]));
+    }
+    if (!rig_.tree.joints[j].moves()) continue;
+    const Driver drv = driver(rig_.tree, j);
+    const int offset = table_.joint_offset[drv.joint], scale = table_.joint_scale[drv.joint];
+    MotionColumns m{Source::offset, k, drv.factor, drv.joint};
+    if (freed_[offset]) add(m, place_of(places, first_column_[offset]));
+    m.source = Source::scale;
+    if (freed_[scale]) add(m, place_of(places, first_column_[scale]));
+    if (k == way.scan_step || !(rig_.joints[drv.joint].sigma > 0)) continue;
+    m.source = Source::error;
+    if (setup_.noise == NoiseMode::latent) {
+      const int slot = static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
+      add(m, static_cast<int>(6 * s.targets.size()) + slot);
+    } else if (setup_.noise != NoiseMode::none) {
+      const auto it = std::find_if(way.noise.begin(), way.noise.end(), [&](const MotionColumns& n) { return n.joint == drv.joint; });
+      m.first = it == way.noise.end() ? static_cast<int>(way.noise_sigma.size()) : it->first;
+      if (it == way.noise.end()) way.noise_sigma.push_back(rig_.joints[drv.joint].sigma);
+      way.noise.push_back(m);
+    }
+  }
+}
+
+/// Columns of L and of M, and where they are in the group.
 void Estimation::place_view(PlacedView& v, const std::map<int, int>& places, const PlacedSample& s) const {
   const View& view = *v.view;
-  v.columns = Columns();
+  const Way& way = s.ways[v.way];
   v.map = ViewColumns();
-  v.motion.clear();
-  v.noise.clear();
-  v.noise_sigma.clear();
-  const auto shared = [&](int column) {
-    const auto it = places.find(column);
-    return it == places.end() ? -column - 1 : it->second;
-  };
-  const auto add_column = [&](MotionColumns m, int place) {  // one column of M, shared with others of the same place
-    const auto it = std::find(v.map.kinematic.begin(), v.map.kinematic.end(), place);
-    m.first = static_cast<int>(it - v.map.kinematic.begin());
-    if (it == v.map.kinematic.end()) v.map.kinematic.push_back(place);
-    v.motion.push_back(m);
-  };
-  const auto add_pose = [&](Source source, int parameter, int step) {
+  v.poses.clear();
+  const auto shared = [&](int column) { return place_of(places, column); };
+
+  // M: the target's pose, the sensor's, the joints.
+  const auto add_pose = [&](Source source, int parameter) {
     if (!freed_[parameter]) return;
-    MotionColumns m{source, step};
+    MotionColumns m{source};
     m.parameter = parameter;
     m.count = static_cast<int>(freed_[parameter]->components.size());
-    const int place = shared(first_column_[parameter]);
-    const auto it = std::find(v.map.kinematic.begin(), v.map.kinematic.end(), place);  // an uncancelled joint may come twice
-    m.first = static_cast<int>(it - v.map.kinematic.begin());
-    if (it == v.map.kinematic.end())
-      for (int i = 0; i < m.count; ++i) v.map.kinematic.push_back(shared(first_column_[parameter] + i));
-    v.motion.push_back(m);
+    m.first = static_cast<int>(v.map.kinematic.size());
+    for (int i = 0; i < m.count; ++i) v.map.kinematic.push_back(shared(first_column_[parameter] + i));
+    v.poses.push_back(m);
   };
-
-  // Columns of L.
-  Columns& c = v.columns;
-  if (v.scan_step >= 0) {
-    c.sensor_side = 6;
-    c.joint = 12;
-    c.total = 14;
-  }
-  v.kinematic_rows = c.total;
-  if (table_.sensor_block[view.sensor] >= 0) {
-    const int first = table_.sensor_block[view.sensor];
-    int own = 0;
-    for (size_t b = 0; b < v.sensor->parameters.size(); ++b) {
-      const int parameter = first + static_cast<int>(b);
-      if (freed_[parameter]) {
-        if (c.parameters < 0) c.parameters = c.total;
-        for (size_t i = 0; i < freed_[parameter]->components.size(); ++i)
-          v.map.own.push_back({c.total + own + freed_[parameter]->components[i], shared(first_column_[parameter] + static_cast<int>(i))});
-      }
-      own += table_.all[parameter].size();
-    }
-    if (c.parameters >= 0) c.total += own;
-  }
-  if (!v.model->whole_pose()) {
-    const int square = table_.target_square[view.target], points = table_.target_points[view.target];
-    if (square >= 0 && freed_[square]) {
-      c.square = c.total++;
-      v.map.own.push_back({c.square, shared(first_column_[square])});
-    }
-    if (points >= 0 && freed_[points]) {
-      c.points = c.total;
-      c.total += table_.all[points].size();
-      for (size_t i = 0; i < freed_[points]->components.size(); ++i)
-        v.map.own.push_back({c.points + freed_[points]->components[i], shared(first_column_[points] + static_cast<int>(i))});
-    }
-  }
-  // Columns of M: private ones first.
-  const int targets = static_cast<int>(s.targets.size());
   if (v.target->link < 0) {
     const int slot = static_cast<int>(std::find(s.targets.begin(), s.targets.end(), view.target) - s.targets.begin());
     v.target_start = s.start + 12 * slot;
     MotionColumns m{Source::target_pose};
     m.count = 6;
     for (int i = 0; i < 6; ++i) v.map.kinematic.push_back(6 * slot + i);
-    v.motion.push_back(m);
+    v.poses.push_back(m);
   } else {
     v.target_start = table_.all[table_.target_pose[view.target]].start;
-    add_pose(Source::target_pose, table_.target_pose[view.target], -1);
+    add_pose(Source::target_pose, table_.target_pose[view.target]);
   }
-  add_pose(Source::sensor_pose, table_.sensor_pose[view.sensor], -1);
-  for (int k = 0; k < static_cast<int>(v.path.size()); ++k) {
-    const int j = v.path[k].joint;
-    add_pose(Source::origin, table_.joint_origin[j], k);
-    if (!rig_.tree.joints[j].moves()) continue;
-    const Driver drv = driver(rig_.tree, j);
-    const int offset = table_.joint_offset[drv.joint], scale = table_.joint_scale[drv.joint];
-    MotionColumns m{Source::offset, k, drv.factor, drv.joint};
-    if (freed_[offset]) add_column(m, shared(first_column_[offset]));
-    m.source = Source::scale;
-    if (freed_[scale]) add_column(m, shared(first_column_[scale]));
-    if (k == v.scan_step || !(rig_.joints[drv.joint].sigma > 0)) continue;
-    m.source = Source::error;
-    if (setup_.noise == NoiseMode::latent) {
-      const int slot = static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
-      add_column(m, 6 * targets + slot);
-    } else if (setup_.noise != NoiseMode::none) {
-      const auto it = std::find_if(v.noise.begin(), v.noise.end(), [&](const MotionColumns& n) { return n.joint == drv.joint; });
-      m.first = it == v.noise.end() ? static_cast<int>(v.noise_sigma.size()) : it->first;
-      if (it == v.noise.end()) v.noise_sigma.push_back(rig_.joints[drv.joint].sigma);
-      v.noise.push_back(m);
+  add_pose(Source::sensor_pose, table_.sensor_pose[view.sensor]);
+  v.pose_columns = static_cast<int>(v.map.kinematic.size());
+  v.map.kinematic.insert(v.map.kinematic.end(), way.places.begin(), way.places.end());
+
+  // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
+  v.columns = Columns();
+  Columns& c = v.columns;
+  const int square = v.model->whole_pose() ? -1 : table_.target_square[view.target];
+  const int points = v.model->whole_pose() ? -1 : table_.target_points[view.target];
+  const bool points_freed = points >= 0 && freed_[points];
+  v.kernel = view.covariance.empty() && !points_freed && (setup_.noise == NoiseMode::latent || setup_.noise == NoiseMode::none)
+                 ? v.model->kernel()
+                 : nullptr;
+  if (way.scan_step >= 0) {
+    c.sensor_side = 6;
+    c.joint = 12;
+    c.total = 14;
+  }
+  std::fill(std::begin(v.own), std::end(v.own), -1);
+  if (table_.sensor_block[view.sensor] >= 0) {
+    const int first = table_.sensor_block[view.sensor];
+    int own = 0, column = c.total;
+    for (size_t b = 0; b < v.sensor->parameters.size(); ++b) {
+      const int parameter = first + static_cast<int>(b);
+      if (freed_[parameter]) {
+        if (c.parameters < 0) c.parameters = c.total;
+        for (size_t i = 0; i < freed_[parameter]->components.size(); ++i) {
+          const int number = own + freed_[parameter]->components[i];
+          v.own[number] = v.kernel ? column++ : c.total + number;
+          v.map.own.push_back({v.own[number], shared(first_column_[parameter] + static_cast<int>(i))});
+        }
+      }
+      own += table_.all[parameter].size();
     }
+    if (c.parameters >= 0) c.total = v.kernel ? column : c.total + own;
+  }
+  if (square >= 0 && freed_[square]) {
+    c.square = c.total++;
+    v.map.own.push_back({c.square, shared(first_column_[square])});
+  }
+  if (points_freed) {
+    c.points = c.total;
+    c.total += table_.all[points].size();
+    for (size_t i = 0; i < freed_[points]->components.size(); ++i)
+      v.map.own.push_back({c.points + freed_[points]->components[i], shared(first_column_[points] + static_cast<int>(i))});
   }
 }
 
+/// What the kernels read: layouts of grids, each set of seen points once, and room for the measured numbers.
+void Estimation::place_data() {
+  std::map<std::pair<int, std::vector<int>>, size_t> layouts;
+  for (PlacedSample& s : samples_)
+    for (PlacedView& v : s.views) {
+      if (!v.kernel) continue;
+      const size_t stride = v.stride(), count = v.ids.size();
+      if (v.target->grid) {
+        const auto placed = layouts.insert({{v.view->target, v.ids}, seen_.size()});
+        v.points = placed.first->second;
+        if (placed.second)
+          for (int c = 0; c < 3; ++c)
+            for (size_t i = 0; i < stride; ++i) seen_.push_back(v.target->layout(c, v.ids[std::min(i, count - 1)]));
+      }
+      v.measured = seen_.size();
+      seen_.resize(seen_.size() + stride * v.model->numbers(), 0.0);
+    }
+  reload();
+}
+
+void Estimation::reload() {
+  for (PlacedSample& s : samples_)
+    for (PlacedView& v : s.views) {
+      if (!v.kernel) continue;
+      const int numbers = v.model->numbers();
+      for (size_t i = 0; i < v.ids.size(); ++i)
+        for (int k = 0; k < numbers; ++k) seen_[v.measured + static_cast<size_t>(k) * v.stride() + i] = v.view->z[i * numbers + k];
+    }
+}
+
 void Estimation::set_workers(int count) {
-  size_t rows = 0, width = 0, columns = 0, noisy = 0;  // of the largest view
-  for (const PlacedSample& s : samples_)
+  size_t rows = 8, width = 0, columns = 6, ways = 0, steps = 0, way_columns = 0, noisy = 0;  // of the largest view and way
+  for (const PlacedSample& s : samples_) {
+    ways = std::max(ways, s.ways.size());
+    for (const Way& way : s.ways) {
+      steps = std::max(steps, way.path.size());
+      way_columns = std::max({way_columns, way.places.size(), way.noise_sigma.size()});
+      noisy = std::max(noisy, way.noise_sigma.size());
+    }
     for (const PlacedView& v : s.views) {
-      rows = std::max(rows, static_cast<size_t>(v.rows()));
+      rows = std::max(rows, static_cast<size_t>(v.padded_rows()));
       width = std::max(width, static_cast<size_t>(v.columns.total));
       columns = std::max(columns, v.map.kinematic.size() + v.map.own.size());
-      noisy = std::max(noisy, v.noise_sigma.size());
     }
+  }
   scratch_.resize(count);
   for (Scratch& s : scratch_) {
     s.rows.resize(rows, width + 1);
+    s.evaluated.resize(rows, width + 1);
     s.r.resize(rows);
-    s.m.resize(std::max<size_t>(width, 6), std::max(columns, noisy));
+    s.slopes.resize(rows);
+    s.gathered.resize(3 * rows);
+    s.projected.resize(noisy, width + 1);
+    s.m.resize(14, std::max(columns, way_columns));
     s.expand.reserve(static_cast<int>(width), static_cast<int>(columns));
     s.motion.resize(rig_.tree.joints.size());
     s.reading.resize(rig_.tree.joints.size());
+    s.ways.resize(ways);
+    for (WalkedWay& way : s.ways) {
+      way.frames.resize(steps);
+      way.twists.resize(14, way_columns);
+    }
   }
 }
 
@@ -387,7 +513,7 @@ std::vector<char> Estimation::influencing() const {
         use(table_.target_square[v.view->target]);
         use(table_.target_points[v.view->target]);
       }
-      for (const PathStep& step : v.path) {
+      for (const PathStep& step : s.ways[v.way].path) {
         use(table_.joint_origin[step.joint]);
         if (!rig_.tree.joints[step.joint].moves()) continue;
         const int drv = driver(rig_.tree, step.joint).joint;
@@ -416,39 +542,88 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
   }
 }
 
-/// Walks the view's path: frames of its joints, and the sensor's input.
-void Estimation::geometry(const PlacedView& v, const VectorXd& state, Scratch& scratch) const {
-  scratch.frames.resize(v.path.size());
-  Pose here = inverse(get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start));
-  for (int k = 0; k < static_cast<int>(v.path.size()); ++k) {
-    const int j = v.path[k].joint;
-    const Pose origin = get_pose(state, table_.all[table_.joint_origin[j]].start);
-    if (k == v.scan_step) {
-      // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's side; up: on the far one.
-      scratch.scan.sensor_T_before = v.path[k].direction > 0 ? here * origin : here;
-      scratch.scan.axis = rig_.tree.joints[j].axis;
-      scratch.scan.prismatic = rig_.tree.joints[j].type == JointType::prismatic;
-      scratch.scan.direction = v.path[k].direction;
-      scratch.scan.offset = state(table_.all[table_.joint_offset[j]].start);
-      scratch.scan.scale = state(table_.all[table_.joint_scale[j]].start);
-      scratch.frames[k] = v.path[k].direction > 0 ? scratch.scan.sensor_T_before : Pose();
-      here = v.path[k].direction > 0 ? Pose() : inverse(origin);  // from the far side on
+/// Walks the sample's ways.
+void Estimation::walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+  for (size_t w = 0; w < s.ways.size(); ++w) {
+    const Way& way = s.ways[w];
+    WalkedWay& walked = scratch.ways[w];
+    Pose here, there;
+    for (int k = 0; k < static_cast<int>(way.path.size()); ++k) {
+      const int j = way.path[k].joint;
+      const Pose origin = get_pose(state, table_.all[table_.joint_origin[j]].start);
+      if (k == way.scan_step) {
+        // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's side; up: on the far one.
+        const bool down = way.path[k].direction > 0;
+        walked.link_T_before = down ? here * origin : here;
+        walked.frames[k] = down ? walked.link_T_before : Pose();
+        here = down ? Pose() : inverse(origin);  // from the far side on
+        continue;
+      }
+      walk(way.path[k], origin, scratch.motion[j], here, walked.frames[k], there);
+      here = there;
+    }
+    walked.link_T_far = here;
+  }
+}
+
+/// Columns of a way, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11, behind it 0-5, its own numbers 12-13).
+void Estimation::way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
+                             WalkedWay& walked) const {
+  auto m = walked.twists.topLeftCorner(way.rows(), count);
+  m.setZero();
+  for (const MotionColumns& column : program) {
+    const PathStep& step = way.path[column.step];
+    const bool sensor_side =
+        way.scan_step >= 0 && (column.step < way.scan_step || (column.step == way.scan_step && step.direction > 0));
+    const int row = sensor_side ? 6 : 0;
+    if (column.source == Source::origin) {
+      const Matrix6d twist = step.direction * adjoint(walked.frames[column.step]);
+      if (charts_[column.parameter].size() > 0)
+        m.block(row, column.first, 6, column.count) += twist.lazyProduct(charts_[column.parameter]);
+      else
+        m.block<6, 6>(row, column.first) += twist;
       continue;
     }
-    Pose there;
-    walk(v.path[k], origin, scratch.motion[j], here, scratch.frames[k], there);
-    here = there;
+    if (column.step == way.scan_step) {  // the scanning joint's own columns of L
+      m(column.source == Source::offset ? 12 : 13, column.first) += 1;
+      continue;
+    }
+    const double by = column.factor * (column.source == Source::offset  ? 1
+                                       : column.source == Source::scale ? scratch.reading[column.joint]
+                                                                        : state(table_.all[table_.joint_scale[column.joint]].start));
+    m.block<6, 1>(row, column.first) += by * position_twist(rig_.tree.joints[step.joint], step.direction, walked.frames[column.step]);
   }
-  const Pose far_T_target = here * get_pose(state, v.target_start);
+}
+
+/// Poses of the view into scratch.input (and scratch.scan).
+void Estimation::view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+  const Way& way = s.ways[v.way];
+  const WalkedWay& walked = scratch.ways[v.way];
+  const Pose sensor_T_link = inverse(get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start));
+  const Pose link_T_target = walked.link_T_far * get_pose(state, v.target_start);
   ViewInput& in = scratch.input;
-  in.sensor_T_target = far_T_target;
-  in.scan = nullptr;
-  if (v.scan_step >= 0) {
-    scratch.scan.behind_T_target = far_T_target;
-    in.scan = &scratch.scan;
-  }
   const int block = table_.sensor_block[v.view->sensor];
   in.parameters = block >= 0 ? state.data() + table_.all[block].start : nullptr;
+  in.scan = nullptr;
+  if (way.scan_step < 0) {
+    in.sensor_T_target = sensor_T_link * link_T_target;
+    return;
+  }
+  const int j = way.path[way.scan_step].joint;
+  Scan& scan = scratch.scan;
+  scan.sensor_T_before = sensor_T_link * walked.link_T_before;
+  scan.behind_T_target = in.sensor_T_target = link_T_target;
+  scan.axis = rig_.tree.joints[j].axis;
+  scan.prismatic = rig_.tree.joints[j].type == JointType::prismatic;
+  scan.direction = way.path[way.scan_step].direction;
+  scan.offset = state(table_.all[table_.joint_offset[j]].start);
+  scan.scale = state(table_.all[table_.joint_scale[j]].start);
+  in.scan = &scan;
+}
+
+/// The rest of the sensor's input.
+void Estimation::view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const {
+  ViewInput& in = scratch.input;
   if (v.target->grid) {
     scratch.points = state(table_.all[table_.target_square[v.view->target]].start) * v.target->layout;
     in.layout = &v.target->layout;
@@ -463,57 +638,99 @@ void Estimation::geometry(const PlacedView& v, const VectorXd& state, Scratch& s
   in.z = v.view->z.data();
 }
 
-/// M (kinematic rows x columns) of a program, at the geometry in `scratch`.
-void Estimation::kinematic_matrix(const PlacedView& v, const std::vector<MotionColumns>& program, int columns, const VectorXd& state,
-                                  Scratch& scratch) const {
-  auto m = scratch.m.topLeftCorner(v.kinematic_rows, columns);
-  m.setZero();
-  const auto fill = [&](const MotionColumns& column, int row, const Matrix6d& twist_of_increment) {
-    const MatrixXd* chart = column.parameter >= 0 && charts_[column.parameter].size() > 0 ? &charts_[column.parameter] : nullptr;
-    if (chart)
-      m.block(row, column.first, 6, column.count) += twist_of_increment * *chart;
-    else
-      m.block(row, column.first, 6, 6) += twist_of_increment;
-  };
-  for (const MotionColumns& column : program) {
-    // Rows of L's columns: twist behind the scanning joint (or of the target as seen from the sensor) at 0, sensor's side at 6.
-    const bool sensor_side = v.scan_step >= 0 && column.step >= 0 &&
-                             (column.step < v.scan_step || (column.step == v.scan_step && v.path[column.step].direction > 0));
-    const int row = sensor_side ? 6 : 0;
-    switch (column.source) {
-      case Source::target_pose:
-        fill(column, 0, adjoint(v.scan_step >= 0 ? scratch.scan.behind_T_target : scratch.input.sensor_T_target));
-        break;
-      case Source::sensor_pose:
-        fill(column, v.scan_step >= 0 ? 6 : 0, -Matrix6d::Identity());
-        break;
-      case Source::origin:
-        fill(column, row, v.path[column.step].direction * adjoint(scratch.frames[column.step]));
-        break;
-      case Source::offset:
-      case Source::scale:
-      case Source::error: {
-        if (column.step == v.scan_step) {  // the scanning joint's own columns of L
-          m(column.source == Source::offset ? 12 : 13, column.first) += 1;
-          break;
-        }
-        const double by = column.factor * (column.source == Source::offset  ? 1
-                                           : column.source == Source::scale ? scratch.reading[column.joint]
-                                                                            : state(table_.all[table_.joint_scale[column.joint]].start));
-        const int j = v.path[column.step].joint;
-        m.block<6, 1>(row, column.first) +=
-            by * position_twist(rig_.tree.joints[j], v.path[column.step].direction, scratch.frames[column.step]);
-        break;
-      }
+/// Columns `from` (of the way) as the sensor sees them, to scratch.m from column `at` on.
+void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, int count, Scratch& scratch,
+                                  int at) const {
+  const Way& way = s.ways[v.way];
+  const Pose link_T_sensor = get_pose(state, table_.all[table_.sensor_pose[v.view->sensor]].start);
+  const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
+  const auto& twists = scratch.ways[v.way].twists;
+  const int moved = way.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
+  for (int c = 0; c < count; ++c) {
+    const Vector3d w = twists.block<3, 1>(moved + 3, c), x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
+    if (moved) {
+      scratch.m.block<6, 1>(0, at + c) = twists.block<6, 1>(0, c);
+      scratch.m.block<2, 1>(12, at + c) = twists.block<2, 1>(12, c);
     }
+    scratch.m.block<3, 1>(moved, at + c) = sensor_R_link * x;
+    scratch.m.block<3, 1>(moved + 3, at + c) = sensor_R_link * w;
   }
 }
 
+/// M (way's rows x columns) of a view into the top left corner of scratch.m; view_poses() and way_columns() have been called.
+void Estimation::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+  const Way& way = s.ways[v.way];
+  auto m = scratch.m.topLeftCorner(way.rows(), v.pose_columns);
+  if (way.scan_step >= 0) m.setZero();
+  for (const MotionColumns& column : v.poses) {
+    const bool sensor_side = column.source == Source::sensor_pose;
+    Matrix6d twist;
+    if (sensor_side)
+      twist = -Matrix6d::Identity();
+    else
+      twist = adjoint(scratch.input.sensor_T_target);
+    const int row = sensor_side && way.scan_step >= 0 ? 6 : 0;
+    if (column.parameter >= 0 && charts_[column.parameter].size() > 0)
+      m.block(row, column.first, 6, column.count) = twist.lazyProduct(charts_[column.parameter]);
+    else
+      m.block<6, 6>(row, column.first) = twist;
+  }
+  seen_from_sensor(v, s, state, static_cast<int>(way.places.size()), scratch, v.pose_columns);
+}
+
 /// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
-bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
-  geometry(v, state, scratch);
+bool Estimation::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives,
+                           Cost& cost) const {
+  view_poses(v, s, state, scratch);
+  return v.kernel ? kernel_rows(v, state, scratch, derivatives, cost) : plain_rows(v, state, scratch, derivatives, cost);
+}
+
+/// view_rows() by the sensor's kernel.
+bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
+  const int stride = v.stride(), w = v.columns.total, rows = v.padded_rows(), count = static_cast<int>(v.ids.size());
+  const double* points = seen_.data() + v.points;
+  if (!v.target->grid) {
+    const double* from = state.data() + table_.all[table_.target_points[v.view->target]].start;
+    for (int i = 0; i < stride; ++i)
+      for (int c = 0; c < 3; ++c) scratch.gathered[c * stride + i] = from[3 * v.ids[std::min(i, count - 1)] + c];
+    points = scratch.gathered.data();
+  }
+  const Pose& pose = scratch.input.sensor_T_target;
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
+  const PointView view = {points, v.target->grid ? state(table_.all[table_.target_square[v.view->target]].start) : 1.0, rotation.data(),
+                          pose.translation.data(), scratch.input.parameters, seen_.data() + v.measured, v.whitening.inverse_sigma.data(),
+                          count, stride};
+  const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(), derivatives ? scratch.rows.data() : nullptr,
+                        scratch.rows.outerStride(), v.own, v.columns.square};
+  double squares;
+  if (!v.kernel(view, to, squares)) return false;
+  cost.chi2 += squares;
+  if (setup_.loss.kind == LossKind::none) {
+    cost.twice += squares;
+    return true;
+  }
+  bool scaled = false;
+  std::fill_n(scratch.slopes.begin(), rows, 0.0);
+  for (int i = 0; i < count; ++i) {
+    double squared = 0, slope;
+    for (int k = 0; k * stride < rows; ++k) squared += to.r[k * stride + i] * to.r[k * stride + i];
+    cost.twice += setup_.loss(squared, slope);
+    scaled = scaled || slope != 1;
+    for (int k = 0; k * stride < rows; ++k) scratch.slopes[k * stride + i] = std::sqrt(slope);
+  }
+  if (!derivatives || !scaled) return true;
+  for (int c = 0; c <= w; ++c) {
+    double* column = scratch.rows.col(c).data();
+    for (int i = 0; i < rows; ++i) column[i] *= scratch.slopes[i];
+  }
+  return true;
+}
+
+/// view_rows() by the sensor's evaluate().
+bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
+  view_input(v, state, scratch);
   const int k = v.model->rows(), blocks = v.blocks(), rows = k * blocks, w = v.columns.total;
-  auto weighted = scratch.rows.topLeftCorner(rows, w + 1);
+  auto weighted = scratch.evaluated.topLeftCorner(rows, w + 1);
   if (derivatives) {
     weighted.setZero();
     Eigen::Ref<RowMatrix> l(weighted.leftCols(w));
@@ -527,8 +744,12 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
     if (!white.block.empty()) {
-      r = white.block[b].lazyProduct(r).eval();
-      if (derivatives) weighted.middleRows(b * k, k) = white.block[b].lazyProduct(weighted.middleRows(b * k, k)).eval();
+      Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 6, 1> column = white.block[b].lazyProduct(r);
+      r = column;
+      for (int c = 0; derivatives && c <= w; ++c) {
+        column = weighted.col(c).segment(b * k, k);
+        weighted.col(c).segment(b * k, k) = white.block[b].lazyProduct(column);
+      }
     } else {
       r = r.cwiseProduct(white.inverse_sigma);
       if (derivatives)
@@ -541,33 +762,48 @@ bool Estimation::view_rows(const PlacedView& v, const VectorXd& state, Scratch& 
     cost.twice += setup_.loss(squared, slope);
     if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
   }
-  if (!marginal) return true;
-  auto all = scratch.r.head(rows);
-  double squared = all.squaredNorm(), slope;
-  if (white.noise.size() > 0) {
-    if (derivatives) weighted -= (white.noise * (white.root * (white.noise.transpose() * weighted))).eval();
-    all -= (white.noise * (white.root * (white.noise.transpose() * all))).eval();
-    squared = all.squaredNorm();
+  if (marginal) {
+    auto all = scratch.r.head(rows);
+    if (white.noise.size() > 0) {
+      const Eigen::Index q = white.noise.cols();
+      if (derivatives) {
+        auto projected = scratch.projected.topLeftCorner(q, w + 1);
+        projected.noalias() = white.noise.transpose() * weighted;
+        projected = (white.root * projected).eval();
+        weighted.noalias() -= white.noise * projected;
+      }
+      auto projected = scratch.projected.col(0).head(q);
+      projected.noalias() = white.noise.transpose() * all;
+      projected = (white.root * projected).eval();
+      all.noalias() -= white.noise * projected;
+    }
+    double squared = all.squaredNorm(), slope;
+    cost.chi2 += squared;
+    cost.twice += setup_.loss(squared, slope);
+    if (derivatives && slope != 1) weighted *= std::sqrt(slope);
   }
-  cost.chi2 += squared;
-  cost.twice += setup_.loss(squared, slope);
-  if (derivatives && slope != 1) weighted *= std::sqrt(slope);
+  if (derivatives) {
+    scratch.rows.topLeftCorner(rows, w + 1) = weighted;
+    scratch.rows.block(rows, 0, v.padded_rows() - rows, w + 1).setZero();
+  }
   return true;
 }
 
 bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& cost) const {
   cost = {};
   if (group == static_cast<int>(samples_.size())) {
-    VectorXd r;
-    prior_rows(state, nullptr, r);
-    cost.twice = cost.chi2 = r.squaredNorm();
+    for (size_t i = 0; i < setup_.priors.size(); ++i) {
+      const double r = prior_row(i, state).r;
+      cost.twice = cost.chi2 += r * r;
+    }
     return true;
   }
   const PlacedSample& s = samples_[group];
   Scratch& scratch = scratch_[worker];
   motions(s, state, scratch);
+  walk_ways(s, state, scratch);
   for (const PlacedView& v : s.views)
-    if (!view_rows(v, state, scratch, false, cost)) return false;
+    if (!view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
     const double e = state(errors + static_cast<int>(i)) / rig_.joints[s.noisy[i]].sigma;
@@ -577,98 +813,107 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   return true;
 }
 
-bool Estimation::linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const {
+bool Estimation::linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const {
   cost = {};
-  const Eigen::Index last = gram.rows() - 1;
   if (group == static_cast<int>(samples_.size())) {
-    MatrixXd rows;
-    VectorXd r;
-    prior_rows(state, &rows, r);
-    cost.twice = cost.chi2 = r.squaredNorm();
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
+    for (size_t i = 0; i < setup_.priors.size(); ++i) {
+      const PriorRow row = prior_row(i, state);
+      cost.twice = cost.chi2 += row.r * row.r;
+      for (int a = 0; a < row.count; ++a) {
+        for (int b = 0; b <= a; ++b)
+          to.shared[to.origin[to.row[row.place + b]] + to.row[row.place + a]] += row.derivative[a] * row.derivative[b];
+        to.gradient[to.row[row.place + a]] += row.derivative[a] * row.r;
+      }
+    }
     return true;
   }
   const PlacedSample& s = samples_[group];
   Scratch& scratch = scratch_[worker];
+  const int size = groups_[group].size();
   motions(s, state, scratch);
+  walk_ways(s, state, scratch);
+  for (size_t w = 0; w < s.ways.size(); ++w)
+    way_columns(s.ways[w], s.ways[w].motion, static_cast<int>(s.ways[w].places.size()), state, scratch, scratch.ways[w]);
   for (const PlacedView& v : s.views) {
-    if (!view_rows(v, state, scratch, true, cost)) return false;
-    const int rows = v.rows(), w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
-    auto view_gram = scratch.expand.gram.topLeftCorner(w, w);
-    kincal::gram(scratch.rows.data(), rows, w, static_cast<int>(scratch.rows.outerStride()), view_gram.data(),
-                 static_cast<int>(scratch.expand.gram.outerStride()));
-    kinematic_matrix(v, v.motion, columns, state, scratch);
-    expand(view_gram, scratch.m.topLeftCorner(v.kinematic_rows, columns), v.map, scratch.expand, gram);
+    if (!view_rows(v, s, state, scratch, true, cost)) return false;
+    const int w = v.columns.total + 1, columns = static_cast<int>(v.map.kinematic.size());
+    kernels().gram(scratch.rows.data(), v.padded_rows(), scratch.rows.outerStride(), w, scratch.expand.gram.data(),
+                   static_cast<int>(scratch.expand.gram.outerStride()));
+    kinematic_matrix(v, s, state, scratch);
+    expand(w - 1, scratch.m.topLeftCorner(s.ways[v.way].rows(), columns), v.map, groups_[group].private_size, size, scratch.expand, to);
   }
   const int errors = s.start + 12 * static_cast<int>(s.targets.size());
   for (size_t i = 0; i < s.noisy.size(); ++i) {
     const double w = 1 / rig_.joints[s.noisy[i]].sigma, e = state(errors + static_cast<int>(i)) * w;
-    const Eigen::Index at = static_cast<Eigen::Index>(6 * s.targets.size() + i);
-    gram(at, at) += w * w;
-    gram(last, at) += w * e;
-    gram(last, last) += e * e;
+    const size_t at = 6 * s.targets.size() + i;
+    to.rows[at * to.stride + at] += w * w;
+    to.rows[at * to.stride + size] += w * e;
     cost.twice += e * e;
     cost.chi2 += e * e;
   }
   return true;
 }
 
-/// Rows of the priors over the touched columns of their group, and the residual (last column).
-bool Estimation::prior_rows(const VectorXd& state, MatrixXd* rows, VectorXd& r) const {
+/// Row of a prior: its derivative stands at places place .. place + count - 1 of the priors' group.
+Estimation::PriorRow Estimation::prior_row(size_t i, const VectorXd& state) const {
+  const Prior& prior = setup_.priors[i];
+  const Parameter& p = table_.all[prior.parameter];
   const std::vector<int>& touched = groups_.back().columns;
-  r.resize(static_cast<Eigen::Index>(setup_.priors.size()));
-  if (rows) rows->setZero(r.size(), static_cast<Eigen::Index>(touched.size()) + 1);
-  for (Eigen::Index i = 0; i < r.size(); ++i) {
-    const Prior& prior = setup_.priors[i];
-    const Parameter& p = table_.all[prior.parameter];
-    const auto place = [&](int k) {
-      return std::lower_bound(touched.begin(), touched.end(), first_column_[prior.parameter] + k) - touched.begin();
-    };
-    const std::vector<int>& components = freed_[prior.parameter]->components;
-    if (p.pose) {
-      const Vector6d e = log_se3(inverse(get_pose(table_.initial, p.start)) * get_pose(state, p.start));
-      r(i) = e(prior.component) / prior.sigma;
-      if (rows && freed_[prior.parameter]->whole(p)) {
-        const Matrix6d inverse_jacobian = right_jacobian_se3(e).inverse();
-        for (int k = 0; k < 6; ++k) (*rows)(i, place(k)) = inverse_jacobian(prior.component, k) / prior.sigma;
-        (*rows)(i, rows->cols() - 1) = r(i);
-        continue;
-      }
-    } else {
-      r(i) = (state(p.start + prior.component) - table_.initial(p.start + prior.component)) / prior.sigma;
+  const std::vector<int>& components = freed_[prior.parameter]->components;
+  PriorRow row;
+  row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), first_column_[prior.parameter]) - touched.begin());
+  if (p.pose) {
+    const Vector6d e = log_se3(inverse(get_pose(table_.initial, p.start)) * get_pose(state, p.start));
+    row.r = e(prior.component) / prior.sigma;
+    if (freed_[prior.parameter]->whole(p)) {
+      const Matrix6d inverse_jacobian = right_jacobian_se3(e).inverse();
+      row.count = 6;
+      for (int k = 0; k < 6; ++k) row.derivative[k] = inverse_jacobian(prior.component, k) / prior.sigma;
+      return row;
     }
-    if (!rows) continue;
-    const int k = static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
-    (*rows)(i, place(k)) = 1 / prior.sigma;
-    (*rows)(i, rows->cols() - 1) = r(i);
+  } else {
+    row.r = (state(p.start + prior.component) - table_.initial(p.start + prior.component)) / prior.sigma;
   }
-  return true;
+  row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
+  row.count = 1;
+  row.derivative[0] = 1 / prior.sigma;
+  return row;
 }
 
 bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const {
   const GroupShape& shape = groups_[group];
+  const int size = shape.size();
+  rows.setZero(shape.rows, size + 1);
   if (group == static_cast<int>(samples_.size())) {
-    VectorXd r;
-    return prior_rows(state, &rows, r);
+    for (size_t i = 0; i < setup_.priors.size(); ++i) {
+      const PriorRow row = prior_row(i, state);
+      for (int k = 0; k < row.count; ++k) rows(static_cast<Eigen::Index>(i), row.place + k) = row.derivative[k];
+      rows(static_cast<Eigen::Index>(i), size) = row.r;
+    }
+    return true;
   }
   const PlacedSample& s = samples_[group];
   Scratch& scratch = scratch_[worker];
-  const int size = shape.size();
-  rows.setZero(shape.rows, size + 1);
   Eigen::Index used = 0;
   Cost cost;
   motions(s, state, scratch);
+  walk_ways(s, state, scratch);
+  for (size_t w = 0; w < s.ways.size(); ++w)
+    way_columns(s.ways[w], s.ways[w].motion, static_cast<int>(s.ways[w].places.size()), state, scratch, scratch.ways[w]);
   for (const PlacedView& v : s.views) {
-    if (!view_rows(v, state, scratch, true, cost)) return false;
-    MatrixXd view = scratch.rows.topLeftCorner(v.rows(), v.columns.total + 1);
+    if (!view_rows(v, s, state, scratch, true, cost)) return false;
+    const int k = v.model->rows(), kinematic_rows = s.ways[v.way].rows();
+    MatrixXd view(v.rows(), v.columns.total + 1);
+    for (int b = 0; b < v.blocks(); ++b)
+      for (int i = 0; i < k; ++i) view.row(b * k + i) = scratch.rows.row(v.row(b, i)).head(view.cols());
     if (compress && view.rows() > view.cols()) {
       Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(view);
       view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
     }
-    kinematic_matrix(v, v.motion, static_cast<int>(v.map.kinematic.size()), state, scratch);
-    const auto m = scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
-    MatrixXd kinematic = view.leftCols(v.kinematic_rows) * m;
-    const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(v.kinematic_rows).colwise().squaredNorm().transpose();
+    kinematic_matrix(v, s, state, scratch);
+    const auto m = scratch.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.map.kinematic.size()));
+    MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
+    const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
     for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
       if (kinematic.col(i).squaredNorm() <= kCancelled * parts(i)) kinematic.col(i).setZero();
     auto part = rows.middleRows(used, view.rows());
@@ -723,48 +968,62 @@ bool Estimation::renew(const VectorXd& state) {
   bool depends = false;
   Scratch& scratch = scratch_[0];
   for (PlacedSample& s : samples_) {
-    motions(s, state, scratch);
+    bool walked = false;
     for (PlacedView& v : s.views) {
+      Way& way = s.ways[v.way];
       Whitening& white = v.whitening;
       const View& view = *v.view;
       const int k = v.model->rows(), blocks = v.blocks();
       const Eigen::Map<const VectorXd> sigma(view.sigma.data(), static_cast<Eigen::Index>(view.sigma.size()));
-      const bool own_noise = v.model->has_own_noise(), joints = !v.noise.empty();
+      const bool own_noise = v.model->has_own_noise(), joints = !way.noise.empty();
       depends = depends || own_noise || joints;
+      if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
       white.block.clear();
-      if (!own_noise) white.inverse_sigma = sigma.size() == k ? sigma.cwiseInverse() : VectorXd();
       if (!own_noise && !joints && view.covariance.empty()) continue;
-      geometry(v, state, scratch);
-      std::vector<MatrixXd> covariance(blocks), inverse_root(blocks);
-      MatrixXd b;
-      for (int i = 0; i < blocks; ++i) {
-        if (!view.covariance.empty()) {
-          covariance[i] = view.covariance[i];
-          inverse_root[i] = inverse_square_root(covariance[i]);
-        } else if (own_noise) {
-          v.model->own_noise(scratch.input, i, b);
-          covariance[i] = b * sigma.cwiseAbs2().asDiagonal() * b.transpose();
-          inverse_root[i] =
-              b.rows() == b.cols() ? MatrixXd(sigma.cwiseInverse().asDiagonal() * b.inverse()) : inverse_square_root(covariance[i]);
-        } else {
-          covariance[i] = sigma.cwiseAbs2().asDiagonal();
-        }
+      if (!walked) {
+        motions(s, state, scratch);
+        walk_ways(s, state, scratch);
+        walked = true;
       }
-      if (own_noise || !view.covariance.empty()) white.block = inverse_root;
+      view_poses(v, s, state, scratch);
+      view_input(v, state, scratch);
+      if (own_noise || !view.covariance.empty()) white.block.resize(blocks);
+      for (int i = 0; i < static_cast<int>(white.block.size()); ++i) {
+        SmallMatrix& root = white.block[i];
+        if (!view.covariance.empty()) {
+          root = inverse_square_root(view.covariance[i]);
+          continue;
+        }
+        v.model->own_noise(scratch.input, i, scratch.own_noise);
+        const SmallMatrix b = scratch.own_noise;
+        root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
+                                    : inverse_square_root(covariance_of(b, sigma));
+      }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.
       RowMatrix l = RowMatrix::Zero(k * blocks, v.columns.total);
       VectorXd r(k * blocks);
       Eigen::Ref<RowMatrix> reference(l);
       if (!v.model->evaluate(scratch.input, v.columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
-      kinematic_matrix(v, v.noise, static_cast<int>(v.noise_sigma.size()), state, scratch);
-      MatrixXd jq =
-          l.leftCols(v.kinematic_rows) * scratch.m.topLeftCorner(v.kinematic_rows, static_cast<Eigen::Index>(v.noise_sigma.size()));
-      for (size_t i = 0; i < v.noise_sigma.size(); ++i) jq.col(i) *= v.noise_sigma[i];
+      const int noisy = static_cast<int>(way.noise_sigma.size());
+      way_columns(way, way.noise, noisy, state, scratch, scratch.ways[v.way]);
+      seen_from_sensor(v, s, state, noisy, scratch, 0);
+      MatrixXd jq = l.leftCols(way.rows()) * scratch.m.topLeftCorner(way.rows(), noisy);
+      for (int i = 0; i < noisy; ++i) jq.col(i) *= way.noise_sigma[i];
       if (setup_.noise == NoiseMode::point) {
         white.block.resize(blocks);
-        for (int i = 0; i < blocks; ++i)
-          white.block[i] = inverse_square_root(covariance[i] + jq.middleRows(i * k, k) * jq.middleRows(i * k, k).transpose());
+        for (int i = 0; i < blocks; ++i) {
+          SmallMatrix covariance = jq.middleRows(i * k, k) * jq.middleRows(i * k, k).transpose();
+          if (!view.covariance.empty()) {
+            covariance += view.covariance[i];
+          } else if (own_noise) {
+            v.model->own_noise(scratch.input, i, scratch.own_noise);
+            covariance += covariance_of(scratch.own_noise, sigma);
+          } else {
+            covariance.diagonal() += sigma.cwiseAbs2();
+          }
+          white.block[i] = inverse_square_root(covariance);
+        }
       } else {
         for (int i = 0; i < blocks; ++i)
           jq.middleRows(i * k, k) = white.block.empty() ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
@@ -787,17 +1046,21 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   Scratch& scratch = scratch_[0];
   for (const PlacedSample& s : samples_) {
     motions(s, state, scratch);
+    walk_ways(s, state, scratch);
     for (const PlacedView& v : s.views) {
       ViewResiduals r;
       r.view = v.view;
       r.sample = s.index;
-      geometry(v, state, scratch);
+      Cost cost;
+      view_rows(v, s, state, scratch, false, cost);
+      r.whitened.resize(v.rows());
+      const int k = v.model->rows();
+      for (int b = 0; b < v.blocks(); ++b)
+        for (int i = 0; i < k; ++i) r.whitened(b * k + i) = scratch.r(v.row(b, i));
+      view_input(v, state, scratch);
       const SensorModel& model = *v.sensor->model;  // whatever the mode whitens: what the sensor itself measures
       r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.ids.size())));
       if (!model.evaluate(scratch.input, v.columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
-      Cost cost;
-      view_rows(v, state, scratch, false, cost);
-      r.whitened = scratch.r.head(v.rows());
       out.push_back(std::move(r));
     }
   }

@@ -80,6 +80,9 @@ class Estimation final : public Problem {
   /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
   VectorXd pack(const Values& values) const;
   void unpack(const VectorXd& state, Values& values) const;
+  /// To be called when measured numbers, sigmas or readings of the samples have been replaced in place: the next solve() starts from them
+  /// without new analysis. Which views there are, their points and the number of sigmas must have stayed.
+  void reload();
   /// All views that take part, sample by sample. Call renew() first: covariances are as it left them.
   std::vector<ViewResiduals> residuals(const VectorXd& state) const;
   /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
@@ -90,7 +93,7 @@ class Estimation final : public Problem {
   void set_workers(int count) override;
   void prepare(const VectorXd& state) override;
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
-  bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const override;
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd& state) override;
@@ -100,19 +103,35 @@ class Estimation final : public Problem {
 
  private:
   struct MotionColumns;
+  struct Way;
   struct PlacedView;
   struct PlacedSample;
+  struct WalkedWay;
   struct Scratch;
+  struct PriorRow {
+    int place = 0, count = 0;
+    double derivative[6];
+    double r = 0;
+  };
 
   PlacedSample place_sample(int index) const;
+  int place_way(PlacedSample& sample, const PlacedView& v) const;
   GroupShape place_columns(PlacedSample& sample) const;
-  void place_view(PlacedView& v, const std::map<int, int>& shared_places, const PlacedSample& sample) const;
+  void place_joints(Way& way, const std::map<int, int>& places, const PlacedSample& sample) const;
+  void place_view(PlacedView& v, const std::map<int, int>& places, const PlacedSample& sample) const;
+  void place_data();
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void geometry(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
-  void kinematic_matrix(const PlacedView& v, const std::vector<MotionColumns>& program, int columns, const VectorXd& state,
-                        Scratch& scratch) const;
-  bool view_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  bool prior_rows(const VectorXd& state, MatrixXd* rows, VectorXd& r) const;
+  void walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
+                   WalkedWay& walked) const;
+  void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
+  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, int count, Scratch& scratch, int at) const;
+  void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  PriorRow prior_row(size_t i, const VectorXd& state) const;
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const;
 
   const Rig& rig_;
@@ -124,6 +143,7 @@ class Estimation final : public Problem {
   std::vector<const Freed*> freed_;               // by parameter, null: held
   std::vector<PlacedSample> samples_;
   std::vector<GroupShape> groups_;
+  std::vector<double> seen_;                      // what the kernels read: layouts, measured numbers
   std::vector<MatrixXd> charts_;                  // by parameter: 6 x freed components, of partly freed poses
   mutable std::vector<Scratch> scratch_;
   int state_size_ = 0;

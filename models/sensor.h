@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "../kinematics/transform.h"
+#include "view_kernels.h"
 
 namespace kincal {
 
@@ -106,6 +107,8 @@ class SensorModel {
   virtual bool has_own_noise() const { return false; }
   /// B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
+  /// The inner loop of evaluate() for several points at a time, where there is one.
+  virtual ViewKernel kernel() const { return nullptr; }
   /// The same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
@@ -128,7 +131,8 @@ inline void point_rows(const ViewInput& view, const Columns& c, int i, int rows,
 template <class S>
 class PointwiseSensor final : public SensorModel {
  public:
-  explicit PointwiseSensor(S sensor = S(), const char* unit = "m") : sensor_(sensor), unit_(unit) {}
+  explicit PointwiseSensor(S sensor = S(), const char* unit = "m", ViewKernel view_kernel = nullptr)
+      : sensor_(sensor), unit_(unit), kernel_(view_kernel) {}
   int rows() const override { return S::kRows; }
   int numbers() const override { return S::kNumbers; }
   const char* unit() const override { return unit_; }
@@ -136,6 +140,7 @@ class PointwiseSensor final : public SensorModel {
     return S::kRows == 2 ? Sight::rays : S::kRows == 3 && S::kNumbers == 3 ? Sight::points : Sight::none;
   }
   const S& sensor() const { return sensor_; }
+  ViewKernel kernel() const override { return kernel_; }
 
   bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
     const int own = sensor_.parameter_count();
@@ -161,6 +166,7 @@ class PointwiseSensor final : public SensorModel {
  private:
   S sensor_;
   const char* unit_;
+  ViewKernel kernel_;
 };
 
 }  // namespace kincal

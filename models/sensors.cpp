@@ -12,12 +12,13 @@ namespace kincal {
 void SensorModel::own_noise(const ViewInput&, int, Eigen::MatrixXd& b) const { b.setIdentity(rows(), rows()); }
 
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count) {
-  if (lens == Lens::kannala_brandt && distortion_count == 4) return std::make_shared<PointwiseSensor<KannalaBrandt>>(KannalaBrandt(), "px");
-  if (lens == Lens::pinhole && distortion_count == 0) return std::make_shared<PointwiseSensor<BrownConrady<0>>>(BrownConrady<0>(), "px");
-  if (lens == Lens::brown_conrady && distortion_count == 5)
-    return std::make_shared<PointwiseSensor<BrownConrady<5>>>(BrownConrady<5>(), "px");
-  if (lens == Lens::brown_conrady && distortion_count == 8)
-    return std::make_shared<PointwiseSensor<BrownConrady<8>>>(BrownConrady<8>(), "px");
+  const auto camera = [](auto camera_lens, ViewKernel kernel) {
+    return std::make_shared<PointwiseSensor<decltype(camera_lens)>>(camera_lens, "px", kernel);
+  };
+  if (lens == Lens::kannala_brandt && distortion_count == 4) return camera(KannalaBrandt(), nullptr);
+  if (lens == Lens::pinhole && distortion_count == 0) return camera(BrownConrady<0>(), view_kernels().pinhole);
+  if (lens == Lens::brown_conrady && distortion_count == 5) return camera(BrownConrady<5>(), view_kernels().brown_conrady5);
+  if (lens == Lens::brown_conrady && distortion_count == 8) return camera(BrownConrady<8>(), view_kernels().brown_conrady8);
   throw std::invalid_argument("distortion: pinhole takes 0 numbers, brown_conrady 5 or 8, kannala_brandt 4; not " +
                               std::to_string(distortion_count));
 }
@@ -35,7 +36,7 @@ std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<doubl
   return blocks;
 }
 
-std::shared_ptr<const SensorModel> make_point() { return std::make_shared<PointwiseSensor<PointSensor>>(); }
+std::shared_ptr<const SensorModel> make_point() { return std::make_shared<PointwiseSensor<PointSensor>>(PointSensor(), "m", view_kernels().point); }
 std::shared_ptr<const SensorModel> make_pose() { return std::make_shared<PoseSensor>(true); }
 std::shared_ptr<const SensorModel> make_chain() { return std::make_shared<PoseSensor>(false); }
 std::shared_ptr<const SensorModel> make_tilting_laser() { return std::make_shared<TiltingLaser>(); }

@@ -15,14 +15,35 @@ constexpr double kSmallestDamping = 1e-10;  // keeps directions without informat
 constexpr double kUndamped = 1e-9;          // up to here a step's length means distance to the minimum
 constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
 constexpr int kMemory = 3;                  // steps that the acceleration looks back
-constexpr int kPieces = 16;                 // of the partition, whatever the number of threads
+constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
 
-/// What one group keeps between linearisation and substitution.
+constexpr int kStackedRows = 64;            // eliminated rows that are multiplied at once
+
+/// What one group keeps between linearisation and substitution: its rows [P Q a] and the factor of the damped P. Offsets into arenas;
+/// light problems (Problem::light) keep nothing, theirs are offsets into the worker's scratch.
 struct GroupStore {
-  MatrixXd rows;    // [P Q a], private_size x (size + 1)
-  MatrixXd factor;  // Cholesky factor L of the damped P, in the lower triangle
-  MatrixXd right;   // B = L^-1 [Q a]
+  size_t rows = 0, factor = 0;
   int private_start = 0;
+};
+
+/// Sums over one piece of the partition.
+struct Piece {
+  int first = 0, last = 0;        // groups
+  std::vector<double> shared;     // C
+  std::vector<double> eliminated; // minus the sum of B_Q' B_Q
+  VectorXd gradient, eliminated_gradient;
+  Cost cost;
+  bool defined = true, definite = true;
+  double slope = 0, damping = 0;
+};
+
+/// Scratch of one worker.
+struct Worker {
+  std::vector<double> rows, factor;        // light problems: of kRange groups
+  std::vector<double> right;               // B of one group
+  std::vector<double> stack;               // eliminated rows over all columns
+  std::vector<double> block;               // sparse: C of one group
+  std::vector<double> solution;            // private step of one group
 };
 
 /// Five steps in a row, none of them half of an earlier one; infinite: a step that still promised something.
@@ -43,180 +64,313 @@ struct LevenbergMarquardt::Workspace {
         options(std::move(o)),
         n(p.shared_size()),
         groups(p.groups()),
+        light(p.light()),
         system(n, groups, options.linear_solver),
         crew(std::max(1, options.threads)) {
     problem.set_workers(crew.size());
-    int largest = 0;
+    size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
+    int deepest = 0;
     stores.resize(groups.size());
     for (size_t g = 0; g < groups.size(); ++g) {
-      const int size = groups[g].size(), k = groups[g].private_size;
-      largest = std::max(largest, size + 1);
-      stores[g].rows.resize(k, size + 1);
-      stores[g].factor.resize(k, k);
-      stores[g].right.resize(k, size + 1 - k);
-      stores[g].private_start = private_size;
+      const int k = groups[g].private_size;
+      stores[g] = {rows_size, factor_size, private_size};
+      const size_t r = static_cast<size_t>(k) * stride(g), f = static_cast<size_t>(k) * (k + kSlack);
+      rows_size += r;
+      factor_size += f;
+      largest_rows = std::max(largest_rows, r);
+      largest_factor = std::max(largest_factor, f);
+      widest = std::max(widest, static_cast<int>(groups[g].columns.size()));
+      deepest = std::max(deepest, k);
       private_size += k;
       rows += groups[g].rows;
     }
-    // Contiguous pieces of about equal work (rows and columns), the same for any number of threads.
-    double total = 0, sum = 0;
-    const auto work = [](const GroupShape& g) { return g.rows * 20.0 + g.size() * g.size(); };
-    for (const GroupShape& g : groups) total += work(g);
-    piece_start.push_back(0);
-    for (size_t g = 0; g < groups.size(); ++g) {
-      sum += work(groups[g]);
-      if (sum * kPieces >= total * piece_start.size() && piece_start.size() < kPieces) piece_start.push_back(static_cast<int>(g) + 1);
+    if (!light) {
+      group_rows.assign(rows_size + kSlack, 0.0);
+      group_factors.assign(factor_size + kSlack, 0.0);
     }
-    if (piece_start.back() != static_cast<int>(groups.size())) piece_start.push_back(static_cast<int>(groups.size()));
-    const size_t pieces = piece_start.size() - 1;
-    accumulators.assign(pieces, std::vector<double>(system.storage(), 0.0));
-    vectors.assign(pieces, VectorXd::Zero(n));
-    costs.resize(pieces);
-    fine.resize(pieces);
-    grams.assign(crew.size(), MatrixXd(largest, largest));
-    blocks.assign(crew.size(), MatrixXd(largest, largest));
-    shared_matrix.assign(system.storage(), 0.0);
+    place_pieces();
+    for (int i = 0; i < std::max(widest, n); ++i) {
+      identity.push_back(i);
+      block_origin.push_back(static_cast<std::ptrdiff_t>(i) * widest);
+    }
+    workers.resize(crew.size());
+    for (Worker& w : workers) {
+      if (light) {
+        w.rows.resize(largest_rows * Problem::kRange + kSlack);
+        w.factor.resize(largest_factor * Problem::kRange + kSlack);
+      }
+      w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
+      if (system.stacks()) w.stack.resize(static_cast<size_t>(kStackedRows + deepest) * system.ld() + kSlack);
+      if (!system.dense() && !light) w.block.resize(static_cast<size_t>(widest) * widest);
+      w.solution.resize(deepest + kSlack);
+    }
+    shared_matrix.assign(light ? system.diagonal_storage() : system.storage(), 0.0);
     damped_matrix.assign(system.storage(), 0.0);
-    shared_gradient.setZero(n);
-    reduced_gradient.setZero(n);
-    shared_step.setZero(n);
-    private_step.setZero(private_size);
-    shared_scale.setZero(n);
-    private_scale.setZero(private_size);
-    first_shared_scale.setZero(n);
-    first_private_scale.setZero(private_size);
+    for (VectorXd* v : {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
+    for (VectorXd* v : {&private_step, &private_scale, &first_private_scale}) v->setZero(private_size);
+    right_side.assign(n + kSlack, 0.0);
+    if (light) return;
+    for (std::vector<VectorXd>* vectors : {&found, &taken}) vectors->assign(kMemory + 1, VectorXd::Zero(n + private_size));
+    plain.setZero(n + private_size);
+    change.setZero(n + private_size, kMemory);
+    weighted.setZero(n + private_size, kMemory);
   }
 
-  /// Runs work(group, piece, worker) over all groups; the sums by piece are then added in the pieces' order.
+  /// Contiguous pieces of about equal work (rows and columns), the same for any number of threads.
+  void place_pieces() {
+    // Every piece has accumulators: as many as keep their memory, and the work of adding them up, small beside the rest.
+    double total = 0, sum = 0;
+    const auto work = [](const GroupShape& g) { return g.rows * 20.0 + static_cast<double>(g.size()) * (g.private_size + 2); };
+    for (const GroupShape& g : groups) total += work(g);
+    const int most = total < 40.0 * system.storage() ? kFewPieces : kPieces;
+    pieces.emplace_back();
+    for (size_t g = 0; g < groups.size(); ++g) {
+      sum += work(groups[g]);
+      pieces.back().last = static_cast<int>(g) + 1;
+      if (sum * most >= total * pieces.size() && pieces.size() < static_cast<size_t>(most) && g + 1 < groups.size()) {
+        pieces.emplace_back();
+        pieces.back().first = static_cast<int>(g) + 1;
+      }
+    }
+    for (Piece& p : pieces) {
+      p.shared.assign(light ? system.diagonal_storage() : system.storage(), 0.0);
+      p.eliminated.assign(system.storage(), 0.0);
+      p.gradient.setZero(n);
+      p.eliminated_gradient.setZero(n);
+    }
+  }
+
+  /// Between the rows of a group.
+  int stride(size_t g) const { return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1); }
+
+  /// Runs work(piece, worker) over all pieces.
   template <class Work>
-  void over_groups(const Work& work) {
-    crew.run(static_cast<int>(piece_start.size()) - 1, [&](int piece, int worker) {
-      for (int g = piece_start[piece]; g < piece_start[piece + 1]; ++g) work(g, piece, worker);
-    });
+  void over_pieces(const Work& work) {
+    crew.run(static_cast<int>(pieces.size()), [&](int piece, int worker) { work(pieces[piece], worker); });
   }
 
   bool evaluate(const VectorXd& state, Cost& cost) {
-    std::fill(costs.begin(), costs.end(), Cost());
-    std::fill(fine.begin(), fine.end(), 1);
-    over_groups([&](int g, int piece, int worker) {
-      Cost c;
-      if (fine[piece] && !problem.evaluate(g, state, worker, c)) fine[piece] = 0;
-      costs[piece].twice += c.twice;
-      costs[piece].chi2 += c.chi2;
+    over_pieces([&](Piece& p, int worker) {
+      p.cost = {};
+      p.defined = problem.evaluate_range(p.first, p.last, state, worker, p.cost);
     });
     cost = {};
-    for (const Cost& c : costs) cost.twice += c.twice, cost.chi2 += c.chi2;
-    return std::find(fine.begin(), fine.end(), 0) == fine.end() && std::isfinite(cost.twice);
+    bool defined = true;
+    for (const Piece& p : pieces) {
+      cost.twice += p.cost.twice;
+      cost.chi2 += p.cost.chi2;
+      defined = defined && p.defined;
+    }
+    return defined && std::isfinite(cost.twice);
   }
 
-  /// Normal equations at `state`: private rows into the stores, C and b summed.
-  bool linearise(const VectorXd& state, Cost& cost) {
-    problem.prepare(state);
-    std::fill(costs.begin(), costs.end(), Cost());
-    std::fill(fine.begin(), fine.end(), 1);
-    for (size_t p = 0; p < accumulators.size(); ++p) {
-      std::fill(accumulators[p].begin(), accumulators[p].end(), 0.0);
-      vectors[p].setZero();
-    }
-    over_groups([&](int g, int piece, int worker) {
-      const int size = groups[g].size(), k = groups[g].private_size, m = size - k;
-      auto gram = grams[worker].topLeftCorner(size + 1, size + 1);
-      gram.setZero();
+  struct Room {
+    double *rows, *factor;
+  };
+  Room room(size_t g, int first, int worker) {
+    Worker& w = workers[worker];
+    return light ? Room{w.rows.data() + (stores[g].rows - stores[first].rows), w.factor.data() + (stores[g].factor - stores[first].factor)}
+                 : Room{group_rows.data() + stores[g].rows, group_factors.data() + stores[g].factor};
+  }
+
+  /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the piece.
+  bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
+    Worker& w = workers[worker];
+    problem.approach(first, last, state, worker);
+    for (int g = first; g < last; ++g) {
+      const int k = groups[g].private_size;
+      double* rows_of_group = room(g, first, worker).rows;
+      std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
+      GroupEquations to{rows_of_group, stride(g), p.shared.data(), system.origin(), groups[g].columns.data(), p.gradient.data()};
+      const bool local = !system.dense() && !light;
+      const size_t m = groups[g].columns.size();
+      if (light) to.origin = system.diagonal_origin();
+      if (local) {
+        std::fill(w.block.begin(), w.block.end(), 0.0);
+        w.right.assign(w.right.size(), 0.0);
+        to.shared = w.block.data();
+        to.origin = block_origin.data();
+        to.row = identity.data();
+        to.gradient = w.right.data();
+      }
       Cost c;
-      if (fine[piece] && !problem.linearise(g, state, worker, gram, c)) fine[piece] = 0;
-      costs[piece].twice += c.twice;
-      costs[piece].chi2 += c.chi2;
-      stores[g].rows.leftCols(k) = gram.topLeftCorner(k, k).template selfadjointView<Eigen::Lower>();
-      stores[g].rows.rightCols(m + 1) = gram.bottomLeftCorner(m + 1, k).transpose();
-      system.add(g, gram.block(k, k, m, m), accumulators[piece].data());
-      for (int i = 0; i < m; ++i) vectors[piece](groups[g].columns[i]) += gram(size, k + i);
-    });
-    std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
-    shared_gradient.setZero();
-    cost = {};
-    for (size_t p = 0; p < accumulators.size(); ++p) {
-      for (size_t i = 0; i < shared_matrix.size(); ++i) shared_matrix[i] += accumulators[p][i];
-      shared_gradient += vectors[p];
-      cost.twice += costs[p].twice;
-      cost.chi2 += costs[p].chi2;
+      if (!problem.linearise(g, state, worker, to, c)) return false;
+      p.cost.twice += c.twice;
+      p.cost.chi2 += c.chi2;
+      if (!local) continue;
+      system.add(g, w.block.data(), widest, p.shared.data());
+      for (size_t i = 0; i < m; ++i) p.gradient(groups[g].columns[i]) += w.right[i];
     }
-    return std::find(fine.begin(), fine.end(), 0) == fine.end() && std::isfinite(cost.twice);
-  }
-
-  /// Marquardt's scales: the squared column norms, but never far below the first ones.
-  void scale(bool first) {
-    const auto update = [&](double norm, double& first_scale) {
-      if (first || first_scale == 0) first_scale = norm;
-      return std::max(norm, 1e-6 * first_scale);
-    };
-    for (int i = 0; i < n; ++i) shared_scale(i) = update(system.diagonal(shared_matrix.data(), i), first_shared_scale(i));
-    for (size_t g = 0; g < groups.size(); ++g)
-      for (int i = 0, at = stores[g].private_start; i < groups[g].private_size; ++i, ++at)
-        private_scale(at) = update(stores[g].rows(i, i), first_private_scale(at));
-  }
-
-  /// Eliminates the private blocks with damping lambda and sums the reduced system into damped_matrix, reduced_gradient.
-  /// False if a block is not positive definite to rounding.
-  bool eliminate(double lambda) {
-    std::fill(fine.begin(), fine.end(), 1);
-    for (size_t p = 0; p < accumulators.size(); ++p) {
-      std::fill(accumulators[p].begin(), accumulators[p].end(), 0.0);
-      vectors[p].setZero();
-    }
-    over_groups([&](int g, int piece, int worker) {
-      GroupStore& s = stores[g];
-      const int k = groups[g].private_size, m = groups[g].size() - k;
-      if (k == 0) return;
-      s.factor = s.rows.leftCols(k);
-      for (int i = 0; i < k; ++i) {
-        const double scale = private_scale(s.private_start + i);
-        s.factor(i, i) += scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
-      }
-      Eigen::Ref<MatrixXd> in_place(s.factor);
-      if (Eigen::LLT<Eigen::Ref<MatrixXd>>(in_place).info() != Eigen::Success) {
-        fine[piece] = 0;
-        return;
-      }
-      s.right = s.rows.rightCols(m + 1);
-      s.factor.triangularView<Eigen::Lower>().solveInPlace(s.right);
-      auto block = blocks[worker].topLeftCorner(m + 1, m + 1);
-      block.setZero();
-      block.template selfadjointView<Eigen::Lower>().rankUpdate(s.right.transpose());
-      system.add(g, block, accumulators[piece].data());
-      for (int i = 0; i < m; ++i) vectors[piece](groups[g].columns[i]) += block(m, i);
-    });
-    if (std::find(fine.begin(), fine.end(), 0) != fine.end()) return false;
-    damped_matrix = shared_matrix;
-    reduced_gradient = shared_gradient;
-    for (size_t p = 0; p < accumulators.size(); ++p) {
-      for (size_t i = 0; i < damped_matrix.size(); ++i) damped_matrix[i] -= accumulators[p][i];
-      reduced_gradient -= vectors[p];
-    }
-    for (int i = 0; i < n; ++i) system.add_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
     return true;
   }
 
-  /// Step at damping lambda; promised decrease of twice the cost and length in standard deviations.
-  bool step(double lambda, double& promised, double& length) {
-    if (!eliminate(lambda) || !system.factor(damped_matrix.data())) return false;
-    shared_step = -reduced_gradient;
-    system.solve(shared_step);
+  /// Factor of the damped private block of a group; false if it is not positive definite to rounding.
+  bool factor_private(size_t g, const Room& at, double lambda) {
+    const int k = groups[g].private_size, ld = k + kSlack, width = stride(g);
+    for (int j = 0; j < k; ++j)
+      for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(i) * width + j];
+    for (int i = 0; i < k; ++i) {
+      const double scale = private_scale(stores[g].private_start + i);
+      at.factor[i + static_cast<size_t>(i) * ld] += scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
+    }
+    return kernels().cholesky(at.factor, k, ld);
+  }
+
+  /// Eliminates the private unknowns of a group into the piece.
+  bool eliminate_group(Piece& p, size_t g, const Room& at, double lambda, int worker, int& stacked) {
+    const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
+    if (k == 0) return true;
+    if (!factor_private(g, at, lambda)) return false;
+    Worker& w = workers[worker];
+    const int right_width = padded(m + 1);
+    for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
+    kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
+    if (!system.stacks()) {
+      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, p.eliminated.data(), p.eliminated_gradient.data());
+      return true;
+    }
+    const int* column = groups[g].columns.data();
+    for (int i = 0; i < k; ++i, ++stacked) {
+      double* to = w.stack.data() + static_cast<size_t>(stacked) * system.ld();
+      const double* from = w.right.data() + static_cast<size_t>(i) * right_width;
+      std::fill_n(to, n, 0.0);
+      for (int j = 0; j < m; ++j) to[column[j]] = from[j];
+      to[n] = from[m];
+    }
+    if (stacked >= kStackedRows) multiply(p, worker, stacked);
+    return true;
+  }
+  void multiply(Piece& p, int worker, int& stacked) {
+    kernels().subtract_product(p.eliminated.data(), n + 1, system.ld(), workers[worker].stack.data(), stacked, system.ld());
+    stacked = 0;
+  }
+
+  /// Marquardt's scales: the squared column norms, but never far below the first ones.
+  static double scale_of(double norm, double& first_scale, bool first) {
+    if (first || first_scale == 0) first_scale = norm;
+    return std::max(norm, 1e-6 * first_scale);
+  }
+
+  enum class Assembly { fine, undefined, indefinite };
+
+  /// The damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
+  Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost) {
+    if (linearise) problem.prepare(state);
+    const bool fresh = linearise || light;
+    over_pieces([&](Piece& p, int worker) {
+      p.defined = p.definite = true;
+      if (fresh) {
+        p.cost = {};
+        std::fill(p.shared.begin(), p.shared.end(), 0.0);
+        p.gradient.setZero();
+      }
+      std::fill(p.eliminated.begin(), p.eliminated.end(), 0.0);
+      p.eliminated_gradient.setZero();
+      int stacked = 0;
+      for (int first = p.first; first < p.last && p.defined; first += Problem::kRange) {
+        const int last = std::min(p.last, first + Problem::kRange);
+        if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
+        for (int g = first; g < last && p.defined; ++g) {
+          const Room at = room(g, first, worker);
+          if (linearise)
+            for (int i = 0; i < groups[g].private_size; ++i) {
+              const int place = stores[g].private_start + i;
+              private_scale(place) =
+                  scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
+            }
+          p.definite = p.definite && eliminate_group(p, g, at, lambda, worker, stacked);
+        }
+      }
+      if (stacked > 0) multiply(p, worker, stacked);
+    });
+    bool defined = true, definite = true;
+    for (const Piece& p : pieces) {
+      defined = defined && p.defined;
+      definite = definite && p.definite;
+    }
+    if (linearise) {
+      std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
+      shared_gradient.setZero();
+      cost = {};
+      for (const Piece& p : pieces) {
+        if (light)
+          kernels().add(shared_matrix.data(), p.shared.data(), static_cast<std::ptrdiff_t>(shared_matrix.size()));
+        else
+          system.accumulate(shared_matrix.data(), p.shared.data());
+        shared_gradient += p.gradient;
+        cost.twice += p.cost.twice;
+        cost.chi2 += p.cost.chi2;
+      }
+      const std::ptrdiff_t* origin = light ? system.diagonal_origin() : system.origin();
+      for (int i = 0; i < n; ++i) shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
+    }
+    if (!defined || !std::isfinite(cost.twice)) return Assembly::undefined;
+    if (!definite) return Assembly::indefinite;
+    if (light) {
+      std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+      system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
+    } else {
+      damped_matrix = shared_matrix;
+    }
+    reduced_gradient = shared_gradient;
+    for (const Piece& p : pieces) {
+      system.accumulate(damped_matrix.data(), p.eliminated.data());
+      reduced_gradient += p.eliminated_gradient;
+    }
+    if (system.stacks())
+      for (int i = 0; i < n; ++i) reduced_gradient(i) += damped_matrix[system.origin()[i] + n], damped_matrix[system.origin()[i] + n] = 0;
+    for (int i = 0; i < n; ++i) system.add_to_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
+    return Assembly::fine;
+  }
+
+  /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length in standard deviations.
+  bool step(const VectorXd& state, double lambda, double& promised, double& length) {
+    if (!system.factor(damped_matrix.data())) return false;
+    for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
+    system.solve(right_side.data());
+    for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];
     double slope = shared_gradient.dot(shared_step), damping = 0;
     for (int i = 0; i < n; ++i) damping += lambda * shared_scale(i) * shared_step(i) * shared_step(i);
-    for (size_t g = 0; g < groups.size(); ++g) {
-      GroupStore& s = stores[g];
-      const int k = groups[g].private_size, m = groups[g].size() - k;
-      if (k == 0) continue;
-      auto d = private_step.segment(s.private_start, k);
-      d = -s.right.col(m);
-      for (int i = 0; i < m; ++i) d -= shared_step(groups[g].columns[i]) * s.right.col(i);
-      s.factor.triangularView<Eigen::Lower>().adjoint().solveInPlace(d);
-      slope += s.rows.col(k + m).dot(d);
-      for (int i = 0; i < k; ++i) damping += lambda * private_scale(s.private_start + i) * d(i) * d(i);
+    over_pieces([&](Piece& p, int worker) {
+      p.slope = p.damping = 0;
+      p.definite = true;
+      for (int first = p.first; first < p.last; first += Problem::kRange) {
+        const int last = std::min(p.last, first + Problem::kRange);
+        if (light && !linearise_range(p, first, last, state, worker)) p.definite = false;
+        for (int g = first; g < last && p.definite; ++g) {
+          const Room at = room(g, first, worker);
+          if (light && !factor_private(g, at, lambda)) p.definite = false;
+          substitute(p, g, at, lambda, worker);
+        }
+      }
+    });
+    for (const Piece& p : pieces) {
+      if (!p.definite) return false;
+      slope += p.slope;
+      damping += p.damping;
     }
     promised = -slope + damping;
     length = std::sqrt(std::max(0.0, -slope - damping));
     return std::isfinite(promised) && shared_step.allFinite() && private_step.allFinite();
+  }
+
+  void substitute(Piece& p, size_t g, const Room& at, double lambda, int worker) {
+    const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), start = stores[g].private_start;
+    double* d = workers[worker].solution.data();
+    const int* column = groups[g].columns.data();
+    for (int i = 0; i < k; ++i) {
+      const double* row = at.rows + static_cast<size_t>(i) * stride(g) + k;
+      double sum = row[m];
+      for (int j = 0; j < m; ++j) sum += row[j] * shared_step(column[j]);
+      d[i] = -sum;
+    }
+    kernels().solve_lower(at.factor, k, k + kSlack, d);
+    kernels().solve_lower_transposed(at.factor, k, k + kSlack, d);
+    for (int i = 0; i < k; ++i) {
+      private_step(start + i) = d[i];
+      p.slope += at.rows[static_cast<size_t>(i) * stride(g) + k + m] * d[i];
+      p.damping += lambda * private_scale(start + i) * d[i] * d[i];
+    }
   }
 
   /// Anderson acceleration of the tail. With residuals that are large, or covariances that follow the parameters, plain steps f
@@ -224,58 +378,67 @@ struct LevenbergMarquardt::Workspace {
   /// |f - sum gamma_j (f_j+1 - f_j)| (in the damping's metric) predicts where the sequence ends:  x = f - sum gamma_j (x_j + f_j+1 - f_j).
   /// Replaces shared_step and private_step; false if there is nothing to go by yet or the combination is no good.
   bool accelerate() {
-    VectorXd f(n + private_size), scale(n + private_size);
-    f << shared_step, private_step;
-    scale << shared_scale, private_scale;
-    const Eigen::Index m = static_cast<Eigen::Index>(found.size());
-    MatrixXd change(f.size(), m);
-    for (Eigen::Index j = 0; j < m; ++j) change.col(j) = (j + 1 < m ? found[j + 1] : f) - found[j];
-    found.push_back(f);
+    const int m = remembered;
+    VectorXd& f = found[m];
+    f.head(n) = shared_step;
+    f.tail(private_size) = private_step;
+    for (int j = 0; j < m; ++j) change.col(j) = found[j + 1] - found[j];
     if (m == 0) return false;
-    const MatrixXd weighted = scale.asDiagonal() * change;
-    MatrixXd normal = change.transpose() * weighted;
+    for (int j = 0; j < m; ++j) {
+      weighted.col(j).head(n) = shared_scale.cwiseProduct(change.col(j).head(n));
+      weighted.col(j).tail(private_size) = private_scale.cwiseProduct(change.col(j).tail(private_size));
+    }
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMemory, kMemory> normal(m, m);
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> right(m);
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j < m; ++j) normal(i, j) = change.col(i).dot(weighted.col(j));
+      right(i) = weighted.col(i).dot(f);
+    }
     normal.diagonal() *= 1 + 1e-10;
-    const VectorXd gamma = normal.ldlt().solve(weighted.transpose() * f);
+    const Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> gamma = normal.ldlt().solve(right);
     if (!gamma.allFinite() || gamma.cwiseAbs().maxCoeff() > 50) return false;
-    for (Eigen::Index j = 0; j < m; ++j) f -= gamma(j) * (taken[j] + change.col(j));
-    shared_step = f.head(n);
-    private_step = f.tail(private_size);
+    for (int j = 0; j < m; ++j) {
+      shared_step -= gamma(j) * (taken[j].head(n) + change.col(j).head(n));
+      private_step -= gamma(j) * (taken[j].tail(private_size) + change.col(j).tail(private_size));
+    }
     return true;
   }
   void remember_taken() {
-    VectorXd x(n + private_size);
-    x << shared_step, private_step;
-    taken.push_back(x);
-    if (taken.size() > kMemory) {
-      taken.erase(taken.begin());
-      found.erase(found.begin());
+    taken[remembered].head(n) = shared_step;
+    taken[remembered].tail(private_size) = private_step;
+    if (remembered < kMemory) {
+      ++remembered;
+      return;
     }
+    std::rotate(taken.begin(), taken.begin() + 1, taken.end());  // swaps the vectors' pointers
+    std::rotate(found.begin(), found.begin() + 1, found.end());
   }
-  void forget() {
-    found.clear();
-    taken.clear();
-  }
+  void forget() { remembered = 0; }
 
   Problem& problem;
   SolverOptions options;
-  int n, private_size = 0;
+  int n, private_size = 0, widest = 0;  // widest: most shared columns of a group
   double rows = 0;
   const std::vector<GroupShape>& groups;
+  const bool light;
   ReducedSystem system;
   Crew crew;
-  std::vector<int> piece_start;
+  std::vector<Piece> pieces;
   std::vector<GroupStore> stores;
-  std::vector<std::vector<double>> accumulators;
-  std::vector<VectorXd> vectors;
-  std::vector<Cost> costs;
-  std::vector<char> fine;
-  std::vector<MatrixXd> grams, blocks;  // per worker
-  std::vector<double> shared_matrix, damped_matrix;
+  std::vector<double> group_rows, group_factors;
+  std::vector<Worker> workers;
+  std::vector<int> identity;
+  std::vector<std::ptrdiff_t> block_origin;
+  std::vector<double> shared_matrix, damped_matrix, right_side;
   VectorXd shared_gradient, reduced_gradient, shared_step, private_step;
   VectorXd shared_scale, private_scale, first_shared_scale, first_private_scale;
   VectorXd moved;
+  SolveSummary summary;
   std::vector<double> sizes;
-  std::vector<VectorXd> found, taken;
+  std::vector<VectorXd> found, taken;  // steps found and taken, `remembered` of them
+  int remembered = 0;
+  VectorXd plain;                      // the step before its acceleration
+  MatrixXd change, weighted;
 };
 
 LevenbergMarquardt::LevenbergMarquardt(Problem& problem, SolverOptions options)
@@ -283,17 +446,26 @@ LevenbergMarquardt::LevenbergMarquardt(Problem& problem, SolverOptions options)
 LevenbergMarquardt::~LevenbergMarquardt() = default;
 const char* LevenbergMarquardt::linear_solver() const { return w_->system.name(); }
 
-SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
+const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   Workspace& w = *w_;
-  SolveSummary summary;
+  SolveSummary& summary = w.summary;
+  summary.outcome = Outcome::not_converged;
+  summary.iterations = 0;
+  summary.cost = {};
+  summary.undefined_group = -1;
+  summary.history.clear();
+  summary.history.reserve(w.options.max_iterations + 1);
   bool fresh = true;  // covariances were evaluated at this very state
   const bool renewable = w.problem.renew(state);
   double lambda = 1e-4, growth = 10;
   w.sizes.clear();
+  w.sizes.reserve(w.options.max_iterations + 1);
   w.forget();
   w.moved.resize(state.size());
+  using Assembly = Workspace::Assembly;
   for (bool first = true;; first = false) {
-    if (!w.linearise(state, summary.cost)) {  // trial states were evaluated before: only the start can be undefined
+    Assembly assembly = w.assemble(state, lambda, true, first, summary.cost);
+    if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start can be undefined
       summary.outcome = Outcome::undefined_start;
       for (size_t g = 0; g < w.groups.size() && summary.undefined_group < 0; ++g) {
         Cost c;
@@ -302,7 +474,6 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
       return summary;
     }
     if (first) summary.history.push_back({summary.cost.chi2, lambda});
-    w.scale(first);
     const double twice = summary.cost.twice;
     if (twice <= 1e-18 * w.rows) {
       summary.outcome = Outcome::converged;
@@ -317,16 +488,17 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
       return w.evaluate(w.moved, trial) && (trial.twice < twice || promised <= 10 * kRoundingShare * twice || length < kConvergedStep);
     };
     while (!accepted) {
-      if (w.step(lambda, promised, length)) {
-        if (lambda <= kUndamped && length > kConvergedStep) {
-          const VectorXd plain_shared = w.shared_step, plain_private = w.private_step;
+      if (assembly == Assembly::fine && w.step(state, lambda, promised, length)) {
+        if (lambda <= kUndamped && length > kConvergedStep && !w.light) {
+          w.plain.head(w.n) = w.shared_step;
+          w.plain.tail(w.private_size) = w.private_step;
           accelerated = w.accelerate();
           accepted = try_step();
           if (!accepted && accelerated) {
             accelerated = false;
             w.forget();
-            w.shared_step = plain_shared;
-            w.private_step = plain_private;
+            w.shared_step = w.plain.head(w.n);
+            w.private_step = w.plain.tail(w.private_size);
             accepted = try_step();
           } else if (accepted) {
             w.remember_taken();
@@ -340,6 +512,7 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
       lambda = std::max(lambda, 1e-7) * growth;
       growth = std::min(growth * 2, 1e4);
       if (lambda > 1e14) return summary;
+      assembly = w.assemble(state, lambda, false, false, summary.cost);
     }
     growth = 10;
     const double gain = promised > 0 && !accelerated ? (twice - trial.twice) / promised : 1;
@@ -380,11 +553,9 @@ SolveSummary LevenbergMarquardt::solve(VectorXd& state) {
 void LevenbergMarquardt::reduced(const VectorXd& state, MatrixXd& matrix, VectorXd& gradient) {
   Workspace& w = *w_;
   Cost cost;
-  w.linearise(state, cost);
-  w.scale(true);
   matrix.setZero(w.n, w.n);
   gradient.setZero(w.n);
-  if (!w.eliminate(0)) return;
+  if (w.assemble(state, 0, true, true, cost) != Workspace::Assembly::fine) return;
   gradient = w.reduced_gradient;
   matrix = w.system.full(w.damped_matrix.data());
 }

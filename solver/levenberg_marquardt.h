@@ -54,8 +54,9 @@ class LevenbergMarquardt {
   ~LevenbergMarquardt();
   const char* linear_solver() const;
 
-  /// Minimises from `state`, in place.
-  SolveSummary solve(VectorXd& state);
+  /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems, problems that allocate nothing); the
+  /// summary is the solver's own and holds until the next call.
+  const SolveSummary& solve(VectorXd& state);
 
   /// The undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and gradient.
   void reduced(const VectorXd& state, MatrixXd& matrix, VectorXd& gradient);

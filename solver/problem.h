@@ -6,14 +6,19 @@
 //     [ P_1           Q_1 ] [dp_1]     [a_1]
 //     [      P_2      Q_2 ] [dp_2] = - [a_2]
 //     [ Q_1' Q_2' ..  C   ] [dx  ]     [b  ]
-// A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute.
+// A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute. Its private
+// rows stay with the group, the rest is added to C and b.
 //
 // Within one view J = L M (see models/sensor.h): accumulate the small Gram matrix of [L r], then expand M' (L'L) M.
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
 #include <limits>
 #include <vector>
+
+#include "kernels.h"
 
 namespace kincal {
 
@@ -32,6 +37,16 @@ struct GroupShape {
   int size() const { return private_size + static_cast<int>(columns.size()); }
 };
 
+/// Where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
+struct GroupEquations {
+  double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the lower triangle counts
+  int stride;                    // between rows
+  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]
+  const std::ptrdiff_t* origin;
+  const int* row;
+  double* gradient;              // b at place i is added to gradient[row[i]]
+};
+
 /// A nonlinear least-squares problem in groups. The state is one vector that only the problem understands. Calls for different
 /// workers may run at the same time; `worker` selects scratch space. None of these may depend on the number of workers.
 class Problem {
@@ -46,10 +61,26 @@ class Problem {
   virtual void prepare(const VectorXd& state) = 0;
   /// Cost of a group; false where a residual is undefined.
   virtual bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const = 0;
-  /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to `gram` (size() + 1 squared; lower triangle).
-  virtual bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const = 0;
+  /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to the normal equations.
+  virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const = 0;
   /// A square root of the same: rows A with A'A = gram, computed from the residuals without squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
+  /// For problems of very many tiny groups. evaluate() of groups first .. last - 1, summed.
+  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const {
+    Cost one;
+    for (int g = first; g < last; ++g) {
+      if (!evaluate(g, state, worker, one)) return false;
+      cost.twice += one.twice;
+      cost.chi2 += one.chi2;
+    }
+    return true;
+  }
+  /// linearise() of these groups, at most kRange of them, follows: what can be computed for several at once is computed here.
+  virtual void approach(int /*first*/, int /*last*/, const VectorXd& /*state*/, int /*worker*/) const {}
+  static constexpr int kRange = 64;
+  /// True: shared columns that stand together (of one camera) meet others only through privates, so that linearise() writes only the
+  /// blocks of C on its diagonal; and linearising again is cheaper than keeping the groups' rows.
+  virtual bool light() const { return false; }
   /// state moved by a step; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
@@ -62,79 +93,65 @@ struct ViewColumns {
   std::vector<std::pair<int, int>> own;     // (column of L, place in the group)
 };
 
-/// Scratch of expand() and gram(): sized once for the largest view, so that nothing is allocated later.
+/// Scratch of expand(): sized once for the largest view, so that nothing is allocated later.
 struct ExpandScratch {
-  MatrixXd gram, product, block;
+  MatrixXd gram;                        // of [L r]
+  std::vector<double> product, block;   // row-major, `stride` apart: G M; Gram matrix over the view's columns
+  int stride = 0;
   std::vector<int> places;
 
   /// width: columns of L; columns: of M, own ones included.
   void reserve(int width, int columns) {
     gram.resize(width + 1, width + 1);
-    product.resize(width + 1, columns);
-    block.resize(columns + 1, columns + 1);
+    stride = padded(columns + 1) + kSlack;
+    product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
+    block.assign(static_cast<size_t>(columns + 1) * stride, 0.0);
     places.reserve(columns + 1);
   }
 };
-
-/// g = rows' rows (w x w, both triangles, leading dimension ld) of n rows of w numbers, `stride` apart. The hot loop of every view:
-/// four rows at a time, so that each entry of g is loaded and stored once for four products.
-inline void gram(const double* rows, int n, int w, int stride, double* __restrict g, int ld) {
-  for (int j = 0; j < w; ++j)
-    for (int i = 0; i <= j; ++i) g[i + static_cast<size_t>(j) * ld] = 0;
-  int k = 0;
-  for (; k + 4 <= n; k += 4) {
-    const double *a = rows + static_cast<size_t>(k) * stride, *b = a + stride, *c = b + stride, *d = c + stride;
-    for (int j = 0; j < w; ++j) {
-      const double aj = a[j], bj = b[j], cj = c[j], dj = d[j];
-      double* column = g + static_cast<size_t>(j) * ld;
-      for (int i = 0; i <= j; ++i) column[i] += aj * a[i] + bj * b[i] + cj * c[i] + dj * d[i];
-    }
-  }
-  for (; k < n; ++k) {
-    const double* a = rows + static_cast<size_t>(k) * stride;
-    for (int j = 0; j < w; ++j)
-      for (int i = 0; i <= j; ++i) g[i + static_cast<size_t>(j) * ld] += a[j] * a[i];
-  }
-  for (int j = 0; j < w; ++j)
-    for (int i = 0; i < j; ++i) g[j + static_cast<size_t>(i) * ld] = g[i + static_cast<size_t>(j) * ld];
-}
 
 /// Where L M is a sum of parts that cancel (a rotation about a point of the target itself), rounding leaves 1e-16 of the parts, not 0:
 /// a column of at most this share of the parts' squared norms is nothing.
 constexpr double kCancelled = 1e-14;
 
-/// gram += M' G M on the lower triangle: `view_gram` is the Gram matrix of [L r] ((W + 1) squared, both triangles), `m` the
-/// kinematic part of M (K x columns.kinematic.size()). The residual's place is the last one of `gram`. Does not allocate.
-inline void expand(const Eigen::Ref<const MatrixXd>& view_gram, const Eigen::Ref<const MatrixXd>& m, const ViewColumns& columns,
-                   ExpandScratch& s, Eigen::Ref<MatrixXd> gram) {
-  const Eigen::Index k = m.rows(), kin = m.cols(), own = static_cast<Eigen::Index>(columns.own.size()), w = view_gram.rows() - 1;
-  const Eigen::Index n = kin + own + 1;
-  auto product = s.product.topLeftCorner(w + 1, kin);
-  auto block = s.block.topLeftCorner(n, n);
-  product.noalias() = view_gram.leftCols(k).lazyProduct(m);
-  block.topLeftCorner(kin, kin).noalias() = m.transpose().lazyProduct(product.topRows(k));
-  for (Eigen::Index i = 0; i < kin; ++i) {
+/// Adds M' G M to the equations of a group of `k` private unknowns and `size` in all: `gram` in the scratch is the Gram matrix of [L r]
+/// (width + 1 squared, both triangles), m the kinematic part of M (depth x columns.kinematic.size()). Does not allocate.
+inline void expand(int width, const Eigen::Ref<const MatrixXd>& m, const ViewColumns& columns, int k, int size, ExpandScratch& s,
+                   const GroupEquations& to) {
+  const int depth = static_cast<int>(m.rows()), kin = static_cast<int>(m.cols()), own = static_cast<int>(columns.own.size());
+  const int n = kin + own, ld = static_cast<int>(s.gram.outerStride());
+  const double* g = s.gram.data();
+  kernels().expand(g, ld, width + 1, m.data(), static_cast<int>(m.outerStride()), depth, kin, s.product.data(), s.block.data(), s.stride);
+  const auto product = [&](int i, int j) -> double& { return s.product[static_cast<size_t>(i) * s.stride + j]; };
+  const auto block = [&](int i) { return s.block.data() + static_cast<size_t>(i) * s.stride; };
+  for (int i = 0; i < kin; ++i) {
     double parts = 0;
-    for (Eigen::Index r = 0; r < k; ++r) parts += view_gram(r, r) * m(r, i) * m(r, i);
-    if (block(i, i) > kCancelled * parts) continue;
-    block.row(i).head(kin).setZero();
-    block.col(i).head(kin).setZero();
-    product.col(i).setZero();
+    for (int r = 0; r < depth; ++r) parts += g[r + static_cast<size_t>(r) * ld] * m(r, i) * m(r, i);
+    if (block(i)[i] > kCancelled * parts) continue;
+    for (int j = 0; j <= i; ++j) block(i)[j] = 0;
+    for (int j = i; j < kin; ++j) block(j)[i] = 0;
+    for (int j = 0; j <= width; ++j) product(j, i) = 0;
   }
-  for (Eigen::Index i = 0; i <= own; ++i) {
-    const Eigen::Index row = i < own ? columns.own[i].first : w;
-    for (Eigen::Index j = 0; j < kin; ++j) block(kin + i, j) = block(j, kin + i) = product(row, j);
-    for (Eigen::Index j = 0; j <= i; ++j)
-      block(kin + i, kin + j) = block(kin + j, kin + i) = view_gram(row, j < own ? columns.own[j].first : w);
+  for (int i = 0; i <= own; ++i) {
+    const int row = i < own ? columns.own[i].first : width;
+    std::copy_n(&product(row, 0), kin, block(kin + i));
+    for (int j = 0; j < own; ++j) block(kin + i)[kin + j] = g[row + static_cast<size_t>(columns.own[j].first) * ld];
   }
   s.places.assign(columns.kinematic.begin(), columns.kinematic.end());
   for (const auto& c : columns.own) s.places.push_back(c.second);
-  s.places.push_back(static_cast<int>(gram.rows()) - 1);
-  for (Eigen::Index j = 0; j < n; ++j) {
-    const int pj = s.places[j];
-    for (Eigen::Index i = 0; i < n; ++i)
-      if (s.places[i] >= pj) gram(s.places[i], pj) += block(i, j);
+  for (int i = 0; i < n; ++i) {
+    const int pi = s.places[i];
+    for (int j = 0; j <= i; ++j) {
+      const int low = std::min(pi, s.places[j]), high = std::max(pi, s.places[j]);
+      if (low >= k)
+        to.shared[to.origin[to.row[low - k]] + to.row[high - k]] += block(i)[j];
+      else if (high >= k)
+        to.rows[low * to.stride + high] += block(i)[j];
+      else
+        to.rows[high * to.stride + low] += block(i)[j];
+    }
   }
+  for (int j = 0; j < n; ++j) (s.places[j] < k ? to.rows[s.places[j] * to.stride + size] : to.gradient[to.row[s.places[j] - k]]) += block(n)[j];
 }
 
 }  // namespace kincal

@@ -1,7 +1,8 @@
 #include "reduced_system.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
+#include <cstdint>
+#include <cstring>
 #include <new>
 
 #ifdef KINCAL_CHOLMOD
@@ -19,27 +20,47 @@ struct ReducedSystem::Sparse {
   cholmod_factor* factor = nullptr;
   cholmod_dense *x = nullptr, *y = nullptr, *e = nullptr;
 
-  Sparse(int n, std::vector<int>& start, std::vector<int>& row) {
+  /// `order`: permutation of the columns.
+  Sparse(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>& order) {
     cholmod_start(&common);
     common.print = 0;
+#ifdef KINCAL_SUPERNODAL
+    common.supernodal = CHOLMOD_AUTO;
+#else
     common.supernodal = CHOLMOD_SIMPLICIAL;
+#endif
     common.final_ll = 1;
     common.nmethods = 1;
-    common.method[0].ordering = CHOLMOD_AMD;
+    common.method[0].ordering = CHOLMOD_GIVEN;
     common.postorder = 1;
     common.quick_return_if_not_posdef = 1;
-    matrix.nrow = matrix.ncol = n;
-    matrix.nzmax = row.size();
-    matrix.p = start.data();
-    matrix.i = row.data();
-    matrix.stype = -1;
-    matrix.itype = CHOLMOD_INT;
-    matrix.xtype = CHOLMOD_PATTERN;  // no numbers yet
-    matrix.dtype = CHOLMOD_DOUBLE;
-    matrix.sorted = matrix.packed = 1;
-    factor = cholmod_analyze(&matrix, &common);
+    matrix = pattern(n, start, row);
+    factor = cholmod_analyze_p(&matrix, order.data(), nullptr, 0, &common);
     if (!factor) throw std::bad_alloc();
     matrix.xtype = CHOLMOD_REAL;
+  }
+  static cholmod_sparse pattern(int n, std::vector<int>& start, std::vector<int>& row) {
+    cholmod_sparse m{};
+    m.nrow = m.ncol = static_cast<size_t>(n);
+    m.nzmax = row.size();
+    m.p = start.data();
+    m.i = row.data();
+    m.stype = -1;
+    m.itype = CHOLMOD_INT;
+    m.xtype = CHOLMOD_PATTERN;  // no numbers yet
+    m.dtype = CHOLMOD_DOUBLE;
+    m.sorted = m.packed = 1;
+    return m;
+  }
+  /// Approximate minimum degree of a graph.
+  static std::vector<int> amd(int n, std::vector<int>& start, std::vector<int>& row) {
+    std::vector<int> order(n);
+    cholmod_common c;
+    cholmod_start(&c);
+    cholmod_sparse m = pattern(n, start, row);
+    if (!cholmod_amd(&m, nullptr, 0, order.data(), &c)) throw std::bad_alloc();
+    cholmod_finish(&c);
+    return order;
   }
   ~Sparse() {
     cholmod_free_dense(&x, &common);
@@ -52,15 +73,15 @@ struct ReducedSystem::Sparse {
     matrix.x = const_cast<double*>(values);  // read only
     return cholmod_factorize(&matrix, factor, &common) && common.status == CHOLMOD_OK && factor->minor == factor->n;
   }
-  void solve(VectorXd& b) {
+  void solve(double* b) {
     cholmod_dense right{};
-    right.nrow = right.d = right.nzmax = static_cast<size_t>(b.size());
+    right.nrow = right.d = right.nzmax = matrix.nrow;
     right.ncol = 1;
-    right.x = b.data();
+    right.x = b;
     right.xtype = CHOLMOD_REAL;
     right.dtype = CHOLMOD_DOUBLE;
     cholmod_solve2(CHOLMOD_A, factor, &right, nullptr, &x, nullptr, &y, &e, &common);
-    std::copy_n(static_cast<double*>(x->x), b.size(), b.data());
+    std::copy_n(static_cast<double*>(x->x), matrix.nrow, b);
   }
 };
 #else
@@ -68,7 +89,7 @@ struct ReducedSystem::Sparse {
   Eigen::SparseMatrix<double> matrix;
   Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor;
 
-  Sparse(int n, std::vector<int>& start, std::vector<int>& row) {
+  Sparse(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>&) {
     const std::vector<double> ones(row.size(), 1);
     matrix = Eigen::Map<const Eigen::SparseMatrix<double>>(n, n, static_cast<int>(row.size()), start.data(), row.data(), ones.data());
     factor.analyzePattern(matrix);
@@ -78,58 +99,165 @@ struct ReducedSystem::Sparse {
     factor.factorize(matrix);
     return factor.info() == Eigen::Success;
   }
-  void solve(VectorXd& b) { b = factor.solve(b).eval(); }
+  static std::vector<int> amd(int n, std::vector<int>&, std::vector<int>&) { return std::vector<int>(n); }  // Eigen's own ordering
+  void solve(double* b) {
+    Eigen::Map<VectorXd> x(b, matrix.rows());
+    x = factor.solve(x).eval();
+  }
 };
 #endif
 
 ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice) : n_(n), groups_(&groups) {
+  // Runs: neighbours that the same groups touch. A group's set of columns is told by hashes, summed by column.
+  std::vector<std::uint64_t> touched(n, 0);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    std::uint64_t hash = (g + 1) * 0x9E3779B97F4A7C15ull;
+    hash = (hash ^ (hash >> 31)) * 0xBF58476D1CE4E5B9ull;
+    hash ^= hash >> 29;
+    for (int c : groups[g].columns) touched[c] += hash;
+  }
+  std::vector<int> run_of(n);
+  for (int c = 0; c < n; ++c) {
+    if (c == 0 || touched[c] != touched[c - 1]) runs_.push_back({c, 0});
+    ++runs_.back().size;
+    run_of[c] = static_cast<int>(runs_.size()) - 1;
+  }
+  for (const Run& run : runs_)
+    for (int q = 0; q < run.size; ++q) {
+      diagonal_origin_.push_back(static_cast<std::ptrdiff_t>(diagonal_storage_) - run.first);
+      diagonal_storage_ += run.size;
+    }
+  double full_work = 0, touched_work = 0;  // of the elimination
+  group_runs_start_.push_back(0);
+  for (const GroupShape& g : groups) {
+    for (size_t i = 0; i < g.columns.size(); i += runs_[group_runs_.back()].size) group_runs_.push_back(run_of[g.columns[i]]);
+    group_runs_start_.push_back(static_cast<int>(group_runs_.size()));
+    full_work += static_cast<double>(g.private_size) * n * n;
+    touched_work += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
+  }
+
   dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
+  // Pattern of the graph of runs, column by column.
+  const int runs = static_cast<int>(runs_.size());
+  std::vector<int> graph_start{0}, graph_row;
+  if (!dense_) {
+    std::vector<std::vector<int>> below(runs);
+    for (int r = 0; r < runs; ++r) below[r].push_back(r);
+    const auto compress = [](std::vector<int>& column) {
+      std::sort(column.begin(), column.end());
+      column.erase(std::unique(column.begin(), column.end()), column.end());
+    };
+    for (size_t g = 0; g < groups.size(); ++g)
+      for (int j = group_runs_start_[g]; j < group_runs_start_[g + 1]; ++j) {
+        std::vector<int>& column = below[group_runs_[j]];
+        column.insert(column.end(), group_runs_.begin() + j, group_runs_.begin() + group_runs_start_[g + 1]);
+        if (column.size() > 4 * static_cast<size_t>(runs) + 64) compress(column);
+      }
+    size_t entries = 0;
+    for (int r = 0; r < runs; ++r) {
+      compress(below[r]);
+      for (int a : below[r]) entries += static_cast<size_t>(runs_[a].size) * runs_[r].size;
+      graph_row.insert(graph_row.end(), below[r].begin(), below[r].end());
+      graph_start.push_back(static_cast<int>(graph_row.size()));
+    }
+    dense_ = choice == LinearSolver::automatic && static_cast<double>(entries) > 0.3 * n * (n + 1.0) / 2;
+  }
   if (dense_) {
-    factor_.resize(n, n);
+    stacks_ = touched_work > 0.4 * full_work;
+    ld_ = padded(n + 1) + kSlack;
+    for (int j = 0; j < n; ++j) origin_.push_back(static_cast<std::ptrdiff_t>(j) * ld_);
+    step_ = origin_;
+    factor_.assign(storage(), 0.0);
     return;
   }
-  std::vector<std::vector<int>> below(n);  // pattern, column by column
-  for (int i = 0; i < n; ++i) below[i].push_back(i);
-  for (const GroupShape& g : groups)
-    for (size_t j = 0; j < g.columns.size(); ++j) {
-      std::vector<int>& column = below[g.columns[j]];
-      column.insert(column.end(), g.columns.begin() + j, g.columns.end());
-      if (column.size() > 4 * static_cast<size_t>(n)) {
-        std::sort(column.begin(), column.end());
-        column.erase(std::unique(column.begin(), column.end()), column.end());
+
+  column_start_.push_back(0);
+  for (int r = 0; r < runs; ++r)
+    for (int q = 0; q < runs_[r].size; ++q) {
+      const int start = static_cast<int>(row_of_.size());
+      origin_.push_back(start - (runs_[r].first + q));
+      step_.push_back(start - q);
+      for (int k = graph_start[r]; k < graph_start[r + 1]; ++k) {
+        const Run& a = runs_[graph_row[k]];
+        for (int i = graph_row[k] == r ? q : 0; i < a.size; ++i) row_of_.push_back(a.first + i);
+      }
+      column_start_.push_back(static_cast<int>(row_of_.size()));
+    }
+  // Where run a begins in the columns of run b, counted as if the diagonal block were whole.
+  std::vector<int> begin_of(graph_row.size());
+  for (int r = 0; r < runs; ++r)
+    for (int k = graph_start[r], at = 0; k < graph_start[r + 1]; ++k) {
+      begin_of[k] = at;
+      at += runs_[graph_row[k]].size;
+    }
+  for (size_t g = 0; g < groups.size(); ++g) {
+    pair_start_.push_back(pair_places_.size());
+    for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
+      const auto begin = graph_row.begin() + graph_start[group_runs_[b]], end = graph_row.begin() + graph_start[group_runs_[b] + 1];
+      auto it = begin;
+      for (int a = b; a < group_runs_start_[g + 1]; ++a) {
+        it = std::lower_bound(it, end, group_runs_[a]);
+        pair_places_.push_back(begin_of[it - graph_row.begin()]);
       }
     }
-  column_start_.push_back(0);
-  for (std::vector<int>& column : below) {
-    std::sort(column.begin(), column.end());
-    column.erase(std::unique(column.begin(), column.end()), column.end());
-    row_of_.insert(row_of_.end(), column.begin(), column.end());
-    column_start_.push_back(static_cast<int>(row_of_.size()));
   }
-  if (choice == LinearSolver::automatic && row_of_.size() > 0.3 * n * (n + 1.0) / 2) {
-    dense_ = true;
-    factor_.resize(n, n);
-    return;
-  }
-  for (const GroupShape& g : groups) {
-    std::vector<int> places;
-    for (size_t j = 0; j < g.columns.size(); ++j)
-      for (size_t i = j; i < g.columns.size(); ++i) {
-        const auto begin = row_of_.begin() + column_start_[g.columns[j]], end = row_of_.begin() + column_start_[g.columns[j] + 1];
-        places.push_back(static_cast<int>(std::lower_bound(begin, end, g.columns[i]) - row_of_.begin()));
-      }
-    places_.push_back(std::move(places));
-  }
-  sparse_ = std::make_unique<Sparse>(n, column_start_, row_of_);
+  std::vector<int> order;
+  for (int r : Sparse::amd(runs, graph_start, graph_row))
+    for (int q = 0; q < runs_[r].size; ++q) order.push_back(runs_[r].first + q);
+  sparse_ = std::make_unique<Sparse>(n, column_start_, row_of_, order);
 }
 
 ReducedSystem::~ReducedSystem() = default;
+
+void ReducedSystem::add(int group, const double* block, int ld, double* values) const {
+  const int* place = pair_places_.data() + pair_start_[group];
+  const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
+  for (int b = first, column = 0; b < last; column += runs_[group_runs_[b++]].size)
+    for (int a = b, row = column; a < last; row += runs_[group_runs_[a++]].size, ++place) {
+      const Run &ra = runs_[group_runs_[a]], &rb = runs_[group_runs_[b]];
+      for (int q = 0; q < rb.size; ++q)
+        for (int i = a == b ? q : 0; i < ra.size; ++i)
+          values[step_[rb.first + q] + *place + i] += block[row + i + static_cast<size_t>(column + q) * ld];
+    }
+}
+
+void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const {
+  const Kernels& kernel = kernels();
+  const int* place = dense_ ? nullptr : pair_places_.data() + pair_start_[group];
+  const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
+  const int m = static_cast<int>((*groups_)[group].columns.size());
+  const std::ptrdiff_t none = 0;
+  for (int j = first, column = 0; j < last; column += runs_[group_runs_[j++]].size) {
+    const Run& rj = runs_[group_runs_[j]];
+    kernel.subtract_block(gradient + rj.first, &none, b + column, rj.size, b + m, 1, depth, stride);
+    const std::ptrdiff_t* step = step_.data() + rj.first;
+    // The diagonal block column by column: above the diagonal a sparse array has the numbers of others.
+    double* corner = values + (dense_ ? rj.first : *place++);
+    for (int q = 0; q < rj.size; ++q)
+      kernel.subtract_block(corner + q, step + q, b + column + q, rj.size - q, b + column + q, 1, depth, stride);
+    for (int i = j + 1, row = column + rj.size; i < last; row += runs_[group_runs_[i++]].size) {
+      const Run& ri = runs_[group_runs_[i]];
+      kernel.subtract_block(values + (dense_ ? ri.first : *place++), step, b + row, ri.size, b + column, rj.size, depth, stride);
+    }
+  }
+}
+
+void ReducedSystem::accumulate(double* to, const double* from) const {
+  if (!dense_) return kernels().add(to, from, static_cast<std::ptrdiff_t>(row_of_.size()));
+  for (int j = 0; j < n_; ++j) kernels().add(to + origin_[j] + j, from + origin_[j] + j, n_ + 1 - j);
+}
+
+void ReducedSystem::add_diagonal_blocks(double* values, const double* blocks) const {
+  for (const Run& run : runs_)
+    for (int j = run.first; j < run.first + run.size; ++j)
+      for (int i = j; i < run.first + run.size; ++i) values[origin_[j] + i] += blocks[diagonal_origin_[j] + i];
+}
 
 MatrixXd ReducedSystem::full(const double* values) const {
   MatrixXd m = MatrixXd::Zero(n_, n_);
   for (int j = 0; j < n_; ++j)
     if (dense_)
-      m.col(j).tail(n_ - j) = Eigen::Map<const MatrixXd>(values, n_, n_).col(j).tail(n_ - j);
+      for (int i = j; i < n_; ++i) m(i, j) = values[origin_[j] + i];
     else
       for (int k = column_start_[j]; k < column_start_[j + 1]; ++k) m(row_of_[k], j) = values[k];
   return m.selfadjointView<Eigen::Lower>();
@@ -137,15 +265,14 @@ MatrixXd ReducedSystem::full(const double* values) const {
 
 bool ReducedSystem::factor(const double* values) {
   if (!dense_) return sparse_->compute(values);
-  factor_ = Eigen::Map<const MatrixXd>(values, n_, n_);
-  Eigen::Ref<MatrixXd> in_place(factor_);
-  return Eigen::LLT<Eigen::Ref<MatrixXd>>(in_place).info() == Eigen::Success;
+  std::copy_n(values, storage(), factor_.data());
+  return kernels().cholesky(factor_.data(), n_, ld_);
 }
 
-void ReducedSystem::solve(VectorXd& b) {
+void ReducedSystem::solve(double* b) {
   if (!dense_) return sparse_->solve(b);
-  factor_.triangularView<Eigen::Lower>().solveInPlace(b);
-  factor_.triangularView<Eigen::Lower>().adjoint().solveInPlace(b);
+  kernels().solve_lower(factor_.data(), n_, ld_, b);
+  kernels().solve_lower_transposed(factor_.data(), n_, ld_, b);
 }
 
 }  // namespace kincal

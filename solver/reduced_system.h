@@ -1,7 +1,10 @@
-// The reduced system S dx = -b of the shared unknowns: where its numbers are, and its factorisation.
+// The reduced system S dx = -b of the shared unknowns: where its numbers are, how groups are eliminated into it, its factorisation.
 //
-// Dense: a full n x n array, lower triangle, Eigen's Cholesky. Sparse: the lower triangle in compressed columns over the union of
-// the groups' column sets, CHOLMOD's simplicial Cholesky (LGPL; the supernodal module is GPL) with an AMD ordering, analysed once.
+// Dense: a square array with leading dimension ld() (lower triangle; row n holds the vector that the elimination subtracts from b), own
+// Cholesky kernel. Sparse: the lower triangle in compressed columns over the union of the groups' column sets, CHOLMOD's simplicial
+// Cholesky (LGPL; the supernodal module is GPL: KINCAL_SUPERNODAL) analysed once, ordered by AMD over runs.
+// A run is a range of columns that the same groups touch (a camera's numbers): all its columns have the same pattern, so that the
+// place of a whole block is one number.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,39 +24,54 @@ class ReducedSystem {
   ~ReducedSystem();
 
   const char* name() const { return dense_ ? "dense" : "cholmod"; }
+  bool dense() const { return dense_; }
   /// Numbers of one accumulator (so that several workers can have one each).
-  size_t storage() const { return dense_ ? static_cast<size_t>(n_) * n_ : row_of_.size(); }
-  /// values += block (lower triangle, one row a touched column of the group).
-  template <class Block>
-  void add(int group, const Block& block, double* values) const {
-    const std::vector<int>& columns = (*groups_)[group].columns;
-    const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
-    const int* place = dense_ ? nullptr : places_[group].data();
-    for (Eigen::Index j = 0; j < m; ++j)
-      for (Eigen::Index i = j; i < m; ++i)
-        values[dense_ ? columns[i] + static_cast<size_t>(columns[j]) * n_ : static_cast<size_t>(*place++)] += block(i, j);
-  }
-  double diagonal(const double* values, int i) const { return values[diagonal_place(i)]; }
-  void add_diagonal(double* values, int i, double v) const { values[diagonal_place(i)] += v; }
+  size_t storage() const { return dense_ ? static_cast<size_t>(ld_) * (n_ + 1) : row_of_.size() + kSlack; }
+  /// Entry (i, j), i >= j, of the same run, or any if dense, is at origin()[j] + i.
+  const std::ptrdiff_t* origin() const { return origin_.data(); }
+  /// The same for an array that holds the runs' diagonal blocks only, of diagonal_storage() numbers.
+  const std::ptrdiff_t* diagonal_origin() const { return diagonal_origin_.data(); }
+  size_t diagonal_storage() const { return diagonal_storage_; }
 
-  /// The whole matrix, both triangles.
+  /// Dense and most groups touch most columns: eliminated rows are best stacked, n + 1 wide, and multiplied at once.
+  bool stacks() const { return stacks_; }
+  int ld() const { return ld_; }
+
+  /// Sparse: values += block (lower triangle over the group's touched columns, leading dimension ld).
+  void add(int group, const double* block, int ld, double* values) const;
+  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
+  void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
+  /// to += from, of one accumulator's numbers that count.
+  void accumulate(double* to, const double* from) const;
+  /// values += runs' diagonal blocks.
+  void add_diagonal_blocks(double* values, const double* blocks) const;
+  void add_to_diagonal(double* values, int i, double v) const { values[origin_[i] + i] += v; }
+
+  /// The whole matrix, both triangles, for tests.
   MatrixXd full(const double* values) const;
 
-  /// False if the matrix is not positive definite to rounding.
+  /// False if the matrix is not positive definite to rounding. Dense: allocates nothing.
   bool factor(const double* values);
-  /// S x = b, in place.
-  void solve(VectorXd& b);
+  /// S x = b, in place; b has kSlack numbers behind its n.
+  void solve(double* b);
 
  private:
-  size_t diagonal_place(int i) const { return dense_ ? i + static_cast<size_t>(i) * n_ : static_cast<size_t>(column_start_[i]); }
+  struct Run {
+    int first, size;
+  };
   struct Sparse;
 
-  int n_;
-  bool dense_;
+  int n_, ld_ = 0;
+  bool dense_, stacks_ = false;
   const std::vector<GroupShape>* groups_;
+  std::vector<Run> runs_;
+  std::vector<int> group_runs_, group_runs_start_;  // runs of each group, ascending
+  std::vector<int> pair_places_;                    // sparse: group after group, for b, for a >= b: block (a, b) in b's columns
+  std::vector<size_t> pair_start_;
+  std::vector<std::ptrdiff_t> origin_, diagonal_origin_, step_;  // step_: start of each column as blocks below the diagonal see it
+  size_t diagonal_storage_ = 0;
   std::vector<int> column_start_, row_of_;      // lower triangle, compressed columns, diagonal first
-  std::vector<std::vector<int>> places_;        // per group: place of each entry of its block, column by column
-  MatrixXd factor_;
+  std::vector<double> factor_;
   std::unique_ptr<Sparse> sparse_;
 };
 

@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <condition_variable>
-#include <functional>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -31,7 +30,8 @@ class Crew {
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 
   /// work(piece, worker) for every piece 0 .. pieces - 1; returns when all are done. `work` must not throw.
-  void run(int pieces, const std::function<void(int, int)>& work) {
+  template <class Work>
+  void run(int pieces, const Work& work) {
     if (threads_.empty()) {
       for (int piece = 0; piece < pieces; ++piece) work(piece, 0);
       return;
@@ -39,6 +39,7 @@ class Crew {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       work_ = &work;
+      call_ = [](const void* w, int piece, int worker) { (*static_cast<const Work*>(w))(piece, worker); };
       pieces_ = pieces;
       next_ = 0;
       busy_ = static_cast<int>(threads_.size());
@@ -46,16 +47,24 @@ class Crew {
     }
     wake_.notify_all();
     take(0);
+    for (int spin = 0; spin < kSpins && busy_ != 0; ++spin) pause();
     std::unique_lock<std::mutex> lock(mutex_);
     done_.wait(lock, [this] { return busy_ == 0; });
   }
 
  private:
+  static constexpr int kSpins = 2000;  // some tens of microseconds: pieces follow each other faster than a thread falls asleep and wakes
+  static void pause() {
+#if defined(__x86_64__) || defined(__i386__)
+    __builtin_ia32_pause();
+#endif
+  }
   void take(int worker) {
-    for (int piece = next_++; piece < pieces_; piece = next_++) (*work_)(piece, worker);
+    for (int piece = next_++; piece < pieces_; piece = next_++) call_(work_, piece, worker);
   }
   void serve(int worker) {
     for (long seen = 0;;) {
+      for (int spin = 0; spin < kSpins && round_ == seen && !stop_; ++spin) pause();
       std::unique_lock<std::mutex> lock(mutex_);
       wake_.wait(lock, [&] { return stop_ || round_ != seen; });
       if (stop_) return;
@@ -70,11 +79,12 @@ class Crew {
   std::vector<std::thread> threads_;
   std::mutex mutex_;
   std::condition_variable wake_, done_;
-  const std::function<void(int, int)>* work_ = nullptr;
-  std::atomic<int> next_{0};
-  int pieces_ = 0, busy_ = 0;
-  long round_ = 0;
-  bool stop_ = false;
+  const void* work_ = nullptr;
+  void (*call_)(const void*, int, int) = nullptr;
+  std::atomic<int> next_{0}, busy_{0};
+  std::atomic<long> round_{0};
+  std::atomic<bool> stop_{false};
+  int pieces_ = 0;
 };
 
 }  // namespace kincal

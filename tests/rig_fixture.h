@@ -791,4 +791,26 @@ inline std::vector<Sample> nasty_samples(const Rig& truth, int count, unsigned l
   return out;
 }
 
+/// Adds a group's part of the normal equations to a matrix over [private touched r] (lower triangle; r'r stays out).
+inline bool add_equations(const Problem& problem, int group, const VectorXd& state, int worker, MatrixXd& gram, Cost& cost) {
+  const GroupShape& shape = problem.groups()[group];
+  const int k = shape.private_size, size = shape.size(), m = size - k;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = decltype(rows)::Zero(k, size + 1);
+  MatrixXd shared = MatrixXd::Zero(m, m);
+  VectorXd gradient = VectorXd::Zero(m);
+  std::vector<std::ptrdiff_t> origin;
+  std::vector<int> row;
+  for (int i = 0; i < m; ++i) {
+    origin.push_back(static_cast<std::ptrdiff_t>(i) * m);
+    row.push_back(i);
+  }
+  if (!problem.linearise(group, state, worker, {rows.data(), size + 1, shared.data(), origin.data(), row.data(), gradient.data()}, cost))
+    return false;
+  gram.topLeftCorner(k, k) += MatrixXd(rows.leftCols(k).triangularView<Eigen::Lower>());
+  gram.block(k, 0, m + 1, k) += rows.rightCols(m + 1).transpose();
+  gram.block(k, k, m, m) += MatrixXd(shared.triangularView<Eigen::Lower>());
+  gram.block(size, k, 1, m) += gradient.transpose();
+  return true;
+}
+
 }  // namespace kincal::fixture

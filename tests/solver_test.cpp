@@ -1010,8 +1010,8 @@ class Watched final : public Problem {
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override {
     return count(inner_.evaluate(group, state, worker, cost));
   }
-  bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const override {
-    return count(inner_.linearise(group, state, worker, gram, cost));
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+    return count(inner_.linearise(group, state, worker, to, cost));
   }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return inner_.square_root(group, state, worker, rows);
@@ -1093,10 +1093,13 @@ class Curves final : public Problem {
     cost.twice = cost.chi2;
     return std::isfinite(cost.chi2);
   }
-  bool linearise(int group, const VectorXd& state, int worker, Eigen::Ref<MatrixXd> gram, Cost& cost) const override {
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
     MatrixXd rows;
     square_root(group, state, worker, rows);
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
+    const MatrixXd gram = rows.transpose() * rows;
+    for (int i = 0; i < 3; ++i) to.rows[i] += gram(0, i);
+    to.shared[to.origin[to.row[0]] + to.row[0]] += gram(1, 1);
+    to.gradient[to.row[0]] += gram(1, 2);
     return evaluate(group, state, worker, cost);
   }
   bool square_root(int group, const VectorXd& state, int, MatrixXd& rows) const override {

@@ -1,0 +1,346 @@
+// kincal-compare: whole problems, kincal beside Ceres, run in turns so that both meet the same disturbances.
+//
+// Measured is the CPU time of the process from a built problem to the solution: kincal's LevenbergMarquardt (analysis, workspace) and
+// solve; Ceres' Solve. Nothing is reported before start and final costs agree.
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <fstream>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "../solver/levenberg_marquardt.h"
+#include "bal.h"
+#include "ceres_bal.h"
+#include "ceres_pr2_like.h"
+#include "pr2_like.h"
+
+namespace kincal::benchmarks {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kSameStart = 1e-12;  // relative, of costs at the start: the same function
+const std::vector<std::string> kProblems = {"pr2-like-60", "pr2-like-500", "bal-16-22106", "bal-49-7776", "synthetic-500"};
+
+struct Settings {
+  int rounds = 7;
+  std::vector<std::string> problems;
+  std::string data;  // folder with bal/
+  bool wanted(const std::string& problem) const {
+    return problems.empty() || std::find(problems.begin(), problems.end(), problem) != problems.end();
+  }
+};
+
+struct Contestant {
+  std::string name;
+  std::function<Run()> run;
+  bool dropped_if_slow = false;  // one of several that compete for "best of"
+  std::vector<Run> runs = {};
+};
+
+double quantile(std::vector<double> v, double q) {
+  std::sort(v.begin(), v.end());
+  const double at = q * static_cast<double>(v.size() - 1);
+  const size_t below = static_cast<size_t>(at);
+  return below + 1 < v.size() ? v[below] + (at - static_cast<double>(below)) * (v[below + 1] - v[below]) : v[below];
+}
+std::vector<double> times(const std::vector<Run>& runs, double Run::*time) {
+  std::vector<double> t;
+  for (const Run& r : runs) t.push_back(r.*time);
+  return t;
+}
+double median(const std::vector<Run>& runs, double Run::*time = &Run::seconds) { return quantile(times(runs, time), 0.5); }
+/// Interquartile range over median.
+double spread(const std::vector<Run>& runs, double Run::*time = &Run::seconds) {
+  const std::vector<double> t = times(runs, time);
+  return (quantile(t, 0.75) - quantile(t, 0.25)) / quantile(t, 0.5);
+}
+double relative_difference(double a, double b) { return std::abs(a - b) / std::max(std::abs(a), std::abs(b)); }
+
+/// One run of each that does not count, in which costs are compared; then `rounds` in turns.
+/// @throws std::runtime_error if they do not minimise the same.
+void race(const std::string& problem, std::vector<Contestant>& contestants, int rounds, double same_end) {
+  std::vector<Run> first;
+  double fastest_peer = 1e300;
+  for (const Contestant& c : contestants) {
+    first.push_back(c.run());
+    if (!first.back().converged) throw std::runtime_error(problem + ": " + c.name + " did not converge");
+    if (first.size() > 1) fastest_peer = std::min(fastest_peer, first.back().seconds);
+    for (const auto& [what, difference, allowed] :
+         {std::make_tuple("at the start", relative_difference(first.back().start_cost, first[0].start_cost), kSameStart),
+          std::make_tuple("at the end", relative_difference(first.back().cost, first[0].cost), same_end)})
+      if (!(difference <= allowed)) {
+        char text[300];
+        std::snprintf(text, sizeof text, "%s: costs %s differ by %.2g of them between %s (%.12g -> %.12g) and %s (%.12g -> %.12g)",
+                      problem.c_str(), what, difference, contestants[0].name.c_str(), first[0].start_cost, first[0].cost, c.name.c_str(),
+                      first.back().start_cost, first.back().cost);
+        throw std::runtime_error(text);
+      }
+  }
+  for (size_t i = contestants.size(); i-- > 1;)
+    if (contestants[i].dropped_if_slow && first[i].seconds > 2 * fastest_peer) {
+      std::printf("  %s: %.4g s in its first run, more than twice the best: not repeated\n", contestants[i].name.c_str(), first[i].seconds);
+      contestants.erase(contestants.begin() + static_cast<long>(i));
+    }
+  for (int round = 0; round < rounds; ++round)
+    for (Contestant& c : contestants) c.runs.push_back(c.run());
+}
+
+void print_contestant(const Contestant& c) {
+  const Run& r = c.runs.back();
+  std::printf("  %-52s %9.2f ms  +-%4.1f %%  %3d it  %8.2f ms/it  %.9g -> %.9g\n", c.name.c_str(), 1e3 * median(c.runs),
+              100 * spread(c.runs), r.iterations, 1e3 * median(c.runs) / std::max(1, r.iterations), r.start_cost, r.cost);
+}
+
+void compare_with(const std::string& problem, const Contestant& kincal, const Contestant& peer, const std::string& name, json& report) {
+  const double ratio = median(peer.runs) / median(kincal.runs);
+  std::printf("  kincal is %.2f times as fast as %s\n", ratio, name.c_str());
+  report["comparisons"].push_back({{"problem", problem},
+                                   {"peer", name},
+                                   {"kincal_seconds", median(kincal.runs)},
+                                   {"kincal_setup_seconds", median(kincal.runs, &Run::setup)},
+                                   {"peer_seconds", median(peer.runs)},
+                                   {"ratio", ratio},
+                                   {"spread", std::max(spread(kincal.runs), spread(peer.runs))},
+                                   {"runs", kincal.runs.size()},
+                                   {"cost_start", kincal.runs.back().start_cost},
+                                   {"cost_kincal", kincal.runs.back().cost},
+                                   {"cost_peer", peer.runs.back().cost},
+                                   {"iterations_kincal", kincal.runs.back().iterations},
+                                   {"iterations_peer", peer.runs.back().iterations}});
+}
+
+/// Wall time of one thread and of two, in turns; the shortest of each, because whatever else runs can only lengthen it.
+void compare_threads(const std::string& problem, const std::string& who, const std::function<Run(int)>& run, int rounds, json& report) {
+  std::vector<Run> one, two;
+  for (int round = 0; round < rounds; ++round) {
+    one.push_back(run(1));
+    two.push_back(run(2));
+  }
+  const double a = quantile(times(one, &Run::wall), 0), b = quantile(times(two, &Run::wall), 0);
+  std::printf("  %s: shortest wall time with 1 thread %.2f ms, with 2 threads %.2f ms: %.2f times as fast%s\n", who.c_str(), 1e3 * a,
+              1e3 * b, a / b, one.back().cost == two.back().cost ? ", the same cost to the last bit" : "");
+  report["threads"].push_back({{"problem", problem},
+                               {"program", who},
+                               {"seconds_1", a},
+                               {"seconds_2", b},
+                               {"speedup", a / b},
+                               {"spread", std::max(spread(one, &Run::wall), spread(two, &Run::wall))},
+                               {"same_cost", one.back().cost == two.back().cost}});
+}
+
+// ---------------------------------------------------------------- robots
+
+Run solve_robot(const RobotProblem& p, int threads) {
+  Run run;
+  const double before = cpu_seconds();
+  Estimation estimation(p.rig, p.table, p.samples, p.all(), p.setup);
+  VectorXd state = estimation.pack(p.start);
+  const double cpu = cpu_seconds(), wall = wall_seconds();
+  SolverOptions options;
+  options.threads = threads;
+  options.relative_decrease = 1e-6;
+  LevenbergMarquardt lm(estimation, options);
+  const SolveSummary summary = lm.solve(state);
+  run.seconds = cpu_seconds() - cpu;
+  run.wall = wall_seconds() - wall;
+  run.setup = cpu - before;
+  run.start_cost = summary.history.empty() ? 0 : 0.5 * summary.history.front().first;  // no losses: chi2 is twice the cost
+  run.cost = 0.5 * summary.cost.twice;
+  run.iterations = summary.iterations;
+  run.converged = summary.outcome == Outcome::converged;
+  return run;
+}
+
+/// kincal's and the strongest peer's seconds, for the growth.
+std::pair<double, double> robot(int boards, const Settings& settings, json& report) {
+  const RobotProblem p = pr2_like(boards);
+  const Counts c = count(Estimation(p.rig, p.table, p.samples, p.all(), p.setup));
+  std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows, c.shared, c.private_unknowns);
+  CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest), compressed(p, PeerForm::compressed);
+  std::vector<Contestant> contestants = {{"kincal", [&] { return solve_robot(p, 1); }},
+                                         {"ceres strongest (analytic, block a view, DENSE_SCHUR)", [&] { return strongest.solve(); }},
+                                         {"ceres with kincal's compression of views", [&] { return compressed.solve(); }},
+                                         {"ceres usual (autodiff, block a corner)", [&] { return usual.solve(); }}};
+  race(p.name, contestants, settings.rounds, 1e-6);
+  for (const Contestant& contestant : contestants) print_contestant(contestant);
+  std::printf("  building kincal's Estimation, before that: %.2f ms\n", 1e3 * median(contestants[0].runs, &Run::setup));
+  for (size_t i = contestants.size(); i-- > 1;) compare_with(p.name, contestants[0], contestants[i], contestants[i].name, report);
+  compare_threads(
+      p.name, "kincal", [&](int threads) { return solve_robot(p, threads); }, settings.rounds, report);
+  return {median(contestants[0].runs), median(contestants[1].runs)};
+}
+
+// ---------------------------------------------------------------- bundle adjustment
+
+void bundle(const std::string& name, const BundleAdjustmentData& data, const Settings& settings, json& report) {
+  std::printf("\n%s: %s\n", name.c_str(), describe(data).c_str());
+  const bool here = has_bundle_adjustment();
+  CeresBal automatic(data, false), analytic(data, true);
+  std::vector<Contestant> contestants = {
+      {"ceres analytic, SPARSE_SCHUR", [&] { return analytic.solve(true); }, true},
+      {"ceres analytic, DENSE_SCHUR", [&] { return analytic.solve(false); }, true},
+      {"ceres usual (autodiff, SPARSE_SCHUR)", [&] { return automatic.solve(true); }},
+  };
+  if (data.cameras.size() > 9 * 200) contestants.erase(contestants.begin() + 1);  // thousands of dense columns: minutes a run
+  if (here) contestants.insert(contestants.begin(), Contestant{"kincal", [&] { return Run(solve_with_kincal(data, {})); }});
+  race(name, contestants, settings.rounds, 1e-5);
+  for (const Contestant& contestant : contestants) print_contestant(contestant);
+  if (!here) {
+    std::printf("  (this kincal has no bundle adjustment yet)\n");
+    return;
+  }
+  compare_with(name, contestants[0], contestants.back(), contestants.back().name, report);
+  const Contestant* best = &contestants[1];
+  for (size_t i = 2; i + 1 < contestants.size(); ++i)
+    if (median(contestants[i].runs) < median(best->runs)) best = &contestants[i];
+  compare_with(name, contestants[0], *best, "ceres best of DENSE_SCHUR and SPARSE_SCHUR", report);
+  report["comparisons"].back()["peer_solver"] = best->name;
+  compare_threads(
+      name, "kincal", [&](int threads) { return Run(solve_with_kincal(data, {threads})); }, settings.rounds, report);
+  compare_threads(
+      name, best->name, [&](int threads) { return analytic.solve(best->name.find("SPARSE") != std::string::npos, threads); },
+      std::min(3, settings.rounds), report);
+}
+
+/// Largest memory of a process of its own that does `work`, in MB.
+double peak_memory(const std::function<void()>& work) {
+  std::fflush(stdout);
+  const pid_t child = fork();
+  if (child < 0) throw std::runtime_error("fork failed");
+  if (child == 0) {
+    work();
+    _exit(0);
+  }
+  int status = 0;
+  rusage usage{};
+  wait4(child, &status, 0, &usage);
+  if (status != 0) throw std::runtime_error("a run for its memory failed");
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
+
+/// First of all, while this process is small: a child starts with its parent's memory.
+void memory(json& report) {
+  const double data = peak_memory([] { synthetic_bal(500, 100000); });
+  const double ceres = peak_memory([] {
+    const BundleAdjustmentData d = synthetic_bal(500, 100000);
+    CeresBal(d, true).solve(true);
+  });
+  std::printf("\nsynthetic-500, peak memory of a process: the data alone %.0f MB, ceres %.0f MB", data, ceres);
+  report["memory"] = {{"problem", "synthetic-500"}, {"data_mb", data}, {"ceres_mb", ceres}};
+  if (has_bundle_adjustment()) {
+    const double kincal = peak_memory([] { solve_with_kincal(synthetic_bal(500, 100000), {}); });
+    std::printf(", kincal %.0f MB: %.2f times less than ceres", kincal, ceres / kincal);
+    report["memory"]["kincal_mb"] = kincal;
+    report["memory"]["ratio"] = ceres / kincal;
+  }
+  std::printf("\n");
+}
+
+// ---------------------------------------------------------------- the whole
+
+std::string first_line_of(const std::string& command) {
+  FILE* pipe = popen(command.c_str(), "r");
+  if (!pipe) return "";
+  char line[256] = "";
+  if (!std::fgets(line, sizeof line, pipe)) line[0] = 0;
+  pclose(pipe);
+  std::string text = line;
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back()))) text.pop_back();
+  return text;
+}
+
+json heading() {
+  char date[32];
+  double load = 0;  // of the last minute, before anything ran here
+  if (getloadavg(&load, 1) != 1) load = -1;
+  const std::time_t now = std::time(nullptr);
+  std::strftime(date, sizeof date, "%Y-%m-%d", std::gmtime(&now));
+  return {{"date", date},
+          {"machine", first_line_of("sed -n 's/^model name[[:space:]]*: //p' /proc/cpuinfo | head -n 1") + ", " +
+                          std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores"},
+          {"compiler", KINCAL_COMPILER},
+          {"flags", KINCAL_FLAGS},
+          {"commit", first_line_of("git -C '" KINCAL_SOURCE_DIR "' describe --always --dirty 2>/dev/null")},
+          {"load", load},
+          {"comparisons", json::array()},
+          {"threads", json::array()},
+          {"growth", json::object()},
+          {"memory", json::object()}};
+}
+
+int run(int argc, char** argv) {
+  CLI::App app(
+      "Compares kincal with Ceres on whole problems: same data, same cost, same start, same stopping rule (relative decrease 1e-6).\n"
+      "Runs take turns; medians of CPU seconds on one thread are compared, the spread (+-) is the interquartile range over the median.");
+  Settings settings;
+  std::string file;
+  bool quick = false;
+  const char* data = std::getenv("KINCAL_DATA");
+  settings.data = data ? data : KINCAL_SOURCE_DIR "/../shared/data";
+  app.add_option("--json", file, "Write the results to this file as well");
+  app.add_flag("--quick", quick, "3 runs of each instead of 7");
+  app.add_option("--problem", settings.problems,
+                 "Only this one (may be repeated): pr2-like-60, pr2-like-500, bal-16-22106, bal-49-7776,\n"
+                 "synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
+      ->check(CLI::IsMember(kProblems))
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  CLI11_PARSE(app, argc, argv);
+  if (quick) settings.rounds = 3;
+
+  json report = heading();
+  report["rounds"] = settings.rounds;
+  std::printf("%s, load %.1f; %s; %s; %s\n", report["machine"].get<std::string>().c_str(), report["load"].get<double>(), KINCAL_COMPILER,
+              KINCAL_FLAGS, report["commit"].get<std::string>().c_str());
+  if (report["load"] > 0.5) std::printf("This machine is busy: times of two threads will not be worth much\n");
+  if (settings.wanted("synthetic-500")) memory(report);
+  std::pair<double, double> small{0, 0}, large{0, 0};
+  if (settings.wanted("pr2-like-60")) small = robot(60, settings, report);
+  if (settings.wanted("pr2-like-500")) large = robot(500, settings, report);
+  if (small.first > 0 && large.first > 0) {
+    const double kincal = large.first / small.first, ceres = large.second / small.second;
+    std::printf("\nFrom 60 to 500 boards (8.33 times the data): kincal takes %.2f times as long, ceres strongest %.2f times\n", kincal,
+                ceres);
+    report["growth"] = {
+        {"from", "pr2-like-60"}, {"to", "pr2-like-500"}, {"data", 500.0 / 60}, {"kincal", kincal}, {"ceres_strongest", ceres}};
+  }
+  for (const std::string name : {"16-22106", "49-7776"}) {
+    if (!settings.wanted("bal-" + name)) continue;
+    const std::string path = settings.data + "/bal/problem-" + name + "-pre.txt";
+    const std::string found = access(path.c_str(), R_OK) == 0 ? path : access((path + ".xz").c_str(), R_OK) == 0 ? path + ".xz" : "";
+    if (found.empty())
+      std::printf("\nbal-%s: skipped, there is no %s[.xz] (set KINCAL_DATA to the folder that holds bal/)\n", name.c_str(), path.c_str());
+    else
+      bundle("bal-" + name, read_bal(found), settings, report);
+  }
+  if (settings.wanted("synthetic-500")) bundle("synthetic-500", synthetic_bal(500, 100000), settings, report);
+  if (!file.empty()) {
+    std::ofstream out(file);
+    out << report.dump(1) << "\n";
+    if (!out) throw std::runtime_error(file + ": cannot be written");
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace kincal::benchmarks
+
+int main(int argc, char** argv) {
+  try {
+    return kincal::benchmarks::run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fflush(stdout);
+    std::fprintf(stderr, "\nkincal-compare: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,57 @@
+// The dense inner loops of the solver on plain pointers, compiled for several instruction sets and chosen at run time.
+//
+// Nothing here allocates. Arrays are column-major with leading dimension `ld` unless said otherwise. Vector code works in packs of
+// up to 8 numbers and may read and overwrite up to kSlack numbers behind what it is given: rows n .. n + kSlack - 1 of each column
+// must exist (ld >= n + kSlack, or the next array's slack), what is in them does not matter.
+// Results differ in the last bits between instruction sets (fused multiply-add), never between runs or numbers of threads.
+#pragma once
+
+#include <cstddef>
+
+namespace kincal {
+
+constexpr int kSlack = 8;
+
+/// Up to the next multiple of 8.
+constexpr int padded(int n) { return (n + 7) & ~7; }
+
+struct Kernels {
+  const char* name;
+
+  /// g = L'L (w x w, both triangles, leading dimension ld) of w columns of `rows` numbers (a multiple of 8), `stride` apart.
+  void (*gram)(const double* columns, int rows, std::ptrdiff_t stride, int w, double* g, int ld);
+
+  /// C -= A A' on the lower triangle of C (n x n): A is n x depth, column-major, lda >= n + kSlack or slack behind its last column.
+  /// What is above the diagonal of C is scratch.
+  void (*subtract_product)(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda);
+
+  /// Cholesky factor L of the lower triangle, in place; the diagonal holds 1 / L(i, i). False if not positive definite to rounding.
+  bool (*cholesky)(double* a, int n, int ld);
+  /// b <- L^-1 b and b <- L^-T b with such a factor (b has slack).
+  void (*solve_lower)(const double* factor, int n, int ld, double* b);
+  void (*solve_lower_transposed)(const double* factor, int n, int ld, double* b);
+
+  /// B <- L^-1 B with such a factor: B is n x width, row-major, rows `stride` >= padded(width) apart.
+  void (*solve_rows)(const double* factor, int n, int ld, double* b, int width, std::ptrdiff_t stride);
+
+  /// d -= sum_k a_k b_k' : d has `columns` columns of `rows` numbers, column q at d + step[q]; a_k(row) = a[k stride + row],
+  /// b_k(q) = b[k stride + q]. Writes exactly `rows` numbers a column.
+  void (*subtract_block)(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
+                         std::ptrdiff_t stride);
+
+  /// out = M' G M and product = G M, with G (width x width, leading dimension ldg, both triangles), of which the first k columns count,
+  /// M (k x columns, column by column, ldm apart), product (row-major: width x columns, `ldp` apart), out (row-major: columns x columns).
+  void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ldp);
+
+  /// a += b
+  void (*add)(double* a, const double* b, std::ptrdiff_t n);
+};
+
+/// For this processor. The environment variable KINCAL_ISA (baseline, avx2, avx512) lowers it, for tests and comparisons.
+const Kernels& kernels();
+/// All that this processor can run, the plainest first; for tests. `count` of them.
+const Kernels* const* all_kernels(int& count);
+/// Which of the instruction sets kernels() chose: 0 baseline, 1 avx2, 2 avx512.
+int instruction_set();
+
+}  // namespace kincal

@@ -1,0 +1,266 @@
+// Compiled once for each instruction set; see simd.h and kernels.h.
+#include "kernels.h"
+#include "simd.h"
+
+namespace kincal {
+namespace KINCAL_ISA {
+namespace {
+
+// ---- gram: tiles of T x T sums of products along the rows.
+
+constexpr int T = kLanes == 8 ? 4 : 3;
+
+template <int I, int J, bool Diagonal>
+inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride, double* g, int ld) {
+  Pack s[I][J] = {};
+  for (int r = 0; r < rows; r += kLanes) {
+    Pack x[I], y[J];
+    for (int i = 0; i < I; ++i) x[i] = load(a + i * stride + r);
+    if (!Diagonal)
+      for (int j = 0; j < J; ++j) y[j] = load(b + j * stride + r);
+    for (int i = 0; i < I; ++i)
+      for (int j = 0; j < (Diagonal ? i + 1 : J); ++j) s[i][j] += x[i] * (Diagonal ? x[j] : y[j]);
+  }
+  double out[I * J + 3];
+  int k = 0;
+  if constexpr (I == 4 && J == 4) {
+    for (int i = 0; i < I; ++i) sum4(s[i][0], s[i][1], s[i][2], s[i][3], out + 4 * i);
+  } else {
+    for (int i = 0; i < I; ++i)
+      for (int j = 0; j < J; ++j, ++k) out[k] = sum(s[i][j]);
+  }
+  for (int i = 0; i < I; ++i)
+    for (int j = 0; j < (Diagonal ? i + 1 : J); ++j) g[i + static_cast<std::ptrdiff_t>(j) * ld] = out[i * J + j];
+}
+
+template <int J>
+inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t stride, int left, double* g, int ld) {
+  while (left >= T) {
+    gram_tile<T, J, false>(a, b, rows, stride, g, ld);
+    a += T * stride;
+    g += T;
+    left -= T;
+  }
+  if (left == 1) gram_tile<1, J, false>(a, b, rows, stride, g, ld);
+  if (left == 2) gram_tile<2, J, false>(a, b, rows, stride, g, ld);
+  if (T > 3 && left == 3) gram_tile<3, J, false>(a, b, rows, stride, g, ld);
+}
+
+void gram(const double* columns, int rows, std::ptrdiff_t stride, int w, double* g, int ld) {
+  for (int j = 0; j < w; j += T) {
+    const int width = w - j < T ? w - j : T;
+    const double* b = columns + j * stride;
+    double* corner = g + j + static_cast<std::ptrdiff_t>(j) * ld;
+    switch (width) {
+      case 1: gram_tile<1, 1, true>(b, b, rows, stride, corner, ld); break;
+      case 2: gram_tile<2, 2, true>(b, b, rows, stride, corner, ld); break;
+      case 3: gram_tile<3, 3, true>(b, b, rows, stride, corner, ld); break;
+      default: gram_tile<T, T, true>(b, b, rows, stride, corner, ld);
+    }
+    if (width == T) gram_rows<T>(b + T * stride, b, rows, stride, w - j - T, corner + T, ld);
+  }
+  for (int j = 1; j < w; ++j)
+    for (int i = 0; i < j; ++i) g[i + static_cast<std::ptrdiff_t>(j) * ld] = g[j + static_cast<std::ptrdiff_t>(i) * ld];
+}
+
+// ---- subtract_product: tiles of P packs x N columns stay in registers over the whole depth.
+
+constexpr int P = 3;
+constexpr int N = kLanes == 8 ? 8 : 4;
+
+template <int Packs, int Columns>
+inline void product_tile(double* c, int ldc, const double* a, const double* b, int depth, std::ptrdiff_t lda) {
+  Pack s[Packs][Columns] = {};
+  for (int k = 0; k < depth; ++k) {
+    Pack x[Packs];
+    for (int p = 0; p < Packs; ++p) x[p] = load(a + p * kLanes);
+    for (int j = 0; j < Columns; ++j)
+      for (int p = 0; p < Packs; ++p) s[p][j] += x[p] * b[j];
+    a += lda;
+    b += lda;
+  }
+  for (int j = 0; j < Columns; ++j)
+    for (int p = 0; p < Packs; ++p) {
+      double* d = c + static_cast<std::ptrdiff_t>(j) * ldc + p * kLanes;
+      store(d, load(d) - s[p][j]);
+    }
+}
+
+template <int Columns>
+inline void product_columns(double* c, int rows, int ldc, const double* a, const double* b, int depth, std::ptrdiff_t lda) {
+  int i = 0;
+  for (; i + P * kLanes <= rows; i += P * kLanes) product_tile<P, Columns>(c + i, ldc, a + i, b, depth, lda);
+  for (; i + kLanes < rows; i += 2 * kLanes) product_tile<2, Columns>(c + i, ldc, a + i, b, depth, lda);
+  if (i < rows) product_tile<1, Columns>(c + i, ldc, a + i, b, depth, lda);
+}
+
+void subtract_product(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
+  int j = 0;
+  for (; j + N <= n; j += N) product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  for (; j + 2 <= n; j += 2) product_columns<2>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  if (j < n) product_columns<1>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+}
+
+// ---- cholesky: panels of kPanel columns, the rest updated by subtract_product.
+
+constexpr int kPanel = 16;
+
+inline double root(double x) { return __builtin_sqrt(x); }
+
+bool cholesky(double* a, int n, int ld) {
+  for (int k = 0; k < n; k += kPanel) {
+    const int end = k + kPanel < n ? k + kPanel : n;
+    for (int j = k; j < end; ++j) {
+      double* column = a + static_cast<std::ptrdiff_t>(j) * ld;
+      int p = k;
+      for (; p + 4 <= j; p += 4) {
+        const double *p0 = a + static_cast<std::ptrdiff_t>(p) * ld, *p1 = p0 + ld, *p2 = p1 + ld, *p3 = p2 + ld;
+        const double b0 = p0[j], b1 = p1[j], b2 = p2[j], b3 = p3[j];
+        for (int i = j; i < n; i += kLanes)
+          store(column + i, load(column + i) - (load(p0 + i) * b0 + load(p1 + i) * b1) - (load(p2 + i) * b2 + load(p3 + i) * b3));
+      }
+      for (; p < j; ++p) {
+        const double* p0 = a + static_cast<std::ptrdiff_t>(p) * ld;
+        const double b0 = p0[j];
+        for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) - load(p0 + i) * b0);
+      }
+      const double pivot = column[j];
+      if (!(pivot > 0) || pivot > 1.7976931348623157e308) return false;
+      const double inverse = 1 / root(pivot);
+      for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) * inverse);
+      column[j] = inverse;
+    }
+    if (end < n) {
+      double* rest = a + end + static_cast<std::ptrdiff_t>(end) * ld;
+      subtract_product(rest, n - end, ld, a + end + static_cast<std::ptrdiff_t>(k) * ld, end - k, ld);
+    }
+  }
+  return true;
+}
+
+void solve_lower(const double* factor, int n, int ld, double* b) {
+  for (int j = 0; j < n; ++j) {
+    const double* column = factor + static_cast<std::ptrdiff_t>(j) * ld;
+    const double x = b[j] * column[j];
+    for (int i = j + 1; i < n; i += kLanes) store(b + i, load(b + i) - load(column + i) * x);
+    b[j] = x;
+  }
+}
+
+void solve_lower_transposed(const double* factor, int n, int ld, double* b) {
+  for (int j = n - 1; j >= 0; --j) {
+    const double* column = factor + static_cast<std::ptrdiff_t>(j) * ld;
+    Pack s = {};
+    int i = j + 1;
+    for (; i + kLanes <= n; i += kLanes) s += load(column + i) * load(b + i);
+    double x = b[j] - sum(s);
+    for (; i < n; ++i) x -= column[i] * b[i];
+    b[j] = x * column[j];
+  }
+}
+
+// ---- solve_rows: a few packs of columns at a time.
+
+template <int Packs>
+inline void solve_packs(const double* factor, int n, int ld, double* b, std::ptrdiff_t stride) {
+  for (int i = 0; i < n; ++i) {
+    Pack x[Packs];
+    for (int p = 0; p < Packs; ++p) x[p] = load(b + i * stride + p * kLanes);
+    for (int j = 0; j < i; ++j) {
+      const double l = factor[i + static_cast<std::ptrdiff_t>(j) * ld];
+      for (int p = 0; p < Packs; ++p) x[p] -= l * load(b + j * stride + p * kLanes);
+    }
+    const double inverse = factor[i + static_cast<std::ptrdiff_t>(i) * ld];
+    for (int p = 0; p < Packs; ++p) store(b + i * stride + p * kLanes, x[p] * inverse);
+  }
+}
+
+void solve_rows(const double* factor, int n, int ld, double* b, int width, std::ptrdiff_t stride) {
+  int c = 0;
+  for (; c + 3 * kLanes < width; c += 4 * kLanes) solve_packs<4>(factor, n, ld, b + c, stride);
+  for (; c < width; c += kLanes) solve_packs<1>(factor, n, ld, b + c, stride);
+}
+
+// ---- subtract_block
+
+template <int Depth>
+inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
+                          std::ptrdiff_t stride) {
+  const int n = Depth > 0 ? Depth : depth;
+  int i = 0;
+  for (; i + kLanes <= rows; i += kLanes) {
+    if constexpr (Depth > 0) {
+      Pack x[Depth];
+      for (int k = 0; k < Depth; ++k) x[k] = load(a + k * stride + i);
+      for (int q = 0; q < columns; ++q) {
+        Pack s = x[0] * b[q];
+        for (int k = 1; k < Depth; ++k) s += x[k] * b[k * stride + q];
+        store(d + step[q] + i, load(d + step[q] + i) - s);
+      }
+    } else {
+      for (int q = 0; q < columns; ++q) {
+        Pack s = {};
+        for (int k = 0; k < n; ++k) s += load(a + k * stride + i) * b[k * stride + q];
+        store(d + step[q] + i, load(d + step[q] + i) - s);
+      }
+    }
+  }
+  for (; i < rows; ++i)
+    for (int q = 0; q < columns; ++q) {
+      double s = 0;
+      for (int k = 0; k < n; ++k) s += a[k * stride + i] * b[k * stride + q];
+      d[step[q] + i] -= s;
+    }
+}
+
+void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
+                    std::ptrdiff_t stride) {
+  if (depth == 3)
+    block_columns<3>(d, step, a, rows, b, columns, depth, stride);
+  else if (depth == 6)
+    block_columns<6>(d, step, a, rows, b, columns, depth, stride);
+  else
+    block_columns<0>(d, step, a, rows, b, columns, depth, stride);
+}
+
+// ---- expand
+
+void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ldp) {
+  // M by rows, padded: at most kMost rows and kWide columns at a time stay on the stack.
+  constexpr int kMost = 14, kWide = 16;
+  for (int c = 0; c < columns; c += kWide) {
+    const int wide = columns - c < kWide ? columns - c : kWide;
+    double rows[kMost][kWide];
+    for (int r = 0; r < k; ++r)
+      for (int j = 0; j < kWide; ++j) rows[r][j] = j < wide ? m[r + static_cast<std::ptrdiff_t>(c + j) * ldm] : 0;
+    for (int i = 0; i < width; ++i)
+      for (int j = 0; j < wide; j += kLanes) {
+        Pack s = load(rows[0] + j) * g[i];
+        for (int r = 1; r < k; ++r) s += load(rows[r] + j) * g[i + static_cast<std::ptrdiff_t>(r) * ldg];
+        store(product + static_cast<std::ptrdiff_t>(i) * ldp + c + j, s);
+      }
+  }
+  for (int i = 0; i < columns; ++i) {
+    const double* mi = m + static_cast<std::ptrdiff_t>(i) * ldm;
+    for (int j = 0; j <= i; j += kLanes) {
+      Pack s = load(product + j) * mi[0];
+      for (int r = 1; r < k; ++r) s += load(product + static_cast<std::ptrdiff_t>(r) * ldp + j) * mi[r];
+      store(out + static_cast<std::ptrdiff_t>(i) * ldp + j, s);
+    }
+  }
+}
+
+void add(double* a, const double* b, std::ptrdiff_t n) {
+  std::ptrdiff_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) store(a + i, load(a + i) + load(b + i));
+  for (; i < n; ++i) a[i] += b[i];
+}
+
+}  // namespace
+
+extern const Kernels kKernels;
+const Kernels kKernels = {KINCAL_ISA_NAME, gram, subtract_product, cholesky, solve_lower, solve_lower_transposed, solve_rows, subtract_block,
+                          expand, add};
+
+}  // namespace KINCAL_ISA
+}  // namespace kincal
