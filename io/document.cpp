@@ -316,6 +316,134 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
   const char* line_start_;
 };
 
+// ------------------------------------------------------------------------------------------------ plain JSON
+/// Reads what machines write: ASCII without escapes, in one line, lists of numbers. All else is refused, for parse_json() to judge:
+/// every function returns false then. A value means the same as parse_json()'s.
+class PlainJson {
+ public:
+  PlainJson(std::string_view text, int line) : at_(text.data()), end_(at_ + text.size()), line_(line) {}
+
+  bool whole(Node& node) { return value(node, 0) && (skip_blanks(), at_ == end_); }
+
+ private:
+  void skip_blanks() {
+    while (at_ != end_ && (*at_ == ' ' || *at_ == '\t' || *at_ == '\r')) ++at_;
+  }
+  /// The next character that is no blank, 0 at the end.
+  char peek() {
+    skip_blanks();
+    return at_ == end_ ? '\0' : *at_;
+  }
+  bool take(char c) { return peek() == c && (++at_, true); }
+  bool take_word(std::string_view word) {
+    if (static_cast<size_t>(end_ - at_) < word.size() || std::string_view(at_, word.size()) != word) return false;
+    at_ += word.size();
+    return true;
+  }
+  static bool is_digit(char c) { return c >= '0' && c <= '9'; }
+  static bool begins_number(char c) { return is_digit(c) || c == '-'; }
+
+  bool string(std::string& out) {
+    if (!take('"')) return false;
+    const char* const begin = at_;
+    while (at_ != end_ && *at_ >= 0x20 && *at_ < 0x7f && *at_ != '"' && *at_ != '\\') ++at_;
+    if (at_ == end_ || *at_ != '"') return false;
+    out.assign(begin, at_);
+    return take('"');
+  }
+
+  /// std::from_chars takes a little more than JSON allows (01, 1., inf), of which nothing passes here.
+  bool number(double& out) {
+    const char* digits = at_ + (at_ != end_ && *at_ == '-');
+    if (digits == end_ || !is_digit(*digits)) return false;
+    const char* after = digits;
+    while (after != end_ && is_digit(*after)) ++after;
+    if ((*digits == '0' && after - digits > 1) || (after != end_ && *after == '.' && (after + 1 == end_ || !is_digit(after[1]))))
+      return false;
+    const auto [stop, error] = std::from_chars(at_, end_, out);
+    if (error != std::errc()) return false;
+    if (out == 0) out = 0;  // not -0
+    at_ = stop;
+    return true;
+  }
+
+  /// Numbers up to the closing bracket, appended.
+  bool row(std::vector<double>& numbers) {
+    for (;;) {
+      double read = 0;
+      skip_blanks();
+      if (!number(read)) return false;
+      numbers.push_back(read);
+      if (take(']')) return true;
+      if (!take(',')) return false;
+    }
+  }
+
+  bool rows(Node& node) {
+    do {
+      const size_t before = node.numbers.size();
+      if (!take('[') || !row(node.numbers)) return false;
+      const int columns = static_cast<int>(node.numbers.size() - before);
+      if (before == 0) node.columns = columns;
+      if (columns != node.columns) return false;
+    } while (take(','));
+    return take(']');
+  }
+
+  bool sequence(Node& node, int depth) {
+    node.kind = Node::Kind::sequence;
+    if (take(']')) return true;
+    if (begins_number(peek())) return row(node.numbers);
+    const char* const first = at_;
+    if (take('[') && begins_number(peek())) return at_ = first, rows(node);
+    at_ = first;
+    do {
+      node.items.emplace_back();
+      if (!value(node.items.back(), depth)) return false;
+    } while (take(','));
+    return take(']');
+  }
+
+  bool mapping(Node& node, int depth) {
+    node.kind = Node::Kind::mapping;
+    if (take('}')) return true;
+    node.members.reserve(8);
+    do {
+      node.members.emplace_back();
+      auto& [name, member] = node.members.back();
+      if (!string(name) || !take(':') || !value(member, depth)) return false;
+    } while (take(','));
+    return take('}') && !has_duplicates(node);
+  }
+
+  bool has_duplicates(const Node& mapping) {
+    names_.clear();
+    for (const auto& member : mapping.members) names_.push_back(member.first);
+    std::sort(names_.begin(), names_.end());
+    return std::adjacent_find(names_.begin(), names_.end()) != names_.end();
+  }
+
+  bool value(Node& node, int depth) {
+    constexpr int kDeep = 20;
+    if (depth > kDeep) return false;
+    node.line = line_;
+    const char next = peek();
+    if (take('{')) return mapping(node, depth + 1);
+    if (take('[')) return sequence(node, depth + 1);
+    if (next == 'n') return take_word("null");
+    node.kind = Node::Kind::scalar;
+    if (begins_number(next)) return node.numbers.resize(1), number(node.numbers[0]);
+    node.quoted = next == '"';
+    if (node.quoted) return string(node.text);
+    node.text = next == 't' ? "true" : "false";
+    return take_word(node.text);
+  }
+
+  const char *at_, *const end_;
+  const int line_;
+  std::vector<std::string_view> names_;  // of the mapping at hand
+};
+
 // ------------------------------------------------------------------------------------------------ scalars
 bool starts_with_zero(std::string_view digits) {
   return digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9';
@@ -525,6 +653,8 @@ Node parse_json(const std::string& text, const std::string& path, int line) {
   return std::move(events.builder.root);
 }
 
+bool parse_plain_json(std::string_view text, int line, Node& node) { return PlainJson(text, line).whole(node = Node()); }
+
 // ------------------------------------------------------------------------------------------------ fields
 Field top(const Node& node, const std::string& path) { return {&node, &path, ""}; }
 
@@ -542,9 +672,15 @@ Field Field::operator[](const std::string& key) const {
   return {member, path, name.empty() ? key : name + "." + key};
 }
 
-Field Field::item(size_t i) const { return {&node->items.at(i), path, name + "[" + std::to_string(i) + "]"}; }
+Field Field::item(size_t i) const {
+  if (!node->numbers.empty()) fail("a list of numbers");
+  return {&node->items.at(i), path, name + "[" + std::to_string(i) + "]"};
+}
 
-size_t Field::size() const { return node->kind == Node::Kind::mapping ? node->members.size() : node->items.size(); }
+size_t Field::size() const {
+  if (!node->numbers.empty()) return node->numbers.size() / std::max(node->columns, 1);
+  return node->kind == Node::Kind::mapping ? node->members.size() : node->items.size();
+}
 
 void Field::check_keys(const std::vector<std::string>& required, const std::vector<std::string>& optional) const {
   if (node->kind != Node::Kind::mapping) fail("a mapping is expected, not " + describe(*node));
@@ -564,6 +700,7 @@ void Field::check_keys(const std::vector<std::string>& required, const std::vect
 }
 
 double Field::number() const {
+  if (node->kind == Node::Kind::scalar && !node->numbers.empty()) return node->numbers[0];
   double value = 0;
   if (node->kind != Node::Kind::scalar || node->quoted || !read_number(node->text, value))
     fail("a finite number is expected, not " + describe(*node));
@@ -594,6 +731,13 @@ int Field::integer(int low, int high) const {
   return value;
 }
 
+int Field::integer_item(size_t i, int low, int high) const {
+  constexpr int kMost = 99'999;  // up to here a whole number is an integer however it was written: 3, 3.0
+  const double value = node->columns == 0 && i < node->numbers.size() ? node->numbers[i] : low - 1.0;
+  if (value >= low && value <= std::min(high, kMost) && value == static_cast<int>(value)) return static_cast<int>(value);
+  return item(i).integer(low, high);
+}
+
 bool Field::boolean() const {
   const bool yes = node->text == "true" || node->text == "True" || node->text == "TRUE";
   const bool no = node->text == "false" || node->text == "False" || node->text == "FALSE";
@@ -602,25 +746,29 @@ bool Field::boolean() const {
 }
 
 std::string Field::string() const {
-  if (node->kind != Node::Kind::scalar) fail("a text is expected, not " + describe(*node));
+  if (node->kind != Node::Kind::scalar || !node->numbers.empty()) fail("a text is expected, not " + describe(*node));
   return node->text;
 }
 
 std::vector<double> Field::vector(int count) const {
+  const bool plain = node->kind == Node::Kind::sequence && !node->numbers.empty() && node->columns == 0;
+  if (plain && (count < 0 || size() == static_cast<size_t>(count))) return node->numbers;
   if (node->kind != Node::Kind::sequence || (count >= 0 && node->items.size() != static_cast<size_t>(count)))
     fail("a list of " + (count >= 0 ? std::to_string(count) + " " : "") + "numbers is expected, not " + describe(*node) +
          (node->kind == Node::Kind::sequence ? " of " + std::to_string(node->items.size()) : ""));
-  std::vector<double> values(node->items.size());
+  std::vector<double> values(size());
   for (size_t i = 0; i < values.size(); ++i) values[i] = item(i).number();
   return values;
 }
 
 std::vector<double> Field::table(int columns) const {
+  if (!node->numbers.empty() && node->columns == columns) return node->numbers;
   if (node->kind != Node::Kind::sequence)
     fail("a list of lists of " + std::to_string(columns) + " numbers is expected, not " + describe(*node));
   std::vector<double> values;
   values.reserve(node->items.size() * columns);
-  for (size_t i = 0; i < node->items.size(); ++i) {
+  for (size_t i = 0; i < size(); ++i) {
+    if (!node->numbers.empty()) item(i);  // fails
     const Node& row = node->items[i];
     if (row.kind != Node::Kind::sequence || row.items.size() != static_cast<size_t>(columns)) item(i).vector(columns);  // fails
     for (int k = 0; k < columns; ++k) {
@@ -636,12 +784,13 @@ std::vector<double> Field::table(int columns) const {
 std::vector<std::string> Field::strings() const {
   if (node->kind != Node::Kind::sequence) fail("a list of texts is expected, not " + describe(*node));
   std::vector<std::string> values;
-  for (size_t i = 0; i < node->items.size(); ++i) values.push_back(item(i).string());
+  for (size_t i = 0; i < size(); ++i) values.push_back(item(i).string());
   return values;
 }
 
 Pose Field::pose() const {
-  check_keys({}, {"xyz", "rpy", "quat"});
+  static const std::vector<std::string> keys = {"xyz", "rpy", "quat"};
+  check_keys({}, keys);
   Pose pose;
   if (has("xyz")) pose.translation = Eigen::Map<const Vector3d>((*this)["xyz"].vector(3).data());
   if (has("rpy") && has("quat")) fail("either rpy or quat, not both");
@@ -704,17 +853,29 @@ std::string to_yaml(const Node& node) {
 void for_each_json_line(const std::string& path, const std::function<std::string(const Field&)>& read) {
   const std::string text = read_file(path);
   std::unordered_map<std::string, int> lines;  // of the ids
+  Node node;
+  std::string id;
+  const auto read_plain = [&](std::string_view one, int line) {
+    if (!parse_plain_json(one, line, node)) return false;
+    try {
+      id = read(top(node, path));
+      return true;
+    } catch (const InputError&) {
+      return false;
+    }
+  };
   int line = 1;
   for (size_t at = 0; at < text.size(); ++line) {
     const size_t end = std::min(text.find('\n', at), text.size());
-    const std::string one = text.substr(at, end - at);
+    const std::string_view one = std::string_view(text).substr(at, end - at);
     at = end + 1;
-    if (one.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const Node node = parse_json(one, path, line);
-    const Field field = top(node, path);
-    const std::string id = read(field);
+    if (one.find_first_not_of(" \t\r") == std::string_view::npos) continue;
+    if (!read_plain(one, line)) {
+      node = parse_json(std::string(one), path, line);
+      id = read(top(node, path));
+    }
     const auto [first, is_new] = lines.emplace(id, line);
-    if (!is_new) field["id"].fail("'" + id + "' stands already in line " + std::to_string(first->second));
+    if (!is_new) top(node, path)["id"].fail("'" + id + "' stands already in line " + std::to_string(first->second));
   }
 }
 

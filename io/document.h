@@ -5,6 +5,7 @@
 #include <functional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -26,6 +27,8 @@ struct Node {
   bool quoted = false;                              // scalar: a string, never a number or true / false
   std::vector<std::pair<std::string, Node>> members;  // mapping, in the file's order
   std::vector<Node> items;                          // sequence
+  std::vector<double> numbers;                      // of parse_plain_json: in place of text or items, of a list of lists row after row
+  int columns = 0;                                  // of such rows; 0: a number or a list of numbers
   int line = 0, column = 0;                         // from 1
 
   /// Member by key, null if absent.
@@ -39,6 +42,9 @@ std::string read_file(const std::string& path);
 Node parse_yaml(const std::string& text, const std::string& path);
 /// One JSON value; `line` is that of the text's first line. @throws InputError likewise; also on NaN, Infinity and numbers beyond double.
 Node parse_json(const std::string& text, const std::string& path, int line = 1);
+/// The same for what machines write in one line, many times faster: numbers become Node::numbers, columns are unknown (0). False: the text is
+/// malformed or has something rare (escapes, other than ASCII, lists of unlike things): parse_json() tells.
+bool parse_plain_json(std::string_view text, int line, Node& node);
 
 /// A node with the way to it, for messages: "rig.yaml:12: sensors.wide_left.sigma: ...". Cheap to make; refers to the node.
 struct Field {
@@ -51,7 +57,7 @@ struct Field {
 
   bool has(const std::string& key) const;
   Field operator[](const std::string& key) const;   // member; fails with "key 'x' is missing"
-  Field item(size_t i) const;
+  Field item(size_t i) const;                       // fails on Node::numbers
   size_t size() const;                              // items or members
 
   /// Fails on keys outside required + optional (with the nearest names) and on missing ones; on anything but a mapping.
@@ -61,6 +67,7 @@ struct Field {
   double number_at_least(double low) const;
   double positive() const;                          // > 0
   int integer(int low, int high) const;
+  int integer_item(size_t i, int low, int high) const;
   bool boolean() const;
   std::string string() const;                       // any scalar but null
   std::vector<double> vector(int count = -1) const; // finite numbers; -1: any length
@@ -70,7 +77,8 @@ struct Field {
 };
 Field top(const Node& node, const std::string& path);
 
-/// Visits the values of a JSON lines file, one a line, blank lines aside. `read` returns the value's id. @throws InputError where a line
+/// Visits the values of a JSON lines file, one a line, blank lines aside. `read` returns the value's id. It gets a line by
+/// parse_plain_json() first; if it throws InputError, again by parse_json(), and what it says then counts. @throws InputError where a line
 /// is malformed or an id stands twice.
 void for_each_json_line(const std::string& path, const std::function<std::string(const Field&)>& read);
 

@@ -2,7 +2,7 @@
 
 #include <sys/types.h>
 
-#include <sha256.h>
+#include <nettle/sha2.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -252,8 +252,14 @@ std::string csv_field(const std::string& s) {
 }
 
 std::string sha256(const std::string& text) {
-  char hex[SHA256_DIGEST_STRING_LENGTH];
-  return SHA256Data(reinterpret_cast<const uint8_t*>(text.data()), text.size(), hex);
+  sha256_ctx context;
+  uint8_t digest[SHA256_DIGEST_SIZE];
+  sha256_init(&context);
+  sha256_update(&context, text.size(), reinterpret_cast<const uint8_t*>(text.data()));
+  sha256_digest(&context, sizeof digest, digest);
+  std::string hex;
+  for (const uint8_t byte : digest) hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
+  return hex;
 }
 
 ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration, const CalibrationResult& result,
@@ -305,7 +311,7 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     out.changes_yaml += "joints:\n";
   for (const auto& c : changes.origins) {
     const Joint& joint = rig.tree.joints[c.first];
-    const OriginText old = origin_text(rig_file.urdf, c.first);
+    const OriginText& old = origin_text(rig_file.urdf, c.first);
     const Vector3d rpy = rpy_from_rotation(c.second.rotation);
     const bool moved = c.second.translation != joint.parent_T_joint.translation,
                turned = c.second.rotation != joint.parent_T_joint.rotation;

@@ -444,9 +444,9 @@ std::vector<double> read_readings(const Field& field, const Lookup& look, size_t
   return readings;
 }
 
-/// Fails if a joint between the view's sensor or target and the base has no reading; tells of a misspelt one.
-void check_readings(const Field& view, const Field& joints, const Rig& rig, const Lookup& look,
-                    const std::vector<double>& readings, const std::vector<int>& needed, const std::string& who) {
+/// Fails if a joint between the view's sensor or target (`what`, `whose`) and the base has no reading; tells of a misspelt one.
+void check_readings(const Field& view, const Field& joints, const Rig& rig, const Lookup& look, const std::vector<double>& readings,
+                    const std::vector<int>& needed, const char* what, const std::string& whose) {
   for (int j : needed) {
     if (!std::isnan(readings[j])) continue;
     const std::string& name = rig.tree.joints[j].name;
@@ -454,7 +454,7 @@ void check_readings(const Field& view, const Field& joints, const Rig& rig, cons
     for (const auto& member : joints.node->members)
       if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
         near = "; the sample has '" + member.first + "'";
-    view.fail(who + " needs joint '" + name + "', which the sample lacks" + near);
+    view.fail(std::string(what) + " '" + whose + "' needs joint '" + name + "', which the sample lacks" + near);
   }
 }
 
@@ -486,7 +486,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
     field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
   std::vector<char> seen(all, 0);
   for (size_t i = 0; i < field.size(); ++i) {
-    const int id = field.item(i).integer(0, all - 1);
+    const int id = field.integer_item(i, 0, all - 1);
     if (seen[id]) field.item(i).fail("point " + std::to_string(id) + " stands twice");
     seen[id] = 1;
     ids.push_back(id);
@@ -509,8 +509,8 @@ Matrix3d read_covariance(const Field& field) {
 /// One 3 x 3 matrix for all points, or one a point.
 std::vector<Matrix3d> read_covariances(const Field& field, int count) {
   const Node& node = *field.node;
-  const bool each = node.kind == Node::Kind::sequence && !node.items.empty() && !node.items[0].items.empty() &&
-                    node.items[0].items[0].kind == Node::Kind::sequence;
+  const bool each = node.kind == Node::Kind::sequence && !node.items.empty() &&
+                    (node.items[0].columns > 0 || (!node.items[0].items.empty() && node.items[0].items[0].kind == Node::Kind::sequence));
   if (!each) return std::vector<Matrix3d>(count, read_covariance(field));
   if (static_cast<int>(field.size()) != count)
     field.fail("one 3 x 3 matrix, or one for each of the " + std::to_string(count) + " points, is expected; not " +
@@ -522,16 +522,18 @@ std::vector<Matrix3d> read_covariances(const Field& field, int count) {
 
 /// Fails on measured numbers of another type of sensor, and without those of its own.
 void check_payload(const Field& view, const std::string& type, const std::string& own) {
-  const std::string needs = own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'";
   for (const auto& other : sensor_types()) {
     const std::string key = other.second.payload;
-    if (!key.empty() && key != own && view.has(key)) view[key].fail("a " + type + " view has no '" + key + "'" + needs);
+    if (!key.empty() && key != own && view.has(key))
+      view[key].fail("a " + type + " view has no '" + key + "'" +
+                     (own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'"));
   }
   if (!own.empty() && !view.has(own)) view.fail("a " + type + " view needs '" + own + "'");
 }
 
 View read_view(const Field& field, const Field& joints, const Rig& rig, const Lookup& look, const std::vector<double>& readings) {
-  field.check_keys({"sensor", "target"}, {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"});
+  static const Names required = {"sensor", "target"}, optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
+  field.check_keys(required, optional);
   View view;
   view.where = field.where();
   view.sensor = read_name(field["sensor"], look.sensors, rig.sensors, "sensor");
@@ -558,13 +560,14 @@ View read_view(const Field& field, const Field& joints, const Rig& rig, const Lo
     view.covariance = read_covariances(field["covariance"], static_cast<int>(view.ids.size()));
   }
   if (field.has("image")) field["image"].string();
-  check_readings(field, joints, rig, look, readings, look.sensor_needs[view.sensor], "sensor '" + sensor.name + "'");
-  check_readings(field, joints, rig, look, readings, look.target_needs[view.target], "target '" + target.name + "'");
+  check_readings(field, joints, rig, look, readings, look.sensor_needs[view.sensor], "sensor", sensor.name);
+  check_readings(field, joints, rig, look, readings, look.target_needs[view.target], "target", target.name);
   return view;
 }
 
 Sample read_sample(const Field& field, const Rig& rig, const Lookup& look) {
-  field.check_keys({"id", "joints", "views"}, {"time", "split"});
+  static const Names required = {"id", "joints", "views"}, optional = {"time", "split"};
+  field.check_keys(required, optional);
   Sample sample;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
   sample.id = field["id"].string();

@@ -349,6 +349,8 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
     const pugi::xml_node mimic = only_child(xml, element, "mimic");
     if (mimic && joint.moves()) joint.mimic = read_mimic(xml, mimic, joints);
     tree.joints.push_back(std::move(joint));
+    const pugi::xml_node origin = element.child("origin");
+    urdf.origins.push_back({origin.attribute("xyz").as_string("0 0 0"), origin.attribute("rpy").as_string("0 0 0")});
   }
   try {
     finish_tree(tree);
@@ -468,12 +470,6 @@ std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes) {
     if (!found) throw std::invalid_argument(urdf.path + ": joint '" + joint + "' has no <transmission> with one mechanicalReduction");
   }
   return apply(urdf.text, std::move(splices));
-}
-
-OriginText origin_text(const Urdf& urdf, int joint) {
-  Xml xml{urdf.text, urdf.path, {}};
-  const pugi::xml_node origin = children(load(xml), "joint").at(joint).child("origin");
-  return {origin.attribute("xyz").as_string("0 0 0"), origin.attribute("rpy").as_string("0 0 0")};
 }
 
 std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets) {

@@ -17,11 +17,17 @@ struct Transmission {
   double reduction = 1;
 };
 
+/// An origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.
+struct OriginText {
+  std::string xyz, rpy;
+};
+
 /// A URDF as read.
 struct Urdf {
   std::string path;                    // where it came from, for messages
   std::string text;                    // the file, byte for byte
   Tree tree;
+  std::vector<OriginText> origins;     // by joint
   std::vector<Transmission> transmissions;
   std::vector<std::string> warnings;   // e.g. an undefined root link that was accepted
 };
@@ -41,11 +47,7 @@ struct UrdfChanges {
 /// @throws std::invalid_argument for a joint without a transmission as above, and for numbers that are not finite.
 std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes);
 
-/// An origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.
-struct OriginText {
-  std::string xyz, rpy;
-};
-OriginText origin_text(const Urdf& urdf, int joint);
+inline const OriginText& origin_text(const Urdf& urdf, int joint) { return urdf.origins.at(joint); }
 
 /// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a joint whose offset is d gets
 /// motion(axis, multiplier * d) in its own origin (through chains of mimics the product of multipliers).

@@ -79,7 +79,15 @@ struct Calibration::Judged {
 
 Calibration::Calibration(Rig rig, std::vector<Sample> samples) : rig_(std::move(rig)), samples_(std::move(samples)), table_(rig_) {
   if (samples_.empty()) throw std::invalid_argument("there are no samples");
-  for (const Step& step : rig_.steps) resolve(step, {}, {}, NoiseMode::none);
+  const std::vector<int> train = split(true);
+  for (const Step& step : rig_.steps) {
+    EstimationSetup setup;
+    setup.noise = NoiseMode::none;
+    setup.sensors = step.sensors;
+    const Estimation probe(rig_, table_, samples_, train, setup);
+    used_.push_back(probe.groups().empty() ? std::vector<char>() : probe.influencing());
+    resolve(used_.size() - 1, {}, {});
+  }
 }
 
 std::vector<int> Calibration::split(bool train) const {
@@ -102,8 +110,9 @@ std::vector<const Step*> Calibration::steps_to_run(const CalibrationOptions& opt
   return out;
 }
 
-StepPlan Calibration::resolve(const Step& step, const std::vector<std::string>& free, const std::vector<std::string>& fix,
-                              NoiseMode noise) const {
+/// A step's plan but for its counts.
+StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free, const std::vector<std::string>& fix) const {
+  const Step& step = rig_.steps[index];
   StepPlan plan;
   plan.name = step.name;
   std::vector<Freed> wanted;
@@ -121,13 +130,8 @@ StepPlan Calibration::resolve(const Step& step, const std::vector<std::string>& 
   std::vector<char> seen_in_training(rig_.targets.size(), 0), seen_held_out(rig_.targets.size(), 0);
   for (const Sample& s : samples_)
     for (const View& v : s.views) (s.train ? seen_in_training : seen_held_out)[v.target] = 1;
-  const std::vector<int> train = split(true);
-  EstimationSetup setup;
-  setup.noise = noise;
-  setup.sensors = step.sensors;
-  const Estimation probe(rig_, table_, samples_, train, setup);
-  if (probe.groups().empty()) throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
-  const std::vector<char> used = probe.influencing();
+  const std::vector<char>& used = used_[index];
+  if (used.empty()) throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
 
   std::vector<Freed> with_priors = wanted;  // priors are checked against what the step means to free
   for (const std::string& pattern : fix) {
@@ -184,30 +188,40 @@ StepPlan Calibration::resolve(const Step& step, const std::vector<std::string>& 
     }
     if (!covers) throw std::invalid_argument(prior.where + ": '" + prior.pattern + "' covers nothing that this step frees");
   }
-
-  setup.free = plan.free;
-  setup.priors = plan.priors;
-  const Estimation problem(rig_, table_, samples_, train, setup);
-  plan.unknowns = problem.shared_size();
-  for (size_t g = 0; g < problem.groups().size(); ++g) {
-    plan.rows += problem.groups()[g].rows;
-    plan.unknowns += problem.groups()[g].private_size;
-    plan.samples += problem.sample_of(static_cast<int>(g)) >= 0;
-  }
   return plan;
 }
 
-std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const {
+std::vector<StepPlan> Calibration::resolve_all(const CalibrationOptions& options) const {
   std::vector<StepPlan> out;
-  const std::vector<const Step*> steps = steps_to_run(options);
-  for (const Step* step : steps)
-    out.push_back(step == steps.back() ? resolve(*step, options.free, options.fix, options.noise) : resolve(*step, {}, {}, options.noise));
+  const size_t count = steps_to_run(options).size();
+  for (size_t i = 0; i < count; ++i) out.push_back(i + 1 == count ? resolve(i, options.free, options.fix) : resolve(i, {}, {}));
+  return out;
+}
+
+std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const {
+  std::vector<StepPlan> out = resolve_all(options);
+  const std::vector<int> train = split(true);
+  for (size_t i = 0; i < out.size(); ++i) {
+    StepPlan& plan = out[i];
+    EstimationSetup setup;
+    setup.noise = options.noise;
+    setup.sensors = rig_.steps[i].sensors;
+    setup.free = plan.free;
+    setup.priors = plan.priors;
+    const Estimation problem(rig_, table_, samples_, train, setup);
+    plan.unknowns = problem.shared_size();
+    for (size_t g = 0; g < problem.groups().size(); ++g) {
+      plan.rows += problem.groups()[g].rows;
+      plan.unknowns += problem.groups()[g].private_size;
+      plan.samples += problem.sample_of(static_cast<int>(g)) >= 0;
+    }
+  }
   return out;
 }
 
 std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& options) {
   const std::vector<const Step*> steps = steps_to_run(options);
-  const std::vector<StepPlan> plans = plan(options);
+  const std::vector<StepPlan> plans = resolve_all(options);
   const std::vector<int> train = split(true);
   CalibrationResult result;
   result.noise = options.noise;

@@ -142,7 +142,8 @@ class Calibration {
  private:
   struct Judged;
   std::vector<int> split(bool train) const;
-  StepPlan resolve(const Step& step, const std::vector<std::string>& free, const std::vector<std::string>& fix, NoiseMode noise) const;
+  StepPlan resolve(size_t step, const std::vector<std::string>& free, const std::vector<std::string>& fix) const;
+  std::vector<StepPlan> resolve_all(const CalibrationOptions& options) const;
   std::vector<const Step*> steps_to_run(const CalibrationOptions& options) const;
   Judged judge(const std::vector<int>& samples, const VectorXd& shared, NoiseMode noise, const Loss& loss, const std::vector<Freed>& free,
                const Values* start, bool with_dof) const;
@@ -153,6 +154,7 @@ class Calibration {
   Rig rig_;
   std::vector<Sample> samples_;
   ParameterTable table_;
+  std::vector<std::vector<char>> used_;  // by step: which parameters its measurements depend on
 };
 
 }  // namespace kincal

@@ -72,29 +72,43 @@ ParameterTable::ParameterTable(const Rig& rig) {
   initial = Eigen::Map<VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
-std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
+std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
-  const auto collect = [&](const auto& matches) {
-    for (size_t p = 0; p < all.size(); ++p) {
-      Freed freed{static_cast<int>(p), {}};
-      const bool whole = matches(all[p].name);
-      for (int c = 0; c < all[p].size(); ++c)
-        if (whole || matches(all[p].component_name(c))) freed.components.push_back(c);
-      if (!freed.components.empty()) out.push_back(std::move(freed));
-    }
-  };
-  collect([&](const std::string& name) { return name == pattern; });
-  if (out.empty()) collect([&](const std::string& name) { return fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0; });
+  for (size_t p = 0; p < all.size(); ++p) {
+    if (name.compare(0, all[p].name.size(), all[p].name) != 0) continue;  // component names begin with the parameter's
+    const bool whole = name.size() == all[p].name.size();
+    Freed freed{static_cast<int>(p), {}};
+    for (int c = 0; c < all[p].size(); ++c)
+      if (whole || name == all[p].component_name(c)) freed.components.push_back(c);
+    if (!freed.components.empty()) out.push_back(std::move(freed));
+  }
   return out;
 }
 
-bool ParameterTable::is_plain_name(const std::string& pattern) const {
-  for (const Parameter& p : all) {
-    if (pattern == p.name) return true;
-    for (int c = 0; c < p.size(); ++c)
-      if (pattern == p.component_name(c)) return true;
+std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
+  std::vector<Freed> out = select_exact(pattern);
+  const size_t head = pattern.find_first_of("*?["), tail = pattern.find_last_of("*?[]") + 1;
+  if (!out.empty() || head == std::string::npos) return out;
+  // What stands before the first and behind the last special character is taken by the letter, and quick to compare.
+  const size_t behind = pattern.size() - tail;
+  const auto matches = [&](const std::string& name) {
+    return name.size() >= behind && name.compare(name.size() - behind, behind, pattern, tail) == 0 &&
+           fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0;
+  };
+  std::string component;
+  for (size_t p = 0; p < all.size(); ++p) {
+    const std::string& name = all[p].name;
+    const size_t common = std::min(head, name.size());
+    if (pattern.compare(0, common, name, 0, common) != 0) continue;  // neither this name nor those of its components
+    const bool whole = matches(name);
+    Freed freed{static_cast<int>(p), {}};
+    for (int c = 0; c < all[p].size(); ++c) {
+      if (!whole) component.assign(name).append(all[p].components[c].empty() ? "" : ".").append(all[p].components[c]);
+      if (whole || matches(component)) freed.components.push_back(c);
+    }
+    if (!freed.components.empty()) out.push_back(std::move(freed));
   }
-  return false;
+  return out;
 }
 
 std::vector<std::string> ParameterTable::names() const {

@@ -46,9 +46,12 @@ struct ParameterTable {
   /// What a name, component name or glob means. Exact names go before globs. Nothing found: empty.
   std::vector<Freed> select(const std::string& pattern) const;
   /// The name of a whole parameter or of one component, as written: no glob.
-  bool is_plain_name(const std::string& pattern) const;
+  bool is_plain_name(const std::string& pattern) const { return !select_exact(pattern).empty(); }
   /// All names and component names, for messages.
   std::vector<std::string> names() const;
+
+ private:
+  std::vector<Freed> select_exact(const std::string& name) const;
 };
 
 Pose get_pose(const VectorXd& values, int start);

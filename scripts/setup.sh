@@ -7,7 +7,7 @@ build=$root/build/release
 log=$root/build/setup.log
 mkdir -p "$root/build"
 
-build_packages=(g++ cmake ninja-build pkg-config libeigen3-dev libsuitesparse-dev libopenblas0-serial liburdfdom-dev libmd-dev
+build_packages=(g++ cmake ninja-build pkg-config libeigen3-dev libsuitesparse-dev libopenblas0-serial liburdfdom-dev nettle-dev
                 libpugixml-dev libyaml-cpp-dev nlohmann-json3-dev libcli11-dev)
 test_packages=(catch2 python3-numpy python3-scipy python3-yaml)  # Python: an independent implementation to compare with
 

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <functional>
 #include <locale>
+#include <random>
 
 using namespace kincal;
 using Catch::Matchers::Contains;
@@ -40,6 +41,38 @@ bool same(const Node& a, const Node& b) {
   for (size_t i = 0; i < a.members.size(); ++i)
     if (a.members[i].first != b.members[i].first || !same(a.members[i].second, b.members[i].second)) return false;
   return true;
+}
+
+/// What a tree of JSON says, whichever of the two readers made it: numbers to the last bit, texts, lines; columns aside.
+std::string meaning(const Node& node) {
+  const auto number = [](double value) {
+    char hex[40];
+    std::snprintf(hex, sizeof hex, "%a", value);
+    return std::string(hex);
+  };
+  std::string out = std::to_string(node.line) + ":";
+  switch (node.kind) {
+    case Node::Kind::null: return out + "null";
+    case Node::Kind::scalar: {
+      if (node.quoted) return out + "\"" + node.text + "\"";
+      const std::string path = "f.json";
+      const bool word = node.text == "true" || node.text == "false";
+      return out + (word ? node.text : number(top(node, path).number()));
+    }
+    case Node::Kind::mapping:
+      for (const auto& [key, value] : node.members) out += key + "=" + meaning(value) + " ";
+      return out + "}";
+    default: break;
+  }
+  const std::string head = out;
+  for (const Node& item : node.items) out += meaning(item) + " ";
+  for (size_t i = 0; i < node.numbers.size(); ++i) {
+    const size_t columns = node.columns;
+    if (columns > 0 && i % columns == 0) out += head;
+    out += head + number(node.numbers[i]) + " ";
+    if (columns > 0 && i % columns == columns - 1) out += "] ";
+  }
+  return out + "]";
 }
 
 double yaml_number(const std::string& scalar) {
@@ -150,6 +183,113 @@ TEST_CASE("JSON becomes a tree with places; its numbers keep their value", "[doc
     std::from_chars(read.data(), read.data() + read.size(), back);
     CHECK(back == value);
   }
+}
+
+TEST_CASE("plain JSON means what JSON means, or is refused", "[document]") {
+  struct Line {
+    std::string text;
+    bool taken;  // by parse_plain_json()
+  };
+  const std::string digits(5000, '7'), deep = std::string(15, '[') + "1" + std::string(15, ']');
+  const std::vector<Line> lines = {
+      {R"({"id": "a", "n": [1, -2.5, 3e2], "m": [[1, 2], [3, 4]], "t": true, "f": false, "z": null, "e": [], "o": {}})", true},
+      {"\t{ \"a\" :\r1 , \"b\":[ 1 ,2 ] , \"c\":[ [ 1 ] , [ 2 ] ] , \"d\" : [ ] , \"e\" : [ [ ] ] } \r", true},
+      {"[0, -0, -0.0, 0e5, 1E+3, 1e-3, 100000, 123456789012345678, 12345678901234567890, 3.0]", true},
+      {"[4.9406564584124654e-324, 1.7976931348623157e308, 0.1, 2.2250738585072011e-308, 9007199254740993, 0.3e1, 1e22, 1e23]", true},
+      {"[[[1, 2], [3, 4]], [[5, 6], [7, 8]]]", true},
+      {"[\"a\", \"\", {\"a\": [1]}, [\"b\"], null]", true},
+      {"[{\"a\": -0}, {\"a\": -0.0}, {\"a\": 12345678901234567890123}, {\"a\": 1e5}, {\"a\": 3.0}]", true},
+      {"0." + digits, true},
+      {deep, true},
+      {"[\"" + std::string(100'000, 'x') + "\"]", true},
+      {"true", true},
+      // rare, left to parse_json()
+      {R"(["\"", "\u00e9", "\n", "\/"])", false},
+      {"[\"\xc3\xa9\"]", false},
+      {"[\"\x7f\"]", false},
+      {"[1, \"a\"]", false},
+      {"[[1, 2], [3]]", false},
+      {"[[1], 2]", false},
+      {"[[1], []]", false},
+      {"[1e-400]", false},
+      {std::string(50, '[') + std::string(50, ']'), false},
+      {"[1,\n2]", false},
+      // wrong
+      {"\xef\xbb\xbf{}", false},  // (a byte order mark, which nlohmann takes)
+      {"[1e400]", false},
+      {"[" + digits + "]", false},
+      {"{\"a\": 1, \"b\": 2, \"a\": 3}", false},
+      {"[{\"a\": 1, \"a\": 1}]", false},
+      {"{} x", false},
+      {"[1]]", false},
+      {"[1,]", false},
+      {"[,1]", false},
+      {"[[1],]", false},
+      {"{\"a\": 1,}", false},
+      {"{\"a\"}", false},
+      {"{a: 1}", false},
+      {"{\"a\" 1}", false},
+      {"[1 2]", false},
+      {"[01]", false},
+      {"[-01]", false},
+      {"[1.]", false},
+      {"[1.e5]", false},
+      {"[.5]", false},
+      {"[-.5]", false},
+      {"[+1]", false},
+      {"[--1]", false},
+      {"[1e]", false},
+      {"[1e+]", false},
+      {"[0x10]", false},
+      {"[NaN]", false},
+      {"[nan]", false},
+      {"[-inf]", false},
+      {"[Infinity]", false},
+      {"[truex]", false},
+      {"[tru]", false},
+      {"nul", false},
+      {"[\"a]", false},
+      {"[\"a\tb\"]", false},
+      {"[1\f]", false},
+      {std::string("[1\0]", 4), false},
+      {"[", false},
+      {"{", false},
+      {"", false},
+      {"-", false}};
+  for (const Line& line : lines) {
+    INFO(line.text.substr(0, 200));
+    Node node;
+    CHECK(parse_plain_json(line.text, 7, node) == line.taken);
+    if (line.taken) CHECK(meaning(node) == meaning(parse_json(line.text, "f.json", 7)));
+  }
+}
+
+TEST_CASE("plain JSON with a mistake somewhere: nothing is taken that JSON refuses", "[document]") {
+  const std::string good = R"({"id": "a_1", "t": 12.25, "j": {"b": -0.5, "c": 1e-3}, "v": [{"s": "x", "p": [[1, 2.5], [-3, 4]], "i": [0, 12]}], )"
+                           R"("c": [[[2, 1], [1, 2]]], "f": false, "n": null})";
+  const std::string odd = "\"\\{}[],:.-+eE0129 \t\r\n\x01\x80truefalsn";
+  std::mt19937 random(1);
+  int taken = 0;
+  for (int trial = 0; trial < 30'000; ++trial) {
+    std::string text = good;
+    for (int change = trial % 3; change >= 0; --change) {
+      const size_t at = random() % text.size();
+      const char c = odd[random() % odd.size()];
+      switch (random() % 3) {
+        case 0: text[at] = c; break;
+        case 1: text.insert(at, 1, c); break;
+        default: text.erase(at, 1 + random() % 3);
+      }
+    }
+    Node node;
+    if (!parse_plain_json(text, 1, node)) continue;
+    ++taken;
+    const std::string error = json_error(text);
+    if (error.empty() && meaning(node) == meaning(parse_json(text, "f.json"))) continue;
+    INFO(text);
+    FAIL_CHECK("taken, but " << (error.empty() ? "it means something else" : error));
+  }
+  CHECK(taken > 2000);
 }
 
 TEST_CASE("malformed JSON is refused with its place", "[document]") {

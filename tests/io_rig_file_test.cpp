@@ -602,6 +602,69 @@ TEST_CASE("every mistake in samples is refused with file, line, field and what i
   CHECK_THAT(error_of([&] { read_samples("no/samples.jsonl", rig); }), Contains("no/samples.jsonl: cannot be read: No such file"));
 }
 
+TEST_CASE("a line with something rare in it is read with the same result and the same words", "[samples]") {
+  const Place place;
+  const Rig rig = read_rig(place.rig).rig;
+  const auto read = [&](const std::string& line) {
+    place.write("samples.jsonl", line + "\n");
+    return read_samples(place.samples, rig);
+  };
+  const auto rare = [](std::string line) {  // an escape: parse_plain_json() leaves the line to parse_json()
+    return line.replace(line.find("\"id\""), 4, "\"\\u0069d\"");
+  };
+  const std::string line = kSample;
+  const std::vector<std::pair<std::string, std::string>> edits = {
+      {"\"a\"", "\"a\""},
+      {"12.25", "1e-3"},
+      {"12.25", "\"x\""},
+      {"-0.25", "-0.0"},
+      {"-0.25", "-0"},
+      {"-0.25", "12345678901234567890123"},
+      {"-0.25", "[1]"},
+      {"[5, 0]", "[5.0, 0e0]"},
+      {"[5, 0]", "[5, 0, 1]"},
+      {"[5, 0]", "[[5, 0]]"},
+      {"[5, 0]", "[[5], [0]]"},
+      {"[5, 0]", "[5, 5]"},
+      {"[5, 0]", "[5, 1e20]"},
+      {"[5, 0]", "3"},
+      {"[5, 0]", "[]"},
+      {"[[1, 2], [3.5, 4]]", "[1, 2]"},
+      {"[[1, 2], [3.5, 4]]", "[[1, 2, 3], [3.5, 4, 5]]"},
+      {"[[1, 2], [3.5, 4]]", "[[[1, 2], [3.5, 4]]]"},
+      {"[[1, 2], [3.5, 4]]", "[[]]"},
+      {"[[1, 2], [3.5, 4]]", "[]"},
+      {"[[1, 2], [3.5, 4]]", "7"},
+      {"[[1, 2], [3.5, 4]]", "{\"a\": 1}"},
+      {"\"a.png\"", "7"},
+      {"\"a.png\"", "true"},
+      {"0.5, \"elbow", "null, \"elbow"},
+      {"\"sigma\": 0.5", "\"sigma\": [0.5]"},
+      {"\"wide_left\"", "5"},
+      {"\"wide_left\"", "[5]"},
+      {"\"test\"", "1"},
+      {"[[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "[[[2, 1, 0], [1, 2, 0], [0, 0, 1]]]"},
+      {"[[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "[[[2, 1], [1, 2]]]"},
+      {"[[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "[2, 1, 0, 1, 2, 0, 0, 0, 1]"},
+      {"\"quat\": [0, 0, -0.6, -0.8]", "\"quat\": [[0, 0, -0.6, -0.8]]"},
+      {"\"xyz\": [1, 2, 3]", "\"xyz\": 1"},
+      {"\"pose\": {", "\"sigma\": [1, 2, 3], \"pose\": {"},
+      {"\"points\": [[1, 2, 3]], \"covariance\": [[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "\"points\": [[1, 2, 3]], \"sigma\": [1, 2, 3]"}};
+  for (const auto& [from, to] : edits) {
+    std::string plain = line;
+    REQUIRE(plain.find(from) != std::string::npos);
+    plain.replace(plain.find(from), from.size(), to);
+    INFO(from << " -> " << to);
+    const std::string error = error_of([&] { read(plain); });
+    CHECK(error == error_of([&] { read(rare(plain)); }));
+    if (!error.empty()) continue;
+    const std::vector<Sample> a = read(plain), b = read(rare(plain));
+    CHECK(samples_text(rig, a) == samples_text(rig, b));  // all that a sample has, in digits that tell any two numbers apart
+    for (size_t j = 0; j < rig.joints.size(); ++j) CHECK(std::signbit(a[0].readings[j]) == std::signbit(b[0].readings[j]));
+    for (size_t v = 0; v < a[0].views.size(); ++v) CHECK(a[0].views[v].where == b[0].views[v].where);
+  }
+}
+
 TEST_CASE("samples written and read again are the same", "[samples]") {
   const Place place;
   const Rig rig = read_rig(place.rig).rig;
