@@ -2,7 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <thread>
 
 #include "threads.h"
 
@@ -26,19 +28,19 @@ struct GroupStore {
   int private_start = 0;
 };
 
-/// Sums over one piece of the partition.
+/// One piece of the partition: its groups and its sums.
 struct Piece {
-  int first = 0, last = 0;        // groups
-  std::vector<double> shared;     // C
-  std::vector<double> eliminated; // minus the sum of B_Q' B_Q
-  VectorXd gradient, eliminated_gradient;
+  int first = 0, last = 0;
   Cost cost;
   bool defined = true, definite = true;
   double slope = 0, damping = 0;
 };
 
-/// Scratch of one worker.
+/// Scratch of one worker: matrices and vectors of the piece at hand, added to the totals in the pieces' order.
 struct Worker {
+  std::vector<double> shared;              // C
+  std::vector<double> eliminated;          // minus the sum of B_Q' B_Q
+  VectorXd gradient, eliminated_gradient;
   std::vector<double> rows, factor;        // light problems: of kRange groups
   std::vector<double> right;               // B of one group
   std::vector<double> stack;               // eliminated rows over all columns
@@ -95,6 +97,10 @@ struct LevenbergMarquardt::Workspace {
     }
     workers.resize(crew.size());
     for (Worker& w : workers) {
+      w.shared.resize(light ? system.diagonal_storage() : system.storage());
+      w.eliminated.resize(system.storage());
+      w.gradient.setZero(n);
+      w.eliminated_gradient.setZero(n);
       if (light) {
         w.rows.resize(largest_rows * Problem::kRange + kSlack);
         w.factor.resize(largest_factor * Problem::kRange + kSlack);
@@ -104,6 +110,7 @@ struct LevenbergMarquardt::Workspace {
       if (!system.dense() && !light) w.block.resize(static_cast<size_t>(widest) * widest);
       w.solution.resize(deepest + kSlack);
     }
+    // Dense arrays may be read up to their slack: zero once.
     shared_matrix.assign(light ? system.diagonal_storage() : system.storage(), 0.0);
     damped_matrix.assign(system.storage(), 0.0);
     for (VectorXd* v : {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
@@ -118,11 +125,11 @@ struct LevenbergMarquardt::Workspace {
 
   /// Contiguous pieces of about equal work (rows and columns), the same for any number of threads.
   void place_pieces() {
-    // Every piece has accumulators: as many as keep their memory, and the work of adding them up, small beside the rest.
+    // As many as keep the work of adding them up small beside the rest.
     double total = 0, sum = 0;
     const auto work = [](const GroupShape& g) { return g.rows * 20.0 + static_cast<double>(g.size()) * (g.private_size + 2); };
     for (const GroupShape& g : groups) total += work(g);
-    const int most = static_cast<int>(std::clamp(total / (8.0 * system.storage()), double(kFewPieces), double(kPieces)));
+    const int most = static_cast<int>(std::clamp(total / (16.0 * system.storage()), double(kFewPieces), double(kPieces)));
     pieces.emplace_back();
     for (size_t g = 0; g < groups.size(); ++g) {
       sum += work(groups[g]);
@@ -131,12 +138,6 @@ struct LevenbergMarquardt::Workspace {
         pieces.emplace_back();
         pieces.back().first = static_cast<int>(g) + 1;
       }
-    }
-    for (Piece& p : pieces) {
-      p.shared.assign(light ? system.diagonal_storage() : system.storage(), 0.0);
-      p.eliminated.assign(system.storage(), 0.0);
-      p.gradient.setZero(n);
-      p.eliminated_gradient.setZero(n);
     }
   }
 
@@ -181,7 +182,7 @@ struct LevenbergMarquardt::Workspace {
       const int k = groups[g].private_size;
       double* rows_of_group = room(g, first, worker).rows;
       std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
-      GroupEquations to{rows_of_group, stride(g), p.shared.data(), system.origin(), groups[g].columns.data(), p.gradient.data()};
+      GroupEquations to{rows_of_group, stride(g), w.shared.data(), system.origin(), groups[g].columns.data(), w.gradient.data()};
       const bool local = !system.dense() && !light;
       const size_t m = groups[g].columns.size();
       if (light) to.origin = system.diagonal_origin();
@@ -198,8 +199,8 @@ struct LevenbergMarquardt::Workspace {
       p.cost.twice += c.twice;
       p.cost.chi2 += c.chi2;
       if (!local) continue;
-      system.add(g, w.block.data(), widest, p.shared.data());
-      for (size_t i = 0; i < m; ++i) p.gradient(groups[g].columns[i]) += w.right[i];
+      system.add(g, w.block.data(), widest, w.shared.data());
+      for (size_t i = 0; i < m; ++i) w.gradient(groups[g].columns[i]) += w.right[i];
     }
     return true;
   }
@@ -217,7 +218,7 @@ struct LevenbergMarquardt::Workspace {
   }
 
   /// Eliminates the private unknowns of a group into the piece.
-  bool eliminate_group(Piece& p, size_t g, const Room& at, double lambda, int worker, int& stacked) {
+  bool eliminate_group(size_t g, const Room& at, double lambda, int worker, int& stacked) {
     const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
     if (k == 0) return true;
     if (!factor_private(g, at, lambda)) return false;
@@ -226,7 +227,7 @@ struct LevenbergMarquardt::Workspace {
     for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
     kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
     if (!system.stacks()) {
-      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, p.eliminated.data(), p.eliminated_gradient.data());
+      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data());
       return true;
     }
     const int* column = groups[g].columns.data();
@@ -237,11 +238,11 @@ struct LevenbergMarquardt::Workspace {
       for (int j = 0; j < m; ++j) to[column[j]] = from[j];
       to[n] = from[m];
     }
-    if (stacked >= kStackedRows) multiply(p, worker, stacked);
+    if (stacked >= kStackedRows) multiply(worker, stacked);
     return true;
   }
-  void multiply(Piece& p, int worker, int& stacked) {
-    kernels().subtract_product(p.eliminated.data(), n + 1, system.ld(), workers[worker].stack.data(), stacked, system.ld());
+  void multiply(int worker, int& stacked) {
+    kernels().subtract_product(workers[worker].eliminated.data(), n + 1, system.ld(), workers[worker].stack.data(), stacked, system.ld());
     stacked = 0;
   }
 
@@ -255,17 +256,26 @@ struct LevenbergMarquardt::Workspace {
 
   /// The damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
   Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost) {
-    if (linearise) problem.prepare(state);
+    if (linearise) {
+      problem.prepare(state);
+      std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
+      shared_gradient.setZero();
+      cost = {};
+    }
+    std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+    reduced_gradient.setZero();
     const bool fresh = linearise || light;
+    turn = 0;
     over_pieces([&](Piece& p, int worker) {
+      Worker& w = workers[worker];
       p.defined = p.definite = true;
       if (fresh) {
         p.cost = {};
-        std::fill(p.shared.begin(), p.shared.end(), 0.0);
-        p.gradient.setZero();
+        light ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
+        w.gradient.setZero();
       }
-      std::fill(p.eliminated.begin(), p.eliminated.end(), 0.0);
-      p.eliminated_gradient.setZero();
+      system.clear(w.eliminated.data());
+      w.eliminated_gradient.setZero();
       int stacked = 0;
       for (int first = p.first; first < p.last && p.defined; first += Problem::kRange) {
         const int last = std::min(p.last, first + Problem::kRange);
@@ -278,10 +288,25 @@ struct LevenbergMarquardt::Workspace {
               private_scale(place) =
                   scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
             }
-          p.definite = p.definite && eliminate_group(p, g, at, lambda, worker, stacked);
+          p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
         }
       }
-      if (stacked > 0) multiply(p, worker, stacked);
+      if (stacked > 0) multiply(worker, stacked);
+      // Pieces are taken in order, so the one whose turn it is is always at work.
+      const int piece = static_cast<int>(&p - pieces.data());
+      while (turn.load(std::memory_order_acquire) != piece) std::this_thread::yield();
+      if (linearise) {
+        if (light)
+          kernels().add(shared_matrix.data(), w.shared.data(), static_cast<std::ptrdiff_t>(shared_matrix.size()));
+        else
+          system.accumulate(shared_matrix.data(), w.shared.data());
+        shared_gradient += w.gradient;
+        cost.twice += p.cost.twice;
+        cost.chi2 += p.cost.chi2;
+      }
+      system.accumulate(damped_matrix.data(), w.eliminated.data());
+      reduced_gradient += w.eliminated_gradient;
+      turn.store(piece + 1, std::memory_order_release);
     });
     bool defined = true, definite = true;
     for (const Piece& p : pieces) {
@@ -289,34 +314,16 @@ struct LevenbergMarquardt::Workspace {
       definite = definite && p.definite;
     }
     if (linearise) {
-      std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
-      shared_gradient.setZero();
-      cost = {};
-      for (const Piece& p : pieces) {
-        if (light)
-          kernels().add(shared_matrix.data(), p.shared.data(), static_cast<std::ptrdiff_t>(shared_matrix.size()));
-        else
-          system.accumulate(shared_matrix.data(), p.shared.data());
-        shared_gradient += p.gradient;
-        cost.twice += p.cost.twice;
-        cost.chi2 += p.cost.chi2;
-      }
       const std::ptrdiff_t* origin = light ? system.diagonal_origin() : system.origin();
       for (int i = 0; i < n; ++i) shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
     }
     if (!defined || !std::isfinite(cost.twice)) return Assembly::undefined;
     if (!definite) return Assembly::indefinite;
-    if (light) {
-      std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+    if (light)
       system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
-    } else {
-      damped_matrix = shared_matrix;
-    }
-    reduced_gradient = shared_gradient;
-    for (const Piece& p : pieces) {
-      system.accumulate(damped_matrix.data(), p.eliminated.data());
-      reduced_gradient += p.eliminated_gradient;
-    }
+    else
+      system.accumulate(damped_matrix.data(), shared_matrix.data());
+    reduced_gradient += shared_gradient;
     if (system.stacks())
       for (int i = 0; i < n; ++i) reduced_gradient(i) += damped_matrix[system.origin()[i] + n], damped_matrix[system.origin()[i] + n] = 0;
     for (int i = 0; i < n; ++i) system.add_to_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
@@ -327,7 +334,7 @@ struct LevenbergMarquardt::Workspace {
   bool step(const VectorXd& state, double lambda, double& promised, double& length) {
     if (!system.factor(damped_matrix.data())) return false;
     for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
-    system.solve(right_side.data());
+    system.solve(damped_matrix.data(), right_side.data());
     for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];
     double slope = shared_gradient.dot(shared_step), damping = 0;
     for (int i = 0; i < n; ++i) damping += lambda * shared_scale(i) * shared_step(i) * shared_step(i);
@@ -424,6 +431,7 @@ struct LevenbergMarquardt::Workspace {
   ReducedSystem system;
   Crew crew;
   std::vector<Piece> pieces;
+  std::atomic<int> turn{0};  // piece whose sums are added next
   std::vector<GroupStore> stores;
   std::vector<double> group_rows, group_factors;
   std::vector<Worker> workers;

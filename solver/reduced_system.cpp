@@ -167,7 +167,6 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     ld_ = padded(n + 1) + kSlack;
     for (int j = 0; j < n; ++j) origin_.push_back(static_cast<std::ptrdiff_t>(j) * ld_);
     step_ = origin_;
-    factor_.assign(storage(), 0.0);
     return;
   }
 
@@ -247,6 +246,11 @@ void ReducedSystem::accumulate(double* to, const double* from) const {
   for (int j = 0; j < n_; ++j) kernels().add(to + origin_[j] + j, from + origin_[j] + j, n_ + 1 - j);
 }
 
+void ReducedSystem::clear(double* values) const {
+  if (!dense_) std::fill_n(values, storage(), 0.0);
+  for (int j = 0; dense_ && j < n_; ++j) std::fill_n(values + origin_[j] + j, n_ + 1 - j, 0.0);
+}
+
 void ReducedSystem::add_diagonal_blocks(double* values, const double* blocks) const {
   for (const Run& run : runs_)
     for (int j = run.first; j < run.first + run.size; ++j)
@@ -263,16 +267,12 @@ MatrixXd ReducedSystem::full(const double* values) const {
   return m.selfadjointView<Eigen::Lower>();
 }
 
-bool ReducedSystem::factor(const double* values) {
-  if (!dense_) return sparse_->compute(values);
-  std::copy_n(values, storage(), factor_.data());
-  return kernels().cholesky(factor_.data(), n_, ld_);
-}
+bool ReducedSystem::factor(double* values) { return dense_ ? kernels().cholesky(values, n_, ld_) : sparse_->compute(values); }
 
-void ReducedSystem::solve(double* b) {
+void ReducedSystem::solve(const double* factored, double* b) {
   if (!dense_) return sparse_->solve(b);
-  kernels().solve_lower(factor_.data(), n_, ld_, b);
-  kernels().solve_lower_transposed(factor_.data(), n_, ld_, b);
+  kernels().solve_lower(factored, n_, ld_, b);
+  kernels().solve_lower_transposed(factored, n_, ld_, b);
 }
 
 }  // namespace kincal

@@ -41,6 +41,8 @@ class ReducedSystem {
   void add(int group, const double* block, int ld, double* values) const;
   /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
   void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
+  /// values = 0, of one accumulator's numbers that count.
+  void clear(double* values) const;
   /// to += from, of one accumulator's numbers that count.
   void accumulate(double* to, const double* from) const;
   /// values += runs' diagonal blocks.
@@ -50,10 +52,10 @@ class ReducedSystem {
   /// The whole matrix, both triangles, for tests.
   MatrixXd full(const double* values) const;
 
-  /// False if the matrix is not positive definite to rounding. Dense: allocates nothing.
-  bool factor(const double* values);
-  /// S x = b, in place; b has kSlack numbers behind its n.
-  void solve(double* b);
+  /// False if the matrix is not positive definite to rounding. Dense: in place, allocates nothing.
+  bool factor(double* values);
+  /// S x = b, in place, after factor(); b has kSlack numbers behind its n.
+  void solve(const double* factored, double* b);
 
  private:
   struct Run {
@@ -71,7 +73,6 @@ class ReducedSystem {
   std::vector<std::ptrdiff_t> origin_, diagonal_origin_, step_;  // step_: start of each column as blocks below the diagonal see it
   size_t diagonal_storage_ = 0;
   std::vector<int> column_start_, row_of_;      // lower triangle, compressed columns, diagonal first
-  std::vector<double> factor_;
   std::unique_ptr<Sparse> sparse_;
 };
 
