@@ -39,6 +39,12 @@ struct Kernels {
   void (*subtract_block)(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
                          std::ptrdiff_t stride);
 
+  /// The elimination of a point seen by cameras of 9 numbers: with B = [B_0 .. B_runs-1 | b] (3 rows, `stride` apart, 9 columns a run),
+  /// values -= B_i' B_j for runs i > j, at values + step[first[j] + q] + place for column q, where place is that of the pair (for j: for
+  /// i > j) or, if null, first[i]; diagonal -= B_i' B_i (whole blocks, at diagonal_origin[first[i] + q] + first[i]); gradient -= B_i' b.
+  void (*subtract_nines)(double* values, const std::ptrdiff_t* step, const int* place, const int* first, int runs, const double* b,
+                         std::ptrdiff_t stride, double* diagonal, const std::ptrdiff_t* diagonal_origin, double* gradient);
+
   /// product = G M and out = M' G M: G (width x width, leading dimension ldg, both triangles), of which the first k columns count; M
   /// (k x columns), product (width x columns) and out (columns x columns, whole) row-major, ld >= columns + kSlack apart.
   void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld);

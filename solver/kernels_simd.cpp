@@ -223,6 +223,45 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
     block_columns<0>(d, step, a, rows, b, columns, depth, stride);
 }
 
+// ---- subtract_nines: rows 0-7 of a block in packs, row 8 alone.
+
+constexpr int kEight = 8 / kLanes;
+
+inline void subtract_nine(double* d, const std::ptrdiff_t* step, const Pack x[3][kEight], const double* last0, const double* b0,
+                          std::ptrdiff_t stride) {
+  const double *b1 = b0 + stride, *b2 = b1 + stride;
+  const double l0 = last0[0], l1 = last0[stride], l2 = last0[2 * stride];
+  for (int q = 0; q < 9; ++q) {
+    double* to = d + step[q];
+    const double f0 = b0[q], f1 = b1[q], f2 = b2[q];
+    for (int p = 0; p < kEight; ++p) store(to + p * kLanes, load(to + p * kLanes) - x[0][p] * f0 - x[1][p] * f1 - x[2][p] * f2);
+    to[8] -= l0 * f0 + l1 * f1 + l2 * f2;
+  }
+}
+
+void subtract_nines(double* values, const std::ptrdiff_t* step, const int* place, const int* first, int runs, const double* b,
+                    std::ptrdiff_t stride, double* diagonal, const std::ptrdiff_t* diagonal_origin, double* gradient) {
+  const double *r0 = b + 9 * runs, *r1 = r0 + stride, *r2 = r1 + stride;
+  for (int i = 0; i < runs; ++i) {
+    const double* bi = b + 9 * i;
+    Pack x[3][kEight];
+    for (int k = 0; k < 3; ++k)
+      for (int p = 0; p < kEight; ++p) x[k][p] = load(bi + k * stride + p * kLanes);
+    double* g = gradient + first[i];
+    for (int p = 0; p < kEight; ++p)
+      store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
+    g[8] -= bi[8] * *r0 + bi[stride + 8] * *r1 + bi[2 * stride + 8] * *r2;
+    subtract_nine(diagonal + first[i], diagonal_origin + first[i], x, bi + 8, bi, stride);
+    // Pairs with the runs before: place of (i, j) among those of j.
+    std::ptrdiff_t pairs = 0;
+    for (int j = 0; j < i; ++j) {
+      const std::ptrdiff_t at = place ? place[pairs + i - j - 1] : first[i];
+      subtract_nine(values + at, step + first[j], x, bi + 8, b + 9 * j, stride);
+      pairs += runs - 1 - j;
+    }
+  }
+}
+
 // ---- expand: both products are  to(i, :) = sum_r factor(i, r) * from(r, :)  with few r.
 
 template <int Depth>
@@ -273,7 +312,7 @@ void add(double* a, const double* b, std::ptrdiff_t n) {
 
 extern const Kernels kKernels;
 const Kernels kKernels = {KINCAL_ISA_NAME, gram, subtract_product, cholesky, solve_lower, solve_lower_transposed, solve_rows, subtract_block,
-                          expand, add};
+                          subtract_nines, expand, add};
 
 }  // namespace KINCAL_ISA
 }  // namespace kincal

@@ -16,6 +16,7 @@ constexpr double kConvergedStep = 1e-7;     // standard deviations
 constexpr double kSmallestDamping = 1e-10;  // keeps directions without information where they are, biases nothing else
 constexpr double kUndamped = 1e-9;          // up to here a step's length means distance to the minimum
 constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
+constexpr double kFaithful = 0.03;          // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 3;                  // steps that the acceleration looks back
 constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
 
@@ -40,6 +41,7 @@ struct Piece {
 struct Worker {
   std::vector<double> shared;              // C
   std::vector<double> eliminated;          // minus the sum of B_Q' B_Q
+  std::vector<double> diagonal;            // light problems: the runs' diagonal blocks of it
   VectorXd gradient, eliminated_gradient;
   std::vector<double> rows, factor;        // light problems: of kRange groups
   std::vector<double> right;               // B of one group
@@ -97,8 +99,9 @@ struct LevenbergMarquardt::Workspace {
     }
     workers.resize(crew.size());
     for (Worker& w : workers) {
-      w.shared.resize(light ? system.diagonal_storage() : system.storage());
+      w.shared.resize(light ? system.diagonal_storage() + kSlack : system.storage());
       w.eliminated.resize(system.storage());
+      if (light) w.diagonal.resize(system.diagonal_storage() + kSlack);
       w.gradient.setZero(n);
       w.eliminated_gradient.setZero(n);
       if (light) {
@@ -174,8 +177,8 @@ struct LevenbergMarquardt::Workspace {
                  : Room{group_rows.data() + stores[g].rows, group_factors.data() + stores[g].factor};
   }
 
-  /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the piece.
-  bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
+  /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b (unless only rows are wanted) to the worker's.
+  bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker, bool rows_only = false) {
     Worker& w = workers[worker];
     problem.approach(first, last, state, worker);
     for (int g = first; g < last; ++g) {
@@ -186,6 +189,7 @@ struct LevenbergMarquardt::Workspace {
       const bool local = !system.dense() && !light;
       const size_t m = groups[g].columns.size();
       if (light) to.origin = system.diagonal_origin();
+      if (rows_only) to.shared = nullptr;
       if (local) {
         std::fill(w.block.begin(), w.block.end(), 0.0);
         w.right.assign(w.right.size(), 0.0);
@@ -227,7 +231,8 @@ struct LevenbergMarquardt::Workspace {
     for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
     kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
     if (!system.stacks()) {
-      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data());
+      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data(),
+                      light ? w.diagonal.data() : nullptr);
       return true;
     }
     const int* column = groups[g].columns.data();
@@ -275,6 +280,7 @@ struct LevenbergMarquardt::Workspace {
         w.gradient.setZero();
       }
       system.clear(w.eliminated.data());
+      std::fill(w.diagonal.begin(), w.diagonal.end(), 0.0);
       w.eliminated_gradient.setZero();
       int stacked = 0;
       for (int first = p.first; first < p.last && p.defined; first += Problem::kRange) {
@@ -305,6 +311,7 @@ struct LevenbergMarquardt::Workspace {
         cost.chi2 += p.cost.chi2;
       }
       system.accumulate(damped_matrix.data(), w.eliminated.data());
+      if (light) system.add_diagonal_blocks(damped_matrix.data(), w.diagonal.data());
       reduced_gradient += w.eliminated_gradient;
       turn.store(piece + 1, std::memory_order_release);
     });
@@ -343,7 +350,7 @@ struct LevenbergMarquardt::Workspace {
       p.definite = true;
       for (int first = p.first; first < p.last; first += Problem::kRange) {
         const int last = std::min(p.last, first + Problem::kRange);
-        if (light && !linearise_range(p, first, last, state, worker)) p.definite = false;
+        if (light && !linearise_range(p, first, last, state, worker, true)) p.definite = false;
         for (int g = first; g < last && p.definite; ++g) {
           const Room at = room(g, first, worker);
           if (light && !factor_private(g, at, lambda)) p.definite = false;
@@ -526,12 +533,10 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     const double gain = promised > 0 && !accelerated ? (twice - trial.twice) / promised : 1;
     const bool rounding = promised <= kRoundingShare * twice;
     const double used = lambda;
-    if (gain > 0.75 || promised <= 10 * kRoundingShare * twice)
+    if (std::abs(gain - 1) < kFaithful || promised <= 10 * kRoundingShare * twice)
       lambda = std::max(lambda / 30, kSmallestDamping);
-    else if (gain > 0.25)
-      lambda = std::max(lambda / 3, kSmallestDamping);
-    else
-      lambda *= 2;
+    else  // Nielsen
+      lambda = std::max(lambda * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)), kSmallestDamping);
     std::swap(state, w.moved);
     const bool little = w.options.relative_decrease > 0 && twice - trial.twice <= w.options.relative_decrease * twice;
     summary.cost = trial;

@@ -41,7 +41,7 @@ struct GroupShape {
 struct GroupEquations {
   double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
   int stride;                    // between rows
-  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]
+  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]; null: rows only, of a light() problem
   const std::ptrdiff_t* origin;
   const int* row;
   double* gradient;              // b at place i is added to gradient[row[i]]

@@ -132,10 +132,12 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
   for (const GroupShape& g : groups) {
     for (size_t i = 0; i < g.columns.size(); i += runs_[group_runs_.back()].size) group_runs_.push_back(run_of[g.columns[i]]);
     group_runs_start_.push_back(static_cast<int>(group_runs_.size()));
+    for (size_t i = group_firsts_.size(); i < group_runs_.size(); ++i) group_firsts_.push_back(runs_[group_runs_[i]].first);
     full_work += static_cast<double>(g.private_size) * n * n;
     touched_work += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
   }
 
+  nines_ = std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; });
   dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
   // Pattern of the graph of runs, column by column.
   const int runs = static_cast<int>(runs_.size());
@@ -194,7 +196,7 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
       const auto begin = graph_row.begin() + graph_start[group_runs_[b]], end = graph_row.begin() + graph_start[group_runs_[b] + 1];
       auto it = begin;
-      for (int a = b; a < group_runs_start_[g + 1]; ++a) {
+      for (int a = b + 1; a < group_runs_start_[g + 1]; ++a) {
         it = std::lower_bound(it, end, group_runs_[a]);
         pair_places_.push_back(begin_of[it - graph_row.begin()]);
       }
@@ -212,18 +214,23 @@ void ReducedSystem::add(int group, const double* block, int ld, double* values) 
   const int* place = pair_places_.data() + pair_start_[group];
   const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
   for (int b = first, column = 0; b < last; column += runs_[group_runs_[b++]].size)
-    for (int a = b, row = column; a < last; row += runs_[group_runs_[a++]].size, ++place) {
+    for (int a = b, row = column; a < last; row += runs_[group_runs_[a++]].size) {
       const Run &ra = runs_[group_runs_[a]], &rb = runs_[group_runs_[b]];
+      const int at = a == b ? 0 : *place++;
       for (int q = 0; q < rb.size; ++q)
         for (int i = a == b ? q : 0; i < ra.size; ++i)
-          values[step_[rb.first + q] + *place + i] += block[row + i + static_cast<size_t>(column + q) * ld];
+          values[step_[rb.first + q] + at + i] += block[row + i + static_cast<size_t>(column + q) * ld];
     }
 }
 
-void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const {
+void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient,
+                             double* diagonal) const {
   const Kernels& kernel = kernels();
   const int* place = dense_ ? nullptr : pair_places_.data() + pair_start_[group];
   const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
+  if (diagonal && nines_ && depth == 3)
+    return kernel.subtract_nines(values, step_.data(), place, group_firsts_.data() + first, last - first, b, stride, diagonal,
+                                 diagonal_origin_.data(), gradient);
   const int m = static_cast<int>((*groups_)[group].columns.size());
   const std::ptrdiff_t none = 0;
   for (int j = first, column = 0; j < last; column += runs_[group_runs_[j++]].size) {
@@ -231,7 +238,7 @@ void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff
     kernel.subtract_block(gradient + rj.first, &none, b + column, rj.size, b + m, 1, depth, stride);
     const std::ptrdiff_t* step = step_.data() + rj.first;
     // The diagonal block column by column: above the diagonal a sparse array has the numbers of others.
-    double* corner = values + (dense_ ? rj.first : *place++);
+    double* corner = values + (dense_ ? rj.first : 0);
     for (int q = 0; q < rj.size; ++q)
       kernel.subtract_block(corner + q, step + q, b + column + q, rj.size - q, b + column + q, 1, depth, stride);
     for (int i = j + 1, row = column + rj.size; i < last; row += runs_[group_runs_[i++]].size) {

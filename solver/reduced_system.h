@@ -39,8 +39,9 @@ class ReducedSystem {
 
   /// Sparse: values += block (lower triangle over the group's touched columns, leading dimension ld).
   void add(int group, const double* block, int ld, double* values) const;
-  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
-  void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
+  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart. With
+  /// `diagonal` (diagonal_storage() numbers), the runs' diagonal blocks may go there instead of to values.
+  void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient, double* diagonal) const;
   /// values = 0, of one accumulator's numbers that count.
   void clear(double* values) const;
   /// to += from, of one accumulator's numbers that count.
@@ -68,7 +69,9 @@ class ReducedSystem {
   const std::vector<GroupShape>* groups_;
   std::vector<Run> runs_;
   std::vector<int> group_runs_, group_runs_start_;  // runs of each group, ascending
-  std::vector<int> pair_places_;                    // sparse: group after group, for b, for a >= b: block (a, b) in b's columns
+  std::vector<int> group_firsts_;                   // their first columns
+  bool nines_ = false;                              // every run has 9 columns
+  std::vector<int> pair_places_;                    // sparse: group after group, for b, for a > b: block (a, b) in b's columns
   std::vector<size_t> pair_start_;
   std::vector<std::ptrdiff_t> origin_, diagonal_origin_, step_;  // step_: start of each column as blocks below the diagonal see it
   size_t diagonal_storage_ = 0;
