@@ -75,14 +75,18 @@ BundleAdjustment::BundleAdjustment(const BundleAdjustmentData& data)
   }
   for (int k = 0; k < most; ++k) column_.push_back(3 + 9 * k);
 
-  initial_.resize(kCameraNumbers * static_cast<Eigen::Index>(cameras_) + 3 * static_cast<Eigen::Index>(points_));
+  u_.resize(u_.size() + kSlack, 0.0);
+  v_.resize(v_.size() + kSlack, 0.0);
+  initial_.setZero(kCameraNumbers * static_cast<Eigen::Index>(cameras_) + kPointNumbers * static_cast<Eigen::Index>(points_) + kSlack);
   for (int c = 0; c < cameras_; ++c) {
     const double* from = data.cameras.data() + 9 * static_cast<size_t>(c);
     double* to = initial_.data() + kCameraNumbers * static_cast<size_t>(c);
     Eigen::Map<RowMatrix3d>{to} = exp_so3(Vector3d(from));
     std::copy_n(from + 3, 6, to + 9);
   }
-  std::copy(data.points.begin(), data.points.end(), initial_.data() + kCameraNumbers * static_cast<size_t>(cameras_));
+  for (int p = 0; p < points_; ++p)
+    std::copy_n(data.points.data() + 3 * static_cast<size_t>(p), 3,
+                initial_.data() + kCameraNumbers * static_cast<size_t>(cameras_) + kPointNumbers * static_cast<size_t>(p));
   set_workers(1);
 }
 
@@ -90,7 +94,7 @@ void BundleAdjustment::set_workers(int count) {
   size_t most = 0;  // observations of a range, wherever it begins
   for (int p = 0; p < points_; ++p) most = std::max<size_t>(most, start_[std::min(points_, p + kRange)] - start_[p]);
   scratch_.resize(count);
-  for (Scratch& s : scratch_) s.rows.assign(most * kObservationNumbers + kSlack, 0.0);
+  for (Scratch& s : scratch_) s.rows.assign((most + kSlack) * kObservationNumbers, 0.0);
 }
 
 void BundleAdjustment::unpack(const VectorXd& state, std::vector<double>& cameras, std::vector<double>& points) const {
@@ -101,7 +105,10 @@ void BundleAdjustment::unpack(const VectorXd& state, std::vector<double>& camera
     Eigen::Map<Vector3d>{to} = log_so3(Eigen::Map<const RowMatrix3d>(from));
     std::copy_n(from + 9, 6, to + 3);
   }
-  points.assign(state.data() + kCameraNumbers * static_cast<size_t>(cameras_), state.data() + state.size());
+  points.resize(3 * static_cast<size_t>(points_));
+  for (int p = 0; p < points_; ++p)
+    std::copy_n(state.data() + kCameraNumbers * static_cast<size_t>(cameras_) + kPointNumbers * static_cast<size_t>(p), 3,
+                points.data() + 3 * static_cast<size_t>(p));
 }
 
 Observations BundleAdjustment::observations(const VectorXd& state) const {
@@ -138,11 +145,18 @@ bool BundleAdjustment::linearise(int group, const VectorXd&, int worker, const G
                              to.origin, to.gradient);
   cost = {};
   for (int k = 0; k < count; ++k) {
-    const double *r = rows + static_cast<size_t>(k) * kObservationNumbers + 38;
+    const double *r = rows + static_cast<size_t>(k) * kObservationNumbers + 22;
     cost.chi2 += r[0] * r[0] + r[1] * r[1];
   }
   cost.twice = cost.chi2;
   return true;
+}
+
+void BundleAdjustment::condense(int group, const VectorXd& shared_step, int worker, double* rows) const {
+  const Scratch& s = scratch_[worker];
+  const int first = start_[group];
+  bundle_kernels().condense_point(s.rows.data() + static_cast<size_t>(first - s.first) * kObservationNumbers, start_[group + 1] - first,
+                                  camera_of_.data() + first, shared_step.data(), rows);
 }
 
 bool BundleAdjustment::square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const {
@@ -153,9 +167,10 @@ bool BundleAdjustment::square_root(int group, const VectorXd& state, int worker,
   for (int k = 0; k < count; ++k) {
     const double* o = s.rows.data() + static_cast<size_t>(k) * kObservationNumbers;
     for (int i = 0; i < 2; ++i) {
-      rows.row(2 * k + i).head<3>() = Eigen::Map<const Eigen::RowVector3d>(o + 32 + 3 * i);
-      rows.row(2 * k + i).segment<9>(column_[k]) = Eigen::Map<const Eigen::Matrix<double, 1, 9>>(o + 16 * i);
-      rows(2 * k + i, size) = o[38 + i];
+      rows.row(2 * k + i).head<3>() = Eigen::Map<const Eigen::RowVector3d>(o + 16 + 3 * i);
+      rows.row(2 * k + i).segment<8>(column_[k]) = Eigen::Map<const Eigen::Matrix<double, 1, 8>>(o + 8 * i);
+      rows(2 * k + i, column_[k] + 8) = o[24 + i];
+      rows(2 * k + i, size) = o[22 + i];
     }
   }
   return s.defined;
@@ -170,7 +185,9 @@ void BundleAdjustment::retract(const VectorXd& state, const VectorXd& shared_ste
     rotation = exp_so3(Vector3d(step)) * Matrix3d(rotation);
     for (int k = 0; k < 6; ++k) camera[9 + k] += step[3 + k];
   }
-  moved.tail(private_step.size()) += private_step;
+  double* points = moved.data() + kCameraNumbers * static_cast<size_t>(cameras_);
+  for (int p = 0; p < points_; ++p)
+    for (int k = 0; k < 3; ++k) points[kPointNumbers * static_cast<size_t>(p) + k] += private_step(3 * static_cast<Eigen::Index>(p) + k);
 }
 
 }  // namespace kincal

@@ -18,7 +18,7 @@ struct BundleAdjustmentData {
   std::vector<double> pixels;              // 2 each
 };
 
-/// The state: kCameraNumbers a camera, then 3 numbers a point. Keeps no Jacobian and no rows: what a point contributes is computed again
+/// The state: kCameraNumbers a camera, then kPointNumbers a point, then slack. Keeps no Jacobian and no rows: what a point contributes is computed again
 /// whenever it is needed, from observations ordered by point.
 class BundleAdjustment final : public Problem {
  public:
@@ -37,6 +37,7 @@ class BundleAdjustment final : public Problem {
   bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override;
   void approach(int first, int last, const VectorXd& state, int worker) const override;
   bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
+  void condense(int group, const VectorXd& shared_step, int worker, double* rows) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd&) override { return false; }

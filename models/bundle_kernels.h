@@ -5,23 +5,27 @@
 
 namespace kincal {
 
-constexpr int kCameraNumbers = 15;      // rotation (row by row), translation, f, k1, k2
-constexpr int kObservationNumbers = 40; // d_u_d_camera (9, then 7 zeros), d_v_d_camera (likewise), d_uv_d_point (2 x 3), r (2)
+constexpr int kCameraNumbers = 16;       // rotation (row by row), translation, f, k1, k2, nothing
+constexpr int kPointNumbers = 4;         // x, y, z, nothing
+constexpr int kObservationNumbers = 32;  // d_u_d_camera 0-7, d_v_d_camera 0-7, d_uv_d_point (2 x 3), r (2), d_uv_d_camera 8, nothing
 
 struct Observations {
   const double* cameras;  // kCameraNumbers each
-  const double* points;   // 3 each
+  const double* points;   // kPointNumbers each
   const int *camera_of, *point_of;
-  const double *u, *v;    // measured
+  const double *u, *v;    // measured; slack behind them
 };
 
 struct BundleKernels {
-  /// Observations first .. last - 1: adds their squared residuals; to `rows`, unless null, their derivatives. False where undefined.
+  /// Observations first .. last - 1: adds their squared residuals; to `rows` (room for a few more), unless null, their derivatives. False
+  /// where undefined.
   bool (*observe)(const Observations& o, int first, int last, double* rows, double& squares);
   /// Adds the equations of one point seen by `count` cameras: camera k has columns column[k] .. + 8 in the group's rows (privates
-  /// counted) and the shared columns 9 camera[k] .. + 8. `rows` and shared arrays have slack, where zeros may be added. shared null: rows only.
+  /// counted) and the shared columns 9 camera[k] .. + 8. `rows` and shared arrays have slack, where zeros may be added.
   void (*add_point)(const double* observations, int count, const int* camera, const int* column, double* rows, int stride, int size,
                     double* shared, const std::ptrdiff_t* origin, double* gradient);
+  /// Adds [P | a | a + Q dx] of such a point to `rows` (3 x 5, row by row).
+  void (*condense_point)(const double* observations, int count, const int* camera, const double* shared_step, double* rows);
 };
 const BundleKernels& bundle_kernels();
 

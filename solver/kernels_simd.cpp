@@ -107,7 +107,24 @@ constexpr int kPanel = 16;
 
 inline double root(double x) { return __builtin_sqrt(x); }
 
+/// Few numbers: no packs.
+template <int N3>
+inline bool small_cholesky(double* a, int ld) {
+  for (int j = 0; j < N3; ++j) {
+    for (int p = 0; p < j; ++p)
+      for (int i = j; i < N3; ++i) a[i + j * ld] -= a[i + p * ld] * a[j + p * ld];
+    const double pivot = a[j + j * ld];
+    if (!(pivot > 0) || pivot > 1.7976931348623157e308) return false;
+    const double inverse = 1 / root(pivot);
+    for (int i = j + 1; i < N3; ++i) a[i + j * ld] *= inverse;
+    a[j + j * ld] = inverse;
+  }
+  return true;
+}
+
 bool cholesky(double* a, int n, int ld) {
+  if (n == 3) return small_cholesky<3>(a, ld);
+  if (n == 6) return small_cholesky<6>(a, ld);
   for (int k = 0; k < n; k += kPanel) {
     const int end = k + kPanel < n ? k + kPanel : n;
     for (int j = k; j < end; ++j) {
@@ -139,6 +156,12 @@ bool cholesky(double* a, int n, int ld) {
 }
 
 void solve_lower(const double* factor, int n, int ld, double* b) {
+  if (n == 3) {
+    b[0] *= factor[0];
+    b[1] = (b[1] - factor[1] * b[0]) * factor[1 + ld];
+    b[2] = (b[2] - factor[2] * b[0] - factor[2 + ld] * b[1]) * factor[2 + 2 * ld];
+    return;
+  }
   for (int j = 0; j < n; ++j) {
     const double* column = factor + static_cast<std::ptrdiff_t>(j) * ld;
     const double x = b[j] * column[j];
@@ -148,6 +171,12 @@ void solve_lower(const double* factor, int n, int ld, double* b) {
 }
 
 void solve_lower_transposed(const double* factor, int n, int ld, double* b) {
+  if (n == 3) {
+    b[2] *= factor[2 + 2 * ld];
+    b[1] = (b[1] - factor[2 + ld] * b[2]) * factor[1 + ld];
+    b[0] = (b[0] - factor[1] * b[1] - factor[2] * b[2]) * factor[0];
+    return;
+  }
   for (int j = n - 1; j >= 0; --j) {
     const double* column = factor + static_cast<std::ptrdiff_t>(j) * ld;
     Pack s = {};

@@ -18,7 +18,7 @@ constexpr double kUndamped = 1e-9;          // up to here a step's length means 
 constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
 constexpr double kFaithful = 0.03;          // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 3;                  // steps that the acceleration looks back
-constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
+constexpr int kPieces = 16, kFewPieces = 2;  // of the partition, whatever the number of threads
 
 constexpr int kStackedRows = 64;            // eliminated rows that are multiplied at once
 
@@ -177,8 +177,8 @@ struct LevenbergMarquardt::Workspace {
                  : Room{group_rows.data() + stores[g].rows, group_factors.data() + stores[g].factor};
   }
 
-  /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b (unless only rows are wanted) to the worker's.
-  bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker, bool rows_only = false) {
+  /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the worker's.
+  bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
     Worker& w = workers[worker];
     problem.approach(first, last, state, worker);
     for (int g = first; g < last; ++g) {
@@ -189,7 +189,6 @@ struct LevenbergMarquardt::Workspace {
       const bool local = !system.dense() && !light;
       const size_t m = groups[g].columns.size();
       if (light) to.origin = system.diagonal_origin();
-      if (rows_only) to.shared = nullptr;
       if (local) {
         std::fill(w.block.begin(), w.block.end(), 0.0);
         w.right.assign(w.right.size(), 0.0);
@@ -209,9 +208,9 @@ struct LevenbergMarquardt::Workspace {
     return true;
   }
 
-  /// Factor of the damped private block of a group; false if it is not positive definite to rounding.
-  bool factor_private(size_t g, const Room& at, double lambda) {
-    const int k = groups[g].private_size, ld = k + kSlack, width = stride(g);
+  /// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not positive definite to rounding.
+  bool factor_private(size_t g, const Room& at, int width, double lambda) {
+    const int k = groups[g].private_size, ld = k + kSlack;
     for (int j = 0; j < k; ++j)
       for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
     for (int i = 0; i < k; ++i) {
@@ -225,7 +224,7 @@ struct LevenbergMarquardt::Workspace {
   bool eliminate_group(size_t g, const Room& at, double lambda, int worker, int& stacked) {
     const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
     if (k == 0) return true;
-    if (!factor_private(g, at, lambda)) return false;
+    if (!factor_private(g, at, width, lambda)) return false;
     Worker& w = workers[worker];
     const int right_width = padded(m + 1);
     for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
@@ -350,12 +349,9 @@ struct LevenbergMarquardt::Workspace {
       p.definite = true;
       for (int first = p.first; first < p.last; first += Problem::kRange) {
         const int last = std::min(p.last, first + Problem::kRange);
-        if (light && !linearise_range(p, first, last, state, worker, true)) p.definite = false;
-        for (int g = first; g < last && p.definite; ++g) {
-          const Room at = room(g, first, worker);
-          if (light && !factor_private(g, at, lambda)) p.definite = false;
-          substitute(p, g, at, lambda, worker);
-        }
+        if (light) problem.approach(first, last, state, worker);
+        for (int g = first; g < last; ++g)
+          light ? substitute_light(p, g, lambda, worker) : substitute(p, g, room(g, first, worker), lambda, worker);
       }
     });
     for (const Piece& p : pieces) {
@@ -369,20 +365,35 @@ struct LevenbergMarquardt::Workspace {
   }
 
   void substitute(Piece& p, size_t g, const Room& at, double lambda, int worker) {
-    const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), start = stores[g].private_start;
+    const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size());
     double* d = workers[worker].solution.data();
     const int* column = groups[g].columns.data();
     for (int i = 0; i < k; ++i) {
       const double* row = at.rows + static_cast<size_t>(i) * stride(g) + k;
-      double sum = row[m];
-      for (int j = 0; j < m; ++j) sum += row[j] * shared_step(column[j]);
-      d[i] = -sum;
+      double total = row[m];
+      for (int j = 0; j < m; ++j) total += row[j] * shared_step(column[j]);
+      d[i] = -total;
     }
-    kernels().solve_lower(at.factor, k, k + kSlack, d);
-    kernels().solve_lower_transposed(at.factor, k, k + kSlack, d);
+    private_steps(p, g, at.factor, at.rows + k + m, stride(g), d, lambda);
+  }
+  /// The same from [P | a | a + Q dx] that the problem computes again.
+  void substitute_light(Piece& p, size_t g, double lambda, int worker) {
+    const int k = groups[g].private_size, width = k + 2;
+    Worker& w = workers[worker];
+    std::fill_n(w.rows.data(), k * width, 0.0);
+    problem.condense(static_cast<int>(g), shared_step, worker, w.rows.data());
+    p.definite = factor_private(g, {w.rows.data(), w.factor.data()}, width, lambda) && p.definite;
+    for (int i = 0; i < k; ++i) w.solution[i] = -w.rows[static_cast<size_t>(i) * width + k + 1];
+    private_steps(p, g, w.factor.data(), w.rows.data() + k, width, w.solution.data(), lambda);
+  }
+  /// Steps of a group from d = -(a + Q dx); a: numbers `width` apart.
+  void private_steps(Piece& p, size_t g, const double* factor, const double* a, int width, double* d, double lambda) {
+    const int k = groups[g].private_size, start = stores[g].private_start;
+    kernels().solve_lower(factor, k, k + kSlack, d);
+    kernels().solve_lower_transposed(factor, k, k + kSlack, d);
     for (int i = 0; i < k; ++i) {
       private_step(start + i) = d[i];
-      p.slope += at.rows[static_cast<size_t>(i) * stride(g) + k + m] * d[i];
+      p.slope += a[static_cast<size_t>(i) * width] * d[i];
       p.damping += lambda * private_scale(start + i) * d[i] * d[i];
     }
   }

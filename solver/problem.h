@@ -41,7 +41,7 @@ struct GroupShape {
 struct GroupEquations {
   double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
   int stride;                    // between rows
-  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]; null: rows only, of a light() problem
+  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]
   const std::ptrdiff_t* origin;
   const int* row;
   double* gradient;              // b at place i is added to gradient[row[i]]
@@ -81,6 +81,9 @@ class Problem {
   /// True: shared columns that stand together (of one camera) meet others only through privates, so that linearise() writes only the
   /// blocks of C on its diagonal; and linearising again is cheaper than keeping the groups' rows.
   virtual bool light() const { return false; }
+  /// Light problems, after approach(): adds [P | a | a + Q dx] of a group to `rows`, private_size rows of private_size + 2, upper triangle
+  /// of P.
+  virtual void condense(int /*group*/, const VectorXd& /*shared_step*/, int /*worker*/, double* /*rows*/) const {}
   /// state moved by a step; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.

@@ -26,6 +26,40 @@ static inline Pack load(const double* p) { return *reinterpret_cast<const LooseP
 static inline void store(double* p, Pack x) { *reinterpret_cast<LoosePack*>(p) = x; }
 static inline Pack all(double x) { return x - Pack{}; }
 
+/// Lane j of row i goes to lane i of row j.
+static inline void transpose(Pack* r) {
+#if defined(__AVX512F__)
+  Pack t[8], u[8];
+  for (int k = 0; k < 8; k += 2) {
+    t[k] = __builtin_shufflevector(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+    t[k + 1] = __builtin_shufflevector(r[k], r[k + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+  }
+  for (int k = 0; k < 8; k += 4)
+    for (int i = 0; i < 2; ++i) {
+      u[k + i] = __builtin_shufflevector(t[k + i], t[k + i + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+      u[k + i + 2] = __builtin_shufflevector(t[k + i], t[k + i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+  for (int k = 0; k < 4; ++k) {
+    r[k] = __builtin_shufflevector(u[k], u[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+    r[k + 4] = __builtin_shufflevector(u[k], u[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+  }
+#elif defined(__AVX__)
+  Pack t[4];
+  for (int k = 0; k < 4; k += 2) {
+    t[k] = __builtin_shufflevector(r[k], r[k + 1], 0, 4, 2, 6);
+    t[k + 1] = __builtin_shufflevector(r[k], r[k + 1], 1, 5, 3, 7);
+  }
+  for (int k = 0; k < 2; ++k) {
+    r[k] = __builtin_shufflevector(t[k], t[k + 2], 0, 1, 4, 5);
+    r[k + 2] = __builtin_shufflevector(t[k], t[k + 2], 2, 3, 6, 7);
+  }
+#else
+  const Pack t = __builtin_shufflevector(r[0], r[1], 0, 2);
+  r[1] = __builtin_shufflevector(r[0], r[1], 1, 3);
+  r[0] = t;
+#endif
+}
+
 /// Sum of the lanes.
 static inline double sum(Pack x) {
 #if defined(__AVX512F__)
