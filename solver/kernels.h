@@ -12,6 +12,9 @@ namespace kincal {
 
 constexpr int kSlack = 8;
 
+/// Numbers of a block of 9 x 9, padded so that it fills whole cache lines.
+constexpr int kNineBlock = 88;
+
 /// Up to the next multiple of 8.
 constexpr int padded(int n) { return (n + 7) & ~7; }
 
@@ -40,10 +43,10 @@ struct Kernels {
                          std::ptrdiff_t stride);
 
   /// The elimination of a point seen by cameras of 9 numbers: with B = [B_0 .. B_runs-1 | b] (3 rows, `stride` apart, 9 columns a run),
-  /// values -= B_i' B_j for runs i > j, at values + step[first[j] + q] + place for column q, where place is that of the pair (for j: for
-  /// i > j) or, if null, first[i]; diagonal -= B_i' B_i (whole blocks, at diagonal_origin[first[i] + q] + first[i]); gradient -= B_i' b.
-  void (*subtract_nines)(double* values, const std::ptrdiff_t* step, const int* place, const int* first, int runs, const double* b,
-                         std::ptrdiff_t stride, double* diagonal, const std::ptrdiff_t* diagonal_origin, double* gradient);
+  /// block -= B_i' B_j for the runs' pairs i >= j, and gradient -= B_i' b at first[i] .. + 8. The blocks' numbers: pair after pair, for i,
+  /// for j <= i. A block has kNineBlock numbers: rows 0-7 column after column, then row 8.
+  void (*subtract_nines)(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
+                         double* gradient);
 
   /// product = G M and out = M' G M: G (width x width, leading dimension ldg, both triangles), of which the first k columns count; M
   /// (k x columns), product (width x columns) and out (columns x columns, whole) row-major, ld >= columns + kSlack apart.

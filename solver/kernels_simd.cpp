@@ -252,41 +252,31 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
     block_columns<0>(d, step, a, rows, b, columns, depth, stride);
 }
 
-// ---- subtract_nines: rows 0-7 of a block in packs, row 8 alone.
+// ---- subtract_nines
 
 constexpr int kEight = 8 / kLanes;
 
-inline void subtract_nine(double* d, const std::ptrdiff_t* step, const Pack x[3][kEight], const double* last0, const double* b0,
-                          std::ptrdiff_t stride) {
-  const double *b1 = b0 + stride, *b2 = b1 + stride;
-  const double l0 = last0[0], l1 = last0[stride], l2 = last0[2 * stride];
-  for (int q = 0; q < 9; ++q) {
-    double* to = d + step[q];
-    const double f0 = b0[q], f1 = b1[q], f2 = b2[q];
-    for (int p = 0; p < kEight; ++p) store(to + p * kLanes, load(to + p * kLanes) - x[0][p] * f0 - x[1][p] * f1 - x[2][p] * f2);
-    to[8] -= l0 * f0 + l1 * f1 + l2 * f2;
-  }
-}
-
-void subtract_nines(double* values, const std::ptrdiff_t* step, const int* place, const int* first, int runs, const double* b,
-                    std::ptrdiff_t stride, double* diagonal, const std::ptrdiff_t* diagonal_origin, double* gradient) {
+void subtract_nines(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride, double* gradient) {
   const double *r0 = b + 9 * runs, *r1 = r0 + stride, *r2 = r1 + stride;
   for (int i = 0; i < runs; ++i) {
     const double* bi = b + 9 * i;
     Pack x[3][kEight];
     for (int k = 0; k < 3; ++k)
       for (int p = 0; p < kEight; ++p) x[k][p] = load(bi + k * stride + p * kLanes);
+    const double l0 = bi[8], l1 = bi[stride + 8], l2 = bi[2 * stride + 8];
     double* g = gradient + first[i];
     for (int p = 0; p < kEight; ++p)
       store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
-    g[8] -= bi[8] * *r0 + bi[stride + 8] * *r1 + bi[2 * stride + 8] * *r2;
-    subtract_nine(diagonal + first[i], diagonal_origin + first[i], x, bi + 8, bi, stride);
-    // Pairs with the runs before: place of (i, j) among those of j.
-    std::ptrdiff_t pairs = 0;
-    for (int j = 0; j < i; ++j) {
-      const std::ptrdiff_t at = place ? place[pairs + i - j - 1] : first[i];
-      subtract_nine(values + at, step + first[j], x, bi + 8, b + 9 * j, stride);
-      pairs += runs - 1 - j;
+    g[8] -= l0 * *r0 + l1 * *r1 + l2 * *r2;
+    const double* b0 = b;
+    for (int j = 0; j <= i; ++j, b0 += 9) {
+      const double *b1 = b0 + stride, *b2 = b1 + stride;
+      double* d = blocks + static_cast<std::ptrdiff_t>(*block++) * kNineBlock;
+      for (int q = 0; q < 9; ++q, d += 8)
+        for (int p = 0; p < kEight; ++p)
+          store(d + p * kLanes, load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
+      for (int p = 0; p < 8; p += kLanes) store(d + p, load(d + p) - load(b0 + p) * l0 - load(b1 + p) * l1 - load(b2 + p) * l2);
+      d[8] -= l0 * b0[8] + l1 * b1[8] + l2 * b2[8];
     }
   }
 }

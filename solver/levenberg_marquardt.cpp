@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstdint>
 #include <thread>
 
 #include "threads.h"
@@ -40,8 +41,7 @@ struct Piece {
 /// Scratch of one worker: matrices and vectors of the piece at hand, added to the totals in the pieces' order.
 struct Worker {
   std::vector<double> shared;              // C
-  std::vector<double> eliminated;          // minus the sum of B_Q' B_Q
-  std::vector<double> diagonal;            // light problems: the runs' diagonal blocks of it
+  std::vector<double> eliminated;          // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
   std::vector<double> rows, factor;        // light problems: of kRange groups
   std::vector<double> right;               // B of one group
@@ -49,6 +49,12 @@ struct Worker {
   std::vector<double> block;               // sparse: C of one group
   std::vector<double> solution;            // private step of one group
 };
+
+/// The first place in an array with slack where a cache line begins.
+double* aligned(std::vector<double>& array) {
+  const std::uintptr_t at = reinterpret_cast<std::uintptr_t>(array.data());
+  return reinterpret_cast<double*>((at + 63) & ~std::uintptr_t(63));
+}
 
 /// Five steps in a row, none of them half of an earlier one; infinite: a step that still promised something.
 bool settled(const std::vector<double>& sizes) {
@@ -100,8 +106,7 @@ struct LevenbergMarquardt::Workspace {
     workers.resize(crew.size());
     for (Worker& w : workers) {
       w.shared.resize(light ? system.diagonal_storage() + kSlack : system.storage());
-      w.eliminated.resize(system.storage());
-      if (light) w.diagonal.resize(system.diagonal_storage() + kSlack);
+      w.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
       w.gradient.setZero(n);
       w.eliminated_gradient.setZero(n);
       if (light) {
@@ -116,6 +121,7 @@ struct LevenbergMarquardt::Workspace {
     // Dense arrays may be read up to their slack: zero once.
     shared_matrix.assign(light ? system.diagonal_storage() : system.storage(), 0.0);
     damped_matrix.assign(system.storage(), 0.0);
+    if (system.in_blocks()) eliminated_blocks.assign(system.block_storage(), 0.0);
     for (VectorXd* v : {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
     for (VectorXd* v : {&private_step, &private_scale, &first_private_scale}) v->setZero(private_size);
     right_side.assign(n + kSlack, 0.0);
@@ -230,8 +236,10 @@ struct LevenbergMarquardt::Workspace {
     for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
     kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
     if (!system.stacks()) {
-      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data(),
-                      light ? w.diagonal.data() : nullptr);
+      if (system.in_blocks())
+        system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, aligned(w.eliminated), w.eliminated_gradient.data());
+      else
+        system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data());
       return true;
     }
     const int* column = groups[g].columns.data();
@@ -267,6 +275,7 @@ struct LevenbergMarquardt::Workspace {
       cost = {};
     }
     std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+    std::fill(eliminated_blocks.begin(), eliminated_blocks.end(), 0.0);
     reduced_gradient.setZero();
     const bool fresh = linearise || light;
     turn = 0;
@@ -278,8 +287,7 @@ struct LevenbergMarquardt::Workspace {
         light ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
         w.gradient.setZero();
       }
-      system.clear(w.eliminated.data());
-      std::fill(w.diagonal.begin(), w.diagonal.end(), 0.0);
+      system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0) : system.clear(w.eliminated.data());
       w.eliminated_gradient.setZero();
       int stacked = 0;
       for (int first = p.first; first < p.last && p.defined; first += Problem::kRange) {
@@ -309,8 +317,10 @@ struct LevenbergMarquardt::Workspace {
         cost.twice += p.cost.twice;
         cost.chi2 += p.cost.chi2;
       }
-      system.accumulate(damped_matrix.data(), w.eliminated.data());
-      if (light) system.add_diagonal_blocks(damped_matrix.data(), w.diagonal.data());
+      if (system.in_blocks())
+        kernels().add(aligned(eliminated_blocks), aligned(w.eliminated), static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
+      else
+        system.accumulate(damped_matrix.data(), w.eliminated.data());
       reduced_gradient += w.eliminated_gradient;
       turn.store(piece + 1, std::memory_order_release);
     });
@@ -325,6 +335,7 @@ struct LevenbergMarquardt::Workspace {
     }
     if (!defined || !std::isfinite(cost.twice)) return Assembly::undefined;
     if (!definite) return Assembly::indefinite;
+    if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
     if (light)
       system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
     else
@@ -455,7 +466,7 @@ struct LevenbergMarquardt::Workspace {
   std::vector<Worker> workers;
   std::vector<int> identity;
   std::vector<std::ptrdiff_t> block_origin;
-  std::vector<double> shared_matrix, damped_matrix, right_side;
+  std::vector<double> shared_matrix, damped_matrix, eliminated_blocks, right_side;
   VectorXd shared_gradient, reduced_gradient, shared_step, private_step;
   VectorXd shared_scale, private_scale, first_shared_scale, first_private_scale;
   VectorXd moved;

@@ -137,7 +137,8 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     touched_work += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
   }
 
-  nines_ = std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; });
+  in_blocks_ = std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
+               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size % 3 == 0 && g.private_size <= 3; });
   dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
   // Pattern of the graph of runs, column by column.
   const int runs = static_cast<int>(runs_.size());
@@ -166,9 +167,13 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
   }
   if (dense_) {
     stacks_ = touched_work > 0.4 * full_work;
+    if (stacks_) in_blocks_ = false;
     ld_ = padded(n + 1) + kSlack;
     for (int j = 0; j < n; ++j) origin_.push_back(static_cast<std::ptrdiff_t>(j) * ld_);
     step_ = origin_;
+    for (int a = 0; in_blocks_ && a < runs; ++a)
+      for (int b = 0; b <= a; ++b) blocks_.push_back({a, b, 0});
+    place_blocks([](int a, int b) { return a * (a + 1) / 2 + b; });
     return;
   }
 
@@ -191,7 +196,13 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
       begin_of[k] = at;
       at += runs_[graph_row[k]].size;
     }
-  for (size_t g = 0; g < groups.size(); ++g) {
+  for (int b = 0; in_blocks_ && b < runs; ++b)
+    for (int k = graph_start[b]; k < graph_start[b + 1]; ++k) blocks_.push_back({graph_row[k], b, begin_of[k]});
+  place_blocks([&](int a, int b) {
+    return static_cast<int>(std::lower_bound(graph_row.begin() + graph_start[b], graph_row.begin() + graph_start[b + 1], a) -
+                            graph_row.begin());
+  });
+  for (size_t g = 0; !in_blocks_ && g < groups.size(); ++g) {
     pair_start_.push_back(pair_places_.size());
     for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
       const auto begin = graph_row.begin() + graph_start[group_runs_[b]], end = graph_row.begin() + graph_start[group_runs_[b] + 1];
@@ -210,6 +221,33 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
 
 ReducedSystem::~ReducedSystem() = default;
 
+template <class BlockOf>
+void ReducedSystem::place_blocks(const BlockOf& block_of) {
+  for (size_t g = 0; in_blocks_ && g < groups_->size(); ++g) {
+    group_blocks_start_.push_back(group_blocks_.size());
+    for (int i = group_runs_start_[g]; i < group_runs_start_[g + 1]; ++i)
+      for (int j = group_runs_start_[g]; j <= i; ++j) group_blocks_.push_back(block_of(group_runs_[i], group_runs_[j]));
+  }
+}
+
+void ReducedSystem::subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const {
+  const int first = group_runs_start_[group];
+  kernels().subtract_nines(blocks, group_blocks_.data() + group_blocks_start_[group], group_firsts_.data() + first,
+                           group_runs_start_[group + 1] - first, b, stride, gradient);
+}
+
+void ReducedSystem::add_blocks(double* values, const double* blocks) const {
+  for (const Block& block : blocks_) {
+    const int first = runs_[block.column].first, below = dense_ ? runs_[block.row].first : block.place;
+    for (int q = 0; q < 9; ++q) {
+      double* to = values + step_[first + q] + below;
+      for (int i = block.row == block.column ? q : 0; i < 8; ++i) to[i] += blocks[8 * q + i];
+      to[8] += blocks[72 + q];
+    }
+    blocks += kNineBlock;
+  }
+}
+
 void ReducedSystem::add(int group, const double* block, int ld, double* values) const {
   const int* place = pair_places_.data() + pair_start_[group];
   const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
@@ -223,14 +261,10 @@ void ReducedSystem::add(int group, const double* block, int ld, double* values) 
     }
 }
 
-void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient,
-                             double* diagonal) const {
+void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const {
   const Kernels& kernel = kernels();
   const int* place = dense_ ? nullptr : pair_places_.data() + pair_start_[group];
   const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
-  if (diagonal && nines_ && depth == 3)
-    return kernel.subtract_nines(values, step_.data(), place, group_firsts_.data() + first, last - first, b, stride, diagonal,
-                                 diagonal_origin_.data(), gradient);
   const int m = static_cast<int>((*groups_)[group].columns.size());
   const std::ptrdiff_t none = 0;
   for (int j = first, column = 0; j < last; column += runs_[group_runs_[j++]].size) {

@@ -39,9 +39,14 @@ class ReducedSystem {
 
   /// Sparse: values += block (lower triangle over the group's touched columns, leading dimension ld).
   void add(int group, const double* block, int ld, double* values) const;
-  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart. With
-  /// `diagonal` (diagonal_storage() numbers), the runs' diagonal blocks may go there instead of to values.
-  void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient, double* diagonal) const;
+  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
+  void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
+  /// All runs have 9 columns and all groups 3 private unknowns or none (bundle adjustment): the same, faster, to an array of blocks
+  /// (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to values.
+  bool in_blocks() const { return in_blocks_; }
+  size_t block_storage() const { return blocks_.size() * kNineBlock + 2 * kSlack; }
+  void subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const;
+  void add_blocks(double* values, const double* blocks) const;
   /// values = 0, of one accumulator's numbers that count.
   void clear(double* values) const;
   /// to += from, of one accumulator's numbers that count.
@@ -63,6 +68,8 @@ class ReducedSystem {
     int first, size;
   };
   struct Sparse;
+  template <class BlockOf>
+  void place_blocks(const BlockOf& block_of);
 
   int n_, ld_ = 0;
   bool dense_, stacks_ = false;
@@ -70,7 +77,13 @@ class ReducedSystem {
   std::vector<Run> runs_;
   std::vector<int> group_runs_, group_runs_start_;  // runs of each group, ascending
   std::vector<int> group_firsts_;                   // their first columns
-  bool nines_ = false;                              // every run has 9 columns
+  struct Block {
+    int row, column, place;                         // runs; sparse: as in pair_places_
+  };
+  bool in_blocks_ = false;
+  std::vector<Block> blocks_;
+  std::vector<int> group_blocks_;                   // for i, for j <= i: the block of the group's runs i and j
+  std::vector<size_t> group_blocks_start_;
   std::vector<int> pair_places_;                    // sparse: group after group, for b, for a > b: block (a, b) in b's columns
   std::vector<size_t> pair_start_;
   std::vector<std::ptrdiff_t> origin_, diagonal_origin_, step_;  // step_: start of each column as blocks below the diagonal see it
