@@ -94,7 +94,7 @@ void BundleAdjustment::set_workers(int count) {
   size_t most = 0;  // observations of a range, wherever it begins
   for (int p = 0; p < points_; ++p) most = std::max<size_t>(most, start_[std::min(points_, p + kRange)] - start_[p]);
   scratch_.resize(count);
-  for (Scratch& s : scratch_) s.rows.assign((most + kSlack) * kObservationNumbers, 0.0);
+  for (Scratch& s : scratch_) s.rows.assign((most + kSlack) * kObservationNumbers, 0.0), s.steps.assign(kCameraNumbers * static_cast<size_t>(cameras_), 0.0);
 }
 
 void BundleAdjustment::unpack(const VectorXd& state, std::vector<double>& cameras, std::vector<double>& points) const {
@@ -152,11 +152,13 @@ bool BundleAdjustment::linearise(int group, const VectorXd&, int worker, const G
   return true;
 }
 
-void BundleAdjustment::condense(int group, const VectorXd& shared_step, int worker, double* rows) const {
-  const Scratch& s = scratch_[worker];
-  const int first = start_[group];
-  bundle_kernels().condense_point(s.rows.data() + static_cast<size_t>(first - s.first) * kObservationNumbers, start_[group + 1] - first,
-                                  camera_of_.data() + first, shared_step.data(), rows);
+void BundleAdjustment::condense(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const {
+  Scratch& s = scratch_[worker];
+  for (int o = start_[first]; o < start_[last]; ++o) {  // of the cameras that these points see
+    const size_t c = static_cast<size_t>(camera_of_[o]);
+    std::copy_n(shared_step.data() + 9 * c, 9, s.steps.data() + kCameraNumbers * c);
+  }
+  bundle_kernels().condense(observations(state), start_.data() + first, last - first, s.steps.data(), s.rows.data(), rows);
 }
 
 bool BundleAdjustment::square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const {

@@ -37,7 +37,7 @@ class BundleAdjustment final : public Problem {
   bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override;
   void approach(int first, int last, const VectorXd& state, int worker) const override;
   bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
-  void condense(int group, const VectorXd& shared_step, int worker, double* rows) const override;
+  void condense(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd&) override { return false; }
@@ -46,6 +46,7 @@ class BundleAdjustment final : public Problem {
  private:
   struct Scratch {
     std::vector<double> rows;  // kObservationNumbers an observation of the range at hand
+    std::vector<double> steps; // kCameraNumbers a camera
     int first = 0;             // its first observation
     bool defined = true;
   };

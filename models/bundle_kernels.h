@@ -24,8 +24,9 @@ struct BundleKernels {
   /// counted) and the shared columns 9 camera[k] .. + 8. `rows` and shared arrays have slack, where zeros may be added.
   void (*add_point)(const double* observations, int count, const int* camera, const int* column, double* rows, int stride, int size,
                     double* shared, const std::ptrdiff_t* origin, double* gradient);
-  /// Adds [P | a | a + Q dx] of such a point to `rows` (3 x 5, row by row).
-  void (*condense_point)(const double* observations, int count, const int* camera, const double* shared_step, double* rows);
+  /// [P | a | a + Q dx] (3 x 5, row by row) of points whose observations are start[p] .. start[p + 1] - 1, p from 0 to points - 1.
+  /// `rows` has room for one number more. `steps`: dx, kCameraNumbers a camera. `scratch`: kObservationNumbers an observation and a few more.
+  void (*condense)(const Observations& o, const int* start, int points, const double* steps, double* scratch, double* rows);
 };
 const BundleKernels& bundle_kernels();
 

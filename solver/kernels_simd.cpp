@@ -94,16 +94,22 @@ inline void product_columns(double* c, int rows, int ldc, const double* a, const
   if (i < rows) product_tile<1, Columns>(c + i, ldc, a + i, b, depth, lda);
 }
 
-void subtract_product(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
+/// The first `columns` columns of subtract_product().
+void subtract_columns(double* c, int n, int columns, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
   int j = 0;
-  for (; j + N <= n; j += N) product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
-  for (; j + 2 <= n; j += 2) product_columns<2>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
-  if (j < n) product_columns<1>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  for (; j + N <= columns; j += N) product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  for (; j + 2 <= columns; j += 2) product_columns<2>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  if (j < columns) product_columns<1>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
 }
 
-// ---- cholesky: panels of kPanel columns, the rest updated by subtract_product.
+void subtract_product(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
+  subtract_columns(c, n, n, ldc, a, depth, lda);
+}
 
-constexpr int kPanel = 16;
+// ---- cholesky: strips of kStrip columns, of panels of kPanel columns; the rest of the strip is updated after each panel, the rest of the
+// matrix after each strip.
+
+constexpr int kPanel = 16, kStrip = 48;
 
 inline double root(double x) { return __builtin_sqrt(x); }
 
@@ -122,35 +128,64 @@ inline bool small_cholesky(double* a, int ld) {
   return true;
 }
 
+/// Of at most kPanel columns. In a copy: packs write below the corner.
+bool cholesky_corner(double* corner, int n, int ld_corner) {
+  constexpr int ld = kPanel + kLanes;
+  double a[kPanel * ld];
+  for (int j = 0; j < n; ++j)
+    for (int i = j; i < n; ++i) a[i + j * ld] = corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner];
+  for (int j = 0; j < n; ++j) {
+    double* column = a + static_cast<std::ptrdiff_t>(j) * ld;
+    for (int p = 0; p < j; ++p) {
+      const double* before = a + static_cast<std::ptrdiff_t>(p) * ld;
+      const double b = before[j];
+      for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) - load(before + i) * b);
+    }
+    const double pivot = column[j];
+    if (!(pivot > 0) || pivot > 1.7976931348623157e308) return false;
+    const double inverse = 1 / root(pivot);
+    for (int i = j + 1; i < n; i += kLanes) store(column + i, load(column + i) * inverse);
+    column[j] = inverse;
+  }
+  for (int j = 0; j < n; ++j)
+    for (int i = j; i < n; ++i) corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner] = a[i + j * ld];
+  return true;
+}
+
+/// X <- X L^-T for a pack of rows below a factored corner of kPanel columns.
+inline void solve_below(const double* corner, double* x, int ld) {
+  constexpr int half = kPanel / 2;
+  for (int first = 0; first < kPanel; first += half) {
+    Pack s[half];
+    for (int j = 0; j < half; ++j) s[j] = load(x + static_cast<std::ptrdiff_t>(first + j) * ld);
+    for (int p = 0; p < first; ++p) {
+      const Pack before = load(x + static_cast<std::ptrdiff_t>(p) * ld);
+      for (int j = 0; j < half; ++j) s[j] -= before * corner[first + j + static_cast<std::ptrdiff_t>(p) * ld];
+    }
+    for (int p = 0; p < half; ++p) {
+      const double* column = corner + first + static_cast<std::ptrdiff_t>(first + p) * ld;
+      s[p] *= column[p];
+      for (int j = p + 1; j < half; ++j) s[j] -= s[p] * column[j];
+    }
+    for (int j = 0; j < half; ++j) store(x + static_cast<std::ptrdiff_t>(first + j) * ld, s[j]);
+  }
+}
+
 bool cholesky(double* a, int n, int ld) {
   if (n == 3) return small_cholesky<3>(a, ld);
   if (n == 6) return small_cholesky<6>(a, ld);
-  for (int k = 0; k < n; k += kPanel) {
-    const int end = k + kPanel < n ? k + kPanel : n;
-    for (int j = k; j < end; ++j) {
-      double* column = a + static_cast<std::ptrdiff_t>(j) * ld;
-      int p = k;
-      for (; p + 4 <= j; p += 4) {
-        const double *p0 = a + static_cast<std::ptrdiff_t>(p) * ld, *p1 = p0 + ld, *p2 = p1 + ld, *p3 = p2 + ld;
-        const double b0 = p0[j], b1 = p1[j], b2 = p2[j], b3 = p3[j];
-        for (int i = j; i < n; i += kLanes)
-          store(column + i, load(column + i) - (load(p0 + i) * b0 + load(p1 + i) * b1) - (load(p2 + i) * b2 + load(p3 + i) * b3));
-      }
-      for (; p < j; ++p) {
-        const double* p0 = a + static_cast<std::ptrdiff_t>(p) * ld;
-        const double b0 = p0[j];
-        for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) - load(p0 + i) * b0);
-      }
-      const double pivot = column[j];
-      if (!(pivot > 0) || pivot > 1.7976931348623157e308) return false;
-      const double inverse = 1 / root(pivot);
-      for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) * inverse);
-      column[j] = inverse;
+  for (int strip = 0; strip < n; strip += kStrip) {
+    const int strip_end = strip + kStrip < n ? strip + kStrip : n;
+    for (int k = strip; k < strip_end; k += kPanel) {
+      const int end = k + kPanel < n ? k + kPanel : n;
+      double* corner = a + k + static_cast<std::ptrdiff_t>(k) * ld;
+      if (!cholesky_corner(corner, end - k, ld)) return false;
+      if (end == n) return true;
+      for (int i = kPanel; i < n - k; i += kLanes) solve_below(corner, corner + i, ld);
+      subtract_columns(corner + kPanel * (static_cast<std::ptrdiff_t>(ld) + 1), n - end, strip_end - end, ld, corner + kPanel, kPanel, ld);
     }
-    if (end < n) {
-      double* rest = a + end + static_cast<std::ptrdiff_t>(end) * ld;
-      subtract_product(rest, n - end, ld, a + end + static_cast<std::ptrdiff_t>(k) * ld, end - k, ld);
-    }
+    double* rest = a + strip_end * (static_cast<std::ptrdiff_t>(ld) + 1);
+    subtract_product(rest, n - strip_end, ld, a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, kStrip, ld);
   }
   return true;
 }

@@ -19,7 +19,7 @@ constexpr double kUndamped = 1e-9;          // up to here a step's length means 
 constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
 constexpr double kFaithful = 0.03;          // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 3;                  // steps that the acceleration looks back
-constexpr int kPieces = 16, kFewPieces = 2;  // of the partition, whatever the number of threads
+constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
 
 constexpr int kStackedRows = 64;            // eliminated rows that are multiplied at once
 
@@ -134,39 +134,51 @@ struct LevenbergMarquardt::Workspace {
 
   /// Contiguous pieces of about equal work (rows and columns), the same for any number of threads.
   void place_pieces() {
-    // As many as keep the work of adding them up small beside the rest.
+    const auto eliminating = [](const GroupShape& g) {
+      const double m = static_cast<double>(g.columns.size());
+      return 20.0 * g.rows + 0.012 * g.private_size * m * m;
+    };
+    double total = 0;
+    for (const GroupShape& g : groups) total += eliminating(g);
+    // Each has matrices to be added up: as many as keep that small beside the rest.
+    const double storage = static_cast<double>(system.in_blocks() ? system.block_storage() : system.storage());
+    int most = kPieces;
+    while (most > kFewPieces && total < 8 * most * storage) most /= 2;
+    pieces = partition(most, eliminating);
+    fine_pieces = partition(kPieces, [](const GroupShape& g) { return g.rows + 5.0; });
+  }
+  template <class Work>
+  std::vector<Piece> partition(int most, const Work& work) const {
     double total = 0, sum = 0;
-    const auto work = [](const GroupShape& g) { return g.rows * 20.0 + static_cast<double>(g.size()) * (g.private_size + 2); };
     for (const GroupShape& g : groups) total += work(g);
-    const int most = static_cast<int>(std::clamp(total / (16.0 * system.storage()), double(kFewPieces), double(kPieces)));
-    pieces.emplace_back();
+    std::vector<Piece> out(1);
     for (size_t g = 0; g < groups.size(); ++g) {
       sum += work(groups[g]);
-      pieces.back().last = static_cast<int>(g) + 1;
-      if (sum * most >= total * pieces.size() && pieces.size() < static_cast<size_t>(most) && g + 1 < groups.size()) {
-        pieces.emplace_back();
-        pieces.back().first = static_cast<int>(g) + 1;
-      }
+      out.back().last = static_cast<int>(g) + 1;
+      if (sum * most < total * out.size() || out.size() == static_cast<size_t>(most) || g + 1 == groups.size()) continue;
+      out.emplace_back();
+      out.back().first = static_cast<int>(g) + 1;
     }
+    return out;
   }
 
   /// Between the rows of a group.
   int stride(size_t g) const { return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1); }
 
-  /// Runs work(piece, worker) over all pieces.
+  /// Runs work(piece, worker) over all pieces, of the partition for matrices or of the finer one for sums of numbers.
   template <class Work>
-  void over_pieces(const Work& work) {
-    crew.run(static_cast<int>(pieces.size()), [&](int piece, int worker) { work(pieces[piece], worker); });
+  void over(std::vector<Piece>& partition, const Work& work) {
+    crew.run(static_cast<int>(partition.size()), [&](int piece, int worker) { work(partition[piece], worker); });
   }
 
   bool evaluate(const VectorXd& state, Cost& cost) {
-    over_pieces([&](Piece& p, int worker) {
+    over(fine_pieces, [&](Piece& p, int worker) {
       p.cost = {};
       p.defined = problem.evaluate_range(p.first, p.last, state, worker, p.cost);
     });
     cost = {};
     bool defined = true;
-    for (const Piece& p : pieces) {
+    for (const Piece& p : fine_pieces) {
       cost.twice += p.cost.twice;
       cost.chi2 += p.cost.chi2;
       defined = defined && p.defined;
@@ -279,7 +291,7 @@ struct LevenbergMarquardt::Workspace {
     reduced_gradient.setZero();
     const bool fresh = linearise || light;
     turn = 0;
-    over_pieces([&](Piece& p, int worker) {
+    over(pieces, [&](Piece& p, int worker) {
       Worker& w = workers[worker];
       p.defined = p.definite = true;
       if (fresh) {
@@ -355,17 +367,16 @@ struct LevenbergMarquardt::Workspace {
     for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];
     double slope = shared_gradient.dot(shared_step), damping = 0;
     for (int i = 0; i < n; ++i) damping += lambda * shared_scale(i) * shared_step(i) * shared_step(i);
-    over_pieces([&](Piece& p, int worker) {
+    over(fine_pieces, [&](Piece& p, int worker) {
       p.slope = p.damping = 0;
       p.definite = true;
       for (int first = p.first; first < p.last; first += Problem::kRange) {
         const int last = std::min(p.last, first + Problem::kRange);
-        if (light) problem.approach(first, last, state, worker);
-        for (int g = first; g < last; ++g)
-          light ? substitute_light(p, g, lambda, worker) : substitute(p, g, room(g, first, worker), lambda, worker);
+        if (light) substitute_light(p, first, last, state, lambda, worker);
+        for (int g = first; g < last && !light; ++g) substitute(p, g, room(g, first, worker), lambda, worker);
       }
     });
-    for (const Piece& p : pieces) {
+    for (const Piece& p : fine_pieces) {
       if (!p.definite) return false;
       slope += p.slope;
       damping += p.damping;
@@ -388,14 +399,18 @@ struct LevenbergMarquardt::Workspace {
     private_steps(p, g, at.factor, at.rows + k + m, stride(g), d, lambda);
   }
   /// The same from [P | a | a + Q dx] that the problem computes again.
-  void substitute_light(Piece& p, size_t g, double lambda, int worker) {
-    const int k = groups[g].private_size, width = k + 2;
+  /// The same for groups of a range, from [P | a | a + Q dx] that the problem computes again.
+  void substitute_light(Piece& p, int first, int last, const VectorXd& state, double lambda, int worker) {
     Worker& w = workers[worker];
-    std::fill_n(w.rows.data(), k * width, 0.0);
-    problem.condense(static_cast<int>(g), shared_step, worker, w.rows.data());
-    p.definite = factor_private(g, {w.rows.data(), w.factor.data()}, width, lambda) && p.definite;
-    for (int i = 0; i < k; ++i) w.solution[i] = -w.rows[static_cast<size_t>(i) * width + k + 1];
-    private_steps(p, g, w.factor.data(), w.rows.data() + k, width, w.solution.data(), lambda);
+    problem.condense(first, last, state, shared_step, worker, w.rows.data());
+    double* group = w.rows.data();
+    for (int g = first; g < last; ++g) {
+      const int k = groups[g].private_size, width = k + 2;
+      p.definite = factor_private(g, {group, w.factor.data()}, width, lambda) && p.definite;
+      for (int i = 0; i < k; ++i) w.solution[i] = -group[static_cast<size_t>(i) * width + k + 1];
+      private_steps(p, g, w.factor.data(), group + k, width, w.solution.data(), lambda);
+      group += static_cast<size_t>(k) * width;
+    }
   }
   /// Steps of a group from d = -(a + Q dx); a: numbers `width` apart.
   void private_steps(Piece& p, size_t g, const double* factor, const double* a, int width, double* d, double lambda) {
@@ -459,7 +474,7 @@ struct LevenbergMarquardt::Workspace {
   const bool light;
   ReducedSystem system;
   Crew crew;
-  std::vector<Piece> pieces;
+  std::vector<Piece> pieces, fine_pieces;
   std::atomic<int> turn{0};  // piece whose sums are added next
   std::vector<GroupStore> stores;
   std::vector<double> group_rows, group_factors;

@@ -81,9 +81,10 @@ class Problem {
   /// True: shared columns that stand together (of one camera) meet others only through privates, so that linearise() writes only the
   /// blocks of C on its diagonal; and linearising again is cheaper than keeping the groups' rows.
   virtual bool light() const { return false; }
-  /// Light problems, after approach(): adds [P | a | a + Q dx] of a group to `rows`, private_size rows of private_size + 2, upper triangle
-  /// of P.
-  virtual void condense(int /*group*/, const VectorXd& /*shared_step*/, int /*worker*/, double* /*rows*/) const {}
+  /// Light problems: [P | a | a + Q dx] of groups first .. last - 1 (at most kRange) to `rows`, group after group private_size rows of
+  /// private_size + 2 numbers, upper triangle of P; they have slack behind them.
+  virtual void condense(int /*first*/, int /*last*/, const VectorXd& /*state*/, const VectorXd& /*shared_step*/, int /*worker*/,
+                        double* /*rows*/) const {}
   /// state moved by a step; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
