@@ -53,6 +53,21 @@ SmallMatrix inverse_square_root(const SmallMatrix& c) {
   return scaled.lazyProduct(eigen.eigenvectors().transpose());
 }
 
+/// k rows of `columns` numbers, `ld` apart, times a k x k matrix from the left (K = k, or 0: any k up to 6), in place.
+template <int K>
+void multiply_rows(const double* matrix, int k, double* rows, Eigen::Index ld, Eigen::Index columns) {
+  const int n = K > 0 ? K : k;
+  for (Eigen::Index c = 0; c < columns; ++c) {
+    double in[6], out[6];
+    for (int i = 0; i < n; ++i) in[i] = rows[i * ld + c];
+    for (int i = 0; i < n; ++i) {
+      out[i] = matrix[i] * in[0];
+      for (int j = 1; j < n; ++j) out[i] += matrix[i + j * n] * in[j];
+    }
+    for (int i = 0; i < n; ++i) rows[i * ld + c] = out[i];
+  }
+}
+
 /// B diag(sigma^2) B'
 SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>& sigma) {
   SmallMatrix scaled = b;
@@ -809,11 +824,14 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
     if (!white.block.empty()) {
-      Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 6, 1> column = white.block[b].lazyProduct(r);
-      r = column;
-      for (int c = 0; derivatives && c <= w; ++c) {
-        column = weighted.col(c).segment(b * k, k);
-        weighted.col(c).segment(b * k, k) = white.block[b].lazyProduct(column);
+      double* rows_of_block = weighted.row(b * k).data();
+      const Eigen::Index ld = weighted.outerStride();
+      if (k == 3) {
+        multiply_rows<3>(white.block[b].data(), k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<3>(white.block[b].data(), k, rows_of_block, ld, w + 1);
+      } else {
+        multiply_rows<0>(white.block[b].data(), k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<0>(white.block[b].data(), k, rows_of_block, ld, w + 1);
       }
     } else {
       r = r.cwiseProduct(white.inverse_sigma);
@@ -1066,8 +1084,11 @@ bool Estimation::renew(const VectorXd& state) {
         }
         v.plan->model->own_noise(scratch.input, i, scratch.own_noise);
         const SmallMatrix b = scratch.own_noise;
-        root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
-                                    : inverse_square_root(covariance_of(b, sigma));
+        if (b.rows() == 3 && b.cols() == 3)
+          root = sigma.cwiseInverse().asDiagonal() * Matrix3d(Matrix3d(b).inverse());
+        else
+          root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
+                                      : inverse_square_root(covariance_of(b, sigma));
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.

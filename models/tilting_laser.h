@@ -36,7 +36,7 @@ class TiltingLaser final : public SensorModel {
       const double* z = view.z + 3 * i;
       const double q = scan.direction * (scan.scale * z[0] + scan.offset);
       const Vector3d behind = scan.behind_T_target * Vector3d(view.points->col(view.ids[i]));
-      const Matrix3d turn = scan.prismatic ? Matrix3d::Identity() : exp_so3(q * scan.axis);
+      const Matrix3d turn = scan.prismatic ? Matrix3d::Identity() : rotation_about(scan.axis, q);
       const Vector3d at_joint = scan.prismatic ? Vector3d(behind + q * scan.axis) : Vector3d(turn * behind);
       const Vector3d p = scan.sensor_T_before * at_joint;
       Eigen::Map<Vector3d>(r + 3 * i) = p - measured_point(z);
