@@ -155,6 +155,7 @@ struct Estimation::WalkedWay {
 
 struct Estimation::Scratch {
   std::vector<Pose> motion;     // by joint
+  std::vector<Pose> moved;      // by joint: origin * motion, parent_T_child
   std::vector<double> reading;  // by joint, error included
   std::vector<WalkedWay> ways;
   ViewInput input;
@@ -524,6 +525,7 @@ void Estimation::set_workers(int count) {
     s.projected.resize(noisy, width + 1);
     s.expand.reserve(static_cast<int>(width), static_cast<int>(std::max(columns, way_columns)));
     s.motion.resize(rig_.tree.joints.size());
+    s.moved.resize(rig_.tree.joints.size());
     s.reading.resize(rig_.tree.joints.size());
     s.ways.resize(ways);
     for (WalkedWay& way : s.ways) {
@@ -613,28 +615,35 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
   for (int j : s.plan->joints) {
     const Driver d = driver(rig_.tree, j);
     scratch.motion[j] = joint_motion(rig_.tree.joints[j], d.factor * position(d.joint) + d.offset);
+    scratch.moved[j] = get_pose(state, table_.all[table_.joint_origin[j]].start) * scratch.motion[j];
   }
 }
 
-/// Walks the sample's ways.
+/// Walks the sample's ways. A step's frame is that of the joint before its motion where its origin is estimated; elsewhere one in which
+/// the joint's axis is the same.
 void Estimation::walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
   for (size_t w = 0; w < s.plan->ways.size(); ++w) {
     const Way& way = s.plan->ways[w];
     WalkedWay& walked = scratch.ways[w];
-    Pose here, there;
+    Pose here;
     for (int k = 0; k < static_cast<int>(way.path.size()); ++k) {
       const int j = way.path[k].joint;
-      const Pose origin = get_pose(state, table_.all[table_.joint_origin[j]].start);
+      const bool down = way.path[k].direction > 0, moves = rig_.tree.joints[j].moves();
+      const auto origin = [&] { return get_pose(state, table_.all[table_.joint_origin[j]].start); };
       if (k == way.scan_step) {
         // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's side; up: on the far one.
-        const bool down = way.path[k].direction > 0;
-        walked.link_T_before = down ? here * origin : here;
+        walked.link_T_before = down ? here * origin() : here;
         walked.frames[k] = down ? walked.link_T_before : Pose();
-        here = down ? Pose() : inverse(origin);  // from the far side on
+        here = down ? Pose() : inverse(origin());  // from the far side on
         continue;
       }
-      walk(way.path[k], origin, scratch.motion[j], here, walked.frames[k], there);
-      here = there;
+      if (freed_[table_.joint_origin[j]])
+        walked.frames[k] = down ? here * origin() : moves ? here * inverse(scratch.motion[j]) : here;
+      else if (!down)
+        walked.frames[k] = here;
+      const Pose step = moves ? scratch.moved[j] : origin();
+      here = k == 0 ? (down ? step : inverse(step)) : here * (down ? step : inverse(step));
+      if (down && !freed_[table_.joint_origin[j]]) walked.frames[k] = here;
     }
     walked.link_T_far = here;
   }
