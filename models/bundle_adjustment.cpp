@@ -94,7 +94,8 @@ void BundleAdjustment::set_workers(int count) {
   size_t most = 0;  // observations of a range, wherever it begins
   for (int p = 0; p < points_; ++p) most = std::max<size_t>(most, start_[std::min(points_, p + kRange)] - start_[p]);
   scratch_.resize(count);
-  for (Scratch& s : scratch_) s.rows.assign((most + kSlack) * kObservationNumbers, 0.0), s.steps.assign(kCameraNumbers * static_cast<size_t>(cameras_), 0.0);
+  for (Scratch& s : scratch_)
+    s.rows.assign((most + kSlack) * kObservationNumbers, 0.0), s.steps.assign(kCameraNumbers * static_cast<size_t>(cameras_), 0.0);
 }
 
 void BundleAdjustment::unpack(const VectorXd& state, std::vector<double>& cameras, std::vector<double>& points) const {
@@ -145,7 +146,7 @@ bool BundleAdjustment::linearise(int group, const VectorXd&, int worker, const G
                              to.origin, to.gradient);
   cost = {};
   for (int k = 0; k < count; ++k) {
-    const double *r = rows + static_cast<size_t>(k) * kObservationNumbers + 22;
+    const double* r = rows + static_cast<size_t>(k) * kObservationNumbers + 22;
     cost.chi2 += r[0] * r[0] + r[1] * r[1];
   }
   cost.twice = cost.chi2;

@@ -12,10 +12,10 @@ namespace kincal {
 /// Camera c: 9 numbers (rotation vector, translation, f, k1, k2); p_camera = R p + t, the camera looks along -z:
 /// q = -p_camera.xy / p_camera.z, pixel = f (1 + k1 |q|^2 + k2 |q|^4) q. Cost = 1/2 sum |predicted - observed|^2.
 struct BundleAdjustmentData {
-  std::vector<double> cameras;             // 9 each
-  std::vector<double> points;              // 3 each
-  std::vector<int> camera_of, point_of;    // by observation
-  std::vector<double> pixels;              // 2 each
+  std::vector<double> cameras;           // 9 each
+  std::vector<double> points;            // 3 each
+  std::vector<int> camera_of, point_of;  // by observation
+  std::vector<double> pixels;            // 2 each
 };
 
 /// The state: kCameraNumbers a camera, then kPointNumbers a point, then slack. Keeps no Jacobian and no rows: what a point contributes is computed again
@@ -45,9 +45,9 @@ class BundleAdjustment final : public Problem {
 
  private:
   struct Scratch {
-    std::vector<double> rows;  // kObservationNumbers an observation of the range at hand
-    std::vector<double> steps; // kCameraNumbers a camera
-    int first = 0;             // its first observation
+    std::vector<double> rows;   // kObservationNumbers an observation of the range at hand
+    std::vector<double> steps;  // kCameraNumbers a camera
+    int first = 0;              // its first observation
     bool defined = true;
   };
 
@@ -56,10 +56,10 @@ class BundleAdjustment final : public Problem {
   int cameras_ = 0, points_ = 0;
   VectorXd initial_;
   std::vector<GroupShape> groups_;
-  std::vector<int> start_;                   // first observation of each point
-  std::vector<int> camera_of_, point_of_;    // by observation, point after point, cameras ascending
+  std::vector<int> start_;                 // first observation of each point
+  std::vector<int> camera_of_, point_of_;  // by observation, point after point, cameras ascending
   std::vector<double> u_, v_;
-  std::vector<int> column_;                  // 3, 12, 21, ...: where the cameras of a point stand in its rows
+  std::vector<int> column_;  // 3, 12, 21, ...: where the cameras of a point stand in its rows
   mutable std::vector<Scratch> scratch_;
 };
 

@@ -13,7 +13,7 @@ struct Observations {
   const double* cameras;  // kCameraNumbers each
   const double* points;   // kPointNumbers each
   const int *camera_of, *point_of;
-  const double *u, *v;    // measured; slack behind them
+  const double *u, *v;  // measured; slack behind them
 };
 
 struct BundleKernels {

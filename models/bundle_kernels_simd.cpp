@@ -11,8 +11,8 @@ namespace {
 //   d p / d w = -[R X]x  for the increment R <- exp(w) R.
 /// kLanes observations from `first` on; those behind `last` - 1 repeat it.
 struct Seen {
-  Pack ru, rv;               // residuals
-  Pack u[12], v[12];         // derivatives by the camera's 9 and the point's 3 numbers
+  Pack ru, rv;        // residuals
+  Pack u[12], v[12];  // derivatives by the camera's 9 and the point's 3 numbers
 };
 
 inline void numbers_of(const double* array, const int* index, int numbers, int first, int last, Pack* out) {
@@ -42,10 +42,30 @@ inline void see(const Observations& o, int first, int last, Seen& seen) {
   const Pack uu = f * (d + slope * qx * qx), uv = f * slope * qx * qy, vv = f * (d + slope * qy * qy);
   // By p: (w, 0, w qx), (0, w, w qy).
   const Pack ux = uu * w, uy = uv * w, uz = ux * qx + uy * qy, vx = uy, vy = vv * w, vz = vx * qx + vy * qy;
-  const Pack u[12] = {ty * uz - tz * uy, tz * ux - tx * uz, tx * uy - ty * ux, ux, uy, uz, d * qx, fs * qx, fs * s * qx,
-                      ux * c[0] + uy * c[3] + uz * c[6], ux * c[1] + uy * c[4] + uz * c[7], ux * c[2] + uy * c[5] + uz * c[8]};
-  const Pack v[12] = {ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx, vx, vy, vz, d * qy, fs * qy, fs * s * qy,
-                      vx * c[0] + vy * c[3] + vz * c[6], vx * c[1] + vy * c[4] + vz * c[7], vx * c[2] + vy * c[5] + vz * c[8]};
+  const Pack u[12] = {ty * uz - tz * uy,
+                      tz * ux - tx * uz,
+                      tx * uy - ty * ux,
+                      ux,
+                      uy,
+                      uz,
+                      d * qx,
+                      fs * qx,
+                      fs * s * qx,
+                      ux * c[0] + uy * c[3] + uz * c[6],
+                      ux * c[1] + uy * c[4] + uz * c[7],
+                      ux * c[2] + uy * c[5] + uz * c[8]};
+  const Pack v[12] = {ty * vz - tz * vy,
+                      tz * vx - tx * vz,
+                      tx * vy - ty * vx,
+                      vx,
+                      vy,
+                      vz,
+                      d * qy,
+                      fs * qy,
+                      fs * s * qy,
+                      vx * c[0] + vy * c[3] + vz * c[6],
+                      vx * c[1] + vy * c[4] + vz * c[7],
+                      vx * c[2] + vy * c[5] + vz * c[8]};
   for (int k = 0; k < 12; ++k) seen.u[k] = u[k], seen.v[k] = v[k];
 }
 
@@ -57,9 +77,9 @@ bool observe(const Observations& o, int first, int last, double* rows, double& s
     total += s.ru * s.ru + s.rv * s.rv;
     if (!rows) continue;
     const Pack none = {};
-    Pack out[kObservationNumbers] = {s.u[0], s.u[1], s.u[2],  s.u[3],  s.u[4], s.u[5], s.u[6],  s.u[7],  s.v[0], s.v[1], s.v[2],
-                                     s.v[3], s.v[4], s.v[5],  s.v[6],  s.v[7], s.u[9], s.u[10], s.u[11], s.v[9], s.v[10], s.v[11],
-                                     s.ru,   s.rv,   s.u[8],  s.v[8],  none,   none,   none,    none,    none,   none};
+    Pack out[kObservationNumbers] = {s.u[0], s.u[1], s.u[2], s.u[3], s.u[4], s.u[5], s.u[6],  s.u[7],  s.v[0], s.v[1],  s.v[2],
+                                     s.v[3], s.v[4], s.v[5], s.v[6], s.v[7], s.u[9], s.u[10], s.u[11], s.v[9], s.v[10], s.v[11],
+                                     s.ru,   s.rv,   s.u[8], s.v[8], none,   none,   none,    none,    none,   none};
     double* to = rows + static_cast<std::ptrdiff_t>(i - first) * kObservationNumbers;
     for (int k = 0; k < kObservationNumbers; k += kLanes) {
       transpose(out + k);
@@ -81,11 +101,21 @@ void condense(const Observations& o, const int* start, int points, const double*
     Pack u = s.ru, v = s.rv;
     for (int k = 0; k < 9; ++k) u += s.u[k] * d[k], v += s.v[k] * d[k];
     const Pack *x = s.u + 9, *y = s.v + 9, none = {};
-    Pack out[numbers] = {x[0] * x[0] + y[0] * y[0], x[0] * x[1] + y[0] * y[1], x[0] * x[2] + y[0] * y[2],
-                         x[0] * s.ru + y[0] * s.rv, x[0] * u + y[0] * v,       none,
-                         x[1] * x[1] + y[1] * y[1], x[1] * x[2] + y[1] * y[2], x[1] * s.ru + y[1] * s.rv,
-                         x[1] * u + y[1] * v,       none,                      none,
-                         x[2] * x[2] + y[2] * y[2], x[2] * s.ru + y[2] * s.rv, x[2] * u + y[2] * v,
+    Pack out[numbers] = {x[0] * x[0] + y[0] * y[0],
+                         x[0] * x[1] + y[0] * y[1],
+                         x[0] * x[2] + y[0] * y[2],
+                         x[0] * s.ru + y[0] * s.rv,
+                         x[0] * u + y[0] * v,
+                         none,
+                         x[1] * x[1] + y[1] * y[1],
+                         x[1] * x[2] + y[1] * y[2],
+                         x[1] * s.ru + y[1] * s.rv,
+                         x[1] * u + y[1] * v,
+                         none,
+                         none,
+                         x[2] * x[2] + y[2] * y[2],
+                         x[2] * s.ru + y[2] * s.rv,
+                         x[2] * u + y[2] * v,
                          none};
     double* to = scratch + static_cast<std::ptrdiff_t>(i - first) * numbers;
     for (int k = 0; k < numbers; k += kLanes) {

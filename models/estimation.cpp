@@ -424,9 +424,8 @@ void Estimation::place_view(ViewPlan& v, const std::map<int, int>& places, const
   const int square = v.model->whole_pose() ? -1 : table_.target_square[v.target_index];
   const int points = v.model->whole_pose() ? -1 : table_.target_points[v.target_index];
   const bool points_freed = points >= 0 && freed_[points];
-  v.kernel = !v.covariances && !points_freed && (setup_.noise == NoiseMode::latent || setup_.noise == NoiseMode::none)
-                 ? v.model->kernel()
-                 : nullptr;
+  v.kernel = !v.covariances && !points_freed && (setup_.noise == NoiseMode::latent || setup_.noise == NoiseMode::none) ? v.model->kernel()
+                                                                                                                       : nullptr;
   if (way.scan_step >= 0) {
     c.sensor_side = 6;
     c.joint = 12;
@@ -607,8 +606,7 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
     scratch.reading[j] = sample.readings[j];
     if (!s.plan->noisy.empty()) {
       const auto it = std::find(s.plan->noisy.begin(), s.plan->noisy.end(), j);
-      if (it != s.plan->noisy.end())
-        scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.plan->noisy.begin()));
+      if (it != s.plan->noisy.end()) scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.plan->noisy.begin()));
     }
     return state(table_.all[table_.joint_scale[j]].start) * scratch.reading[j] + state(table_.all[table_.joint_offset[j]].start);
   };
@@ -656,8 +654,7 @@ void Estimation::way_columns(const Way& way, const std::vector<MotionColumns>& p
   m.setZero();
   for (const MotionColumns& column : program) {
     const PathStep& step = way.path[column.step];
-    const bool sensor_side =
-        way.scan_step >= 0 && (column.step < way.scan_step || (column.step == way.scan_step && step.direction > 0));
+    const bool sensor_side = way.scan_step >= 0 && (column.step < way.scan_step || (column.step == way.scan_step && step.direction > 0));
     const int row = sensor_side ? 6 : 0;
     if (column.source == Source::origin) {
       const Matrix6d twist = step.direction * adjoint(walked.frames[column.step]);
@@ -776,7 +773,8 @@ bool Estimation::view_rows(const PlacedView& v, const PlacedSample& s, const Vec
 
 /// view_rows() by the sensor's kernel.
 bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
-  const int stride = v.plan->stride(), w = v.plan->columns.total, rows = v.plan->padded_rows(), count = static_cast<int>(v.plan->ids.size());
+  const int stride = v.plan->stride(), w = v.plan->columns.total, rows = v.plan->padded_rows(),
+            count = static_cast<int>(v.plan->ids.size());
   const double* points = seen_.data() + v.plan->points;
   if (!v.plan->target->grid) {
     const double* from = state.data() + table_.all[table_.target_points[v.plan->target_index]].start;
@@ -786,9 +784,15 @@ bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch
   }
   const Pose& pose = scratch.input.sensor_T_target;
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
-  const PointView view = {points, v.plan->target->grid ? state(table_.all[table_.target_square[v.plan->target_index]].start) : 1.0, rotation.data(),
-                          pose.translation.data(), scratch.input.parameters, seen_.data() + v.measured + kWeights, seen_.data() + v.measured,
-                          count, stride};
+  const PointView view = {points,
+                          v.plan->target->grid ? state(table_.all[table_.target_square[v.plan->target_index]].start) : 1.0,
+                          rotation.data(),
+                          pose.translation.data(),
+                          scratch.input.parameters,
+                          seen_.data() + v.measured + kWeights,
+                          seen_.data() + v.measured,
+                          count,
+                          stride};
   const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(), derivatives ? scratch.rows.data() : nullptr,
                         scratch.rows.outerStride(), v.plan->own, v.plan->columns.square};
   double squares;
@@ -1104,7 +1108,8 @@ bool Estimation::renew(const VectorXd& state) {
       RowMatrix l = RowMatrix::Zero(k * blocks, v.plan->columns.total);
       VectorXd r(k * blocks);
       Eigen::Ref<RowMatrix> reference(l);
-      if (!v.plan->model->evaluate(scratch.input, v.plan->columns, r.data(), &reference)) continue;  // undefined: the linearisation will say so
+      if (!v.plan->model->evaluate(scratch.input, v.plan->columns, r.data(), &reference))
+        continue;  // undefined: the linearisation will say so
       const int noisy = static_cast<int>(way.noise_sigma.size());
       way_columns(way, way.noise, noisy, state, scratch, scratch.ways[v.plan->way]);
       std::vector<int> in_order(noisy);

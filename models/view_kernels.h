@@ -8,9 +8,9 @@
 namespace kincal {
 
 struct PointView {
-  const double* points;      // x .., y .., z .. of the seen points, stride apart; what is behind the last repeats it
-  double scale;              // of the points (the spacing of a grid, else 1)
-  const double* rotation;    // sensor_R_target, row by row
+  const double* points;    // x .., y .., z .. of the seen points, stride apart; what is behind the last repeats it
+  double scale;            // of the points (the spacing of a grid, else 1)
+  const double* rotation;  // sensor_R_target, row by row
   const double* translation;
   const double* parameters;  // the sensor's own numbers
   const double* measured;    // component after component, stride apart

@@ -52,10 +52,17 @@ void gram(const double* columns, int rows, std::ptrdiff_t stride, int w, double*
     const double* b = columns + j * stride;
     double* corner = g + j + static_cast<std::ptrdiff_t>(j) * ld;
     switch (width) {
-      case 1: gram_tile<1, 1, true>(b, b, rows, stride, corner, ld); break;
-      case 2: gram_tile<2, 2, true>(b, b, rows, stride, corner, ld); break;
-      case 3: gram_tile<3, 3, true>(b, b, rows, stride, corner, ld); break;
-      default: gram_tile<T, T, true>(b, b, rows, stride, corner, ld);
+      case 1:
+        gram_tile<1, 1, true>(b, b, rows, stride, corner, ld);
+        break;
+      case 2:
+        gram_tile<2, 2, true>(b, b, rows, stride, corner, ld);
+        break;
+      case 3:
+        gram_tile<3, 3, true>(b, b, rows, stride, corner, ld);
+        break;
+      default:
+        gram_tile<T, T, true>(b, b, rows, stride, corner, ld);
     }
     if (width == T) gram_rows<T>(b + T * stride, b, rows, stride, w - j - T, corner + T, ld);
   }
@@ -291,7 +298,8 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
 
 constexpr int kEight = 8 / kLanes;
 
-void subtract_nines(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride, double* gradient) {
+void subtract_nines(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
+                    double* gradient) {
   const double *r0 = b + 9 * runs, *r1 = r0 + stride, *r2 = r1 + stride;
   for (int i = 0; i < runs; ++i) {
     const double* bi = b + 9 * i;
@@ -300,16 +308,14 @@ void subtract_nines(double* blocks, const int* block, const int* first, int runs
       for (int p = 0; p < kEight; ++p) x[k][p] = load(bi + k * stride + p * kLanes);
     const double l0 = bi[8], l1 = bi[stride + 8], l2 = bi[2 * stride + 8];
     double* g = gradient + first[i];
-    for (int p = 0; p < kEight; ++p)
-      store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
+    for (int p = 0; p < kEight; ++p) store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
     g[8] -= l0 * *r0 + l1 * *r1 + l2 * *r2;
     const double* b0 = b;
     for (int j = 0; j <= i; ++j, b0 += 9) {
       const double *b1 = b0 + stride, *b2 = b1 + stride;
       double* d = blocks + static_cast<std::ptrdiff_t>(*block++) * kNineBlock;
       for (int q = 0; q < 9; ++q, d += 8)
-        for (int p = 0; p < kEight; ++p)
-          store(d + p * kLanes, load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
+        for (int p = 0; p < kEight; ++p) store(d + p * kLanes, load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
       for (int p = 0; p < 8; p += kLanes) store(d + p, load(d + p) - load(b0 + p) * l0 - load(b1 + p) * l1 - load(b2 + p) * l2);
       d[8] -= l0 * b0[8] + l1 * b1[8] + l2 * b2[8];
     }
@@ -365,8 +371,8 @@ void add(double* a, const double* b, std::ptrdiff_t n) {
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {KINCAL_ISA_NAME, gram, subtract_product, cholesky, solve_lower, solve_lower_transposed, solve_rows, subtract_block,
-                          subtract_nines, expand, add};
+const Kernels kKernels = {KINCAL_ISA_NAME, gram,           subtract_product, cholesky, solve_lower, solve_lower_transposed,
+                          solve_rows,      subtract_block, subtract_nines,   expand,   add};
 
 }  // namespace KINCAL_ISA
 }  // namespace kincal

@@ -13,15 +13,15 @@ namespace kincal {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kConvergedStep = 1e-7;     // standard deviations
-constexpr double kSmallestDamping = 1e-10;  // keeps directions without information where they are, biases nothing else
-constexpr double kUndamped = 1e-9;          // up to here a step's length means distance to the minimum
-constexpr double kRoundingShare = 1e-12;    // of the cost: what is promised below it may be rounding
-constexpr double kFaithful = 0.03;          // from 1: a gain that allows to give up damping fast
-constexpr int kMemory = 3;                  // steps that the acceleration looks back
+constexpr double kConvergedStep = 1e-7;      // standard deviations
+constexpr double kSmallestDamping = 1e-10;   // keeps directions without information where they are, biases nothing else
+constexpr double kUndamped = 1e-9;           // up to here a step's length means distance to the minimum
+constexpr double kRoundingShare = 1e-12;     // of the cost: what is promised below it may be rounding
+constexpr double kFaithful = 0.03;           // from 1: a gain that allows to give up damping fast
+constexpr int kMemory = 3;                   // steps that the acceleration looks back
 constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
 
-constexpr int kStackedRows = 64;            // eliminated rows that are multiplied at once
+constexpr int kStackedRows = 64;  // eliminated rows that are multiplied at once
 
 /// What one group keeps between linearisation and substitution: its rows [P Q a] and the factor of the damped P. Offsets into arenas;
 /// light problems (Problem::light) keep nothing, theirs are offsets into the worker's scratch.
@@ -40,14 +40,14 @@ struct Piece {
 
 /// Scratch of one worker: matrices and vectors of the piece at hand, added to the totals in the pieces' order.
 struct Worker {
-  std::vector<double> shared;              // C
-  std::vector<double> eliminated;          // minus the sum of B_Q' B_Q, in blocks if the system has them
+  std::vector<double> shared;      // C
+  std::vector<double> eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
-  std::vector<double> rows, factor;        // light problems: of kRange groups
-  std::vector<double> right;               // B of one group
-  std::vector<double> stack;               // eliminated rows over all columns
-  std::vector<double> block;               // sparse: C of one group
-  std::vector<double> solution;            // private step of one group
+  std::vector<double> rows, factor;  // light problems: of kRange groups
+  std::vector<double> right;         // B of one group
+  std::vector<double> stack;         // eliminated rows over all columns
+  std::vector<double> block;         // sparse: C of one group
+  std::vector<double> solution;      // private step of one group
 };
 
 /// The first place in an array with slack where a cache line begins.
@@ -75,7 +75,7 @@ struct LevenbergMarquardt::Workspace {
         n(p.shared_size()),
         groups(p.groups()),
         light(p.light()),
-        system(n, groups, options.linear_solver),
+        system(n, groups, options.linear_solver, light),
         crew(std::max(1, options.threads)) {
     problem.set_workers(crew.size());
     size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
@@ -310,8 +310,7 @@ struct LevenbergMarquardt::Workspace {
           if (linearise)
             for (int i = 0; i < groups[g].private_size; ++i) {
               const int place = stores[g].private_start + i;
-              private_scale(place) =
-                  scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
+              private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
             }
           p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
         }
@@ -489,7 +488,7 @@ struct LevenbergMarquardt::Workspace {
   std::vector<double> sizes;
   std::vector<VectorXd> found, taken;  // steps found and taken, `remembered` of them
   int remembered = 0;
-  VectorXd plain;                      // the step before its acceleration
+  VectorXd plain;  // the step before its acceleration
   MatrixXd change, weighted;
 };
 

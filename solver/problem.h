@@ -32,19 +32,19 @@ struct Cost {
 
 struct GroupShape {
   int private_size = 0;
-  std::vector<int> columns;   // shared columns that the group touches, ascending
-  int rows = 0;               // whitened residuals, priors of private unknowns included
+  std::vector<int> columns;  // shared columns that the group touches, ascending
+  int rows = 0;              // whitened residuals, priors of private unknowns included
   int size() const { return private_size + static_cast<int>(columns.size()); }
 };
 
 /// Where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
 struct GroupEquations {
-  double* rows;                  // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
-  int stride;                    // between rows
-  double* shared;                // C at places i >= j is added to shared[origin[row[j]] + row[i]]
+  double* rows;    // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
+  int stride;      // between rows
+  double* shared;  // C at places i >= j is added to shared[origin[row[j]] + row[i]]
   const std::ptrdiff_t* origin;
   const int* row;
-  double* gradient;              // b at place i is added to gradient[row[i]]
+  double* gradient;  // b at place i is added to gradient[row[i]]
 };
 
 /// A nonlinear least-squares problem in groups. The state is one vector that only the problem understands. Calls for different
@@ -94,18 +94,18 @@ class Problem {
 /// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves. Both stand in
 /// the order of their places in the group (private unknowns first, then touched columns); own ones are shared.
 struct ViewColumns {
-  std::vector<int> kinematic;               // place of each column of M
-  std::vector<std::pair<int, int>> own;     // (column of L, place)
+  std::vector<int> kinematic;            // place of each column of M
+  std::vector<std::pair<int, int>> own;  // (column of L, place)
 };
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Scratch of expand(): sized once for the largest view, so that nothing is allocated later.
 struct ExpandScratch {
-  MatrixXd gram;                        // of [L r]
-  RowMatrix m;                          // in its top left corner: M
-  std::vector<double> product, block;   // row-major, `stride` apart: G M and M' G M
-  std::vector<int> column;              // shared column of each column of M
+  MatrixXd gram;                       // of [L r]
+  RowMatrix m;                         // in its top left corner: M
+  std::vector<double> product, block;  // row-major, `stride` apart: G M and M' G M
+  std::vector<int> column;             // shared column of each column of M
   int stride = 0;
 
   /// width: columns of L; columns: of M.
@@ -141,14 +141,17 @@ inline void expand(int width, int depth, const ViewColumns& columns, int k, int 
     for (int i = 0; i <= width; ++i) s.product[static_cast<size_t>(i) * stride + j] = 0;
   }
   for (int j = own_rows; j < kin; ++j) s.column[j] = to.row[place[j] - k];
+  const int* shared = s.column.data();
   for (int j = 0; j < kin; ++j) {
     const double* from = s.block.data() + static_cast<size_t>(j) * stride;
     if (j < own_rows) {
       double* row = to.rows + static_cast<std::ptrdiff_t>(place[j]) * to.stride;
+#pragma GCC unroll 8
       for (int i = j; i < kin; ++i) row[place[i]] += from[i];
     } else {
       double* column = to.shared + to.origin[s.column[j]];
-      for (int i = j; i < kin; ++i) column[s.column[i]] += from[i];
+#pragma GCC unroll 8
+      for (int i = j; i < kin; ++i) column[shared[i]] += from[i];
     }
   }
   const double* last = s.product.data() + static_cast<size_t>(width) * stride;  // of the residual
@@ -158,10 +161,12 @@ inline void expand(int width, int depth, const ViewColumns& columns, int k, int 
     const double* from = s.product.data() + static_cast<size_t>(own.first) * stride;
     const int column = to.row[own.second - k];
     int j = 0;
+#pragma GCC unroll 4
     for (; j < own_rows; ++j) to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + own.second] += from[j];
     for (; j < kin && place[j] < own.second; ++j) to.shared[to.origin[s.column[j]] + column] += from[j];
     double* below = to.shared + to.origin[column];
-    for (; j < kin; ++j) below[s.column[j]] += from[j];
+#pragma GCC unroll 4
+    for (; j < kin; ++j) below[shared[j]] += from[j];
     const double* g_own = g + static_cast<size_t>(own.first) * ld;
     for (const auto& other : columns.own)
       if (other.second >= own.second) below[to.row[other.second - k]] += g_own[other.first];

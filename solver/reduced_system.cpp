@@ -107,7 +107,7 @@ struct ReducedSystem::Sparse {
 };
 #endif
 
-ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice) : n_(n), groups_(&groups) {
+ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool light) : n_(n), groups_(&groups) {
   // Runs: neighbours that the same groups touch. A group's set of columns is told by hashes, summed by column.
   std::vector<std::uint64_t> touched(n, 0);
   for (size_t g = 0; g < groups.size(); ++g) {
@@ -137,8 +137,8 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     touched_work += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
   }
 
-  in_blocks_ = std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
-               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size % 3 == 0 && g.private_size <= 3; });
+  in_blocks_ = light && std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
+               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size == 3; });
   dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
   // Pattern of the graph of runs, column by column.
   const int runs = static_cast<int>(runs_.size());

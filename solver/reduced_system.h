@@ -20,7 +20,8 @@ enum class LinearSolver { automatic, dense, cholmod };
 class ReducedSystem {
  public:
   /// Chooses and analyses. automatic: dense up to 400 unknowns or when more than 30 % of the entries are there.
-  ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice);
+  /// light: of a light problem (Problem::light).
+  ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool light = false);
   ~ReducedSystem();
 
   const char* name() const { return dense_ ? "dense" : "cholmod"; }
@@ -41,8 +42,8 @@ class ReducedSystem {
   void add(int group, const double* block, int ld, double* values) const;
   /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
   void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
-  /// All runs have 9 columns and all groups 3 private unknowns or none (bundle adjustment): the same, faster, to an array of blocks
-  /// (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to values.
+  /// A light problem whose runs have 9 columns and whose groups have 3 private unknowns (bundle adjustment): the same, faster, to an array
+  /// of blocks (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to values. There is no add() then.
   bool in_blocks() const { return in_blocks_; }
   size_t block_storage() const { return blocks_.size() * kNineBlock + 2 * kSlack; }
   void subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const;
@@ -78,17 +79,17 @@ class ReducedSystem {
   std::vector<int> group_runs_, group_runs_start_;  // runs of each group, ascending
   std::vector<int> group_firsts_;                   // their first columns
   struct Block {
-    int row, column, place;                         // runs; sparse: as in pair_places_
+    int row, column, place;  // runs; sparse: as in pair_places_
   };
   bool in_blocks_ = false;
   std::vector<Block> blocks_;
-  std::vector<int> group_blocks_;                   // for i, for j <= i: the block of the group's runs i and j
+  std::vector<int> group_blocks_;  // for i, for j <= i: the block of the group's runs i and j
   std::vector<size_t> group_blocks_start_;
-  std::vector<int> pair_places_;                    // sparse: group after group, for b, for a > b: block (a, b) in b's columns
+  std::vector<int> pair_places_;  // sparse: group after group, for b, for a > b: block (a, b) in b's columns
   std::vector<size_t> pair_start_;
   std::vector<std::ptrdiff_t> origin_, diagonal_origin_, step_;  // step_: start of each column as blocks below the diagonal see it
   size_t diagonal_storage_ = 0;
-  std::vector<int> column_start_, row_of_;      // lower triangle, compressed columns, diagonal first
+  std::vector<int> column_start_, row_of_;  // lower triangle, compressed columns, diagonal first
   std::unique_ptr<Sparse> sparse_;
 };
 
