@@ -119,10 +119,6 @@ std::string describe(const BundleAdjustmentData& data) {
          std::to_string(data.camera_of.size()) + " observations";
 }
 
-// The one place that calls kincal's bundle adjustment.
-#ifdef KINCAL_BUNDLE_ADJUSTMENT
-bool has_bundle_adjustment() { return true; }
-
 KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options) {
   KincalBalRun run;
   const double before = cpu_seconds();
@@ -147,12 +143,5 @@ KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBal
   run.linear_solver = lm.linear_solver();
   return run;
 }
-#else
-bool has_bundle_adjustment() { return false; }
-
-KincalBalRun solve_with_kincal(const BundleAdjustmentData&, const KincalBalOptions&) {
-  throw std::logic_error("this kincal has no bundle adjustment");
-}
-#endif
 
 }  // namespace kincal::benchmarks

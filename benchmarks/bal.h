@@ -33,9 +33,6 @@ struct KincalBalRun : Run {
   std::string linear_solver;
   std::vector<double> costs;  // at the start and after each iteration
 };
-/// Whether models/bundle_adjustment.cpp was there when this was configured.
-bool has_bundle_adjustment();
-/// @throws std::logic_error if it was not.
 KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBalOptions& options);
 
 }  // namespace kincal::benchmarks

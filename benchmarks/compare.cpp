@@ -17,6 +17,8 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "../io/rig_file.h"
+#include "../models/calibration.h"
 #include "../solver/levenberg_marquardt.h"
 #include "bal.h"
 #include "ceres_bal.h"
@@ -119,22 +121,24 @@ void compare_with(const std::string& problem, const Contestant& kincal, const Co
                                    {"iterations_peer", peer.runs.back().iterations}});
 }
 
-/// Wall time of one thread and of two, in turns; the shortest of each, because whatever else runs can only lengthen it.
+/// Wall time of one thread and of two, in turns: the median of the pairs' ratios.
 void compare_threads(const std::string& problem, const std::string& who, const std::function<Run(int)>& run, int rounds, json& report) {
   std::vector<Run> one, two;
-  for (int round = 0; round < rounds; ++round) {
+  std::vector<double> ratios;
+  for (int round = 0; round < 2 * rounds; ++round) {
     one.push_back(run(1));
     two.push_back(run(2));
+    ratios.push_back(one.back().wall / two.back().wall);
   }
-  const double a = quantile(times(one, &Run::wall), 0), b = quantile(times(two, &Run::wall), 0);
-  std::printf("  %s: shortest wall time with 1 thread %.2f ms, with 2 threads %.2f ms: %.2f times as fast%s\n", who.c_str(), 1e3 * a,
-              1e3 * b, a / b, one.back().cost == two.back().cost ? ", the same cost to the last bit" : "");
+  const double a = median(one, &Run::wall), b = median(two, &Run::wall), ratio = quantile(ratios, 0.5);
+  std::printf("  %s: wall time with 1 thread %.2f ms, with 2 threads %.2f ms; pair by pair %.2f times as fast%s\n", who.c_str(), 1e3 * a,
+              1e3 * b, ratio, one.back().cost == two.back().cost ? ", the same cost to the last bit" : "");
   report["threads"].push_back({{"problem", problem},
                                {"program", who},
                                {"seconds_1", a},
                                {"seconds_2", b},
-                               {"speedup", a / b},
-                               {"spread", std::max(spread(one, &Run::wall), spread(two, &Run::wall))},
+                               {"speedup", ratio},
+                               {"spread", (quantile(ratios, 0.75) - quantile(ratios, 0.25)) / ratio},
                                {"same_cost", one.back().cost == two.back().cost}});
 }
 
@@ -180,25 +184,50 @@ std::pair<double, double> robot(int boards, const Settings& settings, json& repo
   return {median(contestants[0].runs), median(contestants[1].runs)};
 }
 
+// ---------------------------------------------------------------- joint noise
+
+/// What errors of joint readings as unknowns cost: seconds of an iteration of the last step of a calibration from files, `latent` against
+/// `none`, all steps before it run as well. Medians over all iterations but the first (which has set-up in it) of runs in turns.
+void compare_noise(const std::string& folder, const Settings& settings, json& report) {
+  const RigFile rig = read_rig(folder + "/rig.yaml");
+  const std::vector<Sample> samples = read_samples(folder + "/samples.jsonl", rig.rig);
+  const std::string last = rig.rig.steps.back().name;
+  std::vector<double> seconds[2];
+  for (int round = 0; round < settings.rounds; ++round)
+    for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::none}) {
+      Calibration calibration(rig.rig, samples);
+      CalibrationOptions options;
+      options.noise = mode;
+      options.judge = false;
+      double before = 0;
+      options.progress = [&](const std::string& step, int iteration, double, double) {
+        const double now = cpu_seconds();
+        if (step == last && iteration > 1) seconds[mode == NoiseMode::none].push_back(now - before);
+        before = now;
+        return true;
+      };
+      calibration.run(options);
+    }
+  const double latent = quantile(seconds[0], 0.5), none = quantile(seconds[1], 0.5);
+  std::printf("\npr2-simulated-large, step %s: an iteration takes %.2f ms with joint noise latent, %.2f ms with none: %.2f times\n",
+              last.c_str(), 1e3 * latent, 1e3 * none, latent / none);
+  report["noise"] = {{"latent_seconds", latent}, {"none_seconds", none}, {"ratio", latent / none}};
+}
+
 // ---------------------------------------------------------------- bundle adjustment
 
 void bundle(const std::string& name, const BundleAdjustmentData& data, const Settings& settings, json& report) {
   std::printf("\n%s: %s\n", name.c_str(), describe(data).c_str());
-  const bool here = has_bundle_adjustment();
   CeresBal automatic(data, false), analytic(data, true);
   std::vector<Contestant> contestants = {
+      {"kincal", [&] { return Run(solve_with_kincal(data, {})); }},
       {"ceres analytic, SPARSE_SCHUR", [&] { return analytic.solve(true); }, true},
       {"ceres analytic, DENSE_SCHUR", [&] { return analytic.solve(false); }, true},
       {"ceres usual (autodiff, SPARSE_SCHUR)", [&] { return automatic.solve(true); }},
   };
-  if (data.cameras.size() > 9 * 200) contestants.erase(contestants.begin() + 1);  // thousands of dense columns: minutes a run
-  if (here) contestants.insert(contestants.begin(), Contestant{"kincal", [&] { return Run(solve_with_kincal(data, {})); }});
+  if (data.cameras.size() > 9 * 200) contestants.erase(contestants.begin() + 2);  // thousands of dense columns: minutes a run
   race(name, contestants, settings.rounds, 1e-5);
   for (const Contestant& contestant : contestants) print_contestant(contestant);
-  if (!here) {
-    std::printf("  (this kincal has no bundle adjustment yet)\n");
-    return;
-  }
   compare_with(name, contestants[0], contestants.back(), contestants.back().name, report);
   const Contestant* best = &contestants[1];
   for (size_t i = 2; i + 1 < contestants.size(); ++i)
@@ -237,12 +266,10 @@ void memory(json& report) {
   });
   std::printf("\nsynthetic-500, peak memory of a process: the data alone %.0f MB, ceres %.0f MB", data, ceres);
   report["memory"] = {{"problem", "synthetic-500"}, {"data_mb", data}, {"ceres_mb", ceres}};
-  if (has_bundle_adjustment()) {
-    const double kincal = peak_memory([] { solve_with_kincal(synthetic_bal(500, 100000), {}); });
-    std::printf(", kincal %.0f MB: %.2f times less than ceres", kincal, ceres / kincal);
-    report["memory"]["kincal_mb"] = kincal;
-    report["memory"]["ratio"] = ceres / kincal;
-  }
+  const double kincal = peak_memory([] { solve_with_kincal(synthetic_bal(500, 100000), {}); });
+  std::printf(", kincal %.0f MB: %.2f times less than ceres", kincal, ceres / kincal);
+  report["memory"]["kincal_mb"] = kincal;
+  report["memory"]["ratio"] = ceres / kincal;
   std::printf("\n");
 }
 
@@ -288,7 +315,7 @@ int run(int argc, char** argv) {
   const char* data = std::getenv("KINCAL_DATA");
   settings.data = data ? data : KINCAL_SOURCE_DIR "/../shared/data";
   app.add_option("--json", file, "Write the results to this file as well");
-  app.add_flag("--quick", quick, "3 runs of each instead of 7");
+  app.add_flag("--quick", quick, "5 runs of each instead of 7");
   app.add_option("--problem", settings.problems,
                  "Only this one (may be repeated): pr2-like-60, pr2-like-500, bal-16-22106, bal-49-7776,\n"
                  "synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
@@ -296,7 +323,7 @@ int run(int argc, char** argv) {
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   CLI11_PARSE(app, argc, argv);
-  if (quick) settings.rounds = 3;
+  if (quick) settings.rounds = 5;
 
   json report = heading();
   report["rounds"] = settings.rounds;
@@ -314,6 +341,8 @@ int run(int argc, char** argv) {
     report["growth"] = {
         {"from", "pr2-like-60"}, {"to", "pr2-like-500"}, {"data", 500.0 / 60}, {"kincal", kincal}, {"ceres_strongest", ceres}};
   }
+  const std::string large_set = settings.data + "/pr2-simulated-large";
+  if (settings.problems.empty() && access((large_set + "/rig.yaml").c_str(), R_OK) == 0) compare_noise(large_set, settings, report);
   for (const std::string name : {"16-22106", "49-7776"}) {
     if (!settings.wanted("bal-" + name)) continue;
     const std::string path = settings.data + "/bal/problem-" + name + "-pre.txt";
