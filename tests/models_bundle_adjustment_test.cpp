@@ -570,3 +570,33 @@ TEST_CASE("bundle adjustment: the same bits with any number of threads") {
       }
     }
 }
+
+TEST_CASE("bundle adjustment: points whose depth nobody knows do no harm") {
+  // Every fourth point is seen by one camera only: it fits exactly, whatever its depth. The rest must come out as without them.
+  const auto full = noisy(make(5, 40, 895, [](int c, int p) { return p % 4 == 0 ? c == p / 4 % 5 : true; }), 1, 0.3, 896);
+  BundleAdjustmentData without = full;
+  without.camera_of.clear();
+  without.point_of.clear();
+  without.pixels.clear();
+  for (size_t i = 0; i < full.camera_of.size(); ++i) {
+    if (full.point_of[i] % 4 == 0) continue;
+    without.camera_of.push_back(full.camera_of[i]);
+    without.point_of.push_back(full.point_of[i]);
+    without.pixels.insert(without.pixels.end(), {full.pixels[2 * i], full.pixels[2 * i + 1]});
+  }
+  for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+    double cost[2];
+    for (const int k : {0, 1}) {
+      BundleAdjustment problem(k ? without : full);
+      SolverOptions options;
+      options.linear_solver = choice;
+      LevenbergMarquardt solver(problem, options);
+      VectorXd state = problem.initial();
+      const SolveSummary& summary = solver.solve(state);
+      INFO((k ? "without" : "with") << ", " << summary.iterations << " iterations");
+      CHECK(summary.outcome == Outcome::converged);
+      cost[k] = summary.cost.twice;
+    }
+    CHECK(cost[0] == Approx(cost[1]).epsilon(1e-7));
+  }
+}
