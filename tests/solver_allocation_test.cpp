@@ -1,9 +1,9 @@
 // Whether solving again allocates: a program of its own, whose malloc and its kin count (libraries' calls, Eigen's and operator new's end
 // there). Without glibc, or with a sanitizer that brings its own malloc, it is not built.
 //
-// Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in any thread: on a PR2-like robot, dense,
-// in noise modes none and latent, with priors, with losses, with rejected steps, through the
-// accelerated tail, with 1 and 2 threads; likewise bundle adjustment.
+// Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in any thread: on a PR2-like robot and on
+// the nasty one with every type of sensor, dense, in noise modes none and latent, with priors, with losses, with rejected steps, through the
+// accelerated tail, with 1 and 2 threads; likewise bundle adjustment; and Estimation::reload(). In marginal and point only renew() may.
 // Does not prove: anything about CHOLMOD, or about the first call.
 #include <cxxabi.h>
 #include <dlfcn.h>
@@ -265,6 +265,56 @@ TEST_CASE("allocations: a PR2-like robot solved again allocates nothing") {
           }
   CHECK(rejected > 0);
   CHECK(undamped > 20);
+}
+
+TEST_CASE("allocations: a robot with every type of sensor solved again allocates nothing, but for covariances that are renewed") {
+  long rejected = 0, undamped = 0;
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent, NoiseMode::marginal, NoiseMode::point}) {
+    long in_renewals = 0;
+    for (const Loss& loss : kLosses)
+      for (const double off : {5e-3, 0.05})
+        for (const int threads : {1, 2}) {
+          Setting s = nasty_in(mode, loss, 8, 911, off);
+          EstimationSetup setup = s.problem->setup();
+          for (const Freed& f : setup.free)
+            for (const int c : f.components) setup.priors.push_back({f.parameter, c, 1.0});
+          if (off > 0.01) s.problem = std::make_unique<Estimation>(s.rig, *s.table, s.samples, all_of(s.samples), setup);
+          SolverOptions options;
+          options.threads = threads;
+          options.max_iterations = 60;
+          options.linear_solver = LinearSolver::dense;
+          INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", " << threads << " threads, off " << off);
+          const bool may = mode == NoiseMode::marginal || mode == NoiseMode::point;
+          const Found found = solve_thrice(*s.problem, s.start(), options, may);
+          rejected += found.rejected;
+          undamped += found.undamped;
+          in_renewals += found.in_renewals;
+        }
+    if (in_renewals > 0) WARN("mode " << static_cast<int>(mode) << ": " << in_renewals << " allocations in renewals");
+  }
+  CHECK(rejected > 0);
+  CHECK(undamped > 20);
+}
+
+TEST_CASE("allocations: reload() allocates nothing") {
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent}) {
+    Setting s = nasty_in(mode, {}, 8, 921, 5e-3);
+    SolverOptions options;
+    options.linear_solver = LinearSolver::dense;
+    LevenbergMarquardt solver(*s.problem, options);
+    VectorXd state = s.start();
+    solver.solve(state);
+    for (Sample& sample : s.samples)
+      for (View& v : sample.views)
+        for (double& z : v.z) z *= 1 + 1e-6;
+    state = s.start();
+    Watch watch;
+    s.problem->reload();
+    solver.solve(state);
+    const long count = watch.stop();
+    if (count > 0) UNSCOPED_INFO(origins(count));
+    CHECK(count == 0);
+  }
 }
 
 TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
