@@ -424,12 +424,13 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
 
 /// Relative to the diagonal, so to the size of J's columns. J = L M rounds where L and M are large and their product is small (a small
 /// target far away: pixels move by f / d for a lever arm's translation and back for its rotation), so the Gram matrix of one sample's
-/// least visible columns may be off by 1e-10 of themselves; the sum over samples, the reduced system, is held to 1e-12.
+/// least visible columns may be off by 1e-10 of themselves; the sum over samples, the reduced system, is held to 2e-12.
 void report(const Worst& w) {
+  INFO("gram " << w.gram << ", root " << w.root << ", cost " << w.cost << ", reduced " << w.reduced << ", gradient " << w.gradient);
   CHECK(w.gram < 2e-9);
   CHECK(w.root < 1e-12);
   CHECK(w.cost < 2e-12);
-  CHECK(w.reduced < 1e-12);
+  CHECK(w.reduced < 2e-12);
   CHECK(w.gradient < 1e-12);
 }
 

@@ -20,6 +20,10 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Sets Choice)
+  kincal_python_test(instruction_sets.${group} instruction_set_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Pr2Simulated Pr2SimulatedLarge Aubo Panda RosCharuco RosPositioner Hrp2 LinearSolvers UrdfFiles)
   kincal_python_test(data.${group} data_test.py data 900 ${kincal_program} ${group})
 endforeach()
