@@ -160,13 +160,13 @@ struct Estimation::Scratch {
   std::vector<WalkedWay> ways;
   ViewInput input;
   Scan scan;
-  Eigen::Matrix3Xd points;
-  std::vector<double> gathered;  // points of a view for its kernel
-  RowMatrix evaluated;           // L as sensors without a kernel write it
-  MatrixXd rows;                 // in its top left corner: [L r]; residuals alone in the last column
-  VectorXd r;                    // residuals of sensors without a kernel
-  std::vector<double> slopes;    // roots of the loss's slopes, by row
-  MatrixXd projected;            // mode marginal: noise' [L r]
+  std::vector<Eigen::Matrix3Xd> points;  // by target
+  std::vector<double> gathered;          // points of a view for its kernel
+  RowMatrix evaluated;                   // L as sensors without a kernel write it
+  MatrixXd rows;                         // in its top left corner: [L r]; residuals alone in the last column
+  VectorXd r;                            // residuals of sensors without a kernel
+  std::vector<double> slopes;            // roots of the loss's slopes, by row
+  MatrixXd projected, rooted;            // mode marginal: noise' [L r], and that times the root
   MatrixXd own_noise;
   ExpandScratch expand;
 };
@@ -516,12 +516,15 @@ void Estimation::set_workers(int count) {
   }
   scratch_.resize(count);
   for (Scratch& s : scratch_) {
+    s.points.resize(rig_.targets.size());
+    for (size_t t = 0; t < s.points.size(); ++t) s.points[t].resize(3, rig_.targets[t].count());
     s.rows.resize(rows, width + 1);
     s.evaluated.resize(rows, width + 1);
     s.r.resize(rows);
     s.slopes.resize(rows);
     s.gathered.resize(3 * rows);
     s.projected.resize(noisy, width + 1);
+    s.rooted.resize(noisy, width + 1);
     s.expand.reserve(static_cast<int>(width), static_cast<int>(std::max(columns, way_columns)));
     s.motion.resize(rig_.tree.joints.size());
     s.moved.resize(rig_.tree.joints.size());
@@ -709,15 +712,16 @@ void Estimation::view_poses(const PlacedView& v, const PlacedSample& s, const Ve
 /// The rest of the sensor's input.
 void Estimation::view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const {
   ViewInput& in = scratch.input;
+  Eigen::Matrix3Xd& points = scratch.points[v.plan->target_index];
   if (v.plan->target->grid) {
-    scratch.points = state(table_.all[table_.target_square[v.plan->target_index]].start) * v.plan->target->layout;
+    points = state(table_.all[table_.target_square[v.plan->target_index]].start) * v.plan->target->layout;
     in.layout = &v.plan->target->layout;
   } else {
     const Parameter& p = table_.all[table_.target_points[v.plan->target_index]];
-    scratch.points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
+    points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
     in.layout = nullptr;
   }
-  in.points = &scratch.points;
+  in.points = &points;
   in.ids = v.plan->ids.data();
   in.count = static_cast<int>(v.plan->ids.size());
   in.z = v.view->z.data();
@@ -862,16 +866,14 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
     auto all = scratch.r.head(rows);
     if (white.noise.size() > 0) {
       const Eigen::Index q = white.noise.cols();
-      if (derivatives) {
-        auto projected = scratch.projected.topLeftCorner(q, w + 1);
-        projected.noalias() = white.noise.transpose() * weighted;
-        projected = (white.root * projected).eval();
-        weighted.noalias() -= white.noise * projected;
-      }
-      auto projected = scratch.projected.col(0).head(q);
-      projected.noalias() = white.noise.transpose() * all;
-      projected = (white.root * projected).eval();
-      all.noalias() -= white.noise * projected;
+      const auto take_away = [&](auto&& rows_of) {  // rows -= U root U' rows
+        auto projected = scratch.projected.topLeftCorner(q, rows_of.cols()), rooted = scratch.rooted.topLeftCorner(q, rows_of.cols());
+        projected.noalias() = white.noise.transpose().lazyProduct(rows_of);
+        rooted.noalias() = white.root.lazyProduct(projected);
+        rows_of.noalias() -= white.noise.lazyProduct(rooted);
+      };
+      if (derivatives) take_away(weighted);
+      take_away(all);
     }
     double squared = all.squaredNorm(), slope;
     cost.chi2 += squared;

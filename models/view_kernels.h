@@ -13,7 +13,7 @@ struct PointView {
   const double* rotation;  // sensor_R_target, row by row
   const double* translation;
   const double* parameters;  // the sensor's own numbers
-  const double* measured;    // component after component, stride apart
+  const double* measured;    // component after component, stride apart; finite numbers behind the last
   const double* weight;      // 1 / sigma, one a component
   int count, stride;
 };

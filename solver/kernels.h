@@ -56,7 +56,8 @@ struct Kernels {
   void (*add)(double* a, const double* b, std::ptrdiff_t n);
 };
 
-/// For this processor. The environment variable KINCAL_ISA (baseline, avx2, avx512) lowers it, for tests and comparisons.
+/// For this processor. The environment variable KINCAL_ISA (baseline, avx2, avx512) lowers it, for tests and comparisons; anything else it
+/// may say is ignored.
 const Kernels& kernels();
 /// All that this processor can run, the plainest first; for tests. `count` of them.
 const Kernels* const* all_kernels(int& count);

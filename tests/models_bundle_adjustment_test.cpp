@@ -237,18 +237,19 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
         }
 
         problem.approach(first, last, state, 0);
-        std::vector<double> condensed(15 + kSlack, 0.0);
-        for (int k = 0; k < 15; ++k) condensed[k] = k;
-        problem.condense(g, step, 0, condensed.data());
+        // Of the whole range; the group's rows are among them.
+        std::vector<double> range(15 * static_cast<size_t>(last - first) + kSlack, 7.0);
+        problem.condense(first, last, state, step, 0, range.data());
+        const double* condensed = range.data() + 15 * static_cast<size_t>(g - first);
         VectorXd touched(shape.columns.size());
         for (size_t c = 0; c < shape.columns.size(); ++c) touched(static_cast<Eigen::Index>(c)) = step(shape.columns[c]);
         const MatrixXd x = rows.leftCols(3), q = rows.middleCols(3, touched.size());
         const VectorXd r = rows.rightCols(1), moving = q * touched;
         const double size = (x.norm() + r.norm() + moving.norm()) * (x.norm() + r.norm() + moving.norm());
         for (int i = 0; i < 3; ++i) {
-          for (int j = i; j < 3; ++j) CHECK(std::abs(condensed[5 * i + j] - (5 * i + j) - x.col(i).dot(x.col(j))) < 1e-13 * size);
-          CHECK(std::abs(condensed[5 * i + 3] - (5 * i + 3) - x.col(i).dot(r)) < 1e-13 * size);
-          CHECK(std::abs(condensed[5 * i + 4] - (5 * i + 4) - x.col(i).dot(r + moving)) < 1e-13 * size);
+          for (int j = i; j < 3; ++j) CHECK(std::abs(condensed[5 * i + j] - x.col(i).dot(x.col(j))) < 1e-13 * size);
+          CHECK(std::abs(condensed[5 * i + 3] - x.col(i).dot(r)) < 1e-13 * size);
+          CHECK(std::abs(condensed[5 * i + 4] - x.col(i).dot(r + moving)) < 1e-13 * size);
         }
       }
     }

@@ -146,7 +146,9 @@ class Wrapped final : public Problem {
   }
   void approach(int first, int last, const VectorXd& state, int worker) const override { inner_.approach(first, last, state, worker); }
   bool light() const override { return inner_.light(); }
-  void condense(int group, const VectorXd& step, int worker, double* rows) const override { inner_.condense(group, step, worker, rows); }
+  void condense(int first, int last, const VectorXd& state, const VectorXd& step, int worker, double* rows) const override {
+    inner_.condense(first, last, state, step, worker, rows);
+  }
   void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
     ++trials;
     inner_.retract(state, shared, own, moved);

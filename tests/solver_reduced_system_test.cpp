@@ -71,7 +71,7 @@ struct Array {
 
 double difference(const MatrixXd& a, const MatrixXd& b) { return a.size() ? (a - b).cwiseAbs().maxCoeff() : 0; }
 
-void check(const Structure& s, int depth, bool with_diagonal, Random& random) {
+void check(const Structure& s, int depth, bool light, Random& random) {
   const int n = s.n;
   MatrixXd expected = MatrixXd::Zero(n, n), eliminated = expected;
   VectorXd expected_gradient = VectorXd::Zero(n);
@@ -92,12 +92,11 @@ void check(const Structure& s, int depth, bool with_diagonal, Random& random) {
   }
   VectorXd solution[2];
   for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-    INFO((choice == LinearSolver::dense ? "dense" : "cholmod")
-         << ", " << n << " columns, depth " << depth << ", diagonal apart " << with_diagonal);
-    ReducedSystem system(n, s.groups, choice);
+    INFO((choice == LinearSolver::dense ? "dense" : "cholmod") << ", " << n << " columns, depth " << depth << ", light " << light);
+    ReducedSystem system(n, s.groups, choice, light);
     CHECK(system.dense() == (choice == LinearSolver::dense || n == 0));
     CHECK(std::string(system.name()) == (system.dense() ? "dense" : "cholmod"));
-    Array values(system.storage()), other(system.storage()), diagonal(system.diagonal_storage()), gradient(n);
+    Array values(system.storage()), other(system.storage()), in_blocks(system.in_blocks() ? system.block_storage() : 0), gradient(n);
 
     // C.
     for (size_t g = 0; g < s.groups.size(); ++g) {
@@ -111,8 +110,9 @@ void check(const Structure& s, int depth, bool with_diagonal, Random& random) {
       MatrixXd block = MatrixXd::Constant(ld, m + 1, std::nan(""));
       for (int j = 0; j < m; ++j)
         for (int i = j; i < m; ++i) block(i, j) = c[g](i, j);  // the lower triangle only
-      system.add(static_cast<int>(g), block.data(), ld, values.data());
+      if (!system.in_blocks()) system.add(static_cast<int>(g), block.data(), ld, values.data());
     }
+    if (!system.dense() && system.in_blocks()) expected.setZero();  // there is no add() then
     CHECK(difference(system.full(values.data()), expected) < 1e-11);
 
     // Minus B'B.
@@ -121,17 +121,20 @@ void check(const Structure& s, int depth, bool with_diagonal, Random& random) {
       const int m = static_cast<int>(s.groups[g].columns.size()), stride = padded(m + 1) + 8;
       RowMatrix rows = RowMatrix::Constant(depth + 1, stride, 3.5);
       rows.topLeftCorner(depth, m + 1) = b[g];
-      system.subtract(static_cast<int>(g), rows.data(), depth, stride, other.data(), gradient.data(),
-                      with_diagonal ? diagonal.data() : nullptr);
+      if (system.in_blocks())
+        system.subtract_blocks(static_cast<int>(g), rows.data(), stride, in_blocks.data(), gradient.data());
+      else
+        system.subtract(static_cast<int>(g), rows.data(), depth, stride, other.data(), gradient.data());
     }
-    if (with_diagonal) system.add_diagonal_blocks(other.data(), diagonal.data());
+    if (system.in_blocks()) system.add_blocks(other.data(), in_blocks.data());
     CHECK(difference(system.full(other.data()), eliminated) < 1e-11);
     for (int i = 0; i < n; ++i) CHECK(std::abs(gradient.data()[i] - expected_gradient(i)) < 1e-11);
     system.accumulate(values.data(), other.data());
     CHECK(difference(system.full(values.data()), expected + eliminated) < 1e-11);
-    for (int i = 0; i < n; ++i) system.add_to_diagonal(values.data(), i, 0.5 + i);
+    const double lift = !system.dense() && system.in_blocks() ? 100 : 0.5;  // without C the rest is negative
+    for (int i = 0; i < n; ++i) system.add_to_diagonal(values.data(), i, lift + i);
     MatrixXd whole = expected + eliminated;
-    for (int i = 0; i < n; ++i) whole(i, i) += 0.5 + i;
+    for (int i = 0; i < n; ++i) whole(i, i) += lift + i;
     CHECK(difference(system.full(values.data()), whole) < 1e-10);
 
     // Entries of one run by origin() and diagonal_origin().
@@ -181,7 +184,7 @@ void check(const Structure& s, int depth, bool with_diagonal, Random& random) {
     }
     CHECK(values.untouched());
     CHECK(other.untouched());
-    CHECK(diagonal.untouched());
+    CHECK(in_blocks.untouched());
     CHECK(gradient.untouched());
   }
 }
