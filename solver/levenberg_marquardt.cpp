@@ -95,8 +95,9 @@ struct LevenbergMarquardt::Workspace {
       rows += groups[g].rows;
     }
     if (!light) {
-      group_rows.assign(rows_size + kSlack, 0.0);
-      group_factors.assign(factor_size + kSlack, 0.0);
+      // Not filled: who works on a group touches its memory first.
+      group_rows.reset(new double[rows_size + kSlack]);
+      group_factors.reset(new double[factor_size + kSlack]);
     }
     place_pieces();
     for (int i = 0; i < std::max(widest, n); ++i) {
@@ -192,7 +193,7 @@ struct LevenbergMarquardt::Workspace {
   Room room(size_t g, int first, int worker) {
     Worker& w = workers[worker];
     return light ? Room{w.rows.data() + (stores[g].rows - stores[first].rows), w.factor.data() + (stores[g].factor - stores[first].factor)}
-                 : Room{group_rows.data() + stores[g].rows, group_factors.data() + stores[g].factor};
+                 : Room{group_rows.get() + stores[g].rows, group_factors.get() + stores[g].factor};
   }
 
   /// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the worker's.
@@ -476,7 +477,7 @@ struct LevenbergMarquardt::Workspace {
   std::vector<Piece> pieces, fine_pieces;
   std::atomic<int> turn{0};  // piece whose sums are added next
   std::vector<GroupStore> stores;
-  std::vector<double> group_rows, group_factors;
+  std::unique_ptr<double[]> group_rows, group_factors;
   std::vector<Worker> workers;
   std::vector<int> identity;
   std::vector<std::ptrdiff_t> block_origin;
