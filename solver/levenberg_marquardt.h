@@ -2,7 +2,7 @@
 //
 // With damping D = lambda diag(H) (Marquardt), every group's private block is eliminated by a small Cholesky,
 //     P + D_p = L L',   B = L^-1 [Q | a],   S = C + D_x - sum B_Q' B_Q,   s = b - sum B_Q' B_a,
-// then  S dx = -s  and  dp = -L^-T (B_a + B_Q dx).
+// then  S dx = -s  and  dp = -L^-T L^-1 (a + Q dx).
 // With g the whole gradient and d the whole step, the quadratic model promises (in twice the cost)
 //     promised = -g'd + lambda d'Dd,   and moves the residuals by   |J d|^2 = -g'd - lambda d'Dd,
 // the length of the step in standard deviations: both cost nothing beyond the solution.
@@ -11,8 +11,9 @@
 // starts; or residuals of nothing (noise-free data); or steps that promise less than 1e-12 of the cost and no longer shrink,
 // because what is left is rounding. Covariances that depend on the state are renewed after each step once steps are small: the
 // point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
-// A rejected step repeats the elimination, not the evaluation. Groups are partitioned, and sums taken, in a fixed order: the
-// result is the same to the last bit for any number of threads.
+// Damping: Nielsen's update, but a thirtieth where the gain is within 3 % of 1. A rejected step repeats the elimination, not the
+// evaluation (light problems: both). Groups are partitioned by the problem's size alone, each worker sums one piece at a time, and pieces
+// are added in their order: the result is the same to the last bit for any number of threads.
 #pragma once
 
 #include <functional>
