@@ -1,5 +1,4 @@
-#include "batch.h"
-
+// `kincal batch`: many sample sets, each calibrated in a process of its own into a result directory of its own.
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/wait.h>
@@ -18,12 +17,23 @@
 #include <iostream>
 #include <map>
 #include <sstream>
+#include <thread>
 
 #include "../io/summary_file.h"
+#include "command.h"
+#include "job.h"
 #include "tables.h"
 
 namespace kincal {
 namespace {
+
+struct BatchArguments {
+  std::string sets;  // a folder of sets, or a list file
+  std::string out;
+  int jobs = 1;
+  bool quiet = false, json = false;
+  CalibrateSettings settings;
+};
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
@@ -470,8 +480,7 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
   return finished;
 }
 
-}  // namespace
-
+/// Returns the exit code: 0 all converged, 1 some did not, 130 interrupted. @throws InputError where nothing can be started
 int batch(const BatchArguments& a) {
   std::error_code ignored;
   const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
@@ -523,6 +532,35 @@ int batch(const BatchArguments& a) {
   if (names.empty()) return kConverged;
   std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", names.size(), count.c_str(), some(names, 100).c_str());
   return kBadInput;
+}
+
+}  // namespace
+
+Command batch_command(CLI::App& app, const std::string& command_line) {
+  auto a = std::make_shared<BatchArguments>();
+  a->settings.command = command_line;
+  a->jobs = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  CLI::App* command = app.add_subcommand("batch", "Calibrate many sample sets, each into a result directory of its own");
+  command
+      ->add_option(
+          "SETS", a->sets,
+          "a folder whose folders have a rig.yaml and a samples.jsonl each, or a list file with lines RIG SAMPLES [NAME], relative to\n"
+          "the list's folder")
+      ->required();
+  command->add_option("--out", a->out, "directory for the result directories, summary.csv and summary.json; the same one to go on")
+      ->required();
+  command->add_option("--jobs", a->jobs, "how many calibrations run at once (default: as many as there are cores)")
+      ->check(CLI::Range(1, 1024));
+  add_settings(*command, a->settings);
+  command->add_flag("--quiet", a->quiet, "print errors only");
+  command->add_flag("--json", a->json, "print summary.json on standard output instead of tables");
+  command->footer(
+      "A set whose result is there, of the same inputs, options and version, is not calibrated again; so the same command goes on after "
+      "an\n"
+      "interruption. A set that fails stops no other; failing sets are named at the end.\n"
+      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see `status` in summary.csv), or bad usage;\n"
+      "130 interrupted, what is finished stays.");
+  return {command, [a] { return batch(*a); }};
 }
 
 }  // namespace kincal

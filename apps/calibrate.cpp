@@ -1,98 +1,74 @@
-#include "calibrate.h"
+// `kincal calibrate`: estimate what the rig's steps free.
+#include <cstdio>
+#include <iostream>
 
-#include <algorithm>
-#include <filesystem>
+#include "command.h"
+#include "job.h"
+#include "tables.h"
 
 namespace kincal {
-
-const std::map<std::string, NoiseMode> kNoiseModes = {
-    {"latent", NoiseMode::latent}, {"marginal", NoiseMode::marginal}, {"point", NoiseMode::point}, {"none", NoiseMode::none}};
-const std::map<std::string, LinearSolver> kLinearSolvers = {
-    {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
-
-ExitCode exit_code(Status status) {
-  switch (status) {
-    case Status::converged:
-      return kConverged;
-    case Status::unobservable:
-      return kUnobservable;
-    default:
-      return kNotConverged;
-  }
-}
-
-std::string rig_path(const std::string& path) {
-  std::error_code ignored;
-  return std::filesystem::is_directory(path, ignored) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
-}
-
-InputError with_nearest(const NameError& error, const Calibration& calibration) {
-  return InputError(error.what() + nearest_names(error.name, calibration.table().names()));
-}
-
-Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
-  const std::vector<Sample> samples = read_samples(samples_path, rig_file.rig);
-  try {
-    return Calibration(rig_file.rig, samples);
-  } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig_file.rig).names()));
-  } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
-    const std::string what = error.what();
-    throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
-  }
-}
-
-Job read_job(const std::string& rig, const std::string& samples) {
-  RigFile rig_file = read_rig(rig_path(rig));
-  if (rig_file.rig.steps.empty()) throw InputError(rig + ": estimate: there are no steps: nothing is to be calibrated");
-  Calibration calibration = make_calibration(rig_file, samples);
-  if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
-    throw InputError(samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
-  return {std::move(rig_file), samples, std::move(calibration)};
-}
-
 namespace {
 
-CalibrationOptions options_of(const CalibrateSettings& settings) {
-  CalibrationOptions options;
-  options.noise = kNoiseModes.at(settings.noise);
-  options.linear_solver = kLinearSolvers.at(settings.linear_solver);
-  options.threads = settings.threads;
-  options.last_step = settings.step;
-  options.free = settings.free;
-  options.fix = settings.fix;
-  return options;
+struct CalibrateArguments {
+  std::string rig, samples, out;
+  CalibrateSettings settings;
+  bool force = false, dry_run = false, quiet = false, json = false;
+};
+
+int calibrate(const CalibrateArguments& a) {
+  if (!a.dry_run) {
+    if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
+    check_output(a.out, a.force);
+  }
+  Job job = read_job(a.rig, a.samples);
+  for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  if (a.dry_run) {
+    std::cout << plan_table(plan(job, a.settings), job.calibration.table());
+    return kConverged;
+  }
+  Progress progress(a.quiet || a.json);
+  const std::optional<CalibrationResult> result =
+      run(job, a.settings, [&](const std::string& step, int iteration, double chi2, double damping) {
+        progress.update(step, iteration, chi2, damping);
+        return not_interrupted();
+      });
+  if (!result || !not_interrupted()) {
+    progress.interrupted();
+    return say_interrupted();
+  }
+  progress.finish();
+  const ResultFiles files = make_files(job, *result, a.settings);
+  if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
+  if (a.json)
+    std::cout << files.result_json;
+  else if (!a.quiet)
+    std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
+  return exit_code(result->status);
 }
 
 }  // namespace
 
-std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
-  try {
-    return job.calibration.plan(options_of(settings));
-  } catch (const NameError& error) {
-    throw with_nearest(error, job.calibration);
-  }
-}
-
-std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
-                                     const std::function<bool(const std::string&, int, double, double)>& progress) {
-  CalibrationOptions options = options_of(settings);
-  options.progress = progress;
-  try {
-    return job.calibration.run(options);
-  } catch (const NameError& error) {
-    throw with_nearest(error, job.calibration);
-  }
-}
-
-ResultFiles make_files(const Job& job, const CalibrationResult& result, const CalibrateSettings& settings) {
-  ResultOptions options;
-  options.command = settings.command;
-  options.samples_path = job.samples_path;
-  options.version = KINCAL_VERSION;
-  options.residuals = !settings.no_report;
-  options.write_reduction = settings.write_reduction;
-  return make_results(job.rig_file, job.calibration, result, options);
+Command calibrate_command(CLI::App& app, const std::string& command_line) {
+  auto a = std::make_shared<CalibrateArguments>();
+  a->settings.command = command_line;
+  CLI::App* command = app.add_subcommand("calibrate", "Estimate the parameters that the rig's steps free and write a result directory");
+  command->add_option("RIG", a->rig, "rig.yaml: robot, sensors, targets, steps")->required();
+  command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")->required();
+  command->add_option("--out", a->out, "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
+  add_settings(*command, a->settings);
+  command->add_flag("--force", a->force, "replace an existing result");
+  command->add_flag("--dry-run", a->dry_run, "only print what each step frees, the counts and the degrees of freedom");
+  command->add_flag("--quiet", a->quiet, "print errors only");
+  command->add_flag("--json", a->json, "print result.json on standard output instead of tables");
+  command->footer(
+      "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, /intrinsics[.fx ...], /distortion, "
+      "/baseline;\n"
+      "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint "
+      "readings\n"
+      "as exact: what the robot's own software will see.\n"
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge (2 and 3:\n"
+      "results are written, `status` in result.json says so); 130 interrupted, nothing written.");
+  return {command, [a] { return calibrate(*a); }};
 }
 
 }  // namespace kincal

@@ -259,6 +259,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
           {"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
     table_.initial = result.values.shared = started.shared;
   }
+  if (options.start) result.values.shared = *options.start;
 
   bool all_converged = true;
   std::vector<Freed> held_out;
@@ -359,6 +360,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     result.unobservable = end.unobservable;
     result.status = !all_converged ? Status::not_converged : !end.unobservable.empty() ? Status::unobservable : Status::converged;
     result.covariance = observability.covariance;
+    result.setup = setup;
     for (int c = 0; c < problem.shared_size(); ++c) result.covariance_names.push_back(problem.column_name(c));
     for (ParameterEstimate& e : result.parameters) {
       const Parameter& parameter =

@@ -31,6 +31,7 @@ struct CalibrationOptions {
   LinearSolver linear_solver = LinearSolver::automatic;
   std::string last_step;                 // run all steps up to this one; empty: all
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
+  std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
   bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
@@ -106,6 +107,7 @@ struct CalibrationResult {
   std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
   MatrixXd covariance;
+  EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
 };
@@ -126,6 +128,8 @@ class Calibration {
 
   const Rig& rig() const { return rig_; }
   const std::vector<Sample>& samples() const { return samples_; }
+  /// Indices of the samples that are not held out.
+  std::vector<int> training() const { return split(true); }
   /// After run(): with closed-form values of poses that the rig leaves open.
   const ParameterTable& table() const { return table_; }
 

@@ -11,6 +11,10 @@
 #include "../io/rig_file.h"
 #include "../models/calibration.h"
 
+namespace CLI {
+class App;
+}
+
 namespace kincal {
 
 enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kInterrupted = 130 };
@@ -52,5 +56,16 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 
 ResultFiles make_files(const Job& job, const CalibrationResult& result, const CalibrateSettings& settings);
+
+/// The options that calibrate and batch share.
+void add_settings(CLI::App& command, CalibrateSettings& settings);
+
+/// The names that an option of choices takes.
+template <class Map>
+std::vector<std::string> keys(const Map& map) {
+  std::vector<std::string> out;
+  for (const auto& entry : map) out.push_back(entry.first);
+  return out;
+}
 
 }  // namespace kincal

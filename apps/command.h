@@ -1,0 +1,27 @@
+// Subcommands: what each of them is to main(). A command is a file of its own with a function below that adds its options to the
+// program and says what to do when it is the one that is asked for.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+
+namespace kincal {
+
+struct Command {
+  CLI::App* app;
+  std::function<int()> run;  // returns the exit code (ExitCode, job.h); throws std::exception with a message for the user
+};
+
+Command calibrate_command(CLI::App& app, const std::string& command_line);
+Command batch_command(CLI::App& app, const std::string& command_line);
+Command evaluate_command(CLI::App& app);
+Command simulate_command(CLI::App& app);
+Command apply_command(CLI::App& app);
+
+/// False after SIGINT or SIGTERM: to be asked from time to time, and before anything is written.
+bool not_interrupted();
+/// Says that nothing was written; returns the exit code.
+int say_interrupted();
+
+}  // namespace kincal

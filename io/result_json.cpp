@@ -1,0 +1,125 @@
+#include "result_json.h"
+
+#include <cmath>
+
+#include "results.h"
+
+namespace kincal {
+
+Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
+
+Json numbers(const std::vector<double>& v) {
+  Json out = Json::array();
+  for (double x : v) out.push_back(number(x));
+  return out;
+}
+
+Json vector3(const Vector3d& v) { return numbers({v.x(), v.y(), v.z()}); }
+
+Json pose(const Pose& p) {
+  const Eigen::Vector4d q = quaternion_from_rotation(p.rotation);
+  return {{"xyz", vector3(p.translation)}, {"quat", numbers({q(0), q(1), q(2), q(3)})}};
+}
+
+namespace {
+
+Json directions(const std::vector<Direction>& all) {
+  Json out = Json::array();
+  for (const Direction& d : all) {
+    Json one = Json::object();
+    for (const auto& c : d) one[c.first] = c.second;
+    out.push_back(one);
+  }
+  return out;
+}
+
+Json statistics(const SplitStatistics& s, bool whole_pose, bool before) {
+  Json out = {{"points", s.points}};
+  if (before) out["rms_before"] = number(s.rms_before);
+  out["rms"] = number(s.rms);
+  out["rms_as_read"] = number(s.rms_as_read);
+  if (whole_pose) {
+    if (before) out["rms_rotation_before"] = number(s.rotation_before);
+    out["rms_rotation"] = number(s.rotation);
+    out["rms_rotation_as_read"] = number(s.rotation_as_read);
+  }
+  return out;
+}
+
+Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
+  Json out = Json::object();
+  for (const SensorResult& s : sensors)
+    out[s.name] = {
+        {"unit", s.unit}, {"train", statistics(s.train, s.whole_pose, before)}, {"test", statistics(s.test, s.whole_pose, before)}};
+  return out;
+}
+
+std::string noise_name(NoiseMode noise) {
+  switch (noise) {
+    case NoiseMode::latent:
+      return "latent";
+    case NoiseMode::marginal:
+      return "marginal";
+    case NoiseMode::point:
+      return "point";
+    default:
+      return "none";
+  }
+}
+
+}  // namespace
+
+Json result_json(const Calibration& calibration, const CalibrationResult& result) {
+  const Rig& rig = calibration.rig();
+  Json json;
+  json["status"] = status_name(result.status);
+  json["noise"] = noise_name(result.noise);
+  json["chi2"] = number(result.chi2);
+  json["cost"] = number(result.cost);
+  json["dof"] = result.dof;
+  json["steps"] = Json::array();
+  for (const StepResult& s : result.steps) {
+    Json history = Json::array();
+    for (const auto& h : s.history) history.push_back(numbers({h.first, h.second}));
+    json["steps"].push_back({{"step", s.name},
+                             {"status", s.converged ? "converged" : "not_converged"},
+                             {"iterations", s.iterations},
+                             {"chi2_initial", number(s.chi2_initial)},
+                             {"chi2", number(s.chi2)},
+                             {"cost", number(s.cost)},
+                             {"dof", s.dof},
+                             {"seconds", s.seconds},
+                             {"linear_solver", s.linear_solver},
+                             {"history", history},
+                             {"unused", s.unused},
+                             {"held_out", s.held_out},
+                             {"unobservable", directions(s.unobservable)}});
+  }
+  json["parameters"] = Json::object();
+  for (const ParameterEstimate& e : result.parameters) {
+    Json one = {
+        {"unit", e.units}, {"initial", numbers(e.initial)}, {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}, {"step", e.step}};
+    if (e.pose) one["pose"] = pose(*e.pose);
+    json["parameters"][e.name] = one;
+  }
+  json["samples"] = Json::object();
+  const auto sample = [&](int i) -> Json& {
+    Json& s = json["samples"][calibration.samples()[i].id];
+    if (s.is_null()) s = {{"targets", Json::object()}, {"joint_errors", Json::object()}};
+    return s;
+  };
+  for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
+  for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
+  json["sensors"] = sensor_table(result.sensors, true);
+  json["unobservable"] = directions(result.unobservable);
+  json["warnings"] = Json::array();
+  for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
+  return json;
+}
+
+std::string evaluation_json(const Evaluation& evaluation) {
+  const Json json = {{"chi2", number(evaluation.chi2)}, {"dof", evaluation.dof}, {"sensors", sensor_table(evaluation.sensors, false)}};
+  return json.dump(1) + "\n";
+}
+
+}  // namespace kincal
