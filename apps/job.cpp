@@ -80,7 +80,9 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   try {
-    return job.calibration.run(options);
+    std::optional<CalibrationResult> result = job.calibration.run(options);
+    if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
+    return result;
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
   }
