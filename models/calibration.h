@@ -18,14 +18,6 @@
 
 namespace kincal {
 
-/// A name or glob of parameters that matches nothing; `name` is it, so that callers can add the nearest ones.
-class NameError : public std::invalid_argument {
- public:
-  NameError(const std::string& where, std::string n)
-      : std::invalid_argument(where + ": '" + n + "' matches no parameter"), name(std::move(n)) {}
-  std::string name;
-};
-
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
