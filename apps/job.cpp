@@ -81,6 +81,7 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   options.progress = progress;
   try {
     std::optional<CalibrationResult> result = job.calibration.run(options);
+    if (result && settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
     if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
     return result;
   } catch (const NameError& error) {

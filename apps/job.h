@@ -28,6 +28,7 @@ struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
   std::vector<std::string> free, fix;
   int threads = 1;
+  int restarts = 0;  // calibrate only
   bool no_report = false, write_reduction = false;
   std::string command;  // the command line, for the record
 };

@@ -177,6 +177,23 @@ std::string loop_table(const CalibrationResult& result) {
   return out;
 }
 
+std::string restart_table(const Restarts& restarts) {
+  const int own = restarts.minima[0].count, failed = restarts.failed;
+  std::string out = format("  %d of %d end in this minimum", own, restarts.count);
+  if (failed) out += format(", %d failed", failed);
+  out += "\n";
+  if (restarts.minima.size() == 1) return out;
+  std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
+  for (size_t i = 0; i < restarts.minima.size(); ++i) {
+    const Minimum& m = restarts.minima[i];
+    std::string names = i == 0 ? "this result" : "";
+    for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
+      names += (k ? ", " : "") + m.differs[k].first + format(" %+.3g", m.differs[k].second);
+    rows.push_back({std::to_string(m.count), format("%.8g", m.cost), names});
+  }
+  return out + align(rows, 3);
+}
+
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
   std::string out;
   for (const StepPlan& p : plans) {
@@ -203,6 +220,7 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
   if (!result.loops.empty())
     out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);

@@ -31,6 +31,8 @@ class Progress {
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
 /// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
 std::string loop_table(const CalibrationResult& result);
+/// Minima that restarts found.
+std::string restart_table(const Restarts& restarts);
 /// The parameter components that changed most, with sigmas.
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
