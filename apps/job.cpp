@@ -119,7 +119,7 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
-  command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
+  command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
   command.add_flag(
       "--write-reduction", s.write_reduction,
       "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");

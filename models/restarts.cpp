@@ -142,7 +142,7 @@ bool add_restarts(const Calibration& calibration, const CalibrationOptions& opti
       }
       if (!end) return false;
     }
-    if (!end || end->status == Status::not_converged) {
+    if (!end || !end->steps.back().converged) {
       ++out.failed;
       continue;
     }

@@ -11,7 +11,7 @@
 // behind its camera) is tried again at half its distance, up to six times: nobody would start there.
 //
 // The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated number apart by more than 0.01 of its
-// sigma; what the data do not determine is not compared. An end that is not converged, or has no start, counts as failed.
+// sigma; what the data do not determine is not compared. An end whose last step did not converge, or without a start, counts as failed.
 #pragma once
 
 #include <string>
