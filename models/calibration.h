@@ -14,6 +14,7 @@
 
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
+#include "staging.h"
 
 namespace kincal {
 
@@ -102,6 +103,7 @@ struct CalibrationResult {
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
+  std::vector<StagingTrial> staging;                // of a rig without steps (models/staging.h): what was tried; left to the caller
 };
 
 /// Residual table at given parameters.
