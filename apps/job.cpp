@@ -95,6 +95,7 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   try {
     std::optional<CalibrationResult> result = job.calibration.run(options);
     if (result) result->staging = std::move(tried);
+    if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
     return result;
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);

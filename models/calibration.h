@@ -14,6 +14,7 @@
 
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
+#include "loops.h"
 #include "staging.h"
 
 namespace kincal {
@@ -104,6 +105,7 @@ struct CalibrationResult {
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
   std::vector<StagingTrial> staging;                // of a rig without steps (models/staging.h): what was tried; left to the caller
+  std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
 };
 
 /// Residual table at given parameters.
