@@ -22,6 +22,10 @@ int calibrate(const CalibrateArguments& a) {
   }
   Job job = read_job(a.rig, a.samples);
   for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  if (a.dry_run && job.rig_file.rig.steps.empty()) {
+    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.calibration.samples()));
+    return kConverged;
+  }
   if (a.dry_run) {
     std::cout << plan_table(plan(job, a.settings), job.calibration.table());
     return kConverged;

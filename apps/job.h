@@ -52,7 +52,7 @@ InputError with_nearest(const NameError& error, const Calibration& calibration);
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
-/// nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+/// A rig without steps is staged first (models/staging.h) and has the steps found from then on. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

@@ -218,8 +218,29 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   return out;
 }
 
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
+  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  for (const auto& group : groups) {
+    out += "  " + group.first + "\n";
+    for (const std::string& name : group.second) out += "    " + name + "\n";
+  }
+  return out;
+}
+
+std::string staging_table(const std::vector<StagingTrial>& trials) {
+  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
+  for (const StagingTrial& t : trials)
+    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
+                    value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
+  return align(rows, 2);
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
-  std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  std::string out;
+  if (!result.staging.empty())
+    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
+  out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
   if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
   if (!result.loops.empty())
     out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../io/results.h"
@@ -37,6 +38,9 @@ std::string restart_table(const Restarts& restarts);
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// What automatic staging will try, and what it has tried.
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
+std::string staging_table(const std::vector<StagingTrial>& trials);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.

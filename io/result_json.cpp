@@ -138,6 +138,14 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
+  if (!result.staging.empty()) json["staging"] = Json::array();
+  for (const StagingTrial& t : result.staging)
+    json["staging"].push_back({{"group", t.group},
+                               {"trial", t.removal ? "remove" : "add"},
+                               {"kept", t.kept},
+                               {"error_before", number(t.error_before)},
+                               {"error_after", number(t.error_after)},
+                               {"parameters", t.parameters}});
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
   return json;

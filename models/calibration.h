@@ -16,6 +16,7 @@
 #include "estimation.h"
 #include "loops.h"
 #include "restarts.h"
+#include "staging.h"
 
 namespace kincal {
 
@@ -109,6 +110,7 @@ struct CalibrationResult {
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
   std::optional<Restarts> restarts;                // by add_restarts() of models/restarts.h, likewise
+  std::vector<StagingTrial> staging;                // of a rig without steps (models/staging.h): what was tried; left to the caller
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
 };
 
