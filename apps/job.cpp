@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "../models/estimate_noise.h"
+
 namespace kincal {
 
 const std::map<std::string, NoiseMode> kNoiseModes = {
@@ -80,7 +82,11 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   try {
-    return job.calibration.run(options);
+    if (!settings.estimate_noise) return job.calibration.run(options);
+    std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
+    if (!estimate) return std::nullopt;
+    job.calibration = std::move(estimate->calibration);
+    return std::move(estimate->result);
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
   }
@@ -116,6 +122,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command.add_flag("--estimate-noise", s.estimate_noise,
+                   "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
   command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
   command.add_flag(
       "--write-reduction", s.write_reduction,

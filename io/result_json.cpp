@@ -54,6 +54,22 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   return out;
 }
 
+Json noise_table(const std::vector<NoiseLevel>& levels) {
+  Json out = Json::array();
+  for (const NoiseLevel& l : levels)
+    out.push_back({{"of", l.of},
+                   {"part", l.part},
+                   {"unit", l.unit},
+                   {"assumed", number(l.assumed)},
+                   {"used", number(l.used)},
+                   {"seen", number(l.seen)},
+                   {"uncertainty", number(l.uncertainty)},
+                   {"redundancy", number(l.redundancy)},
+                   {"rows", l.rows},
+                   {"own_views", l.own_views}});
+  return out;
+}
+
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
     case NoiseMode::latent:
@@ -111,6 +127,8 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
+  json["noise_levels"] = noise_table(result.noise_levels);
+  if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
   json["unobservable"] = directions(result.unobservable);
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});

@@ -14,6 +14,7 @@
 
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
+#include "noise_levels.h"
 
 namespace kincal {
 
@@ -32,7 +33,7 @@ struct CalibrationOptions {
   std::string last_step;                 // run all steps up to this one; empty: all
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
   std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
-  bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
+  bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), and noise_levels
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -103,6 +104,9 @@ struct CalibrationResult {
   std::vector<ParameterEstimate> parameters;       // everything that any step freed, in the order of the steps
   std::vector<Direction> unobservable;             // of the last step
   std::vector<SensorResult> sensors;               // that see something
+  std::vector<NoiseLevel> noise_levels;            // of the last step's sensors and joints
+  int noise_rounds = 0;                            // calibrations that estimated the noise (estimate_noise()), 0: it is the rig's
+  bool noise_rests = false;                        // the last of them moved no sigma by more than 1 %
   std::vector<Warning> warnings;
   std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
