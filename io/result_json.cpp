@@ -83,6 +83,20 @@ std::string noise_name(NoiseMode noise) {
   }
 }
 
+Json loop_list(const std::vector<Loop>& loops) {
+  const auto statistics_of = [](const LoopStatistics& s) -> Json {
+    return {{"points", s.points}, {"rms_before", number(s.rms_before)}, {"rms", number(s.rms)}};
+  };
+  Json out = Json::array();
+  for (const Loop& loop : loops) {
+    Json one = {{"from", loop.from}, {"to", loop.to}, {"unit", loop.unit}};
+    one.update(statistics_of(loop.train));
+    if (loop.test.points) one["test"] = statistics_of(loop.test);
+    out.push_back(one);
+  }
+  return out;
+}
+
 }  // namespace
 
 Json result_json(const Calibration& calibration, const CalibrationResult& result) {
@@ -129,6 +143,7 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   json["sensors"] = sensor_table(result.sensors, true);
   json["noise_levels"] = noise_table(result.noise_levels);
   if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
+  if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});

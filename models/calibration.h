@@ -14,17 +14,11 @@
 
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
+#include "explain.h"
 #include "noise_levels.h"
+#include "loops.h"
 
 namespace kincal {
-
-/// A name or glob of parameters that matches nothing; `name` is it, so that callers can add the nearest ones.
-class NameError : public std::invalid_argument {
- public:
-  NameError(const std::string& where, std::string n)
-      : std::invalid_argument(where + ": '" + n + "' matches no parameter"), name(std::move(n)) {}
-  std::string name;
-};
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -33,7 +27,7 @@ struct CalibrationOptions {
   std::string last_step;                 // run all steps up to this one; empty: all
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
   std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
-  bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), and noise_levels
+  bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), noise_levels, explanation
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -47,9 +41,6 @@ struct StepPlan {
   long rows = 0, unknowns = 0;           // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
-
-/// One direction that the data do not determine: parameter component and coefficient.
-using Direction = std::vector<std::pair<std::string, double>>;
 
 struct StepResult {
   std::string name;
@@ -107,6 +98,7 @@ struct CalibrationResult {
   std::vector<NoiseLevel> noise_levels;            // of the last step's sensors and joints
   int noise_rounds = 0;                            // calibrations that estimated the noise (estimate_noise()), 0: it is the rig's
   bool noise_rests = false;                        // the last of them moved no sigma by more than 1 %
+  Explanation explanation;                         // what the data of the last step hardly tell
   std::vector<Warning> warnings;
   std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
@@ -114,6 +106,7 @@ struct CalibrationResult {
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
+  std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
 };
 
 /// Residual table at given parameters.
