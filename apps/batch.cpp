@@ -161,6 +161,7 @@ std::string options_text(const CalibrateSettings& s) {
   for (const std::string& f : s.fix) out += " --fix " + f;
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
+  if (s.estimate_noise) out += " --estimate-noise";
   return out;
 }
 

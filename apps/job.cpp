@@ -5,6 +5,8 @@
 #include <cmath>
 #include <filesystem>
 
+#include "../models/estimate_noise.h"
+
 namespace kincal {
 
 const std::map<std::string, NoiseMode> kNoiseModes = {
@@ -93,7 +95,15 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   try {
-    std::optional<CalibrationResult> result = job.calibration.run(options);
+    std::optional<CalibrationResult> result;
+    if (settings.estimate_noise) {
+      std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
+      if (!estimate) return std::nullopt;
+      job.calibration = std::move(estimate->calibration);
+      result = std::move(estimate->result);
+    } else {
+      result = job.calibration.run(options);
+    }
     if (result && settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
     if (result) result->staging = std::move(tried);
     if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
@@ -133,6 +143,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command.add_flag("--estimate-noise", s.estimate_noise,
+                   "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
   command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
   command.add_flag(
       "--write-reduction", s.write_reduction,

@@ -29,7 +29,7 @@ struct CalibrateSettings {
   std::vector<std::string> free, fix;
   int threads = 1;
   int restarts = 0;  // calibrate only
-  bool no_report = false, write_reduction = false;
+  bool no_report = false, write_reduction = false, estimate_noise = false;
   std::string command;  // the command line, for the record
 };
 
@@ -52,7 +52,8 @@ InputError with_nearest(const NameError& error, const Calibration& calibration);
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
-/// A rig without steps is staged first (models/staging.h) and has the steps found from then on. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+/// A rig without steps is staged first (models/staging.h) and has the steps found from then on; with estimate_noise the job's calibration
+/// becomes the one with the estimated sigmas. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

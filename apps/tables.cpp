@@ -235,6 +235,32 @@ std::string staging_table(const std::vector<StagingTrial>& trials) {
                     value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
   return align(rows, 2);
 }
+namespace {
+
+/// Sigmas that the data contradict, or what was estimated.
+std::string noise_text(const CalibrationResult& result) {
+  std::string out;
+  for (const NoiseLevel& l : result.noise_levels) {
+    if (result.noise_rounds > 0 ? l.used == l.assumed : !l.differs()) continue;
+    const Unit unit = shown(l.unit);
+    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
+    out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
+    if (result.noise_rounds > 0) out += ", now " + value(l.used, unit.factor) + unit_name;
+    if (std::isfinite(l.seen)) {
+      if (result.noise_rounds == 0) out += ", seen " + value(l.seen, unit.factor) + unit_name;
+      out += format(" (± %.2g %%)", 100 * l.uncertainty);
+    } else {
+      out += " (with the others as they are now it cannot be told)";
+    }
+    out += "\n";
+  }
+  if (out.empty()) return out;
+  return (result.noise_rounds > 0 ? "\nNoise, estimated from the data\n"
+                                  : "\nNoise: sigmas of the rig that the data contradict (--estimate-noise takes what is seen)\n") +
+         out;
+}
+
+}  // namespace
 
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out;
@@ -262,6 +288,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";
+  out += noise_text(result);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";

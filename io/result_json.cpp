@@ -54,6 +54,22 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   return out;
 }
 
+Json noise_table(const std::vector<NoiseLevel>& levels) {
+  Json out = Json::array();
+  for (const NoiseLevel& l : levels)
+    out.push_back({{"of", l.of},
+                   {"part", l.part},
+                   {"unit", l.unit},
+                   {"assumed", number(l.assumed)},
+                   {"used", number(l.used)},
+                   {"seen", number(l.seen)},
+                   {"uncertainty", number(l.uncertainty)},
+                   {"redundancy", number(l.redundancy)},
+                   {"rows", l.rows},
+                   {"own_views", l.own_views}});
+  return out;
+}
+
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
     case NoiseMode::latent:
@@ -136,6 +152,8 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
   if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
+  json["noise_levels"] = noise_table(result.noise_levels);
+  if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
   if (!result.staging.empty()) json["staging"] = Json::array();
