@@ -7,6 +7,7 @@
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
+#include "../models/local.h"
 
 namespace kincal {
 
@@ -37,5 +38,8 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored);
+
+/// Local offsets, their radius, and the errors with and without them.
+std::string local_report(const Rig& rig, const LocalCalibration& local);
 
 }  // namespace kincal
