@@ -44,6 +44,7 @@ int main(int argc, char** argv) {
       "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
+      "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets around one posture\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not determined by the data (named in the\n"
       "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");

@@ -98,6 +98,14 @@ Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration
   return out;
 }
 
+/// Words as YAML has them.
+void unquote(Node& node) {
+  for (auto& [key, value] : node.members) {
+    if (key == "format" || key == "unit") value.quoted = false;
+    unquote(value);
+  }
+}
+
 }  // namespace
 
 LocalPosture read_local_posture(const std::string& text, const Rig& rig, const std::vector<Sample>& samples) {
@@ -127,7 +135,9 @@ std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalC
                                     "# Do not fold into the URDF: that is for the whole workspace.\n"
                                   : "# No local offsets: the global calibration is as good here (`gain: false`). Offsets are 0.\n"
                                     "# Of this posture only; do not fold into the URDF.\n";
-  return comment + to_yaml(parse_json(json_of(rig, posture, local, source).dump(), "local.yaml"));
+  Node node = parse_json(json_of(rig, posture, local, source).dump(), "local.yaml");
+  unquote(node);
+  return comment + to_yaml(node);
 }
 
 }  // namespace kincal

@@ -17,8 +17,8 @@
 // A direction that the samples near do not determine stays at 0. t (0.01 to 30 mrad, mm) is that of the largest evidence
 //     g'A^-1 g / s^2 - log |1 + W t^2 / s^2|.
 // h (from twice the distance of the nearest kLocalSamples samples, in steps of 1.3, to all that are looked at) is that of the least
-// weighted sum of |z_i - F_i delta_-i|^2 over the nearest samples (weights of the smallest h); delta_-i is the estimate without sample i. So an
-// error that bends takes few samples and a constant one many.
+// weighted sum of |z_i - F_i delta_-i|^2 over the nearest samples (weights of the smallest h); delta_-i is the estimate without sample i.
+// So an error that bends takes few samples and a constant one many.
 //
 // Noise as seen: s^2 = sum w_i |z_i - F_i delta|^2 over its expectation for s = 1, which is (for t = infinity)
 //     sum w_i rows_i - 2 tr(W^-1 B) + tr(W^-1 B),   B = sum w_i^2 F_i'F_i.

@@ -2,8 +2,8 @@
 //
 // Proves: with an error a sin(q) planted in a joint's reading, the offsets at a posture are a sin(q0) within their sigmas, for offsets of
 // all joints, and errors of fresh samples near it go down to the noise; the radius is where the gain of a constant ends (one joint, known
-// in closed form); estimate and z are those of a plain weighted least-squares fit with numeric derivatives; on data without such an error no gain is
-// claimed, over 100 seeds; nothing depends on the order of samples; joints that the data do not determine stay; too few samples, joints
+// in closed form); the estimate is that of a plain weighted least-squares fit with numeric derivatives; on data without such an error no
+// gain is claimed, over 100 seeds; nothing depends on the order of samples; joints that the data do not determine stay; too few samples, joints
 // that turn without end, and split `test` are treated as documented.
 // Does not prove: that real robots have such errors, nor that sigma holds for errors that vary faster than samples are dense.
 #include "../models/local.h"
@@ -134,8 +134,8 @@ TEST_CASE("local: offsets are the planted error at the posture, within their sig
 }
 
 TEST_CASE("local: the radius is where a constant offset stops to help") {
-  // Of a pair of samples at q0 - d and q0 + d a constant c = a sin q0 gains 2 c a (sin(q0 - d) + sin(q0 + d)) - 2 c^2 = 2 c^2 (2 cos d - 1):
-  // until d = pi/3.
+  // Of a pair of samples at q0 - d and q0 + d a constant c = a sin q0 gains
+  // 2 c a (sin(q0 - d) + sin(q0 + d)) - 2 c^2 = 2 c^2 (2 cos d - 1): until d = pi/3.
   const Rig rig = arm();
   int good = 0;
   for (unsigned long seed = 1; seed <= 10; ++seed) {

@@ -20,12 +20,21 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Planted File)
+  kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Sets Choice)
   kincal_python_test(instruction_sets.${group} instruction_set_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
 foreach(group Pr2Simulated Pr2SimulatedLarge Aubo Panda RosCharuco RosPositioner Hrp2 LinearSolvers UrdfFiles)
   kincal_python_test(data.${group} data_test.py data 900 ${kincal_program} ${group})
+endforeach()
+
+kincal_python_test(shuffle.Example shuffle_test.py cli 600 ${kincal_program} Example)
+foreach(group Pr2Simulated Aubo AbsentPoses Others)
+  kincal_python_test(shuffle.${group} shuffle_test.py data 900 ${kincal_program} ${group})
 endforeach()
 if(CMAKE_BUILD_TYPE STREQUAL "Release")
   kincal_python_test(data.CpuTime data_test.py data 300 ${kincal_program} CpuTime)
