@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "../io/comparison.h"
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
@@ -33,6 +34,10 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
+std::string validation_table(const CalibrationResult& result);
+/// Two calibrations compared: the parameters that differ most in sigmas, and frames.
+std::string comparison_table(const Comparison& comparison, size_t most);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
