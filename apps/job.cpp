@@ -31,7 +31,7 @@ std::string rig_path(const std::string& path) {
 }
 
 InputError with_nearest(const NameError& error, const Calibration& calibration) {
-  return InputError(error.what() + nearest_names(error.name, calibration.table().names()));
+  return InputError(error.what() + nearest_names(error.name, error.valid.empty() ? calibration.table().names() : error.valid));
 }
 
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
@@ -39,7 +39,7 @@ Calibration make_calibration(const RigFile& rig_file, const std::string& samples
   try {
     return Calibration(rig_file.rig, samples);
   } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig_file.rig).names()));
+    throw InputError(error.what() + nearest_names(error.name, error.valid));
   } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
     const std::string what = error.what();
     throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
@@ -130,6 +130,7 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   try {
     std::optional<CalibrationResult> result = job.calibration.run(options);
     if (!result) return std::nullopt;
+    if (!settings.no_report) result->loops = loops(job.calibration, *result);
     Validation& validation = result->validation;
     validation.held_out = job.held_out;
     validation.test = held_out_errors(job.calibration, *result);

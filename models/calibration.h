@@ -14,26 +14,19 @@
 
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
+#include "loops.h"
 #include "validation.h"
 
 namespace kincal {
-
-/// A name or glob of parameters that matches nothing; `name` is it, so that callers can add the nearest ones.
-class NameError : public std::invalid_argument {
- public:
-  NameError(const std::string& where, std::string n)
-      : std::invalid_argument(where + ": '" + n + "' matches no parameter"), name(std::move(n)) {}
-  std::string name;
-};
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
-  std::string last_step;               // run all steps up to this one; empty: all
-  std::vector<std::string> free, fix;  // names and globs, added to and taken from the last step that runs
-  std::optional<VectorXd> start;       // shared values for the first step to start from; `initial` and T0 stay the rig's
-  bool judge = true;                   // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
+  std::string last_step;                 // run all steps up to this one; empty: all
+  std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
+  std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
+  bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -44,7 +37,7 @@ struct StepPlan {
   std::vector<Freed> free;
   std::vector<Prior> priors;
   std::vector<std::string> unused, held_out;
-  long rows = 0, unknowns = 0;  // whitened residuals, joint-error and prior terms; shared and private unknowns
+  long rows = 0, unknowns = 0;           // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
 
@@ -67,19 +60,19 @@ struct ParameterEstimate {
   std::string name;
   std::vector<std::string> components, units;
   std::vector<double> initial, value;
-  std::vector<double> sigma;  // NaN: unobservable; 0: held
-  std::vector<char> freed;    // components that some step freed
-  std::vector<double> prior;  // sigmas of the last step's priors, 0: none
-  std::string step;           // the last that freed it
-  std::optional<Pose> pose;   // absolute, of poses
+  std::vector<double> sigma;             // NaN: unobservable; 0: held
+  std::vector<char> freed;               // components that some step freed
+  std::vector<double> prior;             // sigmas of the last step's priors, 0: none
+  std::string step;                      // the last that freed it
+  std::optional<Pose> pose;              // absolute, of poses
 };
 
 /// Residuals of one sensor in one split; root mean squares over points (a view, for whole poses), NaN: none.
 struct SplitStatistics {
   long points = 0;
-  double rms_before, rms, rms_as_read;                 // px or m; poses: translation
-  double rotation_before, rotation, rotation_as_read;  // rad, poses only
-  double whitened_squared = 0;                         // of the rms column
+  double rms_before, rms, rms_as_read;                             // px or m; poses: translation
+  double rotation_before, rotation, rotation_as_read;              // rad, poses only
+  double whitened_squared = 0;                                     // of the rms column
   long whitened_count = 0;
 };
 
@@ -101,17 +94,18 @@ struct CalibrationResult {
   double chi2 = 0, cost = 0;
   long dof = 0;
   std::vector<StepResult> steps;
-  std::vector<ParameterEstimate> parameters;  // everything that any step freed, in the order of the steps
-  std::vector<Direction> unobservable;        // of the last step
-  std::vector<SensorResult> sensors;          // that see something
+  std::vector<ParameterEstimate> parameters;       // everything that any step freed, in the order of the steps
+  std::vector<Direction> unobservable;             // of the last step
+  std::vector<SensorResult> sensors;               // that see something
   std::vector<Warning> warnings;
-  std::vector<std::string> computed_starts;   // poses absent from the rig whose initial value comes from the data
-  std::vector<std::string> covariance_names;  // of the last step
+  std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
+  std::vector<std::string> covariance_names;       // of the last step
   MatrixXd covariance;
-  EstimationSetup setup;  // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
-  Values values;          // shared parameters; poses and joint errors of the training samples
+  EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
+  Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before, residuals_as_read;  // of all samples, the same views in the same order
-  Validation validation;  // what the caller puts there (validation.h); run() leaves it empty
+  std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
+  Validation validation;                           // likewise, by the functions of models/validation.h
 };
 
 /// Residual table at given parameters.
@@ -119,7 +113,7 @@ struct Evaluation {
   bool converged = true;
   double chi2 = 0;
   long dof = 0;
-  std::vector<SensorResult> sensors;  // without rms_before
+  std::vector<SensorResult> sensors;               // without rms_before
 };
 
 class Calibration {
