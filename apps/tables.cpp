@@ -276,7 +276,7 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   std::vector<Line> lines;
   for (const ParameterDifference& d : comparison.parameters)
     for (size_t c = 0; c < d.difference.size(); ++c) {
-      if (d.difference[c] == 0) continue;
+      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c]))) continue;  // rounding of what was written
       const Unit unit = shown(d.units[c]);
       const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
       // Without a sigma by size, behind the others: a thousandth of a metre, a radian or a ratio and a tenth of a pixel weigh alike.
