@@ -60,15 +60,17 @@ int main(int argc, char** argv) {
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
       "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets around one posture\n"
+      "  kincal diff result other_result                            two calibrations compared\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked. batch: 0 all\n"
+      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 130 interrupted, nothing written. With 2, 3 and 4\n"
+      "results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
 
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
       calibrate_command(app, line), batch_command(app, line), evaluate_command(app),
-      simulate_command(app),        apply_command(app),       local_command(app, line),
+      simulate_command(app),        apply_command(app),       diff_command(app), local_command(app, line),
   };
   std::vector<std::string> names;
   std::string known;

@@ -262,11 +262,129 @@ std::string noise_text(const CalibrationResult& result) {
 
 }  // namespace
 
+std::string validation_table(const CalibrationResult& result) {
+  const Validation& v = result.validation;
+  std::string out;
+  const auto errors = [&](const std::vector<HeldOutError>& sensors) {
+    std::vector<std::vector<std::string>> rows = {
+        {"sensor", "unit", "points", "over", "rms", "95 %", "as read", "95 %", "training as read"}};
+    const auto interval = [](const Interval& i, double factor) {
+      return std::isfinite(i.low) ? value(i.low, factor) + " to " + value(i.high, factor) : "-";
+    };
+    for (const HeldOutError& e : sensors)
+      for (bool rotation : {false, true}) {
+        if (rotation && !e.whole_pose) continue;
+        const Unit unit = shown(rotation ? "rad" : e.unit);
+        double train = std::nan("");
+        for (const SensorResult& s : result.sensors)
+          if (s.name == e.sensor) train = rotation ? s.train.rotation_as_read : s.train.rms_as_read;
+        std::string over = std::to_string(e.blocks) + (e.by_target ? " targets" : " samples");
+        if (e.missing > 0) over += ", " + std::to_string(e.missing) + " views missing";
+        rows.push_back({rotation ? "" : e.sensor, unit.name, rotation ? "" : std::to_string(e.points), rotation ? "" : over,
+                        value(rotation ? e.rotation : e.rms, unit.factor), interval(rotation ? e.of_rotation : e.of_rms, unit.factor),
+                        value(rotation ? e.rotation_as_read : e.rms_as_read, unit.factor),
+                        interval(rotation ? e.of_rotation_as_read : e.of_rms_as_read, unit.factor), value(train, unit.factor)});
+      }
+    return align(rows, 2);
+  };
+  if (!v.test.empty()) out += "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
+  if (v.cross_validation) {
+    const CrossValidation& c = *v.cross_validation;
+    out += format("\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks it)\n", c.folds.size(),
+                  c.by_target ? ", whole targets held out" : "") +
+           errors(c.sensors);
+    for (size_t f = 0; f < c.folds.size(); ++f) {
+      const CrossValidation::Fold& fold = c.folds[f];
+      const char* wrong = !fold.error.empty() ? "no calibration: "
+                          : !fold.converged   ? "not converged"
+                          : !fold.determined  ? "something freed is not determined without it"
+                                              : nullptr;
+      if (wrong) out += format("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
+    }
+    std::string never;
+    for (const std::string& n : c.never) never += (never.empty() ? "" : ", ") + n;
+    if (!never.empty()) out += "  never held out (the only data of a sensor or target): " + never + "\n";
+  }
+  if (!v.frames.empty()) {
+    out += "\nFrames relative to " + v.frames[0].base +
+           " (predicted sigma over postures; last column: with the noise of one reading of each joint)\n";
+    std::vector<std::vector<std::string>> rows = {{"frame", "postures", "unit", "rms", "median", "worst", "rms with readings"}};
+    for (const FrameReport& f : v.frames)
+      for (const FrameSigma& s : f.workspaces)
+        for (bool rotation : {false, true}) {
+          const SigmaStatistics &alone = rotation ? s.rotation : s.position,
+                                &read = rotation ? s.rotation_with_readings : s.position_with_readings;
+          const bool first = &s == &f.workspaces[0] && !rotation;
+          rows.push_back(
+              {first ? f.frame : "",
+               rotation ? "" : std::to_string(s.postures) + (s.workspace == "samples" ? " of the samples" : " in the joints' limits"),
+               rotation ? "mrad" : "mm", std::isfinite(alone.rms) ? value(alone.rms, 1e3) : "not determined", value(alone.median, 1e3),
+               value(alone.worst, 1e3), value(read.rms, 1e3)});
+        }
+    out += align(rows, 2);
+    for (const FrameReport& f : v.frames) {
+      std::string held;
+      for (const std::string& n : f.held) held += (held.empty() ? "" : ", ") + n;
+      if (!held.empty()) out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
+    }
+  }
+  if (!v.requirements.empty()) out += "\nTolerances\n";
+  for (const Judgement& j : v.requirements) out += std::string(j.met ? "  met: " : "  NOT MET: ") + judgement_text(j) + "\n";
+  return out;
+}
+
+std::string comparison_table(const Comparison& comparison, size_t most) {
+  struct Line {
+    double weight;
+    std::vector<std::string> cells;
+  };
+  std::vector<Line> lines;
+  for (const ParameterDifference& d : comparison.parameters)
+    for (size_t c = 0; c < d.difference.size(); ++c) {
+      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c]))) continue;  // rounding of what was written
+      const Unit unit = shown(d.units[c]);
+      const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
+      // Without a sigma by size, behind the others: a thousandth of a metre, a radian or a ratio and a tenth of a pixel weigh alike.
+      const double weight = std::isfinite(sigmas) ? sigmas + 1e9 : std::abs(d.difference[c]) * (d.units[c] == "px" ? 10 : 1e3);
+      lines.push_back(
+          {weight,
+           {d.components[c].empty() ? d.name : d.name + "." + d.components[c], unit.name, format("%.7g", d.a[c] * unit.factor + 0.0),
+            format("%.7g", d.b[c] * unit.factor + 0.0), format("%+.4g", d.difference[c] * unit.factor),
+            std::isfinite(d.sigma[c]) ? "± " + format("%.2g", d.sigma[c] * unit.factor) : "-",
+            std::isfinite(sigmas) ? format("%.2f", sigmas) : "-"}});
+    }
+  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) { return a.weight > b.weight; });
+  std::vector<std::vector<std::string>> rows = {{"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
+  for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
+  std::string out = "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame itself)\n";
+  out += lines.empty() ? "  none\n" : align(rows, 2);
+  if (lines.size() > most) out += format("  ... and %zu more with --json\n", lines.size() - most);
+  if (!comparison.frames.empty()) {
+    out += "\nFrames relative to " + comparison.base + " over postures" +
+           (comparison.workspace == "limits" ? ", random within the joints' limits\n" : " of the samples\n");
+    rows = {{"frame", "unit", "postures", "rms", "worst", "sigma", "in sigmas"}};
+    for (const FrameDifference& f : comparison.frames)
+      for (bool rotation : {false, true}) {
+        const double rms = rotation ? f.rotation_rms : f.position_rms, worst = rotation ? f.rotation_worst : f.position_worst;
+        const double sigma = rotation ? f.rotation_sigma : f.position_sigma;
+        rows.push_back({rotation ? "" : f.frame, rotation ? "mrad" : "mm", rotation ? "" : std::to_string(f.postures), value(rms, 1e3),
+                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : "-", value(rms / sigma)});
+      }
+    out += align(rows, 2);
+  }
+  const std::pair<const char*, const std::vector<std::string>*> only[] = {{"A", &comparison.only_in_a}, {"B", &comparison.only_in_b}};
+  for (const auto& side : only)
+    for (const std::string& name : *side.second) out += std::string("  only in ") + side.first + ": " + name + "\n";
+  for (const std::string& note : comparison.notes) out += "  note: " + note + "\n";
+  return out;
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out;
   if (!result.staging.empty())
     out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
   out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  out += validation_table(result);
   if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
   if (!result.loops.empty())
     out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
@@ -347,7 +465,7 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   }
   std::vector<std::vector<std::string>> failing;
   for (const SetSummary& s : sets)
-    if (s.status != "converged") failing.push_back({s.name, s.status, s.error});
+    if (s.fails()) failing.push_back({s.name, s.status, s.error});
   if (!failing.empty()) out += "\nNot converged, or not to be relied on\n" + align(failing, 3);
   return out;
 }

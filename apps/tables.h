@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "../io/comparison.h"
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
@@ -42,6 +43,10 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 /// What automatic staging will try, and what it has tried.
 std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
 std::string staging_table(const std::vector<StagingTrial>& trials);
+/// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
+std::string validation_table(const CalibrationResult& result);
+/// Two calibrations compared: the parameters that differ most in sigmas, and frames.
+std::string comparison_table(const Comparison& comparison, size_t most);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.

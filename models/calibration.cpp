@@ -524,8 +524,10 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
            "held-out sample '" + id + "' cannot be evaluated at the estimate (a point behind a camera): it is missing from its rms"});
     order(now.residuals);
     order(before.residuals);
+    order(read.residuals);
     std::move(now.residuals.begin(), now.residuals.end(), std::back_inserter(result.residuals));
     std::move(before.residuals.begin(), before.residuals.end(), std::back_inserter(result.residuals_before));
+    std::move(read.residuals.begin(), read.residuals.end(), std::back_inserter(result.residuals_as_read));
   }
 }
 

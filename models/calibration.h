@@ -19,6 +19,7 @@
 #include "loops.h"
 #include "restarts.h"
 #include "staging.h"
+#include "validation.h"
 
 namespace kincal {
 
@@ -111,10 +112,13 @@ struct CalibrationResult {
   MatrixXd covariance;
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
-  std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
-  std::optional<Restarts> restarts;                // by add_restarts() of models/restarts.h, likewise
-  std::vector<StagingTrial> staging;                // of a rig without steps (models/staging.h): what was tried; left to the caller
+  std::vector<ViewResiduals> residuals, residuals_before, residuals_as_read;  // of all samples, the same views in the same order
+
+  // What others than run() fill in where it is asked for.
+  std::optional<Restarts> restarts;                // models/restarts.h
+  std::vector<StagingTrial> staging;               // models/staging.h: what was tried for a rig without steps
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
+  Validation validation;                           // likewise, by the functions of models/validation.h
 };
 
 /// Residual table at given parameters.
