@@ -159,6 +159,7 @@ std::string options_text(const CalibrateSettings& s) {
   if (!s.step.empty()) out += " --step " + s.step;
   for (const std::string& f : s.free) out += " --free " + f;
   for (const std::string& f : s.fix) out += " --fix " + f;
+  if (s.reject) out += " --reject";
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
   return out;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "../models/outliers.h"
+
 namespace kincal {
 
 const std::map<std::string, NoiseMode> kNoiseModes = {
@@ -80,7 +82,11 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   try {
-    return job.calibration.run(options);
+    if (!settings.reject) return job.calibration.run(options);
+    std::optional<Cleaned> clean = calibrate_without_outliers(job.calibration, options);
+    if (!clean) return std::nullopt;
+    job.calibration = std::move(clean->calibration);
+    return std::move(clean->result);
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
   }
@@ -116,6 +122,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command.add_flag("--reject", s.reject,
+                   "take gross outliers out first (points, views, samples), by a robust fit; say which; then fit what is left");
   command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
   command.add_flag(
       "--write-reduction", s.write_reduction,

@@ -28,7 +28,7 @@ struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
   std::vector<std::string> free, fix;
   int threads = 1;
-  bool no_report = false, write_reduction = false;
+  bool reject = false, no_report = false, write_reduction = false;
   std::string command;  // the command line, for the record
 };
 
@@ -51,7 +51,7 @@ InputError with_nearest(const NameError& error, const Calibration& calibration);
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
-/// nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+/// With `reject` the job's calibration is that of what is left afterwards. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

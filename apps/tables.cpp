@@ -169,6 +169,26 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   return out;
 }
 
+std::string rejected_table(const std::vector<Rejected>& rejected) {
+  constexpr size_t kMost = 20;
+  size_t points = 0, views = 0, samples = 0;
+  std::string lines;
+  for (bool ids : {false, true})  // samples and views first
+    for (const Rejected& r : rejected) {
+      if (r.ids.empty() == ids) continue;
+      (ids ? points : r.sensor.empty() ? samples : views) += ids ? r.ids.size() : 1;
+      if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
+      lines += "  sample " + r.sample;
+      if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
+      for (size_t i = 0; i < r.ids.size(); ++i) lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+      lines += ": " + r.reason + "\n";
+    }
+  if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return format("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
+                views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+         lines;
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
@@ -197,6 +217,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
+  if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";

@@ -33,6 +33,8 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// What `--reject` took out: counts, and the first of it.
+std::string rejected_table(const std::vector<Rejected>& rejected);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.

@@ -112,6 +112,17 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
   json["unobservable"] = directions(result.unobservable);
+  json["rejected"] = Json::array();
+  for (const Rejected& r : result.rejected) {
+    Json one = {{"sample", r.sample}};
+    if (!r.sensor.empty()) one["sensor"] = r.sensor, one["target"] = r.target;
+    if (!r.ids.empty()) one["ids"] = r.ids;
+    one["reason"] = r.reason;
+    json["rejected"].push_back(one);
+  }
+  json["leverage"] = Json::array();
+  for (const Leverage& l : result.leverage)
+    json["leverage"].push_back({{"sample", l.sample}, {"parameter", l.parameter}, {"moved_sigmas", number(l.moved_sigmas)}});
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
   return json;
