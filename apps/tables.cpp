@@ -180,7 +180,8 @@ std::string rejected_table(const std::vector<Rejected>& rejected) {
       if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
       lines += "  sample " + r.sample;
       if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
-      for (size_t i = 0; i < r.ids.size(); ++i) lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+      for (size_t i = 0; i < r.ids.size(); ++i)
+        lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
       lines += ": " + r.reason + "\n";
     }
   if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);

@@ -91,10 +91,10 @@ struct Bench {
 /// A sample by itself at held shared parameters.
 struct Alone {
   bool defined = false;
-  VectorXd residuals;                                  // whitened, view after view
-  std::vector<std::pair<const View*, int>> blocks;     // of each residual block: view, block in it
-  std::vector<int> rows;                               // and its rows
-  std::vector<std::pair<int, double>> joints;          // joint, error in sigmas
+  VectorXd residuals;                               // whitened, view after view
+  std::vector<std::pair<const View*, int>> blocks;  // of each residual block: view, block in it
+  std::vector<int> rows;                            // and its rows
+  std::vector<std::pair<int, double>> joints;       // joint, error in sigmas
 };
 
 EstimationSetup setup_of(const Bench& bench) {
@@ -189,18 +189,16 @@ Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool r
   return out;
 }
 
-/// Blocks beyond the bound, by view (of `sample`, by its address) and block; the largest ratio of a block to its sensor's level.
-bool outlying(const Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags, double& worst) {
+/// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
+bool outlying(const Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
   bool any = false;
   flags.assign(sample.views.size(), {});
   for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(bench.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
-  worst = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
     const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(bench.levels[view->sensor], 2);
     at += fit.rows[b];
-    worst = std::max(worst, std::sqrt(squared / fit.rows[b]));
     if (squared <= chi2_bound(fit.rows[b])) continue;
     flags[view - sample.views.data()][fit.blocks[b].second] = 1;
     any = true;
@@ -221,99 +219,116 @@ std::string text(const char* format, double a, double b = 0) {
   return buffer;
 }
 
-/// Root mean square of a view's raw residuals against what is usual: not needed to decide, only to say.
-std::string size_of(const Bench& bench, const Alone& fit, const View& view) {
-  double squared = 0;
-  int rows = 0;
+/// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
+std::string size_of(const Bench& bench, const Alone& fit) {
+  if (!fit.defined) return "a point lies behind a camera";
+  std::map<const View*, std::pair<double, int>> views;
   Eigen::Index at = 0;
-  for (size_t b = 0; b < fit.blocks.size(); ++b) {
-    if (fit.blocks[b].first == &view) squared += fit.residuals.segment(at, fit.rows[b]).squaredNorm(), rows += fit.rows[b];
-    at += fit.rows[b];
+  for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++]) {
+    std::pair<double, int>& v = views[fit.blocks[b].first];
+    v.first += fit.residuals.segment(at, fit.rows[b]).squaredNorm();
+    v.second += fit.rows[b];
   }
-  return text("%.3g times the usual residual", std::sqrt(squared / std::max(rows, 1)) / bench.levels[view.sensor]);
+  double largest = 0;
+  for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / bench.levels[v.first->sensor]);
+  const auto* joint = wrong_joint(fit);
+  if (joint && std::abs(joint->second) > largest)
+    return "they would take an error of joint '" + bench.rig.tree.joints[joint->first].name +
+           text("' of %.3g of its sigmas", joint->second);
+  return text("residuals %.3g times the usual", largest);
 }
 
-/// Whether views of the sample that are not out hang together: one of a mounted target, or two of one free target.
-bool hangs_together(const Rig& rig, const Sample& sample, const std::vector<char>& out) {
+/// Whether the views of a sample can be told wrong by each other: one of a mounted target, or two of one free target.
+bool hangs_together(const Rig& rig, const std::vector<View>& views) {
   std::map<int, int> seen;
-  for (size_t v = 0; v < sample.views.size(); ++v) {
-    if (out[v]) continue;
-    const int target = sample.views[v].target;
-    if (rig.targets[target].link >= 0 || ++seen[target] >= 2) return true;
-  }
+  for (const View& v : views)
+    if (rig.targets[v.target].link >= 0 || ++seen[v.target] >= 2) return true;
   return false;
 }
 
-/// Verdict on a sample. `before`: that of the fit that gave the bench's values. `targets`: where they stand in it.
-Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& before, bool may_return, const Values& start) {
-  const Rig& rig = bench.rig;
-  Verdict verdict = all_in(rig, sample);
-  std::vector<std::vector<char>> flags;
-  double worst = 0;
-  const bool took_part = !before.out && std::count(before.view.begin(), before.view.end(), 1) == 0;
-  if (!took_part && !may_return) return before;
+enum class Fits { yes, but_for_points, no };
 
-  // As it is.
-  Values plain = start;
-  const Alone all = fit_alone(bench, sample, plain, false, !took_part);
-  if (all.defined && !outlying(bench, sample, all, flags, worst) && !wrong_joint(all)) return verdict;
-
-  // Graduated: what does not fit shows.
+/// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
+/// `plain`: the sample as it is, by plain least squares.
+Fits fits(const Bench& bench, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
+          Alone& plain) {
   Values values = start;
-  Alone fit = fit_alone(bench, sample, values, true, !took_part);
-  const auto sample_out = [&](const std::string& why) {
-    verdict.out = true;
-    verdict.reason = why;
-    return verdict;
+  plain = fit_alone(bench, sample, values, false, taking_part);
+  if (plain.defined && !outlying(bench, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
+  values = start;
+  const Alone robust = fit_alone(bench, sample, values, true, taking_part);
+  if (!robust.defined) return Fits::no;
+  outlying(bench, sample, robust, out);
+  const auto too_many = [](const std::vector<char>& view) {
+    return 3 * std::count(view.begin(), view.end(), 1) > static_cast<long>(view.size());
   };
-  if (!fit.defined) return sample_out("at every pose of its targets a point lies behind a camera");
-  outlying(bench, sample, fit, verdict.point, worst);
-  for (int round = 0;; ++round) {
-    int out = 0, chains = 0;
-    for (size_t v = 0; v < sample.views.size(); ++v) {
-      const std::vector<char>& point = verdict.point[v];
-      const auto n = std::count(point.begin(), point.end(), 1);
-      if (verdict.view[v] || 3 * n > static_cast<long>(point.size())) {
-        if (!verdict.view[v]) verdict.view_reason[v] = size_of(bench, fit, sample.views[v]) + ", while the sample's other views agree";
-        verdict.view[v] = 1;
-        ++out;
-        chains += rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain;
-      }
-    }
-    const int views = static_cast<int>(sample.views.size());
-    if (out > 0 && (chains > 0 || 2 * out > views || !hangs_together(rig, sample, verdict.view))) {
-      double largest = 0;
-      std::string size;
-      for (size_t v = 0; v < sample.views.size(); ++v)
-        if (verdict.view[v] && all.defined) {
-          const double one = std::atof(size_of(bench, all, sample.views[v]).c_str());
-          if (one > largest) largest = one, size = size_of(bench, all, sample.views[v]);
-        }
-      return sample_out("its joint readings and its views do not belong together (" +
-                        (all.defined ? size : std::string("a point lies behind a camera")) + ")");
-    }
-    // What is left must fit by itself.
-    Sample rest = left_of(rig, sample, verdict);
-    // Outlying views stay in the values' reach: targets that nothing sees any more need no pose.
+  for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
+    if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
+    Verdict points = all_in(bench.rig, sample);
+    points.point = out;
+    const Sample rest = left_of(bench.rig, sample, points);
     Values again = values;
-    const Alone check = fit_alone(bench, rest, again, false, !took_part);
-    if (!check.defined || round == 3) return sample_out("no majority of its points agrees");
+    const Alone check = fit_alone(bench, rest, again, false, taking_part);
     std::vector<std::vector<char>> more;
-    const bool any = outlying(bench, rest, check, more, worst);
-    if (!any) {
-      if (const auto* joint = wrong_joint(check))
-        return sample_out("the reading of joint '" + rig.tree.joints[joint->first].name + text("' is off by %.3g of its sigmas", joint->second));
-      return verdict;
-    }
-    size_t r = 0;  // flags of the rest, back into the sample's
-    for (size_t v = 0; v < sample.views.size(); ++v) {
-      if (verdict.view[v]) continue;
+    if (!check.defined) return Fits::no;
+    if (!outlying(bench, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
+    for (size_t v = 0; v < out.size(); ++v) {
       size_t b = 0;
-      for (char& p : verdict.point[v])
-        if (!p) p = more[r][b++];
-      ++r;
+      for (char& p : out[v])
+        if (!p) p = more[v][b++];
     }
   }
+  return Fits::no;
+}
+
+/// Verdict on a sample. `before`: that of the fit that gave the bench's values. `start`: of its targets.
+Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& before, bool may_return, const Values& start) {
+  Verdict verdict = all_in(bench.rig, sample);
+  const bool took_part = !before.out && std::count(before.view.begin(), before.view.end(), 1) == 0;
+  if (!took_part && !may_return) return before;
+  std::vector<std::vector<char>> points;
+  Alone plain;
+  if (fits(bench, sample, start, !took_part, points, plain) != Fits::no) {
+    if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) { return std::count(v.begin(), v.end(), 1) > 0; }))
+      verdict.point = points;
+    return verdict;
+  }
+  // Without which views does it?
+  const size_t n = sample.views.size();
+  const auto explains = [&](const std::vector<char>& out) {
+    Sample rest = sample;
+    rest.views.clear();
+    for (size_t v = 0; v < n; ++v)
+      if (!out[v]) rest.views.push_back(sample.views[v]);
+    std::vector<std::vector<char>> found;
+    Alone ignored;
+    if (!hangs_together(bench.rig, rest.views) || fits(bench, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
+    verdict.view = out;
+    for (size_t v = 0, r = 0; v < n; ++v)
+      if (!out[v]) verdict.point[v] = found[r++];
+    return true;
+  };
+  const auto is_chain = [&](size_t v) { return bench.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
+  int explanations = 0, chains = 0;
+  for (size_t v = 0; v < n && n > 1; ++v) {
+    std::vector<char> out(n, 0);
+    out[v] = 1;
+    if (explains(out)) ++explanations, chains += is_chain(v);
+  }
+  if (explanations == 0 && n > 4) {  // several: those that the graduated fit gave up
+    std::vector<char> out(n, 0);
+    for (size_t v = 0; v < n; ++v) {
+      out[v] = 3 * std::count(points[v].begin(), points[v].end(), 1) > static_cast<long>(points[v].size());
+      chains += out[v] && is_chain(v);
+    }
+    if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out)) explanations = 1;
+  }
+  for (size_t v = 0; v < n; ++v)
+    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + size_of(bench, plain) + ")";
+  if (explanations == 1 && chains == 0) return verdict;
+  verdict.out = true;
+  verdict.reason = "its joint readings and its views do not belong together (" + size_of(bench, plain) + ")";
+  return verdict;
 }
 
 std::vector<Sample> left_of_all(const Calibration& calibration, const std::vector<Verdict>& verdicts) {
