@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "../solver/observability.h"
+#include "leverage.h"
 #include "robust.h"
 #include "starts.h"
 
@@ -333,7 +334,9 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     }
     problem.unpack(state, result.values);
     problem.renew(state);
-    const Observability observability = observe(problem, state);
+    const bool last = i + 1 == steps.size();
+    std::vector<MatrixXd> left;
+    const Observability observability = observe(problem, state, last && options.judge ? &left : nullptr);
     out.linear_solver = solver.linear_solver();
     out.converged = summary.outcome == Outcome::converged;
     all_converged = all_converged && out.converged;
@@ -374,7 +377,6 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       estimate->freed[component] = 1;
       estimate->sigma[component] = observability.unobservable[column] ? kNan : std::sqrt(std::max(0.0, observability.covariance(c, c)));
     }
-    const bool last = i + 1 == steps.size();
     result.steps.push_back(std::move(out));
     for (const std::string& pattern : step.free)  // what only held-out samples see is estimated when they are judged
       for (const Freed& f : table_.select(pattern))
@@ -389,6 +391,10 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     result.status = !all_converged ? Status::not_converged : !end.unobservable.empty() ? Status::unobservable : Status::converged;
     result.covariance = observability.covariance;
     result.setup = problem.setup();
+    if (options.judge)
+      for (const Influence& f : influences(problem.groups(), left, observability))
+        if (problem.sample_of(f.group) >= 0)
+          result.leverage.push_back({samples_[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
     for (int c = 0; c < problem.shared_size(); ++c) result.covariance_names.push_back(problem.column_name(c));
     for (ParameterEstimate& e : result.parameters) {
       const Parameter& parameter =

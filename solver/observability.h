@@ -23,12 +23,14 @@ struct Observability {
   std::vector<char> unobservable;  // takes part in such a direction with more than 1e-3 of its scaled unit vector
   /// Per direction: (column, coefficient) of what has more than 0.02; real units, the largest scaled one is 1.
   std::vector<std::vector<std::pair<int, double>>> directions;
+  MatrixXd root;                 // covariance = root root'
   long rows = 0;                 // whitened residuals, priors included
   long rank = 0;                 // of all unknowns, private ones included
   long dof() const { return rows - rank; }
 };
 
-/// At a solution. Covariances as they were last renewed. Allocates.
-Observability observe(Problem& problem, const VectorXd& state);
+/// At a solution. Covariances as they were last renewed. Allocates. `left`: for every group [J_touched r] after the elimination of its
+/// private unknowns, a few rows whose Gram matrices sum up to that of the reduced system.
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* left = nullptr);
 
 }  // namespace kincal
