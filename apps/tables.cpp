@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <set>
 
 namespace kincal {
 namespace {
@@ -145,6 +146,34 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
   return out;
 }
 
+std::string loop_table(const std::vector<Loop>& loops) {
+  constexpr size_t kColumns = 8;  // at a time
+  std::vector<std::string> from, to;
+  for (const Loop& loop : loops) {
+    if (loop.train.points == 0) continue;
+    if (std::find(from.begin(), from.end(), loop.from) == from.end()) from.push_back(loop.from);
+    const std::string head = loop.to + " " + shown(loop.unit).name;
+    if (std::find(to.begin(), to.end(), head) == to.end()) to.push_back(head);
+  }
+  std::string out;
+  for (size_t first = 0; first < to.size(); first += kColumns) {
+    std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
+    for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) rows[0].push_back(to[c]);
+    for (const std::string& name : from) {
+      rows.push_back({name});
+      for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) {
+        const auto loop = std::find_if(loops.begin(), loops.end(), [&](const Loop& l) {
+          return l.train.points && l.from == name && l.to + " " + shown(l.unit).name == to[c];
+        });
+        const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop->unit).factor) : "-"; };
+        rows.back().push_back(loop == loops.end() ? "" : rms(loop->train.rms_before) + "→" + rms(loop->train.rms));
+      }
+    }
+    out += align(rows, 1);
+  }
+  return out;
+}
+
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
   std::string out;
   for (const StepPlan& p : plans) {
@@ -166,6 +195,20 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
     for (const std::string& n : p.unused) out += "    unused (no measurement of this step depends on it): " + n + "\n";
     for (const std::string& n : p.held_out) out += "    held out (only held-out samples see it): " + n + "\n";
   }
+  return out;
+}
+
+std::string leverage_table(const std::vector<Leverage>& leverage) {
+  constexpr size_t kMost = 5;
+  std::vector<std::vector<std::string>> rows;
+  std::set<std::string> samples;
+  for (const Leverage& l : leverage)
+    if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
+      rows.push_back(
+          {"without " + l.sample, l.parameter,
+           std::isfinite(l.moved_sigmas) ? "would move by " + format("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+  std::string out = align(rows, 3);
+  if (samples.size() > rows.size()) out += format("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
   return out;
 }
 
@@ -192,6 +235,9 @@ std::string rejected_table(const std::vector<Rejected>& rejected) {
 
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  if (!result.loops.empty())
+    out +=
+        "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result.loops);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
   if (!result.computed_starts.empty()) {
     out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
@@ -218,6 +264,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
+  if (!result.leverage.empty()) out += "\nWhat hangs on single samples\n" + leverage_table(result.leverage);
   if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";

@@ -29,10 +29,14 @@ class Progress {
 
 /// The paper's table: per sensor rms before and after, train and held out. `before`: with that column.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
+/// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
+std::string loop_table(const std::vector<Loop>& loops);
 /// The parameter components that changed most, with sigmas.
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// The samples without which a parameter would move most.
+std::string leverage_table(const std::vector<Leverage>& leverage);
 /// What `--reject` took out: counts, and the first of it.
 std::string rejected_table(const std::vector<Rejected>& rejected);
 /// Steps, tables, what is not in the URDF, warnings.

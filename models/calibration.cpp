@@ -8,6 +8,7 @@
 
 #include "../solver/observability.h"
 #include "leverage.h"
+#include "misfits.h"
 #include "robust.h"
 #include "starts.h"
 
@@ -143,8 +144,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   std::vector<Freed> wanted;
   std::vector<char> plain(table_.all.size(), 0);
   const auto want = [&](const std::string& pattern, const std::string& where) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError(where, pattern);
+    const std::vector<Freed> found = table_.find(pattern, where);
     if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(wanted, found);
   };
@@ -160,8 +160,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
 
   std::vector<Freed> with_priors = wanted;  // priors are checked against what the step means to free
   for (const std::string& pattern : fix) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError("--fix", pattern);
+    const std::vector<Freed> found = table_.find(pattern, "--fix");
     for (const Freed& f : found)
       for (Freed& w : wanted)
         if (w.parameter == f.parameter) {
@@ -193,8 +192,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   }
 
   for (const PriorSetting& prior : step.priors) {
-    const std::vector<Freed> found = table_.select(prior.pattern);
-    if (found.empty()) throw NameError(prior.where, prior.pattern);
+    const std::vector<Freed> found = table_.find(prior.pattern, prior.where);
     bool covers = false;
     for (const Freed& f : found) {
       if (prior.split && !table_.all[f.parameter].pose)
@@ -298,6 +296,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     setup.free = plans[i].free;
     setup.priors = plans[i].priors;
     const std::vector<int> taking_part = options.robust ? that_can_start(train, step.sensors, result.values) : train;
+    if (taking_part.empty()) throw std::runtime_error("step '" + step.name + "': no sample can start: points lie behind their cameras");
     Estimation problem(rig_, table_, samples_, taking_part, setup);
     if (!options.robust) start_targets(rig_, table_, samples_, taking_part, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
@@ -416,6 +415,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     if (options.judge) collect(result, problem, state, step, held_out);
   }
   warn(result);
+  if (options.judge)
+    for (Warning& w : misfits(*this, result)) result.warnings.push_back(std::move(w));
   return result;
 }
 
@@ -622,8 +623,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
   std::vector<Freed> free;
   std::vector<char> plain(table_.all.size(), 0);
   for (const std::string& pattern : patterns) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError("--free", pattern);
+    const std::vector<Freed> found = table_.find(pattern, "--free");
     if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(free, found);
   }

@@ -4,12 +4,6 @@
 #include <cmath>
 
 namespace kincal {
-namespace {
-
-constexpr double kLeastLevel = 0.05;  // residuals of nothing (noise-free data) leave no scale
-
-}  // namespace
-
 std::vector<double> robust_levels(const Rig& rig, const std::vector<ViewResiduals>& residuals) {
   std::vector<std::vector<double>> sizes(rig.sensors.size());
   for (const ViewResiduals& r : residuals)

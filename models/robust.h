@@ -17,6 +17,8 @@
 
 namespace kincal {
 
+constexpr double kLeastLevel = 0.05;  // residuals of nothing (noise-free data) leave no scale
+
 /// By sensor; 1 where it sees nothing.
 std::vector<double> robust_levels(const Rig& rig, const std::vector<ViewResiduals>& residuals);
 
