@@ -90,6 +90,8 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
       result = std::move(clean->result);
     } else {
       result = job.calibration.run(options);
+      const bool badly = result && (result->status == Status::not_converged || result->chi2 > 10 * static_cast<double>(result->dof));
+      if (badly && !name_outliers(job.calibration, options, *result)) return std::nullopt;
     }
     if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
     return result;

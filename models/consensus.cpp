@@ -206,8 +206,7 @@ std::string size_of(const Bench& bench, const Alone& fit) {
   for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / bench.levels[v.first->sensor]);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
-    return "they would take an error of joint '" + bench.rig.tree.joints[joint->first].name +
-           text("' of %.3g of its sigmas", joint->second);
+    return text("it would take an error of %.3g sigmas in joint '", joint->second) + bench.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 

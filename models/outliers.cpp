@@ -112,4 +112,39 @@ std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration
   return clean;
 }
 
+bool name_outliers(const Calibration& calibration, const CalibrationOptions& options, CalibrationResult& result) {
+  CalibrationOptions quick = options;
+  quick.judge = false;
+  std::optional<Cleaned> clean;
+  try {
+    clean = calibrate_without_outliers(calibration, quick);
+    if (!clean) return false;
+  } catch (const std::exception&) {  // the robust fit had no start, or what is left frees nothing: no names
+    return true;
+  }
+  if (clean->result.rejected.empty()) return true;
+  const auto named = [](const Warning& w) { return w.id == "outlier_sample" || w.id == "outlier_view"; };
+  result.warnings.erase(std::remove_if(result.warnings.begin(), result.warnings.end(), named), result.warnings.end());
+  struct Kind {
+    const char *id, *one, *many;
+    size_t count = 0, shown = 0;
+    std::string list;
+  };
+  Kind kinds[] = {{"outlier_sample", " sample does", " samples do"},
+                  {"outlier_view", " view does", " views do"},
+                  {"outlier_point", " point does", " points do"}};
+  for (const Rejected& r : clean->result.rejected) {
+    Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
+    kind.count += std::max<size_t>(1, r.ids.size());
+    if (++kind.shown > 5) continue;
+    kind.list += (kind.shown > 1 ? ", '" : "'") + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor);
+  }
+  for (const Kind& kind : kinds)
+    if (kind.count > 0)
+      result.warnings.push_back({kind.id, "a robust fit finds that " + std::to_string(kind.count) +
+                                              (kind.count == 1 ? kind.one : kind.many) + " not belong to the others: " + kind.list +
+                                              (kind.shown > 5 ? ", ..." : "") + "; --reject takes them out"});
+  return true;
+}
+
 }  // namespace kincal

@@ -23,4 +23,9 @@ struct Cleaned {
 /// warning `no_consensus`. nullopt: progress cancelled. @throws as Calibration::run().
 std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration, const CalibrationOptions& options);
 
+/// After a plain calibration that ended badly: warnings `outlier_sample`, `outlier_view`, `outlier_point` with what
+/// calibrate_without_outliers() would take out, in place of those of misfits.h, which such a fit may mislead. Nothing found: as they were.
+/// False: progress cancelled.
+bool name_outliers(const Calibration& calibration, const CalibrationOptions& options, CalibrationResult& result);
+
 }  // namespace kincal
