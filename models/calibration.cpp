@@ -270,6 +270,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     setup.free = plans[i].free;
     setup.priors = plans[i].priors;
     Estimation problem(rig_, table_, samples_, train, setup);
+    if (options.scatter) options.scatter(plans[i], result.values.shared);
     start_targets(rig_, table_, samples_, train, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
 
@@ -523,8 +524,10 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
            "held-out sample '" + id + "' cannot be evaluated at the estimate (a point behind a camera): it is missing from its rms"});
     order(now.residuals);
     order(before.residuals);
+    order(read.residuals);
     std::move(now.residuals.begin(), now.residuals.end(), std::back_inserter(result.residuals));
     std::move(before.residuals.begin(), before.residuals.end(), std::back_inserter(result.residuals_before));
+    std::move(read.residuals.begin(), read.residuals.end(), std::back_inserter(result.residuals_as_read));
   }
 }
 

@@ -17,8 +17,13 @@
 #include "explain.h"
 #include "noise_levels.h"
 #include "loops.h"
+#include "restarts.h"
+#include "staging.h"
+#include "validation.h"
 
 namespace kincal {
+
+struct StepPlan;
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -28,6 +33,8 @@ struct CalibrationOptions {
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
   std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
   bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), noise_levels, explanation
+  /// Called before each step: may move the shared values that it starts from.
+  std::function<void(const StepPlan&, VectorXd&)> scatter;
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -105,8 +112,13 @@ struct CalibrationResult {
   MatrixXd covariance;
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
-  std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
+  std::vector<ViewResiduals> residuals, residuals_before, residuals_as_read;  // of all samples, the same views in the same order
+
+  // What others than run() fill in where it is asked for.
+  std::optional<Restarts> restarts;                // models/restarts.h
+  std::vector<StagingTrial> staging;               // models/staging.h: what was tried for a rig without steps
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
+  Validation validation;                           // likewise, by the functions of models/validation.h
 };
 
 /// Residual table at given parameters.
