@@ -238,6 +238,35 @@ std::string staging_table(const std::vector<StagingTrial>& trials) {
 }
 namespace {
 
+/// Weak directions, what priors decide, strong correlations.
+std::string weak_text(const Explanation& e) {
+  std::string out;
+  constexpr size_t kMost = 6;
+  for (size_t i = 0; i < e.weak.size() && i < kMost; ++i) {
+    const WeakDirection& w = e.weak[i];
+    const Unit unit = shown(w.unit);
+    out += "  " + w.parameters[0].first + ": ";
+    out += std::isfinite(w.sigma) ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
+                                  : "not determined by the data";
+    if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
+      out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name + " with the prior";
+    out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
+  }
+  if (e.weak.size() > kMost) out += "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
+  const auto line = [&](const std::string& title, const std::vector<std::string>& all) {
+    if (all.empty()) return;
+    out += "  " + title + ": ";
+    for (size_t i = 0; i < all.size() && i < kMost; ++i) out += (i ? ", " : "") + all[i];
+    out += all.size() > kMost ? ", and " + std::to_string(all.size() - kMost) + " more\n" : "\n";
+  };
+  std::vector<std::string> priors, pairs;
+  for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
+  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + format(" (%+.4f)", c.correlation));
+  line("the prior decides", priors);
+  line("strong correlations", pairs);
+  return out.empty() ? out : "\nWhat the data hardly tell\n" + out;
+}
+
 /// Sigmas that the data contradict, or what was estimated.
 std::string noise_text(const CalibrationResult& result) {
   std::string out;
@@ -256,8 +285,9 @@ std::string noise_text(const CalibrationResult& result) {
     out += "\n";
   }
   if (out.empty()) return out;
-  return (result.noise_rounds > 0 ? "\nNoise, estimated from the data\n"
-                                  : "\nNoise: sigmas of the rig that the data contradict (--estimate-noise takes what is seen)\n") +
+  return (result.noise_rounds > 0
+              ? "\nNoise, estimated from the data\n"
+              : "\nNoise that is seen beside the rig's sigmas (what the model lacks counts as noise; --estimate-noise)\n") +
          out;
 }
 
@@ -443,6 +473,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";
   out += noise_text(result);
+  out += weak_text(result.explanation);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";

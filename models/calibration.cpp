@@ -577,10 +577,14 @@ void Calibration::warn(CalibrationResult& result) const {
   const auto add = [&](const char* id, std::string t) { result.warnings.push_back({id, std::move(t)}); };
   for (const StepResult& s : result.steps)
     if (!s.converged) add("not_converged", "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations");
-  for (const Direction& d : result.unobservable) {
+  for (size_t i = 0; i < result.unobservable.size(); ++i) {
+    const Direction& d = result.unobservable[i];
     std::string sum;
     for (const auto& c : d) sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
-    add("unobservable", "the data do not determine " + sum + ": hold one of these or give it a prior; their sigmas are unknown");
+    const std::string why = i < result.explanation.weak.size()
+                                ? result.explanation.weak[i].why + ". Cure: " + result.explanation.weak[i].cure
+                                : "hold one of these or give it a prior";
+    add("unobservable", "the data do not determine " + sum + ": " + why + "; their sigmas are unknown");
   }
   if (result.dof > 0 && result.chi2 / result.dof > 1.5)
     add("chi2", text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", result.chi2 / result.dof));
