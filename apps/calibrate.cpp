@@ -23,6 +23,10 @@ int calibrate(const CalibrateArguments& a) {
   Job job = read_job(a.rig, a.samples, a.settings.holdout);
   for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   check_validation(job, a.settings);
+  if (a.dry_run && job.rig_file.rig.steps.empty()) {
+    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.calibration.samples()));
+    return kConverged;
+  }
   if (a.dry_run) {
     std::cout << plan_table(plan(job, a.settings), job.calibration.table());
     return kConverged;
@@ -59,6 +63,11 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")->required();
   command->add_option("--out", a->out, "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
   add_settings(*command, a->settings);
+  command
+      ->add_option("--restarts", a->settings.restarts,
+                   "run all steps N times more from other starting values and tell whether they end in the same minimum")
+      ->check(CLI::Range(1, 10000))
+      ->type_name("N");
   command->add_flag("--force", a->force, "replace an existing result");
   command->add_flag("--dry-run", a->dry_run, "only print what each step frees, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 
 #include "../io/comparison.h"
@@ -48,7 +49,6 @@ Calibration make_calibration(const RigFile& rig_file, const std::string& samples
 
 Job read_job(const std::string& rig, const std::string& samples, int holdout) {
   RigFile rig_file = read_rig(rig_path(rig));
-  if (rig_file.rig.steps.empty()) throw InputError(rig + ": estimate: there are no steps: nothing is to be calibrated");
   Calibration calibration = make_calibration(rig_file, samples);
   if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
     throw InputError(samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
@@ -122,6 +122,19 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
 
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress) {
+  std::vector<StagingTrial> tried;
+  if (job.rig_file.rig.steps.empty()) {
+    StagingOptions staging_options;
+    staging_options.noise = kNoiseModes.at(settings.noise);
+    staging_options.threads = settings.threads;
+    if (progress)
+      staging_options.progress = [&](const std::string& what) { return progress("staging: " + what, 0, std::nan(""), std::nan("")); };
+    const std::optional<Staging> staging = stage(job.rig_file.rig, job.calibration.samples(), staging_options);
+    if (!staging) return std::nullopt;
+    set_steps(job.rig_file, staging->steps);
+    job.calibration = Calibration(job.rig_file.rig, job.calibration.samples());
+    tried = staging->trials;
+  }
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   check_validation(job, settings);
@@ -130,6 +143,8 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   try {
     std::optional<CalibrationResult> result = job.calibration.run(options);
     if (!result) return std::nullopt;
+    if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
+    result->staging = std::move(tried);
     if (!settings.no_report) result->loops = loops(job.calibration, *result);
     Validation& validation = result->validation;
     validation.held_out = job.held_out;
@@ -197,7 +212,7 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
           "(predicted sigma), 'chi2/dof<1.5'; units px, m, mm, um, rad, mrad, deg; may be repeated")
       ->allow_extra_args(false)
       ->type_name("QUANTITY<LIMIT");
-  command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
+  command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
   command.add_flag(
       "--write-reduction", s.write_reduction,
       "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");

@@ -29,6 +29,7 @@ struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
   std::vector<std::string> free, fix;
   int threads = 1;
+  int restarts = 0;  // calibrate only
   int holdout = 0, cross_validate = 0;  // folds; 0: not asked for
   std::vector<std::string> report_frames, require;
   bool no_report = false, write_reduction = false;
@@ -56,10 +57,11 @@ InputError with_nearest(const NameError& error, const Calibration& calibration);
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
-/// Checks --report-frame and --require against the rig. @throws InputError
+/// Checks --report-frame, --cross-validate and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
-/// Calibrates, then validates as asked for. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+/// A rig without steps is staged first (models/staging.h) and has the steps found from then on; validates at the end as asked for. nullopt:
+/// `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

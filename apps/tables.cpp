@@ -145,32 +145,53 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
   return out;
 }
 
-std::string loop_table(const std::vector<Loop>& loops) {
-  constexpr size_t kColumns = 8;  // at a time
-  std::vector<std::string> from, to;
-  for (const Loop& loop : loops) {
-    if (loop.train.points == 0) continue;
-    if (std::find(from.begin(), from.end(), loop.from) == from.end()) from.push_back(loop.from);
-    const std::string head = loop.to + " " + shown(loop.unit).name;
-    if (std::find(to.begin(), to.end(), head) == to.end()) to.push_back(head);
+std::string loop_table(const CalibrationResult& result) {
+  constexpr size_t kColumns = 6;  // at a time
+  const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
+    for (const Loop& loop : result.loops) {
+      if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
+      const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop.unit).factor) : "-"; };
+      return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
+    }
+    return "";
+  };
+  std::vector<const SensorResult*> seen, looking;  // columns, rows
+  for (const SensorResult& s : result.sensors) {
+    const auto trained = [](const Loop& loop) { return loop.train.points > 0; };
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
+      seen.push_back(&s);
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
+      looking.push_back(&s);
   }
   std::string out;
-  for (size_t first = 0; first < to.size(); first += kColumns) {
+  for (size_t first = 0; first < seen.size(); first += kColumns) {
+    const size_t last = std::min(seen.size(), first + kColumns);
     std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
-    for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) rows[0].push_back(to[c]);
-    for (const std::string& name : from) {
-      rows.push_back({name});
-      for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) {
-        const auto loop = std::find_if(loops.begin(), loops.end(), [&](const Loop& l) {
-          return l.train.points && l.from == name && l.to + " " + shown(l.unit).name == to[c];
-        });
-        const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop->unit).factor) : "-"; };
-        rows.back().push_back(loop == loops.end() ? "" : rms(loop->train.rms_before) + "→" + rms(loop->train.rms));
-      }
+    for (size_t c = first; c < last; ++c) rows[0].push_back(seen[c]->name + " " + shown(seen[c]->unit).name);
+    for (const SensorResult* from : looking) {
+      rows.push_back({from->name});
+      for (size_t c = first; c < last; ++c) rows.back().push_back(from == seen[c] ? "" : cell(from->name, seen[c]->name));
     }
     out += align(rows, 1);
   }
   return out;
+}
+
+std::string restart_table(const Restarts& restarts) {
+  const int own = restarts.minima[0].count, failed = restarts.failed;
+  std::string out = format("  %d of %d end in this minimum", own, restarts.count);
+  if (failed) out += format(", %d failed", failed);
+  out += "\n";
+  if (restarts.minima.size() == 1) return out;
+  std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
+  for (size_t i = 0; i < restarts.minima.size(); ++i) {
+    const Minimum& m = restarts.minima[i];
+    std::string names = i == 0 ? "this result" : "";
+    for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
+      names += (k ? ", " : "") + m.differs[k].first + format(" %+.3g", m.differs[k].second);
+    rows.push_back({std::to_string(m.count), format("%.8g", m.cost), names});
+  }
+  return out + align(rows, 3);
 }
 
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
@@ -314,12 +335,33 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   return out;
 }
 
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
+  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  for (const auto& group : groups) {
+    out += "  " + group.first + "\n";
+    for (const std::string& name : group.second) out += "    " + name + "\n";
+  }
+  return out;
+}
+
+std::string staging_table(const std::vector<StagingTrial>& trials) {
+  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
+  for (const StagingTrial& t : trials)
+    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
+                    value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
+  return align(rows, 2);
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
-  std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  std::string out;
+  if (!result.staging.empty())
+    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
+  out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
   out += validation_table(result);
+  if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
   if (!result.loops.empty())
-    out +=
-        "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result.loops);
+    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
   if (!result.computed_starts.empty()) {
     out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";

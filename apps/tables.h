@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../io/comparison.h"
@@ -31,11 +32,16 @@ class Progress {
 /// The paper's table: per sensor rms before and after, train and held out. `before`: with that column.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
 /// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
-std::string loop_table(const std::vector<Loop>& loops);
+std::string loop_table(const CalibrationResult& result);
+/// Minima that restarts found.
+std::string restart_table(const Restarts& restarts);
 /// The parameter components that changed most, with sigmas.
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// What automatic staging will try, and what it has tried.
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
+std::string staging_table(const std::vector<StagingTrial>& trials);
 /// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
 std::string validation_table(const CalibrationResult& result);
 /// Two calibrations compared: the parameters that differ most in sigmas, and frames.

@@ -149,6 +149,16 @@ Json loop_list(const std::vector<Loop>& loops) {
   return out;
 }
 
+Json restarts_json(const Restarts& restarts) {
+  Json out = {{"count", restarts.count}, {"failed", restarts.failed}, {"minima", Json::array()}};
+  for (const Minimum& m : restarts.minima) {
+    Json differs = Json::object();
+    for (const auto& d : m.differs) differs[d.first] = number(d.second);
+    out["minima"].push_back({{"cost", number(m.cost)}, {"chi2", number(m.chi2)}, {"count", m.count}, {"differs", differs}});
+  }
+  return out;
+}
+
 }  // namespace
 
 Json result_json(const Calibration& calibration, const CalibrationResult& result) {
@@ -193,9 +203,18 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
+  if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
   json["validation"] = validation_json(result.validation);
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
+  if (!result.staging.empty()) json["staging"] = Json::array();
+  for (const StagingTrial& t : result.staging)
+    json["staging"].push_back({{"group", t.group},
+                               {"trial", t.removal ? "remove" : "add"},
+                               {"kept", t.kept},
+                               {"error_before", number(t.error_before)},
+                               {"error_after", number(t.error_after)},
+                               {"parameters", t.parameters}});
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
   return json;

@@ -23,6 +23,9 @@ struct RigFile {
 /// into it (0), scales stay. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "");
 
+/// Gives the rig other steps, in its meaning and in its text.
+void set_steps(RigFile& rig, const std::vector<Step>& steps);
+
 /// @throws InputError "path:line: views[2].ids: ..."; every joint that a used chain needs must be there.
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
 

@@ -270,6 +270,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     setup.free = plans[i].free;
     setup.priors = plans[i].priors;
     Estimation problem(rig_, table_, samples_, train, setup);
+    if (options.scatter) options.scatter(plans[i], result.values.shared);
     start_targets(rig_, table_, samples_, train, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
 

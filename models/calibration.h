@@ -15,9 +15,13 @@
 #include "../solver/levenberg_marquardt.h"
 #include "estimation.h"
 #include "loops.h"
+#include "restarts.h"
+#include "staging.h"
 #include "validation.h"
 
 namespace kincal {
+
+struct StepPlan;
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -27,6 +31,8 @@ struct CalibrationOptions {
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
   std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
   bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
+  /// Called before each step: may move the shared values that it starts from.
+  std::function<void(const StepPlan&, VectorXd&)> scatter;
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -104,6 +110,8 @@ struct CalibrationResult {
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before, residuals_as_read;  // of all samples, the same views in the same order
+  std::optional<Restarts> restarts;                // by add_restarts() of models/restarts.h, likewise
+  std::vector<StagingTrial> staging;                // of a rig without steps (models/staging.h): what was tried; left to the caller
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
   Validation validation;                           // likewise, by the functions of models/validation.h
 };

@@ -193,9 +193,12 @@ def check_options(source, binary):
 
 def check_warnings(source):
     """The warnings' ids in docs/formats.md are those in the code."""
-    with open(os.path.join(source, "models", "calibration.cpp"), encoding="utf-8") as file:
-        code = file.read()
-    ids = set(re.findall(r'add\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'push_back\(\s*\{"([a-z_0-9]+)",', code))
+    code = ""
+    for name in sorted(os.listdir(os.path.join(source, "models"))):
+        if name.endswith(".cpp"):
+            with open(os.path.join(source, "models", name), encoding="utf-8") as file:
+                code += file.read()
+    ids = set(re.findall(r'add\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
         section = file.read().split("### Warnings")[1].split("\n## ")[0]
