@@ -165,6 +165,7 @@ std::string options_text(const CalibrateSettings& s) {
   for (const std::string& r : s.require) out += " --require " + r;
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
+  if (s.estimate_noise) out += " --estimate-noise";
   return out;
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "../models/estimate_noise.h"
 #include "../io/comparison.h"
 #include "require.h"
 
@@ -141,10 +142,18 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   const std::vector<Requirement> requirements = read_requirements(job, settings);
   const std::vector<Frame> frames = read_frames(job, settings, requirements);
   try {
-    std::optional<CalibrationResult> result = job.calibration.run(options);
+    std::optional<CalibrationResult> result;
+    if (settings.estimate_noise) {
+      std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
+      if (!estimate) return std::nullopt;
+      job.calibration = std::move(estimate->calibration);
+      result = std::move(estimate->result);
+    } else {
+      result = job.calibration.run(options);
+    }
     if (!result) return std::nullopt;
-    if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
     result->staging = std::move(tried);
+    if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
     if (!settings.no_report) result->loops = loops(job.calibration, *result);
     Validation& validation = result->validation;
     validation.held_out = job.held_out;
@@ -191,6 +200,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command.add_flag("--estimate-noise", s.estimate_noise,
+                   "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
   command
       .add_option("--holdout", s.holdout,
                   "hold out one K-th of the training samples, besides those with split: test; whole targets where a sensor's samples are\n"

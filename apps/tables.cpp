@@ -218,6 +218,50 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   return out;
 }
 
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
+  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  for (const auto& group : groups) {
+    out += "  " + group.first + "\n";
+    for (const std::string& name : group.second) out += "    " + name + "\n";
+  }
+  return out;
+}
+
+std::string staging_table(const std::vector<StagingTrial>& trials) {
+  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
+  for (const StagingTrial& t : trials)
+    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
+                    value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
+  return align(rows, 2);
+}
+namespace {
+
+/// Sigmas that the data contradict, or what was estimated.
+std::string noise_text(const CalibrationResult& result) {
+  std::string out;
+  for (const NoiseLevel& l : result.noise_levels) {
+    if (result.noise_rounds > 0 ? l.used == l.assumed : !l.differs()) continue;
+    const Unit unit = shown(l.unit);
+    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
+    out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
+    if (result.noise_rounds > 0) out += ", now " + value(l.used, unit.factor) + unit_name;
+    if (std::isfinite(l.seen)) {
+      if (result.noise_rounds == 0) out += ", seen " + value(l.seen, unit.factor) + unit_name;
+      out += format(" (± %.2g %%)", 100 * l.uncertainty);
+    } else {
+      out += " (with the others as they are now it cannot be told)";
+    }
+    out += "\n";
+  }
+  if (out.empty()) return out;
+  return (result.noise_rounds > 0 ? "\nNoise, estimated from the data\n"
+                                  : "\nNoise: sigmas of the rig that the data contradict (--estimate-noise takes what is seen)\n") +
+         out;
+}
+
+}  // namespace
+
 std::string validation_table(const CalibrationResult& result) {
   const Validation& v = result.validation;
   std::string out;
@@ -335,24 +379,6 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   return out;
 }
 
-std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
-  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
-                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
-  for (const auto& group : groups) {
-    out += "  " + group.first + "\n";
-    for (const std::string& name : group.second) out += "    " + name + "\n";
-  }
-  return out;
-}
-
-std::string staging_table(const std::vector<StagingTrial>& trials) {
-  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
-  for (const StagingTrial& t : trials)
-    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
-                    value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
-  return align(rows, 2);
-}
-
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out;
   if (!result.staging.empty())
@@ -380,6 +406,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";
+  out += noise_text(result);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
@@ -440,6 +467,48 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   for (const SetSummary& s : sets)
     if (s.fails()) failing.push_back({s.name, s.status, s.error});
   if (!failing.empty()) out += "\nNot converged, or not to be relied on\n" + align(failing, 3);
+  return out;
+}
+
+std::string local_report(const Rig& rig, const LocalCalibration& local) {
+  std::string out = format("%d samples near, the nearest at %.3g, %d within %.4g (largest difference of a joint, rad or m)\n", local.near,
+                           local.distances.front(), local.samples, local.radius);
+  if (local.gain) {
+    out += "\nOffsets around this posture, to be added to the joints' positions\n";
+    std::vector<std::vector<std::string>> rows = {{"joint", "offset", "sigma", "unit", ""}};
+    for (const LocalOffset& o : local.offsets) {
+      const Joint& joint = rig.tree.joints[o.joint];
+      const Unit unit = shown(joint.type == JointType::prismatic ? "m" : "rad");
+      rows.push_back({joint.name, format("%+.4g", o.offset * unit.factor), "± " + format("%.2g", o.sigma * unit.factor), unit.name,
+                      o.determined ? "" : "not determined near here"});
+    }
+    out += align(rows, 1);
+    out += format("\nValid while no joint is further than %.4g from the posture", local.radius);
+    out += local.ends ? "\n" : ": the furthest sample looked at. Where the gain ends is not known; if it never does, calibrate again\n";
+  } else {
+    out += "\nNo gain: the global calibration is as good here. Offsets are 0\n";
+  }
+  out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted without itself)\n"
+                    : "\nErrors nearby with offsets that were tried (rms, readings as they are; each sample predicted without itself)\n";
+  const bool test = std::any_of(local.sensors.begin(), local.sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
+  std::vector<std::vector<std::string>> rows = {{"sensor", "unit", "points", "before", "after"}};
+  if (test) rows[0].insert(rows[0].end(), {"held out: points", "before", "after"});
+  for (const SensorResult& s : local.sensors)
+    for (bool rotation : {false, true}) {
+      if (rotation && !s.whole_pose) continue;
+      const Unit unit = shown(rotation ? "rad" : s.unit);
+      std::vector<std::string> row = {rotation ? "" : s.name, unit.name};
+      for (const SplitStatistics* split : {&s.train, &s.test}) {
+        if (split == &s.test && !test) continue;
+        row.push_back(rotation ? "" : std::to_string(split->points));
+        row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
+        row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
+      }
+      rows.push_back(row);
+    }
+  out += align(rows, 2);
+  out += format("chi2 in the directions of the offsets %.4g -> %.4g: gain %.3g ± %.2g; noise %.3g times as stated\n", local.chi2_before,
+                local.chi2, local.chi2_before - local.chi2, local.gain_sigma, local.noise);
   return out;
 }
 

@@ -9,6 +9,7 @@
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
+#include "../models/local.h"
 
 namespace kincal {
 
@@ -50,5 +51,8 @@ std::string comparison_table(const Comparison& comparison, size_t most);
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored);
+
+/// Local offsets, their radius, and the errors with and without them.
+std::string local_report(const Rig& rig, const LocalCalibration& local);
 
 }  // namespace kincal

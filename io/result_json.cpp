@@ -54,6 +54,22 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   return out;
 }
 
+Json noise_table(const std::vector<NoiseLevel>& levels) {
+  Json out = Json::array();
+  for (const NoiseLevel& l : levels)
+    out.push_back({{"of", l.of},
+                   {"part", l.part},
+                   {"unit", l.unit},
+                   {"assumed", number(l.assumed)},
+                   {"used", number(l.used)},
+                   {"seen", number(l.seen)},
+                   {"uncertainty", number(l.uncertainty)},
+                   {"redundancy", number(l.redundancy)},
+                   {"rows", l.rows},
+                   {"own_views", l.own_views}});
+  return out;
+}
+
 Json interval(const Interval& i) { return std::isfinite(i.low) ? numbers({i.low, i.high}) : Json(nullptr); }
 
 Json held_out_table(const std::vector<HeldOutError>& sensors) {
@@ -119,6 +135,7 @@ Json validation_json(const Validation& v) {
                                    {"met", j.met},
                                    {"why", j.why}});
   }
+>>>>>>> wt-validate
   return out;
 }
 
@@ -203,7 +220,10 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
+<<<<<<< HEAD
   if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
+  json["noise_levels"] = noise_table(result.noise_levels);
+  if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
   json["validation"] = validation_json(result.validation);
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);

@@ -376,7 +376,10 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       }
     }
-    if (options.judge) collect(result, problem, state, step, held_out);
+    if (!options.judge) continue;
+    result.explanation = explain(*this, result);
+    result.noise_levels = noise_levels(problem, rig_, state, observability.covariance);
+    collect(result, problem, state, step, held_out);
   }
   warn(result);
   return result;
@@ -539,6 +542,9 @@ void Calibration::warn(CalibrationResult& result) const {
   }
   if (result.dof > 0 && result.chi2 / result.dof > 1.5)
     add("chi2", text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", result.chi2 / result.dof));
+  if (result.dof > 0 && result.chi2 / result.dof < 1 / 1.5 && result.noise != NoiseMode::point)  // there it says nothing
+    add("chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large",
+                     result.chi2 / result.dof));
   for (const SensorResult& s : result.sensors)
     if (s.train.whitened_count && s.train.whitened_squared / s.train.whitened_count > 1.5)
       add("chi2", "sensor '" + s.name + "': " +

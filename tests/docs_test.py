@@ -175,7 +175,7 @@ def check_text(path):
 def check_options(source, binary):
     """Every --option in the documents is one that the program has, and every one it has stands in a document."""
     text = subprocess.run([binary, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
-    for name in ("calibrate", "batch", "evaluate", "simulate", "apply", "diff"):
+    for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
         text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     known = set(re.findall(r"--[a-z][a-z-]+", text))
     others = {"--preset", "--build", "--install", "--prefix"}  # CMake's
@@ -198,7 +198,7 @@ def check_warnings(source):
         if name.endswith(".cpp"):
             with open(os.path.join(source, "models", name), encoding="utf-8") as file:
                 code += file.read()
-    ids = set(re.findall(r'add\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
+    ids = set(re.findall(r'add\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'push_back\(\s*\{"([a-z_0-9]+)",', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
         section = file.read().split("### Warnings")[1].split("\n## ")[0]

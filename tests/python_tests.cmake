@@ -20,6 +20,10 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Planted File)
+  kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Sets Choice)
   kincal_python_test(instruction_sets.${group} instruction_set_test.py cli 600 ${kincal_program} ${group})
 endforeach()
