@@ -20,7 +20,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
-constexpr int kMostRows = 10'000;              // of a board; more is a slip, and would fill the memory
+constexpr int kMostRows = 10'000;  // of a board; more is a slip, and would fill the memory
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
 // ------------------------------------------------------------------------------------------------ names
@@ -77,8 +77,7 @@ bool is_null(const Field& field) { return field.node->kind == Node::Kind::null; 
 
 /// Fails unless `field` is a mapping with something in it.
 void check_entries(const Field& field, const std::string& of) {
-  if (field.node->kind != Node::Kind::mapping || field.size() == 0)
-    field.fail("a mapping of " + of + " is expected, at least one");
+  if (field.node->kind != Node::Kind::mapping || field.size() == 0) field.fail("a mapping of " + of + " is expected, at least one");
 }
 
 // ------------------------------------------------------------------------------------------------ joints
@@ -226,8 +225,7 @@ std::vector<double> read_sigma(const Field& field, const std::string& type) {
     for (size_t i = 0; i < 3; ++i) field.item(i).positive();
     return sigma;
   }
-  if (field.node->kind != Node::Kind::mapping)
-    field.fail("a " + type + " takes {" + joined(names) + "}, each a number greater than 0");
+  if (field.node->kind != Node::Kind::mapping) field.fail("a " + type + " takes {" + joined(names) + "}, each a number greater than 0");
   field.check_keys(names);
   std::vector<double> sigma;
   for (const std::string& name : names) sigma.insert(sigma.end(), names.size() == 2 ? 3 : 1, field[name].positive());
@@ -312,10 +310,8 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
 
 // ------------------------------------------------------------------------------------------------ steps
 Loss read_loss(const Field& field) {
-  static const std::map<std::string, LossKind> kinds = {{"huber", LossKind::huber},
-                                                        {"soft_l1", LossKind::soft_l1},
-                                                        {"cauchy", LossKind::cauchy},
-                                                        {"tukey", LossKind::tukey}};
+  static const std::map<std::string, LossKind> kinds = {
+      {"huber", LossKind::huber}, {"soft_l1", LossKind::soft_l1}, {"cauchy", LossKind::cauchy}, {"tukey", LossKind::tukey}};
   Names names;
   for (const auto& kind : kinds) names.push_back(kind.first);
   if (field.node->kind != Node::Kind::mapping || field.size() != 1)
@@ -482,8 +478,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
   }
   const Field field = view["ids"];
   if (field.node->kind != Node::Kind::sequence) field.fail("a list of the target's point indices is expected");
-  if (static_cast<int>(field.size()) != count)
-    field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
+  if (static_cast<int>(field.size()) != count) field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
   std::vector<char> seen(all, 0);
   for (size_t i = 0; i < field.size(); ++i) {
     const int id = field.integer_item(i, 0, all - 1);
@@ -532,7 +527,8 @@ void check_payload(const Field& view, const std::string& type, const std::string
 }
 
 View read_view(const Field& field, const Field& joints, const Rig& rig, const Lookup& look, const std::vector<double>& readings) {
-  static const Names required = {"sensor", "target"}, optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
+  static const Names required = {"sensor", "target"},
+                     optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
   field.check_keys(required, optional);
   View view;
   view.where = field.where();
@@ -580,8 +576,7 @@ Sample read_sample(const Field& field, const Rig& rig, const Lookup& look) {
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, rig.tree.joints.size());
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
-  for (size_t i = 0; i < views.size(); ++i)
-    sample.views.push_back(read_view(views.item(i), joints, rig, look, sample.readings));
+  for (size_t i = 0; i < views.size(); ++i) sample.views.push_back(read_view(views.item(i), joints, rig, look, sample.readings));
   return sample;
 }
 
@@ -698,8 +693,7 @@ void erase_member(Node& mapping, const std::string& key) {
 }
 
 /// Numbers that changed into a list or a single number; the others keep their text.
-void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now,
-                 bool single) {
+void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now, bool single) {
   if (old == now) return;
   Node& node = member(mapping, key);
   if (single) {
@@ -812,10 +806,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path) {
   const Field targets = all["targets"], sensors = all["sensors"];
   check_entries(targets, "targets");
   check_entries(sensors, "sensors");
-  for (const auto& entry : targets.node->members)
-    rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
-  for (const auto& entry : sensors.node->members)
-    rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
+  for (const auto& entry : targets.node->members) rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
+  for (const auto& entry : sensors.node->members) rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   return file;
 }
