@@ -722,11 +722,14 @@ void set_pose(Node& mapping, const Pose& old, const Pose& now) {
   member(pose, "quat") = list_node(q.data(), 4);
 }
 
-/// Offset and scale of one joint into its own entry.
-void set_joint(Node& entry, const JointSettings& given, double offset, double scale) {
+bool same(const JointSettings& a, const JointSettings& b) { return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale; }
+
+/// What changed of one joint into its own entry.
+void set_joint(Node& entry, const JointSettings& given, const JointSettings& now) {
   if (entry.kind != Node::Kind::mapping) entry = mapping_node();
-  if (given.offset != offset) member(entry, "offset") = number_node(offset);
-  if (given.scale != scale) member(entry, "scale") = number_node(scale);
+  if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
+  if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
+  if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
 }
 
 Node joint_node(const JointSettings& settings) {
@@ -737,8 +740,7 @@ Node joint_node(const JointSettings& settings) {
   return node;
 }
 
-/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end, with the
-/// noise that the joint had.
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
   const bool there = root.find("joints") != nullptr;
@@ -746,23 +748,37 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   for (const bool move : {false, true}) {
     const std::vector<JointSettings> given = read_joints({&joints, &rig.path, "joints"}, tree);
     for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const double offset = values.joint_offsets[j], scale = values.joint_scales[j];
-      if (!tree.joints[j].has_reading() || (given[j].offset == offset && given[j].scale == scale)) continue;
+      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j]};
+      if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
       const std::string& name = tree.joints[j].name;
       if (move) {
         erase_member(joints, name);
-        member(joints, name) = joint_node({given[j].sigma, offset, scale});
+        member(joints, name) = joint_node(now);
       } else {
-        set_joint(member(joints, name), given[j], offset, scale);
+        set_joint(member(joints, name), given[j], now);
       }
     }
   }
   if (!there && joints.kind == Node::Kind::null) erase_member(root, "joints");
 }
 
-void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<std::vector<double>>& parameters) {
+/// Inverse of read_sigma.
+void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigma) {
+  if (sigma == sensor.sigma) return;
+  const Names names = sigma_names(sensor.type);
+  const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
+  Node& written = member(node, "sigma");
+  if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
+  if (names.empty() && written.kind == Node::Kind::sequence) written = list_node(sigma.data(), static_cast<int>(sigma.size()));
+  for (size_t i = 0; i < names.size(); ++i)
+    if (sigma[i * stride] != sensor.sigma[i * stride]) member(written, names[i]) = number_node(sigma[i * stride]);
+}
+
+void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<double>& sigma,
+                const std::vector<std::vector<double>>& parameters) {
   set_pose(node, sensor.link_T_sensor, pose);
+  set_sigma(node, sensor, sigma);
   for (size_t b = 0; b < sensor.parameters.size(); ++b) {
     const ParameterBlock& block = sensor.parameters[b];
     set_numbers(node, block.name, block.values, parameters[b], block.components.size() == 1 && block.components[0].empty());
@@ -817,9 +833,11 @@ RigValues values_of(const Rig& rig) {
   for (const JointSettings& joint : rig.joints) {
     values.joint_offsets.push_back(joint.offset);
     values.joint_scales.push_back(joint.scale);
+    values.joint_sigmas.push_back(joint.sigma);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(sensor.link_T_sensor);
+    values.sensor_sigmas.push_back(sensor.sigma);
     values.sensor_parameters.emplace_back();
     for (const ParameterBlock& block : sensor.parameters) values.sensor_parameters.back().push_back(block.values);
   }
@@ -879,7 +897,8 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];
-    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_parameters[s]);
+    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_sigmas[s],
+               values.sensor_parameters[s]);
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];
