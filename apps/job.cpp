@@ -124,6 +124,11 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
 
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress) {
+  CalibrationOptions options = options_of(settings);
+  options.progress = progress;
+  check_validation(job, settings);
+  const std::vector<Requirement> requirements = read_requirements(job, settings);
+  const std::vector<Frame> frames = read_frames(job, settings, requirements);
   std::vector<StagingTrial> tried;
   if (job.rig_file.rig.steps.empty()) {
     StagingOptions staging_options;
@@ -137,11 +142,6 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
     job.calibration = Calibration(job.rig_file.rig, job.calibration.samples());
     tried = staging->trials;
   }
-  CalibrationOptions options = options_of(settings);
-  options.progress = progress;
-  check_validation(job, settings);
-  const std::vector<Requirement> requirements = read_requirements(job, settings);
-  const std::vector<Frame> frames = read_frames(job, settings, requirements);
   try {
     std::optional<CalibrationResult> result;
     if (settings.reject) {

@@ -220,8 +220,9 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 }
 
 std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
-  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
-                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  std::string out =
+      "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+      "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
   for (const auto& group : groups) {
     out += "  " + group.first + "\n";
     for (const std::string& name : group.second) out += "    " + name + "\n";
@@ -232,7 +233,10 @@ std::string staging_plan(const std::vector<std::pair<std::string, std::vector<st
 std::string staging_table(const std::vector<StagingTrial>& trials) {
   std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
   for (const StagingTrial& t : trials)
-    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
+    rows.push_back({t.group,
+                    std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined"
+                                                               : t.kept             ? "kept"
+                                                                                    : "not kept"),
                     value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
   return align(rows, 2);
 }
