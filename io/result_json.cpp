@@ -54,6 +54,12 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   return out;
 }
 
+Json warning_list(const std::vector<Warning>& warnings) {
+  Json out = Json::array();
+  for (const Warning& w : warnings) out.push_back({{"id", w.id}, {"text", w.text}});
+  return out;
+}
+
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
     case NoiseMode::latent:
@@ -127,13 +133,15 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   json["sensors"] = sensor_table(result.sensors, true);
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
-  json["warnings"] = Json::array();
-  for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
+  json["warnings"] = warning_list(result.warnings);
   return json;
 }
 
 std::string evaluation_json(const Evaluation& evaluation) {
-  const Json json = {{"chi2", number(evaluation.chi2)}, {"dof", evaluation.dof}, {"sensors", sensor_table(evaluation.sensors, false)}};
+  const Json json = {{"chi2", number(evaluation.chi2)},
+                     {"dof", evaluation.dof},
+                     {"sensors", sensor_table(evaluation.sensors, false)},
+                     {"warnings", warning_list(evaluation.warnings)}};
   return json.dump(1) + "\n";
 }
 
