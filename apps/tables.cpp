@@ -215,6 +215,7 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
     }
     for (const std::string& n : p.unused) out += "    unused (no measurement of this step depends on it): " + n + "\n";
     for (const std::string& n : p.held_out) out += "    held out (only held-out samples see it): " + n + "\n";
+    for (const std::string& n : p.without_effect) out += "    warning: " + n + "\n";
   }
   return out;
 }

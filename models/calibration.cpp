@@ -35,6 +35,10 @@ std::string text(const char* format, double a, double b = 0, double c = 0) {
   return buffer;
 }
 
+std::string excess_text(double ratio) {
+  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", ratio);
+}
+
 /// Sums over the residuals of one sensor.
 struct Sums {
   double squared = 0, rotation = 0, whitened = 0;
@@ -221,8 +225,41 @@ std::vector<StepPlan> Calibration::resolve_all(const CalibrationOptions& options
   return out;
 }
 
+/// What is said of each of `free` and `fix` without which the last step would do the same.
+std::vector<std::string> Calibration::without_effect(const CalibrationOptions& options) const {
+  const size_t last = steps_to_run(options).size() - 1;
+  const auto freed = [&](const std::vector<std::string>& free, const std::vector<std::string>& fix) {
+    std::map<int, std::vector<int>> out;
+    for (const Freed& f : resolve(last, free, fix).free) out[f.parameter] = f.components;
+    return out;
+  };
+  const std::map<int, std::vector<int>> all = freed(options.free, options.fix);
+  std::vector<std::string> out;
+  for (const bool fix : {false, true}) {
+    const std::vector<std::string>& patterns = fix ? options.fix : options.free;
+    for (size_t i = 0; i < patterns.size(); ++i) {
+      std::vector<std::string> others = patterns;
+      others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
+      try {
+        if (freed(fix ? options.free : others, fix ? others : options.fix) != all) continue;
+      } catch (const std::invalid_argument&) {  // without it the step would free nothing, or a prior would cover nothing
+        continue;
+      }
+      bool free = false;
+      for (const Freed& f : table_.select(patterns[i])) free = free || all.count(f.parameter);
+      const std::string step = "step '" + rig_.steps[last].name + "'";
+      out.push_back((fix ? "--fix '" : "--free '") + patterns[i] + "' changes nothing: " +
+                    (fix    ? "it is not free in " + step + " anyway"
+                     : free ? "it is free in " + step + " anyway"
+                            : "no measurement of " + step + " depends on it, or --fix holds it"));
+    }
+  }
+  return out;
+}
+
 std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const {
   std::vector<StepPlan> out = resolve_all(options);
+  out.back().without_effect = without_effect(options);
   const std::vector<int> train = split(true);
   for (size_t i = 0; i < out.size(); ++i) {
     StepPlan& plan = out[i];
@@ -249,6 +286,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
   CalibrationResult result;
   result.noise = options.noise;
   result.values.shared = table_.initial;
+  for (const std::string& said : without_effect(options)) result.warnings.push_back({"no_effect", said});
 
   // Poses that the rig leaves open and the steps free wholly, without a prior: their T0 comes from the data.
   std::vector<int> unknown;
@@ -586,8 +624,7 @@ void Calibration::warn(CalibrationResult& result) const {
                                 : "hold one of these or give it a prior";
     add("unobservable", "the data do not determine " + sum + ": " + why + "; their sigmas are unknown");
   }
-  if (result.dof > 0 && result.chi2 / result.dof > 1.5)
-    add("chi2", text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", result.chi2 / result.dof));
+  if (result.dof > 0 && result.chi2 / result.dof > 1.5) add("chi2", excess_text(result.chi2 / result.dof));
   if (result.dof > 0 && result.chi2 / result.dof < 1 / 1.5 && result.noise != NoiseMode::point)  // there it says nothing
     add("chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large",
                      result.chi2 / result.dof));
@@ -641,6 +678,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
     merge(free, found);
   }
   Evaluation out;
+  std::vector<char> influences(table_.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig_.sensors.size(), -1);
   for (bool train : {true, false}) {
     const std::vector<int> samples = split(train);
@@ -651,6 +689,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
     std::vector<Freed> here;
     for (const Freed& f : free)
       if (used[f.parameter] || plain[f.parameter]) here.push_back(f);
+    for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
     const Judged now = judge(samples, table_.initial, noise, Loss(), here, nullptr, true);
     const Judged read = judge(samples, table_.initial, NoiseMode::none, Loss(), here, nullptr, false);
     if (!now.undefined.empty())
@@ -676,6 +715,14 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
         s.rotation_as_read = std::sqrt(read.sums[i].rotation / read.sums[i].points);
       }
     }
+  }
+  const auto add = [&](const char* id, std::string t) { out.warnings.push_back({id, std::move(t)}); };
+  if (!out.converged) add("not_converged", "the estimation of targets or joint errors did not converge");
+  if (out.dof > 0 && out.chi2 / out.dof > 1.5) add("chi2", excess_text(out.chi2 / out.dof));
+  for (const std::string& pattern : patterns) {
+    const std::vector<Freed> found = table_.select(pattern);
+    if (std::none_of(found.begin(), found.end(), [&](const Freed& f) { return influences[f.parameter]; }))
+      add("no_effect", "--free '" + pattern + "' changes nothing: no measurement depends on it");
   }
   return out;
 }

@@ -46,6 +46,7 @@ struct StepPlan {
   std::vector<Freed> free;
   std::vector<Prior> priors;
   std::vector<std::string> unused, held_out;
+  std::vector<std::string> without_effect;  // of the last step: `free` and `fix` of the options that change nothing, and why
   long rows = 0, unknowns = 0;           // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
@@ -143,6 +144,7 @@ struct Evaluation {
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;               // without rms_before
+  std::vector<Warning> warnings;
 };
 
 class Calibration {
@@ -174,6 +176,7 @@ class Calibration {
   std::vector<int> that_can_start(const std::vector<int>& samples, const std::vector<int>& sensors, Values& values) const;
   StepPlan resolve(size_t step, const std::vector<std::string>& free, const std::vector<std::string>& fix) const;
   std::vector<StepPlan> resolve_all(const CalibrationOptions& options) const;
+  std::vector<std::string> without_effect(const CalibrationOptions& options) const;
   std::vector<const Step*> steps_to_run(const CalibrationOptions& options) const;
   Judged judge(const std::vector<int>& samples, const VectorXd& shared, NoiseMode noise, const Loss& loss, const std::vector<Freed>& free,
                const Values* start, bool with_dof, const std::vector<double>& levels = {}) const;
