@@ -545,11 +545,11 @@ def permuted(*ids):
 
 
 class Plant:
-    """One mistake. where: words that `where` has to contain. samples: exactly these ids. joints: exactly these names."""
+    """One mistake. where: words that `where` has to contain, innocent: that it must not. samples: exactly these ids. joints: exactly these names."""
 
-    def __init__(self, name, data, about, id, plant, where=(), samples=None, joints=None, cure=None, also=(), chi2=None):
+    def __init__(self, name, data, about, id, plant, where=(), samples=None, joints=None, cure=None, also=(), chi2=None, innocent=()):
         self.name, self.data, self.about, self.id, self.plant = name, data, about, id, plant
-        self.where, self.samples, self.joints, self.also = where, samples, joints, set(also)
+        self.where, self.samples, self.joints, self.also, self.innocent = where, samples, joints, set(also), innocent
         self.cure = cure or CURES.get(id)
         self.chi2 = id not in NO_CHI2 if chi2 is None else chi2
 
@@ -563,7 +563,7 @@ class Plant:
 
 SCENE_TRUE = {}
 SIX = ["j1", "j2", "j3", "j4", "j5", "j6"]
-MM25, MM24 = r"0\.025\b|\b25(\.0+)? ?mm|0\.0249|0\.0250|\b24\.9|\b25\.0", r"0\.0245|\b24\.5"
+MM25, MM24 = r"0\.025\b|\b25(\.0+)? ?mm|0\.0249|0\.0250|\b24\.9|\b25\.0", r"0\.0245\b|0\.02449|0\.02450|\b24\.5\b|\b24\.49|\b24\.50"
 SOME = (2, 7, 11)
 SOME_IDS = ["s02", "s07", "s11"]
 PR2_ARMS = ["%s_%s_joint" % (s, j) for s in "lr" for j in ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")]
@@ -576,8 +576,8 @@ PLANTS = [
     Plant("square_24_fixed", "fixed", "square 24 mm for 25", "square", square("board", 0.024), ["board"], cure=MM25),
     Plant("square_mm_fixed", "fixed", "square 25 for 0.025 (mm for m)", "square", square("board", 25.0), ["board"], cure=MM25 + r"|\bmm\b|millimet|metre"),
     Plant("square_24_stereo", "stereo", "square 24 mm for 25", "square", square("board", 0.024), ["board"], cure=MM25),
-    Plant("square_pr2", "pr2", "square of the hand's board 23.5 mm for 24.5", "square", text("square: 0.0245", "square: 0.0235"), ["small_board"], cure=MM24),
-    Plant("square_mm_pr2", "pr2", "square of the hand's board 24.5 for 0.0245 (mm for m)", "square", text("square: 0.0245", "square: 24.5"), ["small_board"], cure=MM24 + r"|\bmm\b|millimet|metre"),
+    Plant("square_pr2", "pr2", "square of the hand's board 23.5 mm for 24.5", "square", text("square: 0.0245", "square: 0.0235"), ["small_board"], cure=MM24, innocent=["large_board"]),
+    Plant("square_mm_pr2", "pr2", "square of the hand's board 24.5 for 0.0245 (mm for m)", "square", text("square: 0.0245", "square: 24.5"), ["small_board"], cure=MM24 + r"|\bmm\b|millimet|metre", innocent=["large_board"]),
     # any view shows it, unless the board has as many rows as columns
     Plant("rows_columns", "eye", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
     Plant("rows_columns_fixed", "fixed", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
@@ -596,7 +596,7 @@ PLANTS = [
     Plant("mirrored_image", "eye", "images mirrored (u = width - 1 - u)", "mirrored", mirrored_image("camera", 1280), ["camera"]),
     Plant("mirrored_image_fixed", "fixed", "images mirrored", "mirrored", mirrored_image("camera", 1280), ["camera"]),
     Plant("mirrored_image_head", "head", "images of the right camera mirrored", "mirrored", mirrored_image("right", 640), ["right"]),
-    Plant("mirrored_image_pr2", "pr2", "images of a forearm camera mirrored", "mirrored", mirrored_image("forearm_left", 640), ["forearm_left"]),
+    Plant("mirrored_image_pr2", "pr2", "images of a forearm camera mirrored", "mirrored", mirrored_image("forearm_left", 640), ["forearm_left"], innocent=["forearm_right"]),
     Plant("mirrored_points", "tracker", "tracker left-handed (y negated)", "mirrored", mirrored_points("tracker"), ["tracker"]),
     Plant("mirrored_points_4", "tracker_4", "tracker left-handed (y negated)", "mirrored", mirrored_points("tracker"), ["tracker"]),
     Plant("mirrored_target", "tracker_4", "the target's points mirrored in the rig", "mirrored", mirrored_target("ball"), ["ball"]),
@@ -610,7 +610,7 @@ PLANTS = [
     Plant("sign_tracker", "tracker", "sign of j4", "joint-sign", negated("j4"), joints=["j4"]),
     Plant("sign_tracker_2", "tracker", "sign of j2", "joint-sign", negated("j2"), joints=["j2"]),
     Plant("sign_head", "head", "sign of the tilt", "joint-sign", negated("tilt"), ["tilt"]),
-    Plant("sign_pr2", "pr2", "sign of l_forearm_roll_joint", "joint-sign", negated("l_forearm_roll_joint"), ["l_forearm_roll_joint"]),
+    Plant("sign_pr2", "pr2", "sign of l_forearm_roll_joint", "joint-sign", negated("l_forearm_roll_joint"), ["l_forearm_roll_joint"], innocent=["r_forearm_roll_joint", "l_elbow_flex_joint"]),
     Plant("sign_pr2_head", "pr2", "sign of head_pan_joint", "joint-sign", negated("head_pan_joint"), ["head_pan_joint"]),
     Plant("degrees_eye", "eye", "all readings in degrees", "degrees", in_degrees(*SIX), joints=SIX),
     Plant("degrees_one", "eye_noisy", "j5 in degrees", "degrees", in_degrees("j5"), joints=["j5"]),
@@ -618,7 +618,7 @@ PLANTS = [
     Plant("degrees_tracker", "tracker", "all readings in degrees", "degrees", in_degrees(*SIX), joints=SIX),
     Plant("degrees_tracker_one", "tracker", "j4 in degrees", "degrees", in_degrees("j4"), joints=["j4"]),
     Plant("degrees_head", "head", "pan and tilt in degrees", "degrees", in_degrees("pan", "tilt"), ["pan", "tilt"]),
-    Plant("degrees_pr2", "pr2", "both arms in degrees, the head in radians", "degrees", in_degrees(*PR2_ARMS), ["l_elbow_flex_joint", "r_elbow_flex_joint"]),
+    Plant("degrees_pr2", "pr2", "both arms in degrees, the head in radians", "degrees", in_degrees(*PR2_ARMS), ["l_elbow_flex_joint", "r_elbow_flex_joint"], innocent=["head_pan_joint"]),
     Plant("still", "eye_still", "j3 never moved, offset and scale freed", "still-joint", lambda rig, samples: None, joints=["j3"]),
     Plant("stuck_eye", "eye", "j4 moves, its reading does not", "still-joint", stuck("j4", 0.1), joints=["j4"]),
     Plant("stuck_tracker", "tracker", "j3 moves, its reading does not", "still-joint", stuck("j3", 0.0), joints=["j3"]),
@@ -732,6 +732,9 @@ def judge(plant, report):
     for word in plant.where:
         if not re.search(r"(?<![\w])(%s)(?![\w])" % word, where):
             return "`where` does not name %s: %s" % (word, where)
+    for word in plant.innocent:
+        if re.search(r"(?<![\w])(%s)(?![\w])" % word, where):
+            return "`where` names %s, which is right: %s" % (word, where)
     if plant.joints:
         named = set(re.findall(r"\bj\d\b", where))
         if named != set(plant.joints):
