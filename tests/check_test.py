@@ -650,7 +650,8 @@ PLANTS = [
     Plant("bad_eye_noisy", "eye_noisy", "joints of 5 of 20 samples exchanged", "bad-samples", permuted("s01", "s03", "s09", "s14", "s17"), samples=["s01", "s03", "s09", "s14", "s17"]),
     Plant("bad_fixed", "fixed", "joints of 3 of 20 samples exchanged", "bad-samples", permuted("s03", "s09", "s14"), samples=["s03", "s09", "s14"]),
     Plant("bad_tracker", "tracker", "joints of 3 of 30 samples exchanged", "bad-samples", permuted("s05", "s16", "s27"), samples=["s05", "s16", "s27"]),
-    Plant("bad_head", "head", "joints of 2 of 16 samples exchanged", "bad-samples", permuted("s05", "s11"), samples=["s05", "s11"]),
+    Plant("bad_head", "head", "joints of 2 of 16 samples exchanged", "bad-samples", permuted("s02", "s11"), samples=["s02", "s11"]),
+    Plant("bad_head_near", "head", "joints of 2 of 16 samples exchanged, which differ by 25 mrad", "bad-samples", permuted("s05", "s11"), samples=["s05", "s11"]),
     Plant("bad_pr2", "pr2", "joints of 3 of 64 samples exchanged", "bad-samples", permuted("left_003", "left_011", "left_020"), samples=["left_003", "left_011", "left_020"]),
 ]
 
