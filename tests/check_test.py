@@ -591,6 +591,7 @@ PLANTS = [
     Plant("numbering_all_stereo", "stereo", "all views of the right camera numbered from the other corner", "numbering", other_corner("right"), ["right|left"]),
     Plant("numbering_some_stereo", "stereo", "3 views of the right camera numbered from the other corner", "numbering", other_corner("right", only=SOME), ["right|left"], samples=SOME_IDS),
     Plant("numbering_all_pr2", "pr2", "all views of the hand's board in wide_left from the other corner", "numbering", other_corner("wide_left", "small_board"), ["wide_left"]),
+    Plant("numbering_narrow_pr2", "pr2", "all views of the hand's board in narrow_left from the other corner", "numbering", other_corner("narrow_left", "small_board"), ["narrow_left"]),
     Plant("numbering_some_pr2", "pr2", "3 views of wide_left from the other corner", "numbering", None, ["wide_left"]),
     # a moving robot; a single plane in a single view looks the same from behind in a mirror
     Plant("mirrored_image", "eye", "images mirrored (u = width - 1 - u)", "mirrored", mirrored_image("camera", 1280), ["camera"]),
