@@ -1138,7 +1138,10 @@ class RealTime(Real):
                 if plant:
                     plant(rig, samples)
                 files = files_of(rig, samples)
-                best = min((run("check", *files, "--json") for _ in range(3)), key=lambda r: r.seconds)
+                best = run("check", *files, "--json")
+                for _ in range(2):
+                    if best.seconds >= 0.8 * limit:
+                        best = min(best, run("check", *files, "--json"), key=lambda r: r.seconds)
                 self.assertIsNotNone(best.findings, best.short())
                 print("check of pr2-simulated, %s: %.3f s of CPU" % (name, best.seconds), file=sys.stderr)
                 self.assertLess(best.seconds, limit)
@@ -1148,11 +1151,15 @@ class RealTime(Real):
 
 def table():
     print("| planted mistake | data | found | message | seconds |\n| --- | --- | --- | --- | --- |")
-    for plant in PLANTS:
+    for plant in PLANTS + UNSEEN:
         report = plant.run()
+        if plant.id is None:
+            ids = ", ".join("`%s`" % x for x in report.ids()) if report.findings is not None else "error"
+            print("| %s | %s | %s | | %.2f |" % (plant.about, plant.data, "not in the residuals, or freed" + (": said nevertheless " + ids if ids else ": nothing reported, rightly"), report.seconds), flush=True)
+            continue
         wrong = judge(plant, report)
         mine = [f for f in report.findings or [] if f["id"] == plant.id]
-        sentence = re.split(r"(?<=[.;:]) ", mine[0]["text"].replace("\n", " "))[0].replace("|", "/") if mine else ""
+        sentence = re.split(r"(?<=[.;]) ", mine[0]["text"].replace("\n", " "))[0].replace("|", "/") if mine else ""
         found = "`%s`" % plant.id if not wrong else "no: " + wrong.split("\n")[0].replace("|", "/")
         print("| %s | %s | %s | %s | %.2f |" % (plant.about, plant.data, found, sentence, report.seconds), flush=True)
     print("\nData:\n")
