@@ -971,12 +971,12 @@ class Answer(unittest.TestCase):
         for plant, word in ((rows_columns("board"), "rows-columns"), (in_degrees(*SIX), "degrees")):
             rig, samples = self.files(plant)
             report = run("calibrate", rig, samples, "--out", rig + ".out", "--no-report")
-            self.assertIn(word, report.out + report.err)
+            self.assertRegex(report.out + report.err, r"(?m)^\s*%s:" % word)
         rig, samples = self.files()
         report = run("calibrate", rig, samples, "--out", rig + ".out", "--no-report")
         self.assertEqual(report.code, 0, report.err)
         for id in IDS:
-            self.assertNotIn(id, report.out + report.err)
+            self.assertNotRegex(report.out + report.err, r"(?m)^\s*%s:" % id)
 
 
 # ----------------------------------------------------------------------------- real data
