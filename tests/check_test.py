@@ -583,9 +583,10 @@ PLANTS = [
     Plant("rows_columns_fixed", "fixed", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
     Plant("rows_columns_stereo", "stereo", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
     Plant("rows_columns_pr2", "pr2", "rows and columns of the hand's board swapped", "rows-columns", swapped_text, ["small_board"]),
-    # in some views: a mounted board. In all: a held board, or a second sensor that sees the same free one
+    # in some views: a mounted board. In all: a held board, or a second sensor that sees the same free one (of two sensors either may be the wrong one)
     Plant("numbering_some", "eye", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
     Plant("numbering_some_fixed", "fixed", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
+    Plant("numbering_4_fixed", "fixed", "4 of 20 views numbered from the other corner", "numbering", other_corner(only=(1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"]),
     Plant("numbering_half", "eye_noisy", "9 of 20 views numbered from the other corner", "numbering", other_corner(only=range(0, 18, 2)), samples=["s%02d" % i for i in range(0, 18, 2)]),
     Plant("numbering_all_held", "fixed", "all views numbered from the other corner, the board's pose held", "numbering", held_board(other_corner()), ["board"]),
     Plant("numbering_all_stereo", "stereo", "all views of the right camera numbered from the other corner", "numbering", other_corner("right"), ["right|left"]),
