@@ -51,7 +51,7 @@ int main(int argc, char** argv) {
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
-      calibrate_command(app, line), batch_command(app, line), evaluate_command(app), simulate_command(app), apply_command(app),
+      calibrate_command(app, line), batch_command(app, line), evaluate_command(app), check_command(app), simulate_command(app), apply_command(app),
   };
   std::vector<std::string> names;
   std::string known;

@@ -252,4 +252,15 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   return out;
 }
 
+std::string diagnosis_text(const Diagnosis& d) {
+  std::string out;
+  for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
+  if (d.findings.empty()) {
+    out += "Nothing found. Tested: ";
+    for (size_t i = 0; i < d.tested.size(); ++i) out += (i ? ", " : "") + d.tested[i];
+    out += "\n";
+  }
+  return out + d.verdict + "\n";
+}
+
 }  // namespace kincal

@@ -122,4 +122,23 @@ std::string evaluation_json(const Evaluation& evaluation) {
   return json.dump(1) + "\n";
 }
 
+Json findings_json(const std::vector<Finding>& findings) {
+  Json out = Json::array();
+  for (const Finding& f : findings)
+    out.push_back({{"id", f.id},
+                   {"text", f.text},
+                   {"where", f.where},
+                   {"chi2_as_is", f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr)},
+                   {"chi2_corrected", f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr)}});
+  return out;
+}
+
+Json diagnosis_json(const Diagnosis& d) {
+  return {{"findings", findings_json(d.findings)},
+          {"chi2", d.chi2 ? number(*d.chi2) : Json(nullptr)},
+          {"dof", d.dof},
+          {"verdict", d.verdict},
+          {"tested", d.tested}};
+}
+
 }  // namespace kincal
