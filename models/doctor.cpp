@@ -19,12 +19,16 @@ namespace {
 using Samples = std::vector<Sample>;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kGood = 2;            // chi2/dof that needs no explanation, of the whole and of each sensor
+constexpr double kGood = 1.5;           // chi2/dof that needs no explanation, of the whole and of each sensor
 constexpr double kNoise = 3;           // chi2/dof that is noise, sigmas being guesses
+constexpr double kClean = 1.3;         // chi2/dof that proves the sigmas,
+constexpr double kEnough = 1.6;        // and the factor of chi2 that decides where it is reached with (all but) the same unknowns,
 constexpr double kDecisive = 4;        // factor of chi2 that decides where noise remains,
 constexpr double kOverwhelming = 12;   // and where more than that remains
+constexpr double kFar = 0.25;           // movement that a start value should not need: m, rad, share of a length
 constexpr double kSampleExcess = 25;   // mean square of a bad sample's rows over the median sample's
 constexpr double kMostBad = 0.4;       // share of samples that may be bad
+constexpr double kWorth = 10;           // by which leaving samples out must be better than what keeps them
 constexpr int kMostRounds = 4;
 
 struct Cancelled {};
@@ -57,6 +61,7 @@ struct FitOptions {
   bool closed_form = false;              // for given poses too that are freed wholly
   const Values* start = nullptr;
   std::optional<Loss> loss;
+  double give_up = kInfinity;            // chi2 that after some iterations is not worth more
 };
 
 struct Fit {
@@ -67,12 +72,31 @@ struct Fit {
   Values values;
   std::vector<double> sample;            // mean square of a sample's rows, by index; NaN: not part of it
   std::vector<double> sensor;            // of a sensor's residuals
-  double moved = 0;                      // the farthest that a freed number is from the rig's: m, rad
+  std::map<std::string, double> moved;   // how far freed parameters are from the rig's values: m, rad, share of a length
+
+  double farthest() const {
+    double out = 0;
+    for (const auto& m : moved) out = std::max(out, m.second);
+    return out;
+  }
 
   bool complete() const { return undefined.empty() && std::isfinite(chi2); }
   double score() const { return complete() ? cost : kInfinity; }
   double per_dof() const { return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity; }
 };
+
+/// By how much an estimate is nearer to the rig's values than another: of a parameter that the other moved far, and this one at most a fifth of
+/// that. 0 if there is none, or if it moves others farther.
+double nearer(const Fit& than, const Fit& f) {
+  double gain = 0, loss = 0;
+  for (const auto& m : than.moved) {
+    const auto here = f.moved.find(m.first);
+    if (here == f.moved.end()) return 0;
+    if (m.second > kFar && here->second < 0.2 * m.second) gain = std::max(gain, m.second - here->second);
+    loss = std::max(loss, here->second - m.second);
+  }
+  return loss < 0.2 * gain ? gain : 0;
+}
 
 class Doctor {
  public:
@@ -86,11 +110,13 @@ class Doctor {
  private:
   void plan();
   Fit fit(const Rig& rig, const Samples& samples, const std::vector<Stage>& stages, const FitOptions& o) const;
-  Fit best_fit(const Rig& rig, const Samples& samples, const Stage& stage, int iterations, double decrease, bool new_poses) const;
+  Fit best_fit(const Rig& rig, const Samples& samples, const Stage& stage, int iterations, double decrease, bool new_poses,
+               double give_up = kInfinity) const;
+  Samples some_samples() const;
   Fit as_is() const;
   Fit robust_fit() const;
   bool good(const Fit& f) const;
-  bool believed(const Fit& before, double now_cost, double now_per_dof) const;
+  bool believed(const Fit& before, double now_cost, double now_per_dof, bool same_unknowns) const;
   bool open_poses() const;
   FreedNames freed_names(const ParameterTable& table) const;
   void step(int done, int of) const {
@@ -100,7 +126,7 @@ class Doctor {
   void check_connections(std::vector<Finding>& out) const;
   std::optional<Hypothesis> bad_samples(const Fit& robust) const;
   std::vector<Hypothesis> turned_views(const Fit& robust) const;
-  bool explain(Fit& now, std::vector<Finding>& out);
+  bool explain(Fit& now, bool by_movement, std::vector<Finding>& out);
   void check_starts(const Fit& now, std::vector<Finding>& out) const;
   std::string joint_noise(const Fit& now) const;
 
@@ -109,7 +135,6 @@ class Doctor {
   Samples samples_;
   std::vector<Stage> steps_;
   Stage all_;                     // what the steps free together
-  std::set<std::string> explained_;
 };
 
 void Doctor::plan() {
@@ -184,9 +209,11 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
   solver_options.threads = options_.threads;
   solver_options.max_iterations = o.iterations;
   solver_options.relative_decrease = o.relative_decrease;
-  solver_options.progress = [&](int, double, double) {
+  bool gave_up = false;
+  solver_options.progress = [&](int iteration, double chi2, double) {
     if (options_.progress && !options_.progress(-1, 0)) return false;
-    return true;
+    gave_up = iteration >= 5 && chi2 > o.give_up;
+    return !gave_up;
   };
   for (size_t i = 0; i < stages.size(); ++i) {
     const bool last = i + 1 == stages.size();
@@ -230,13 +257,17 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     VectorXd state = problem.pack(values);
     LevenbergMarquardt solver(problem, solver_options);
     const SolveSummary& summary = solver.solve(state);
-    if (summary.outcome == Outcome::cancelled) throw Cancelled();
+    if (summary.outcome == Outcome::cancelled && !gave_up) throw Cancelled();
     problem.unpack(state, values);
     if (!last) continue;
     problem.renew(state);
     out.chi2 = summary.cost.chi2;
     out.cost = summary.cost.twice;
     out.dof = -problem.shared_size();
+    if (gave_up) {
+      out.chi2 = kInfinity;
+      return out;
+    }
     out.sample.assign(samples.size(), std::nan(""));
     out.sensor.assign(rig.sensors.size(), std::nan(""));
     for (size_t g = 0; g < problem.groups().size(); ++g) {
@@ -254,9 +285,16 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     for (const auto& sum : sums) out.sensor[sum.first] = sum.second.first / static_cast<double>(sum.second.second);
     for (const Freed& f : free[i]) {
       const Parameter& p = table.all[f.parameter];
+      double& moved = out.moved[p.name];
       if (p.pose) {
         const Pose change = inverse(get_pose(out.given, p.start)) * get_pose(values.shared, p.start);
-        out.moved = std::max({out.moved, change.translation.norm(), log_so3(change.rotation).norm()});
+        moved = std::max(change.translation.norm(), log_so3(change.rotation).norm());
+        continue;
+      }
+      for (int c : f.components) {
+        const double given = out.given(p.start + c), change = std::abs(values.shared(p.start + c) - given);
+        const bool length = p.components[c] == "fx" || p.components[c] == "fy" || (p.units[c] == "m" && given != 0);
+        if (length || p.units[c] == "rad") moved = std::max(moved, length ? change / std::abs(given) : change);
       }
     }
   }
@@ -290,8 +328,10 @@ bool Doctor::good(const Fit& f) const {
 }
 
 /// The rig's values, or closed form where these do not lead anywhere.
-Fit Doctor::best_fit(const Rig& rig, const Samples& samples, const Stage& stage, int iterations, double decrease, bool new_poses) const {
+Fit Doctor::best_fit(const Rig& rig, const Samples& samples, const Stage& stage, int iterations, double decrease, bool new_poses,
+                     double give_up) const {
   FitOptions o;
+  o.give_up = give_up;
   o.iterations = iterations;
   o.relative_decrease = decrease;
   Fit out = fit(rig, samples, {stage}, o);
@@ -301,6 +341,36 @@ Fit Doctor::best_fit(const Rig& rig, const Samples& samples, const Stage& stage,
     if (other.score() < out.score() || other.undefined.size() < out.undefined.size()) out = std::move(other);
   }
   return out;
+}
+
+/// Enough of them for a first look: every pair of sensor and target some times, and several times as many numbers as unknowns.
+Samples Doctor::some_samples() const {
+  std::vector<int> order(samples_.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return samples_[a].id < samples_[b].id; });
+  std::map<std::pair<int, int>, std::vector<int>> by_pair;
+  for (int i : order)
+    for (const View& v : samples_[i].views) {
+      std::vector<int>& list = by_pair[{v.sensor, v.target}];
+      if (list.empty() || list.back() != i) list.push_back(i);
+    }
+  for (size_t each = 5;; each *= 2) {
+    std::set<int> chosen;
+    for (const auto& pair : by_pair) {
+      const size_t count = pair.second.size(), take = std::min(each, count);
+      size_t there = 0;
+      for (int i : pair.second) there += chosen.count(i);
+      for (size_t k = there; k < take; ++k) chosen.insert(pair.second[k * count / take]);
+    }
+    size_t rows = 0;
+    for (int i : chosen)
+      for (const View& v : samples_[i].views)
+        rows += rig_.sensors[v.sensor].model->rows() * (rig_.sensors[v.sensor].model->whole_pose() ? 1 : v.ids.size());
+    if (rows < 8 * all_.free.size() && chosen.size() < samples_.size()) continue;
+    Samples out;
+    for (int i : chosen) out.push_back(samples_[i]);
+    return out;
+  }
 }
 
 Fit Doctor::as_is() const {
@@ -315,9 +385,10 @@ Fit Doctor::as_is() const {
   return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
 }
 
-bool Doctor::believed(const Fit& before, double now_cost, double now_per_dof) const {
+bool Doctor::believed(const Fit& before, double now_cost, double now_per_dof, bool same_unknowns) const {
   if (!before.complete()) return now_per_dof < kOverwhelming;
-  return before.cost > (now_per_dof < kNoise ? kDecisive : kOverwhelming) * now_cost;
+  const double factor = now_per_dof < kClean && same_unknowns ? kEnough : now_per_dof < kNoise ? kDecisive : kOverwhelming;
+  return before.cost > factor * now_cost;
 }
 
 // ------------------------------------------------------------------------------------------------ bad samples, turned views
@@ -491,13 +562,20 @@ std::vector<Hypothesis> Doctor::turned_views(const Fit& robust) const {
 }
 
 // ------------------------------------------------------------------------------------------------ hypotheses
-/// Tests all mistakes, undoes the one that explains most, and says so; false if none is believed.
-bool Doctor::explain(Fit& now, std::vector<Finding>& out) {
+/// Tests all mistakes, undoes the one that explains most, and says so; false if none is believed. `by_movement`: what it explains is not chi2
+/// but that the estimate is far from the rig's values.
+bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   const ParameterTable table(rig_);
   std::vector<Hypothesis> all = hypotheses(rig_, table, samples_, freed_names(table));
-  const Fit robust = robust_fit();
-  for (Hypothesis& h : turned_views(robust)) all.push_back(std::move(h));
-  if (auto h = bad_samples(robust)) all.push_back(std::move(*h));
+  if (by_movement)
+    all.erase(std::remove_if(all.begin(), all.end(), [](const Hypothesis& h) { return h.marked || !h.squares.empty() || !h.free.empty(); }),
+              all.end());
+  const size_t common = all.size();
+  if (!by_movement) {
+    const Fit robust = robust_fit();
+    for (Hypothesis& h : turned_views(robust)) all.push_back(std::move(h));
+    if (auto h = bad_samples(robust)) all.push_back(std::move(*h));
+  }
 
   struct Trial {
     Rig rig;
@@ -506,64 +584,116 @@ bool Doctor::explain(Fit& now, std::vector<Finding>& out) {
     Fit fit;
     double cost;  // for comparison
   };
-  const auto test = [&](const Hypothesis& h, int iterations, double decrease) {
-    Trial t{rig_, samples_, all_, {}, 0};
+  const auto test = [&](const Hypothesis& h, const Samples& samples, int iterations, double decrease, double give_up) {
+    Trial t{rig_, samples, all_, {}, kInfinity};
     h.undo(t.rig, t.samples);
     t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
-    if (h.square >= 0) t.stage.free.push_back("target/" + rig_.targets[h.square].name + "/square");
+    for (int square : h.squares) t.stage.free.push_back("target/" + rig_.targets[square].name + "/square");
     if (h.excused >= 0) t.rig.joints[h.excused].sigma = 1;
-    t.fit = best_fit(t.rig, t.samples, t.stage, iterations, decrease, h.new_poses);
-    t.cost = t.fit.score();
-    if (h.id == "bad-samples") t.cost *= 3.0 * static_cast<double>(now.dof) / static_cast<double>(std::max(1L, t.fit.dof));
+    try {
+      t.fit = best_fit(t.rig, t.samples, t.stage, iterations, decrease, h.new_poses, give_up);
+      t.cost = t.fit.score();
+    } catch (const std::invalid_argument&) {  // a way that cannot be walked in the other rig
+    }
+    if (h.id == "bad-samples") t.cost *= kWorth * static_cast<double>(now.dof) / static_cast<double>(std::max(1L, t.fit.dof));
     return t;
   };
+  const Samples some = some_samples();
   std::vector<std::pair<double, size_t>> order;
-  for (size_t i = 0; i < all.size(); ++i) {
+  double least = kInfinity;
+  for (size_t i = 0; i < common; ++i) {
     step(static_cast<int>(i), static_cast<int>(all.size()));
-    const double cost = test(all[i], 25, 1e-2).cost;
-    if (std::isfinite(cost)) order.push_back({cost, i});
+    const Trial t = test(all[i], some, 20, 1e-2, by_movement ? kInfinity : 20 * least);
+    if (!std::isfinite(t.cost)) continue;
+    least = std::min(least, t.cost);
+    if (!by_movement)
+      order.push_back({t.cost, i});
+    else if (nearer(now, t.fit) > 0)
+      order.push_back({t.fit.per_dof() / nearer(now, t.fit), i});
   }
   std::sort(order.begin(), order.end());
   if (order.size() > 4) order.resize(4);
+  for (size_t i = common; i < all.size(); ++i) order.push_back({0, i});
   std::optional<Trial> best;
   size_t chosen = 0;
   for (const auto& o : order) {
-    Trial t = test(all[o.second], 100, 1e-9);
+    Trial t = test(all[o.second], samples_, 100, 1e-9, best && !by_movement ? 20 * best->cost : kInfinity);
+    if (!std::isfinite(t.cost)) continue;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
-    if (!best || (equal ? t.fit.moved < 0.5 * best->fit.moved : t.cost < best->cost)) best = std::move(t), chosen = o.second;
+    const size_t sizes = all[o.second].squares.size(), fewest = all[chosen].squares.size();
+    if (!best || (equal ? sizes < fewest || (sizes == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost)) best = std::move(t), chosen = o.second;
   }
   if (!best) return false;
   const Hypothesis& h = all[chosen];
-  const double in_all = h.id == "bad-samples" ? best->cost / 3 : best->cost;
-  if (!believed(now, in_all, best->fit.per_dof())) return false;
+  std::string evidence;
+  std::optional<double> chi2_before, chi2_after;
+  if (by_movement) {
+    if (best->cost > 1.3 * now.cost || nearer(now, best->fit) <= 0) return false;
+    // With what moved far held at the rig's values.
+    std::string far;
+    const auto hold = [&](Stage stage) {
+      far.clear();
+      for (const auto& m : now.moved) {
+        if (m.second < kFar || best->fit.moved.at(m.first) > 0.2 * m.second) continue;
+        far += (far.empty() ? "" : ", ") + m.first;
+        const auto of_it = [&](const std::string& name) { return name == m.first || name.rfind(m.first + ".", 0) == 0; };
+        stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), of_it), stage.free.end());
+        stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return of_it(p.first); }),
+                           stage.priors.end());
+      }
+      return stage;
+    };
+    const auto farthest_of = [&](const Fit& f) {
+      double most = 0;
+      for (const auto& m : now.moved)
+        if (m.second >= kFar && best->fit.moved.at(m.first) <= 0.2 * m.second) most = std::max(most, f.moved.at(m.first));
+      return most;
+    };
+    const Fit before = best_fit(rig_, samples_, hold(all_), 60, 1e-4, false), after = best_fit(best->rig, best->samples, hold(best->stage), 60, 1e-4, false);
+    if (!after.complete() || (before.complete() && before.cost < kDecisive * after.cost)) return false;
+    if (before.complete()) chi2_before = before.chi2;
+    chi2_after = after.chi2;
+    evidence = "The estimate hides it by moving " + far + text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ",
+                                                               farthest_of(now), farthest_of(best->fit)) +
+               "With these held at the rig's values " + (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
+               text(" and %.6g without this mistake. ", after.chi2);
+  } else {
+    const double in_all = h.id == "bad-samples" ? best->cost / kWorth : best->cost;
+    const bool same_unknowns = h.id != "bad-samples" && h.free.empty() && h.excused < 0;
+    if (!believed(now, in_all, best->fit.per_dof(), same_unknowns)) return false;
+    if (now.complete()) chi2_before = now.chi2;
+    chi2_after = best->fit.chi2;
+    evidence = now.complete() ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ", now.chi2, now.per_dof(),
+                                     best->fit.chi2, best->fit.per_dof())
+                              : text("As it is the fit cannot even start (points behind a camera); without this mistake chi2 is %.6g (chi2/dof %.3g). ",
+                                     best->fit.chi2, best->fit.per_dof());
+  }
   Finding finding;
   finding.id = h.id;
   finding.where = h.where;
   std::string what = h.what, cure = h.cure;
-  if (h.square >= 0) {
+  if (!h.squares.empty()) {
     const ParameterTable fitted(best->rig);
-    const Target& old = rig_.targets[h.square];
-    const double square = best->fit.values.shared(fitted.all[fitted.target_square[h.square]].start), given = old.grid ? old.square : 1;
-    const double ratio = square / given;
-    if (std::abs(ratio - 1) < 0.005) return false;
-    best->rig.targets[h.square].square = square;
-    if (old.grid) {
-      what = "the size of target '" + old.name + "' is wrong: " + text("the rig says %.6g m, the data say %.6g m (times %.5g)", given, square, ratio);
-      cure = "Measure the board and correct targets." + old.name + "'s size in the rig (metres!).";
-    } else {
-      what = "the points of target '" + old.name + "' have the wrong unit or scale: " + text("the data say %.5g times as large", ratio);
-      cure = "Correct targets." + old.name + ".points in the rig (metres!).";
+    what.clear();
+    bool wrong = false;
+    for (int s : h.squares) {
+      const Target& old = rig_.targets[s];
+      const double square = best->fit.values.shared(fitted.all[fitted.target_square[s]].start), given = old.grid ? old.square : 1;
+      wrong = wrong || std::abs(square / given - 1) > 0.005;
+      best->rig.targets[s].square = square;
+      what += what.empty() ? "" : "; ";
+      if (old.grid)
+        what += "the size of target '" + old.name + "' is wrong: " + text("the rig says %.6g m, the data say %.6g m (times %.5g)", given, square, square / given);
+      else
+        what += "the points of target '" + old.name + "' have the wrong unit or scale: " + text("the data say %.5g times as large", square);
     }
+    if (!wrong) return false;
+    cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
   }
-  if (now.complete()) finding.chi2_as_is = now.chi2;
-  finding.chi2_corrected = best->fit.chi2;
+  finding.chi2_as_is = chi2_before;
+  finding.chi2_corrected = chi2_after;
   what[0] = static_cast<char>(std::toupper(what[0]));
-  finding.text = what + ". " + (now.complete() ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g", now.chi2, now.per_dof(), best->fit.chi2) +
-                                                     text(" (%.3g) without this mistake. ", best->fit.per_dof())
-                                               : text("As it is the fit cannot even start (points behind a camera); without this mistake chi2 is "
-                                                      "%.6g (chi2/dof %.3g). ",
-                                                      best->fit.chi2, best->fit.per_dof())) +
-                 cure;
+  finding.text = what + ". " + evidence + cure;
   out.push_back(std::move(finding));
   rig_ = std::move(best->rig);
   samples_ = std::move(best->samples);
@@ -573,22 +703,22 @@ bool Doctor::explain(Fit& now, std::vector<Finding>& out) {
 }
 
 // ------------------------------------------------------------------------------------------------ start values
-/// Poses that the estimate left far behind, but whose inverse, or whose turn by another numbering, is where the estimate ended.
+/// Poses that the estimate left behind, but whose inverse is where the estimate ended.
 void Doctor::check_starts(const Fit& now, std::vector<Finding>& out) const {
   const ParameterTable table(rig_);
   const FreedNames freed = freed_names(table);
   if (now.values.shared.size() != table.initial.size()) return;
-  const auto check = [&](int parameter, const Pose& given, const std::string& name, const std::string& id, const Pose& other,
-                         const std::string& what, const std::string& cure) {
-    if (!freed.parameter[parameter]) return false;
+  const auto check = [&](int parameter, const Pose& given, const std::string& name, const Pose& other, const std::string& what,
+                         const std::string& cure) {
+    if (!freed.parameter[parameter]) return;
     const Pose estimate = get_pose(now.values.shared, table.all[parameter].start);
     const auto away = [&](const Pose& p) {
       const Pose change = inverse(p) * estimate;
       return std::make_pair(change.translation.norm(), log_so3(change.rotation).norm());
     };
     const auto far = away(given), near = away(other);
-    if (far.first < 0.05 && far.second < 0.7) return false;
-    if (near.first > std::max(0.005, 0.2 * far.first) || near.second > std::max(0.1, 0.2 * far.second)) return false;
+    if (far.first < 0.05 && far.second < 0.7) return;
+    if (near.first > std::max(0.005, 0.2 * far.first) || near.second > std::max(0.1, 0.2 * far.second)) return;
     // Held at the one and at the other, everything else free.
     const auto held_at = [&](const Pose& pose) {
       Rig rig = rig_;
@@ -606,9 +736,9 @@ void Doctor::check_starts(const Fit& now, std::vector<Finding>& out) const {
       return best_fit(rig, samples_, stage, 60, 1e-4, false);
     };
     const Fit as_given = held_at(given), corrected = held_at(other);
-    if (!corrected.complete() || (as_given.complete() && as_given.cost < kDecisive * corrected.cost)) return false;
+    if (!corrected.complete() || (as_given.complete() && as_given.cost < kDecisive * corrected.cost)) return;
     Finding finding;
-    finding.id = id;
+    finding.id = "inverted-pose";
     finding.where = {name};
     if (as_given.complete()) finding.chi2_as_is = as_given.chi2;
     finding.chi2_corrected = corrected.chi2;
@@ -617,13 +747,11 @@ void Doctor::check_starts(const Fit& now, std::vector<Finding>& out) const {
                    "With the pose held, chi2 is " + (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
                    text(" and %.6g so. ", corrected.chi2) + cure;
     out.push_back(std::move(finding));
-    return true;
   };
-  const Eigen::Matrix2d half = -Eigen::Matrix2d::Identity();
   for (size_t s = 0; s < rig_.sensors.size(); ++s) {
     const Sensor& sensor = rig_.sensors[s];
     if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
-    check(table.sensor_pose[s], sensor.link_T_sensor, sensor.name, "inverted-pose", inverse(sensor.link_T_sensor),
+    check(table.sensor_pose[s], sensor.link_T_sensor, sensor.name, inverse(sensor.link_T_sensor),
           "The pose of sensor '" + sensor.name + "' is given the wrong way round, as sensor_T_link",
           "Replace sensors." + sensor.name + ".pose by its inverse: it maps coordinates of the sensor to the link's.");
   }
@@ -631,25 +759,9 @@ void Doctor::check_starts(const Fit& now, std::vector<Finding>& out) const {
     const Target& target = rig_.targets[t];
     if (target.link < 0 || !target.pose_given) continue;
     const Pose& given = target.link_T_target;
-    const std::string cure = " in these views from the corner where the rig has point 0, or correct targets." + target.name + ".mount.pose.";
-    if (check(table.target_pose[t], given, target.name, "inverted-pose", inverse(given),
-              "The pose of target '" + target.name + "' is given the wrong way round, as target_T_link",
-              "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's."))
-      continue;
-    if (target.type == "charuco" || target.type == "apriltag_grid") continue;  // markers number these; a pose may well be rough
-    if (!relabeling(target, half).empty() &&
-        check(table.target_pose[t], given, target.name, "numbering", given * relabeling_motion(target, half),
-              "The points of target '" + target.name + "' are numbered from the opposite corner (half a turn)", "Number the points" + cure))
-      continue;
-    for (int axis : {0, 1}) {
-      Eigen::Matrix2d mirror = Eigen::Matrix2d::Identity();
-      mirror(axis, axis) = -1;
-      if (!relabeling(target, mirror).empty() &&
-          check(table.target_pose[t], given, target.name, "mirrored", given * relabeling_motion(target, mirror),
-                "The points of target '" + target.name + "' are numbered mirrored: " + (axis == 0 ? "each row backwards" : "the last row first"),
-                "Number the points" + cure))
-        break;
-    }
+    check(table.target_pose[t], given, target.name, inverse(given),
+          "The pose of target '" + target.name + "' is given the wrong way round, as target_T_link",
+          "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's.");
   }
 }
 
@@ -820,8 +932,12 @@ Diagnosis Doctor::run() {
   out.dof = now.dof;
   const double at_first = now.per_dof();
   for (int round = 0; round < kMostRounds && !good(now); ++round)
-    if (!explain(now, fitted)) break;
-  if (now.complete()) check_starts(now, fitted);
+    if (!explain(now, false, fitted) || fitted.back().id == "still-joint") break;
+  if (now.complete() && (fitted.empty() || fitted.back().id != "still-joint")) {
+    const size_t before = fitted.size();
+    check_starts(now, fitted);
+    for (int round = 0; round < kMostRounds && fitted.size() == before + round && now.farthest() > kFar; ++round) explain(now, true, fitted);
+  }
 
   const std::string per_dof = std::isfinite(at_first) ? text("chi2/dof is %.3g", at_first) : "the fit cannot start: points lie behind a camera";
   if (good(now) && fitted.empty()) {

@@ -61,27 +61,36 @@ Survey survey(const Rig& rig, const Samples& samples) {
 
 // ------------------------------------------------------------------------------------------------ targets
 void add_squares(const Rig& rig, const ParameterTable& table, const Survey& there, const FreedNames& freed, std::vector<Hypothesis>& out) {
+  std::vector<std::vector<int>> groups;
   for (int t : there.targets) {
     const Target& target = rig.targets[t];
     const int own = target.grid ? table.target_square[t] : table.target_points[t];
-    if (own < 0 || freed.parameter[own] || target.count() < 2) continue;
     const bool seen = std::any_of(there.pairs.begin(), there.pairs.end(), [&](const auto& pair) {
       return pair.second == t && !rig.sensors[pair.first].model->whole_pose();
     });
-    if (!seen) continue;
+    if (own >= 0 && !freed.parameter[own] && target.count() >= 2 && seen) groups.push_back({t});
+  }
+  if (groups.size() > 1) {  // all in the same wrong unit; many placements of one block: only so
+    std::vector<int> all;
+    for (const auto& g : groups) all.push_back(g[0]);
+    if (groups.size() > 3) groups.clear();
+    groups.push_back(all);
+  }
+  for (const std::vector<int>& group : groups)
     for (double factor : {1.0, 0.001, 1000.0, 0.01, 100.0, 0.1, 10.0}) {
       Hypothesis h;
       h.id = "square";
-      h.where = {target.name};
-      h.square = t;
-      h.undo = [t, factor](Rig& r, Samples&) {
-        Target& wrong = r.targets[t];
-        if (!wrong.grid) wrong.layout = wrong.points, wrong.grid = true, wrong.square = 1;
-        wrong.square *= factor;
+      for (int t : group) h.where.push_back(rig.targets[t].name);
+      h.squares = group;
+      h.undo = [group, factor](Rig& r, Samples&) {
+        for (int t : group) {
+          Target& wrong = r.targets[t];
+          if (!wrong.grid) wrong.layout = wrong.points, wrong.grid = true, wrong.square = 1;
+          wrong.square *= factor;
+        }
       };
       out.push_back(h);
     }
-  }
 }
 
 /// Layouts of a regular grid (of single points, or of tags of four) with rows and columns exchanged: the same points numbered row by row of
@@ -110,14 +119,43 @@ std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
   return out;
 }
 
-void add_boards(const Rig& rig, const Samples&, const Survey& there, std::vector<Hypothesis>& out) {
-  for (int t : there.targets) {
-    const Target& target = rig.targets[t];
-    if (!target.grid) continue;
-    std::vector<int> seers;  // by their points
-    for (const auto& pair : there.pairs)
-      if (pair.second == t && !rig.sensors[pair.first].model->whole_pose()) seers.push_back(pair.first);
-    if (seers.empty()) continue;
+void add_boards(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out) {
+  struct Relabeling {
+    const char* id;
+    Matrix2d m;
+    std::string what, cure;
+  };
+  const std::string renumber = "Number the points of these views from the corner where the rig has point 0: row by row, x along the row.";
+  const std::vector<Relabeling> relabelings = {
+      {"numbering", matrix(-1, 0, 0, -1), "from the opposite corner (half a turn)", renumber},
+      {"numbering", matrix(0, -1, 1, 0), "from a neighbouring corner (a quarter turn)", renumber},
+      {"numbering", matrix(0, 1, -1, 0), "from the other neighbouring corner (a quarter turn)", renumber},
+      {"mirrored", matrix(-1, 0, 0, 1), "mirrored: each row backwards", "Reverse the order of the points within each row of these views."},
+      {"mirrored", matrix(1, 0, 0, -1), "mirrored: the last row first", "Reverse the order of the rows of points in these views."}};
+  const auto add = [&](const Relabeling& r, const std::vector<std::string>& where, const std::string& whose,
+                       const std::map<int, std::vector<int>>& places, int sensor) {
+    Hypothesis h;
+    h.id = r.id;
+    h.where = where;
+    h.what = whose + " " + r.what;
+    h.cure = r.cure;
+    h.marked = true;
+    for (const auto& p : places)  // markers tell which point is which
+      if (rig.targets[p.first].type != "charuco" && rig.targets[p.first].type != "apriltag_grid") h.marked = false;
+    h.undo = [places, sensor](Rig& changed, Samples& samples) {
+      for (Sample& sample : samples)
+        for (View& v : sample.views)
+          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) && !changed.sensors[v.sensor].model->whole_pose())
+            relabel(v, changed.targets[v.target], places.at(v.target));
+    };
+    out.push_back(std::move(h));
+  };
+  std::map<int, std::set<int>> seen, seers;  // grids by sensor, and the other way round
+  for (const auto& pair : there.pairs)
+    if (rig.targets[pair.second].grid && !rig.sensors[pair.first].model->whole_pose())
+      seen[pair.first].insert(pair.second), seers[pair.second].insert(pair.first);
+  for (const auto& t : seers) {
+    const Target& target = rig.targets[t.first];
     const auto layouts = exchanged_layouts(target);
     for (size_t i = 0; i < layouts.size(); ++i) {
       Hypothesis h;
@@ -126,45 +164,25 @@ void add_boards(const Rig& rig, const Samples&, const Survey& there, std::vector
       h.what = "rows and columns of target " + quoted(target.name) + " are exchanged: its points are numbered " +
                (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column" : "in rows of another length");
       h.cure = "Exchange targets." + target.name + ".rows and .columns in the rig, or number the points row by row.";
-      h.undo = [t, layout = layouts[i]](Rig& r, Samples&) { r.targets[t].layout = layout; };
+      h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, Samples&) { r.targets[target_index].layout = layout; };
       out.push_back(h);
     }
-    const auto add = [&](const char* id, const Matrix2d& m, const std::string& what, const std::string& cure) {
-      const std::vector<int> places = relabeling(target, m);
-      if (places.empty()) return;
-      for (int s : seers) {  // one sensor at a time, then all
-        if (seers.size() == 1) break;
-        Hypothesis h;
-        h.id = id;
-        h.where = {rig.sensors[s].name, target.name};
-        h.what = "sensor " + quoted(rig.sensors[s].name) + " numbers the points of target " + quoted(target.name) + " " + what;
-        h.cure = cure;
-        h.undo = [s, t, places](Rig& r, Samples& samples) {
-          for (Sample& sample : samples)
-            for (View& v : sample.views)
-              if (v.sensor == s && v.target == t) relabel(v, r.targets[t], places);
-        };
-        out.push_back(h);
-      }
-      Hypothesis h;
-      h.id = id;
-      h.where = {target.name};
-      h.what = "the points of target " + quoted(target.name) + " are numbered " + what;
-      h.cure = cure;
-      h.undo = [t, places](Rig& r, Samples& samples) {
-        for (Sample& sample : samples)
-          for (View& v : sample.views)
-            if (v.target == t && !r.sensors[v.sensor].model->whole_pose()) relabel(v, r.targets[t], places);
-      };
-      out.push_back(h);
-    };
-    const std::string cure = "Number the points of these views from the corner where the rig has point 0: row by row, x along the row.";
-    add("numbering", matrix(-1, 0, 0, -1), "from the opposite corner (half a turn)", cure);
-    add("numbering", matrix(0, -1, 1, 0), "from a neighbouring corner (a quarter turn)", cure);
-    add("numbering", matrix(0, 1, -1, 0), "from the other neighbouring corner (a quarter turn)", cure);
-    add("mirrored", matrix(-1, 0, 0, 1), "mirrored: each row backwards", "Reverse the order of the points within each row of these views.");
-    add("mirrored", matrix(1, 0, 0, -1), "mirrored: the last row first", "Reverse the order of the rows of points in these views.");
+    for (const Relabeling& r : relabelings) {
+      const std::vector<int> places = relabeling(target, r.m);
+      if (!places.empty()) add(r, {target.name}, "the points of target " + quoted(target.name) + " are numbered", {{t.first, places}}, -1);
+    }
   }
+  for (const auto& s : seen)
+    for (const Relabeling& r : relabelings) {
+      std::map<int, std::vector<int>> places;
+      for (int t : s.second)
+        if (std::vector<int> found = relabeling(rig.targets[t], r.m); !found.empty()) places[t] = std::move(found);
+      const bool same = places.size() == 1 && seers[places.begin()->first].size() == 1;  // as all views of that target
+      if (places.empty() || same) continue;
+      std::vector<std::string> where = {rig.sensors[s.first].name};
+      for (const auto& p : places) where.push_back(rig.targets[p.first].name);
+      add(r, where, "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees", places, s.first);
+    }
 }
 
 // ------------------------------------------------------------------------------------------------ sensors
@@ -214,10 +232,10 @@ void add_mirrors(const Rig& rig, const Survey& there, std::vector<Hypothesis>& o
   }
 }
 
-void add_poses(const Rig& rig, const ParameterTable& table, const Survey& there, const FreedNames& freed, std::vector<Hypothesis>& out) {
+void add_poses(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out) {
   for (int s : there.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    if (!sensor.pose_given || freed.whole[table.sensor_pose[s]] || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
+    if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {sensor.name};
@@ -229,7 +247,7 @@ void add_poses(const Rig& rig, const ParameterTable& table, const Survey& there,
   }
   for (int t : there.targets) {
     const Target& target = rig.targets[t];
-    if (target.link < 0 || !target.pose_given || freed.whole[table.target_pose[t]] || log_se3(target.link_T_target).norm() < 1e-6) continue;
+    if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6) continue;
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {target.name};
@@ -245,7 +263,7 @@ void add_sides(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out
     const int s = pair.first, t = pair.second;
     const Sensor& sensor = rig.sensors[s];
     const Target& target = rig.targets[t];
-    if (sensor.model->whole_pose() && sensor.model->sight() == Sight::chain) continue;
+    if (sensor.model->sight() == Sight::chain || sensor.model->scans()) continue;
     if (target.link >= 0) {
       if (target.link == sensor.link) continue;
       for (bool poses : {false, true}) {
@@ -452,16 +470,6 @@ std::vector<int> relabeling(const Target& target, const Matrix2d& m) {
   return out;
 }
 
-Pose relabeling_motion(const Target& target, const Matrix2d& m) {
-  const Vector3d centre = target.square * target.layout.rowwise().mean();
-  Pose out;
-  out.rotation.setZero();
-  out.rotation.topLeftCorner<2, 2>() = m;
-  out.rotation(2, 2) = m.determinant();  // a reflection of the plane is half a turn about a line in it
-  out.translation = centre - out.rotation * centre;
-  return out;
-}
-
 void relabel(View& view, const Target& target, const std::vector<int>& places) {
   if (view.ids.empty())
     for (int i = 0; i < target.count(); ++i) view.ids.push_back(i);
@@ -474,9 +482,9 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, 
   add_joints(rig, samples, there, out);
   add_bearings(rig, samples, there, out);
   add_squares(rig, table, there, freed, out);
-  add_boards(rig, samples, there, out);
+  add_boards(rig, there, out);
   add_mirrors(rig, there, out);
-  add_poses(rig, table, there, freed, out);
+  add_poses(rig, there, out);
   add_sides(rig, there, out);
   add_exchanges(rig, there, out);
   add_lenses(rig, table, there, freed, out);

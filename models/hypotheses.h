@@ -20,9 +20,10 @@ struct Hypothesis {
   std::string what;                // a main clause about the mistake, without its full stop
   std::string cure;                // what to change, a sentence
   std::function<void(Rig&, std::vector<Sample>&)> undo;
-  int square = -1;                 // this target's size is free besides; undo() makes a grid of it
+  std::vector<int> squares;        // the sizes of these targets are free besides; undo() makes grids of them
   std::vector<std::string> free;   // parameters that are free besides
   bool new_poses = false;          // freed poses mean something else now: their values are to be found in closed form
+  bool marked = false;             // about the numbering of a target whose markers tell which point is which
   int excused = -1;                // joint whose readings do not count
 };
 
@@ -38,8 +39,6 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, 
 /// Where the points of a flat target go if it is turned or reflected about its centre by `m` (orthogonal 2 x 2): place i has the index of the
 /// point that point i comes to lie on. Empty if it does not come to lie on itself.
 std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m);
-/// The rigid motion target_T_relabelled that looks the same as that relabelling.
-Pose relabeling_motion(const Target& target, const Eigen::Matrix2d& m);
 
 /// Replaces ids of a view (all points in order if it has none) by `places` of them.
 void relabel(View& view, const Target& target, const std::vector<int>& places);
