@@ -1,8 +1,8 @@
 // `kincal check`: which of the usual mistakes explains the data.
+#include <unistd.h>
 #include <cstdio>
 #include <iostream>
 #include <memory>
-#include <unistd.h>
 
 #include "../io/result_json.h"
 #include "../models/doctor.h"
@@ -58,7 +58,8 @@ Command check_command(CLI::App& app) {
   command->add_flag("--json", a->json, "print {findings, chi2, dof, verdict, tested} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
-      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another corner, mirrored images or points, joints\n"
+      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another corner, mirrored images or points, "
+      "joints\n"
       "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and targets on the wrong side, exchanged\n"
       "cameras, images rectified or not, samples twice, sensors tied to nothing, and samples whose readings do not belong to their views.\n"
       "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 interrupted.");

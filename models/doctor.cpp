@@ -19,16 +19,16 @@ namespace {
 using Samples = std::vector<Sample>;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kGood = 1.5;           // chi2/dof that needs no explanation, of the whole and of each sensor
-constexpr double kNoise = 3;           // chi2/dof that is noise, sigmas being guesses
-constexpr double kClean = 1.3;         // chi2/dof that proves the sigmas,
-constexpr double kEnough = 1.6;        // and the factor of chi2 that decides where it is reached with (all but) the same unknowns,
-constexpr double kDecisive = 4;        // factor of chi2 that decides where noise remains,
-constexpr double kOverwhelming = 12;   // and where more than that remains
-constexpr double kFar = 0.25;           // movement that a start value should not need: m, rad, share of a length
-constexpr double kSampleExcess = 25;   // mean square of a bad sample's rows over the median sample's
-constexpr double kMostBad = 0.4;       // share of samples that may be bad
-constexpr double kWorth = 10;           // by which leaving samples out must be better than what keeps them
+constexpr double kGood = 1.5;         // chi2/dof that needs no explanation, of the whole and of each sensor
+constexpr double kNoise = 3;          // chi2/dof that is noise, sigmas being guesses
+constexpr double kClean = 1.3;        // chi2/dof that proves the sigmas,
+constexpr double kEnough = 1.6;       // and the factor of chi2 that decides where it is reached with (all but) the same unknowns,
+constexpr double kDecisive = 4;       // factor of chi2 that decides where noise remains,
+constexpr double kOverwhelming = 12;  // and where more than that remains
+constexpr double kFar = 0.25;         // movement that a start value should not need: m, rad, share of a length
+constexpr double kSampleExcess = 25;  // mean square of a bad sample's rows over the median sample's
+constexpr double kMostBad = 0.4;      // share of samples that may be bad
+constexpr double kWorth = 10;         // by which leaving samples out must be better than what keeps them
 constexpr int kMostRounds = 4;
 
 struct Cancelled {};
@@ -50,29 +50,30 @@ std::string joined(const std::vector<std::string>& names, size_t most = 12) {
 /// What one minimisation frees, by name, so that it fits rigs whose tables differ.
 struct Stage {
   std::vector<int> sensors;
-  std::vector<std::string> free;                         // components
-  std::vector<std::pair<std::string, double>> priors;    // component, sigma
+  std::vector<std::string> free;                       // components
+  std::vector<std::pair<std::string, double>> priors;  // component, sigma
   Loss loss;
 };
 
 struct FitOptions {
   int iterations = 100;
   double relative_decrease = 1e-9;
-  bool closed_form = false;              // for given poses too that are freed wholly
+  bool closed_form = false;  // for given poses too that are freed wholly
   const Values* start = nullptr;
   std::optional<Loss> loss;
-  double give_up = kInfinity;            // chi2 that after some iterations is not worth more
+  bool refine = true;          // starts of free targets
+  double give_up = kInfinity;  // chi2 that after some iterations is not worth more
 };
 
 struct Fit {
   double chi2 = 0, cost = 0;
   long dof = 0;
-  std::vector<int> undefined;            // samples without a start, or with a point behind a camera there; not in chi2
-  VectorXd given;                        // the rig's values
+  std::vector<int> undefined;  // samples without a start, or with a point behind a camera there; not in chi2
+  VectorXd given;              // the rig's values
   Values values;
-  std::vector<double> sample;            // mean square of a sample's rows, by index; NaN: not part of it
-  std::vector<double> sensor;            // of a sensor's residuals
-  std::map<std::string, double> moved;   // how far freed parameters are from the rig's values: m, rad, share of a length
+  std::vector<double> sample;           // mean square of a sample's rows, by index; NaN: not part of it
+  std::vector<double> sensor;           // of a sensor's residuals
+  std::map<std::string, double> moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
 
   double farthest() const {
     double out = 0;
@@ -131,10 +132,10 @@ class Doctor {
   std::string joint_noise(const Fit& now) const;
 
   const DoctorOptions& options_;
-  Rig rig_;                       // with mistakes undone that were found
+  Rig rig_;  // with mistakes undone that were found
   Samples samples_;
   std::vector<Stage> steps_;
-  Stage all_;                     // what the steps free together
+  Stage all_;  // what the steps free together
 };
 
 void Doctor::plan() {
@@ -228,7 +229,7 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     }
     std::vector<int> there, undefined;
     for (int s : all) try {
-        start_targets(rig, table, samples, {s}, setup.sensors, setup.loss, values);
+        start_targets(rig, table, samples, {s}, setup.sensors, setup.loss, values, o.refine);
         there.push_back(s);
       } catch (const std::runtime_error&) {
         undefined.push_back(s);
@@ -239,7 +240,8 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
       std::set<int> bad;
       Cost cost;
       for (size_t g = 0; g < problem.groups().size(); ++g)
-        if (!problem.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.twice)) bad.insert(problem.sample_of(static_cast<int>(g)));
+        if (!problem.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.twice))
+          bad.insert(problem.sample_of(static_cast<int>(g)));
       return bad;
     };
     {
@@ -332,6 +334,7 @@ Fit Doctor::best_fit(const Rig& rig, const Samples& samples, const Stage& stage,
                      double give_up) const {
   FitOptions o;
   o.give_up = give_up;
+  o.refine = decrease < 1e-3;
   o.iterations = iterations;
   o.relative_decrease = decrease;
   Fit out = fit(rig, samples, {stage}, o);
@@ -374,7 +377,7 @@ Samples Doctor::some_samples() const {
 }
 
 Fit Doctor::as_is() const {
-  Fit out = best_fit(rig_, samples_, all_, 100, 1e-9, false);
+  Fit out = best_fit(rig_, samples_, all_, 60, 1e-7, false);
   if (good(out) || steps_.size() < 2) return out;
   std::vector<Stage> stages = steps_;
   stages.push_back(all_);
@@ -445,24 +448,32 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
   const double limit = kSampleExcess * std::max(1.0, squares[squares.size() / 2]);
   std::set<std::string> bad;
   for (size_t i = 0; i < samples_.size(); ++i)
-    if (robust.sample[i] > limit || std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i))) bad.insert(samples_[i].id);
+    if (robust.sample[i] > limit || std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
+      bad.insert(samples_[i].id);
   if (bad.empty() || bad.size() > kMostBad * samples_.size()) return std::nullopt;
   // A fit without a sample may do without it what it cannot do with it: samples that the others can live with come back.
   std::vector<std::pair<double, int>> order;
   for (size_t i = 0; i < samples_.size(); ++i)
     if (bad.count(samples_[i].id)) order.push_back({std::isfinite(robust.sample[i]) ? robust.sample[i] : kInfinity, static_cast<int>(i)});
   std::sort(order.begin(), order.end());
-  const auto without_bad = [&] {
+  const auto without_bad = [&](double give_up) {
     Samples rest = samples_;
-    rest.erase(std::remove_if(rest.begin(), rest.end(), [&](const Sample& s) { return bad.count(s.id) > 0; }), rest.end());
-    return best_fit(rig_, rest, all_, 60, 1e-4, false);
+    for (Sample& s : rest)
+      if (bad.count(s.id)) s.views.clear();
+    FitOptions o;
+    o.iterations = 40;
+    o.relative_decrease = 1e-3;
+    o.start = &robust.values;
+    o.give_up = give_up;
+    return fit(rig_, rest, {all_}, o);
   };
-  double per_dof = without_bad().per_dof();
+  const Fit rest = without_bad(kInfinity);
+  double per_dof = rest.per_dof();
   int refused = 0;
   for (size_t i = 0; i < order.size() && refused < 3; ++i) {
     const std::string& id = samples_[order[i].second].id;
     bad.erase(id);
-    const double with = without_bad().per_dof();
+    const double with = without_bad(4 * std::max(1.0, per_dof) * static_cast<double>(rest.dof)).per_dof();
     if (with < 2 * std::max(1.0, per_dof)) {
       per_dof = with;
     } else {
@@ -603,7 +614,7 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   double least = kInfinity;
   for (size_t i = 0; i < common; ++i) {
     step(static_cast<int>(i), static_cast<int>(all.size()));
-    const Trial t = test(all[i], some, 20, 1e-2, by_movement ? kInfinity : 20 * least);
+    const Trial t = test(all[i], some, 12, 1e-2, by_movement ? kInfinity : 20 * least);
     if (!std::isfinite(t.cost)) continue;
     least = std::min(least, t.cost);
     if (!by_movement)
@@ -621,7 +632,8 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
     if (!std::isfinite(t.cost)) continue;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
     const size_t sizes = all[o.second].squares.size(), fewest = all[chosen].squares.size();
-    if (!best || (equal ? sizes < fewest || (sizes == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost)) best = std::move(t), chosen = o.second;
+    if (!best || (equal ? sizes < fewest || (sizes == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
+      best = std::move(t), chosen = o.second;
   }
   if (!best) return false;
   const Hypothesis& h = all[chosen];
@@ -649,13 +661,16 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
         if (m.second >= kFar && best->fit.moved.at(m.first) <= 0.2 * m.second) most = std::max(most, f.moved.at(m.first));
       return most;
     };
-    const Fit before = best_fit(rig_, samples_, hold(all_), 60, 1e-4, false), after = best_fit(best->rig, best->samples, hold(best->stage), 60, 1e-4, false);
+    const Fit before = best_fit(rig_, samples_, hold(all_), 60, 1e-4, false),
+              after = best_fit(best->rig, best->samples, hold(best->stage), 60, 1e-4, false);
     if (!after.complete() || (before.complete() && before.cost < kDecisive * after.cost)) return false;
     if (before.complete()) chi2_before = before.chi2;
     chi2_after = after.chi2;
-    evidence = "The estimate hides it by moving " + far + text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ",
-                                                               farthest_of(now), farthest_of(best->fit)) +
-               "With these held at the rig's values " + (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
+    evidence = "The estimate hides it by moving " + far +
+               text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ", farthest_of(now),
+                    farthest_of(best->fit)) +
+               "With these held at the rig's values " +
+               (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
                text(" and %.6g without this mistake. ", after.chi2);
   } else {
     const double in_all = h.id == "bad-samples" ? best->cost / kWorth : best->cost;
@@ -663,10 +678,12 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
     if (!believed(now, in_all, best->fit.per_dof(), same_unknowns)) return false;
     if (now.complete()) chi2_before = now.chi2;
     chi2_after = best->fit.chi2;
-    evidence = now.complete() ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ", now.chi2, now.per_dof(),
-                                     best->fit.chi2, best->fit.per_dof())
-                              : text("As it is the fit cannot even start (points behind a camera); without this mistake chi2 is %.6g (chi2/dof %.3g). ",
-                                     best->fit.chi2, best->fit.per_dof());
+    evidence =
+        now.complete()
+            ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ", now.chi2, now.per_dof(), best->fit.chi2,
+                   best->fit.per_dof())
+            : text("As it is the fit cannot even start (points behind a camera); without this mistake chi2 is %.6g (chi2/dof %.3g). ",
+                   best->fit.chi2, best->fit.per_dof());
   }
   Finding finding;
   finding.id = h.id;
@@ -683,7 +700,8 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
       best->rig.targets[s].square = square;
       what += what.empty() ? "" : "; ";
       if (old.grid)
-        what += "the size of target '" + old.name + "' is wrong: " + text("the rig says %.6g m, the data say %.6g m (times %.5g)", given, square, square / given);
+        what += "the size of target '" + old.name +
+                "' is wrong: " + text("the rig says %.6g m, the data say %.6g m (times %.5g)", given, square, square / given);
       else
         what += "the points of target '" + old.name + "' have the wrong unit or scale: " + text("the data say %.5g times as large", square);
     }
@@ -728,8 +746,9 @@ void Doctor::check_starts(const Fit& now, std::vector<Finding>& out) const {
         if (t.name == name && table.target_pose[&t - rig.targets.data()] == parameter) t.link_T_target = pose, t.pose_given = true;
       Stage stage = all_;
       const std::string prefix = table.all[parameter].name;
-      stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), [&](const std::string& n) { return n.rfind(prefix + ".", 0) == 0; }),
-                       stage.free.end());
+      stage.free.erase(
+          std::remove_if(stage.free.begin(), stage.free.end(), [&](const std::string& n) { return n.rfind(prefix + ".", 0) == 0; }),
+          stage.free.end());
       stage.priors.erase(
           std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return p.first.rfind(prefix + ".", 0) == 0; }),
           stage.priors.end());
@@ -785,9 +804,10 @@ std::string Doctor::joint_noise(const Fit& now) const {
     o.start = &now.values;
     const Fit f = fit(rig, samples_, {all_}, o);
     if (f.per_dof() < kGood)
-      return text("Errors of the joint readings would: with sigma %.3g (rad, m) for every joint chi2/dof is %.3g. So the readings are that noisy "
-                  "(say so in the rig: joints), or the robot has another geometry than the rig can express.",
-                  sigma, f.per_dof());
+      return text(
+          "Errors of the joint readings would: with sigma %.3g (rad, m) for every joint chi2/dof is %.3g. So the readings are that noisy "
+          "(say so in the rig: joints), or the robot has another geometry than the rig can express.",
+          sigma, f.per_dof());
   }
   return "";
 }
@@ -806,7 +826,8 @@ void Doctor::check_still_joints(std::vector<Finding>& out) const {
           r->second = {std::min(r->second.first, q), std::max(r->second.second, q)};
         };
         samples[j].insert(static_cast<int>(i));
-        if (rig_.sensors[v.sensor].scanning_joint != j) add(samples_[i].readings[j]);
+        if (rig_.sensors[v.sensor].scanning_joint != j)
+          add(samples_[i].readings[j]);
         else
           for (size_t k = 0; k + 2 < v.z.size(); k += 3) add(v.z[k]);
       }
@@ -816,7 +837,8 @@ void Doctor::check_still_joints(std::vector<Finding>& out) const {
     std::vector<std::string> names;
     if (table.joint_offset[j] >= 0 && freed.parameter[table.joint_offset[j]]) names.push_back(table.all[table.joint_offset[j]].name);
     if (table.joint_scale[j] >= 0 && freed.parameter[table.joint_scale[j]]) names.push_back(table.all[table.joint_scale[j]].name);
-    if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]]) names.push_back(table.all[table.joint_origin[j]].name);
+    if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
+      names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;
     Finding f;
     f.id = "still-joint";
@@ -910,19 +932,20 @@ void Doctor::check_connections(std::vector<Finding>& out) const {
       anchor = anchor || !open;
     }
     if (anchor) continue;
-    report(names,
-           (names.size() == 1 ? "Sensor " : "") + joined(names) + (names.size() == 1 ? " is" : " are") +
-               " tied to nothing else: no other sensor sees the same target in the same sample, and no mounted target is in view from another "
-               "link, but the rig frees " +
-               joined(parameters) + ".",
-           "Take samples in which it and another sensor see one target, or hold these.");
+    report(
+        names,
+        (names.size() == 1 ? "Sensor " : "") + joined(names) + (names.size() == 1 ? " is" : " are") +
+            " tied to nothing else: no other sensor sees the same target in the same sample, and no mounted target is in view from another "
+            "link, but the rig frees " +
+            joined(parameters) + ".",
+        "Take samples in which it and another sensor see one target, or hold these.");
   }
 }
 
 Diagnosis Doctor::run() {
   Diagnosis out;
-  out.tested = {"square",      "rows-columns",    "numbering", "mirrored",   "joint-sign",   "degrees",    "still-joint",
-                "inverted-pose", "eye-in-hand", "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples"};
+  out.tested = {"square",        "rows-columns", "numbering",       "mirrored",  "joint-sign", "degrees",      "still-joint",
+                "inverted-pose", "eye-in-hand",  "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples"};
   std::vector<Finding> plain = find_duplicates(rig_, samples_), fitted;
   check_still_joints(plain);
   check_connections(plain);
@@ -936,16 +959,19 @@ Diagnosis Doctor::run() {
   if (now.complete() && (fitted.empty() || fitted.back().id != "still-joint")) {
     const size_t before = fitted.size();
     check_starts(now, fitted);
-    for (int round = 0; round < kMostRounds && fitted.size() == before + round && now.farthest() > kFar; ++round) explain(now, true, fitted);
+    for (int round = 0; round < kMostRounds && fitted.size() == before + round && now.farthest() > kFar; ++round)
+      explain(now, true, fitted);
   }
 
-  const std::string per_dof = std::isfinite(at_first) ? text("chi2/dof is %.3g", at_first) : "the fit cannot start: points lie behind a camera";
+  const std::string per_dof =
+      std::isfinite(at_first) ? text("chi2/dof is %.3g", at_first) : "the fit cannot start: points lie behind a camera";
   if (good(now) && fitted.empty()) {
     out.verdict = per_dof + (plain.empty() ? ": nothing to explain." : ": the fit itself needs no explanation.");
   } else if (good(now)) {
     out.verdict = per_dof + ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
-    out.verdict = per_dof + (fitted.empty() ? ": none of these explains it." : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof()));
+    out.verdict = per_dof + (fitted.empty() ? ": none of these explains it."
+                                            : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof()));
     const std::string noise = now.complete() ? joint_noise(now) : "";
     if (!noise.empty()) out.verdict += " " + noise;
   }
@@ -982,7 +1008,8 @@ std::vector<Finding> find_duplicates(const Rig& rig, const Samples& samples) {
       measured = measured || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
       views.push_back(std::move(one));
     }
-    if (!measured && std::any_of(s.views.begin(), s.views.end(), [&](const View& v) { return rig.sensors[v.sensor].model->sight() == Sight::chain; }))
+    if (!measured &&
+        std::any_of(s.views.begin(), s.views.end(), [&](const View& v) { return rig.sensors[v.sensor].model->sight() == Sight::chain; }))
       continue;
     if (s.views.empty()) continue;
     std::sort(views.begin(), views.end());

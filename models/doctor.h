@@ -26,14 +26,14 @@
 namespace kincal {
 
 struct Finding {
-  std::string id, text;             // ids: docs/formats.md
-  std::vector<std::string> where;   // sensors, targets, joints, samples
+  std::string id, text;                              // ids: docs/formats.md
+  std::vector<std::string> where;                    // sensors, targets, joints, samples
   std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
 };
 
 struct Diagnosis {
-  std::vector<Finding> findings;    // what explains most first; those without a fit last
-  std::optional<double> chi2;       // as is; nothing: the fit cannot start
+  std::vector<Finding> findings;  // what explains most first; those without a fit last
+  std::optional<double> chi2;     // as is; nothing: the fit cannot start
   long dof = 0;
   std::string verdict;              // one or more sentences
   std::vector<std::string> tested;  // ids of the mistakes that were looked for

@@ -51,7 +51,8 @@ Survey survey(const Rig& rig, const Samples& samples) {
         range->second = {std::min(range->second.first, reading), std::max(range->second.second, reading)};
       };
       for (int joint : joints[pair]) {
-        if (rig.sensors[v.sensor].scanning_joint != joint) add(joint, s.readings[joint]);
+        if (rig.sensors[v.sensor].scanning_joint != joint)
+          add(joint, s.readings[joint]);
         else
           for (size_t i = 0; i + 2 < v.z.size(); i += 3) add(joint, v.z[i]);
       }
@@ -65,9 +66,8 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& ther
   for (int t : there.targets) {
     const Target& target = rig.targets[t];
     const int own = target.grid ? table.target_square[t] : table.target_points[t];
-    const bool seen = std::any_of(there.pairs.begin(), there.pairs.end(), [&](const auto& pair) {
-      return pair.second == t && !rig.sensors[pair.first].model->whole_pose();
-    });
+    const bool seen = std::any_of(there.pairs.begin(), there.pairs.end(),
+                                  [&](const auto& pair) { return pair.second == t && !rig.sensors[pair.first].model->whole_pose(); });
     if (own >= 0 && !freed.parameter[own] && target.count() >= 2 && seen) groups.push_back({t});
   }
   if (groups.size() > 1) {  // all in the same wrong unit; many placements of one block: only so
@@ -77,7 +77,7 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& ther
     groups.push_back(all);
   }
   for (const std::vector<int>& group : groups)
-    for (double factor : {1.0, 0.001, 1000.0, 0.01, 100.0, 0.1, 10.0}) {
+    for (double factor : {1.0, 0.001, 1000.0, 0.01, 100.0}) {
       Hypothesis h;
       h.id = "square";
       for (int t : group) h.where.push_back(rig.targets[t].name);
@@ -200,8 +200,8 @@ void add_mirrors(const Rig& rig, const Survey& there, std::vector<Hypothesis>& o
         h.id = "mirrored";
         h.where = {sensor.name};
         h.what = "the images of camera " + quoted(sensor.name) + " are mirrored " + (axis == 0 ? "left to right" : "top to bottom");
-        h.cure = std::string("Detect in the image as the camera gave it, or replace ") + (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") +
-                 " in its views.";
+        h.cure = std::string("Detect in the image as the camera gave it, or replace ") +
+                 (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views.";
         h.undo = [s, axis, sum](Rig&, Samples& samples) {
           for (Sample& sample : samples)
             for (View& v : sample.views)
@@ -211,15 +211,15 @@ void add_mirrors(const Rig& rig, const Survey& there, std::vector<Hypothesis>& o
         out.push_back(h);
       }
     } else if (sight == Sight::points) {
-      const auto somewhere = [](const View& v) {
-        return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
-      };
+      const auto somewhere = [](const View& v) { return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }); };
       for (int axis : {0, 1, 2}) {
         Hypothesis h;
         h.id = "mirrored";
         h.where = {sensor.name};
-        h.what = "the points that sensor " + quoted(sensor.name) + " measures are mirrored: its axes are left-handed, or one has the wrong sign";
-        h.cure = std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the sensor's pose accordingly) in its views.";
+        h.what =
+            "the points that sensor " + quoted(sensor.name) + " measures are mirrored: its axes are left-handed, or one has the wrong sign";
+        h.cure =
+            std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the sensor's pose accordingly) in its views.";
         h.undo = [s, axis, somewhere](Rig&, Samples& samples) {
           for (Sample& sample : samples)
             for (View& v : sample.views)
@@ -270,8 +270,9 @@ void add_sides(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out
         Hypothesis h;
         h.id = "eye-in-hand";
         h.where = {sensor.name, target.name};
-        h.what = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) + " are on the wrong sides: the sensor sits on link " +
-                 quoted(rig.tree.links[target.link]) + " and the target on " + quoted(rig.tree.links[sensor.link]);
+        h.what = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
+                 " are on the wrong sides: the sensor sits on link " + quoted(rig.tree.links[target.link]) + " and the target on " +
+                 quoted(rig.tree.links[sensor.link]);
         h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" + (poses ? ", poses too." : ".");
         h.undo = [s, t, poses](Rig& r, Samples&) {
           std::swap(r.sensors[s].link, r.targets[t].link);
@@ -283,7 +284,8 @@ void add_sides(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out
       continue;
     }
     for (const auto& other : there.pairs) {  // a free target in a hand
-      if (other.second != t || rig.sensors[other.first].model->sight() != Sight::chain || rig.sensors[other.first].link == sensor.link) continue;
+      if (other.second != t || rig.sensors[other.first].model->sight() != Sight::chain || rig.sensors[other.first].link == sensor.link)
+        continue;
       const int c = other.first;
       Hypothesis h;
       h.id = "eye-in-hand";
@@ -341,8 +343,8 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& there
       };
     } else {
       h.what = "the images of camera " + quoted(sensor.name) + " are raw, but the rig gives no distortion";
-      h.cure = "Give sensors." + sensor.name + " a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free " + "sensor/" +
-               sensor.name + "/distortion, or detect in rectified images.";
+      h.cure = "Give sensors." + sensor.name + " a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free " +
+               "sensor/" + sensor.name + "/distortion, or detect in rectified images.";
       h.undo = [s, intrinsics, baseline](Rig& r, Samples&) {
         r.sensors[s].model = make_camera(Lens::brown_conrady, 5);
         r.sensors[s].parameters = camera_parameters(Lens::brown_conrady, intrinsics, {0, 0, 0, 0, 0}, baseline);

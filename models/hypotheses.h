@@ -20,21 +20,22 @@ struct Hypothesis {
   std::string what;                // a main clause about the mistake, without its full stop
   std::string cure;                // what to change, a sentence
   std::function<void(Rig&, std::vector<Sample>&)> undo;
-  std::vector<int> squares;        // the sizes of these targets are free besides; undo() makes grids of them
-  std::vector<std::string> free;   // parameters that are free besides
-  bool new_poses = false;          // freed poses mean something else now: their values are to be found in closed form
-  bool marked = false;             // about the numbering of a target whose markers tell which point is which
-  int excused = -1;                // joint whose readings do not count
+  std::vector<int> squares;       // the sizes of these targets are free besides; undo() makes grids of them
+  std::vector<std::string> free;  // parameters that are free besides
+  bool new_poses = false;         // freed poses mean something else now: their values are to be found in closed form
+  bool marked = false;            // about the numbering of a target whose markers tell which point is which
+  int excused = -1;               // joint whose readings do not count
 };
 
 /// What a rig's steps free together.
 struct FreedNames {
-  std::vector<char> parameter;     // by parameter of the table: any component
-  std::vector<char> whole;         // all of a pose
+  std::vector<char> parameter;  // by parameter of the table: any component
+  std::vector<char> whole;      // all of a pose
 };
 
 /// All but those that need the values of a fit (bad samples, numbering of single views). What is freed anyway is no hypothesis.
-std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples, const FreedNames& freed);
+std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples,
+                                   const FreedNames& freed);
 
 /// Where the points of a flat target go if it is turned or reflected about its centre by `m` (orthogonal 2 x 2): place i has the index of the
 /// point that point i comes to lie on. Empty if it does not come to lie on itself.
