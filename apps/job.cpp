@@ -28,7 +28,7 @@ std::string rig_path(const std::string& path) {
 }
 
 InputError with_nearest(const NameError& error, const Calibration& calibration) {
-  return InputError(error.what() + nearest_names(error.name, calibration.table().names()));
+  return InputError(error.what() + nearest_names(error.name, error.valid.empty() ? calibration.table().names() : error.valid));
 }
 
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
@@ -36,7 +36,7 @@ Calibration make_calibration(const RigFile& rig_file, const std::string& samples
   try {
     return Calibration(rig_file.rig, samples);
   } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, ParameterTable(rig_file.rig).names()));
+    throw InputError(error.what() + nearest_names(error.name, error.valid));
   } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
     const std::string what = error.what();
     throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
@@ -80,7 +80,9 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
   try {
-    return job.calibration.run(options);
+    std::optional<CalibrationResult> result = job.calibration.run(options);
+    if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
+    return result;
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
   }

@@ -145,6 +145,34 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
   return out;
 }
 
+std::string loop_table(const std::vector<Loop>& loops) {
+  constexpr size_t kColumns = 8;  // at a time
+  std::vector<std::string> from, to;
+  for (const Loop& loop : loops) {
+    if (loop.train.points == 0) continue;
+    if (std::find(from.begin(), from.end(), loop.from) == from.end()) from.push_back(loop.from);
+    const std::string head = loop.to + " " + shown(loop.unit).name;
+    if (std::find(to.begin(), to.end(), head) == to.end()) to.push_back(head);
+  }
+  std::string out;
+  for (size_t first = 0; first < to.size(); first += kColumns) {
+    std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
+    for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) rows[0].push_back(to[c]);
+    for (const std::string& name : from) {
+      rows.push_back({name});
+      for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) {
+        const auto loop = std::find_if(loops.begin(), loops.end(), [&](const Loop& l) {
+          return l.train.points && l.from == name && l.to + " " + shown(l.unit).name == to[c];
+        });
+        const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop->unit).factor) : "-"; };
+        rows.back().push_back(loop == loops.end() ? "" : rms(loop->train.rms_before) + "→" + rms(loop->train.rms));
+      }
+    }
+    out += align(rows, 1);
+  }
+  return out;
+}
+
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
   std::string out;
   for (const StepPlan& p : plans) {
@@ -171,6 +199,9 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  if (!result.loops.empty())
+    out +=
+        "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result.loops);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
   if (!result.computed_starts.empty()) {
     out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
@@ -197,6 +228,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
+  if (result.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*result.diagnosis);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";

@@ -30,6 +30,8 @@ class Progress {
 
 /// The paper's table: per sensor rms before and after, train and held out. `before`: with that column.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
+/// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
+std::string loop_table(const std::vector<Loop>& loops);
 /// The parameter components that changed most, with sigmas.
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.

@@ -67,6 +67,20 @@ std::string noise_name(NoiseMode noise) {
   }
 }
 
+Json loop_list(const std::vector<Loop>& loops) {
+  const auto statistics_of = [](const LoopStatistics& s) -> Json {
+    return {{"points", s.points}, {"rms_before", number(s.rms_before)}, {"rms", number(s.rms)}};
+  };
+  Json out = Json::array();
+  for (const Loop& loop : loops) {
+    Json one = {{"from", loop.from}, {"to", loop.to}, {"unit", loop.unit}};
+    one.update(statistics_of(loop.train));
+    if (loop.test.points) one["test"] = statistics_of(loop.test);
+    out.push_back(one);
+  }
+  return out;
+}
+
 }  // namespace
 
 Json result_json(const Calibration& calibration, const CalibrationResult& result) {
@@ -111,7 +125,9 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
+  if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
+  if (result.diagnosis) json["findings"] = findings_json(result.diagnosis->findings);
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
   return json;

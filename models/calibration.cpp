@@ -118,8 +118,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   std::vector<Freed> wanted;
   std::vector<char> plain(table_.all.size(), 0);
   const auto want = [&](const std::string& pattern, const std::string& where) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError(where, pattern);
+    const std::vector<Freed> found = table_.find(pattern, where);
     if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(wanted, found);
   };
@@ -135,8 +134,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
 
   std::vector<Freed> with_priors = wanted;  // priors are checked against what the step means to free
   for (const std::string& pattern : fix) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError("--fix", pattern);
+    const std::vector<Freed> found = table_.find(pattern, "--fix");
     for (const Freed& f : found)
       for (Freed& w : wanted)
         if (w.parameter == f.parameter) {
@@ -168,8 +166,7 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   }
 
   for (const PriorSetting& prior : step.priors) {
-    const std::vector<Freed> found = table_.select(prior.pattern);
-    if (found.empty()) throw NameError(prior.where, prior.pattern);
+    const std::vector<Freed> found = table_.find(prior.pattern, prior.where);
     bool covers = false;
     for (const Freed& f : found) {
       if (prior.split && !table_.all[f.parameter].pose)
@@ -584,8 +581,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
   std::vector<Freed> free;
   std::vector<char> plain(table_.all.size(), 0);
   for (const std::string& pattern : patterns) {
-    const std::vector<Freed> found = table_.select(pattern);
-    if (found.empty()) throw NameError("--free", pattern);
+    const std::vector<Freed> found = table_.find(pattern, "--free");
     if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(free, found);
   }

@@ -13,17 +13,11 @@
 #include <vector>
 
 #include "../solver/levenberg_marquardt.h"
+#include "doctor.h"
 #include "estimation.h"
+#include "loops.h"
 
 namespace kincal {
-
-/// A name or glob of parameters that matches nothing; `name` is it, so that callers can add the nearest ones.
-class NameError : public std::invalid_argument {
- public:
-  NameError(const std::string& where, std::string n)
-      : std::invalid_argument(where + ": '" + n + "' matches no parameter"), name(std::move(n)) {}
-  std::string name;
-};
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -110,6 +104,8 @@ struct CalibrationResult {
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
   std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
+  std::optional<Diagnosis> diagnosis;              // by diagnose() of models/doctor.h, where somebody wants it
+  std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
 };
 
 /// Residual table at given parameters.

@@ -117,7 +117,7 @@ class Doctor {
   Fit as_is() const;
   Fit robust_fit() const;
   bool good(const Fit& f) const;
-  bool believed(const Fit& before, double now_cost, double now_per_dof, bool same_unknowns) const;
+  bool believed(const Fit& before, const Fit& now, double now_cost, bool strict) const;
   bool open_poses() const;
   FreedNames freed_names(const ParameterTable& table) const;
   void step(int done, int of) const {
@@ -388,10 +388,16 @@ Fit Doctor::as_is() const {
   return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
 }
 
-bool Doctor::believed(const Fit& before, double now_cost, double now_per_dof, bool same_unknowns) const {
-  if (!before.complete()) return now_per_dof < kOverwhelming;
-  const double factor = now_per_dof < kClean && same_unknowns ? kEnough : now_per_dof < kNoise ? kDecisive : kOverwhelming;
-  return before.cost > factor * now_cost;
+bool Doctor::believed(const Fit& before, const Fit& now, double now_cost, bool strict) const {
+  const double per_dof = now.per_dof();
+  if (!before.complete()) return per_dof < kOverwhelming;
+  if (per_dof < kClean && !strict) {
+    double worst = 0;  // a sensor's share of all may be small
+    for (size_t s = 0; s < before.sensor.size(); ++s)
+      if (before.sensor[s] > kGood) worst = std::max(worst, before.sensor[s] / now.sensor[s]);
+    return before.cost > kEnough * now_cost || (worst > kDecisive && before.cost > now_cost);
+  }
+  return before.cost > (per_dof < kNoise ? kDecisive : kOverwhelming) * now_cost;
 }
 
 // ------------------------------------------------------------------------------------------------ bad samples, turned views
@@ -625,14 +631,32 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   std::sort(order.begin(), order.end());
   if (order.size() > 4) order.resize(4);
   for (size_t i = common; i < all.size(); ++i) order.push_back({0, i});
+  // By what factors the sizes are to be changed; empty if that is not sane: nothing, everything shrunk to a point, each by another factor.
+  const auto size_factors = [&](const Hypothesis& h, const Trial& t) {
+    std::vector<double> factors;
+    const ParameterTable fitted(t.rig);
+    for (int s : h.squares)
+      factors.push_back(t.fit.values.shared(fitted.all[fitted.target_square[s]].start) /
+                        (rig_.targets[s].grid ? rig_.targets[s].square : 1));
+    const double low = *std::min_element(factors.begin(), factors.end()), high = *std::max_element(factors.begin(), factors.end());
+    const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low && std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
+    return sane ? factors : std::vector<double>();
+  };
+  const auto convinces = [&](const Hypothesis& h, const Trial& t) {
+    if (by_movement) return t.cost < 1.3 * now.cost && nearer(now, t.fit) > 0;
+    if (!h.squares.empty() && size_factors(h, t).empty()) return false;
+    const bool strict = h.id == "bad-samples" || h.excused >= 0;
+    return believed(now, t.fit, h.id == "bad-samples" ? t.cost / kWorth : t.cost, strict);
+  };
+  const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
   size_t chosen = 0;
   for (const auto& o : order) {
     Trial t = test(all[o.second], samples_, 100, 1e-9, best && !by_movement ? 20 * best->cost : kInfinity);
-    if (!std::isfinite(t.cost)) continue;
+    if (!std::isfinite(t.cost) || !convinces(all[o.second], t)) continue;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
-    const size_t sizes = all[o.second].squares.size(), fewest = all[chosen].squares.size();
-    if (!best || (equal ? sizes < fewest || (sizes == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
+    const size_t extra = extras(all[o.second]), fewest = extras(all[chosen]);
+    if (!best || (equal ? extra < fewest || (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
       best = std::move(t), chosen = o.second;
   }
   if (!best) return false;
@@ -640,7 +664,6 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   std::string evidence;
   std::optional<double> chi2_before, chi2_after;
   if (by_movement) {
-    if (best->cost > 1.3 * now.cost || nearer(now, best->fit) <= 0) return false;
     // With what moved far held at the rig's values.
     std::string far;
     const auto hold = [&](Stage stage) {
@@ -673,9 +696,6 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
                (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
                text(" and %.6g without this mistake. ", after.chi2);
   } else {
-    const double in_all = h.id == "bad-samples" ? best->cost / kWorth : best->cost;
-    const bool same_unknowns = h.id != "bad-samples" && h.free.empty() && h.excused < 0;
-    if (!believed(now, in_all, best->fit.per_dof(), same_unknowns)) return false;
     if (now.complete()) chi2_before = now.chi2;
     chi2_after = best->fit.chi2;
     evidence =
@@ -690,22 +710,17 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   finding.where = h.where;
   std::string what = h.what, cure = h.cure;
   if (!h.squares.empty()) {
-    const ParameterTable fitted(best->rig);
+    const std::vector<double> factors = size_factors(h, *best);
     what.clear();
-    bool wrong = false;
-    for (int s : h.squares) {
-      const Target& old = rig_.targets[s];
-      const double square = best->fit.values.shared(fitted.all[fitted.target_square[s]].start), given = old.grid ? old.square : 1;
-      wrong = wrong || std::abs(square / given - 1) > 0.005;
-      best->rig.targets[s].square = square;
+    for (size_t i = 0; i < factors.size(); ++i) {
+      const Target& old = rig_.targets[h.squares[i]];
+      best->rig.targets[h.squares[i]].square = (old.grid ? old.square : 1) * factors[i];
       what += what.empty() ? "" : "; ";
-      if (old.grid)
-        what += "the size of target '" + old.name +
-                "' is wrong: " + text("the rig says %.6g m, the data say %.6g m (times %.5g)", given, square, square / given);
-      else
-        what += "the points of target '" + old.name + "' have the wrong unit or scale: " + text("the data say %.5g times as large", square);
+      what += old.grid ? "the size of target '" + old.name + "' is wrong: " +
+                             text("the rig says %.6g m, the data say %.6g m (times %.5g)", old.square, old.square * factors[i], factors[i])
+                       : "the points of target '" + old.name +
+                             "' have the wrong unit or scale: " + text("the data say %.5g times as large", factors[i]);
     }
-    if (!wrong) return false;
     cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
   }
   finding.chi2_as_is = chi2_before;
@@ -954,9 +969,24 @@ Diagnosis Doctor::run() {
   if (now.complete()) out.chi2 = now.chi2;
   out.dof = now.dof;
   const double at_first = now.per_dof();
-  for (int round = 0; round < kMostRounds && !good(now); ++round)
+  // A joint whose log is a constant can look like many things: it goes first, and then nothing else can be told.
+  bool still = false;
+  for (Finding& f : plain) {
+    if (f.id != "still-joint" || good(now)) continue;
+    step(0, 1);
+    Rig rig = rig_;
+    rig.joints[rig.tree.find_joint(f.where[0])].sigma = 1;
+    const Fit without = best_fit(rig, samples_, all_, 100, 1e-6, false);
+    if (!without.complete() || (now.complete() && now.cost < kDecisive * without.cost)) continue;
+    still = true;
+    if (now.complete()) f.chi2_as_is = now.chi2;
+    f.chi2_corrected = without.chi2;
+    f.text += " It did move: " + (now.complete() ? text("chi2 is %.6g as it is", now.chi2) : "the fit cannot even start as it is") +
+              text(" and %.6g with its readings unknown.", without.chi2);
+  }
+  for (int round = 0; round < kMostRounds && !good(now) && !still; ++round)
     if (!explain(now, false, fitted) || fitted.back().id == "still-joint") break;
-  if (now.complete() && (fitted.empty() || fitted.back().id != "still-joint")) {
+  if (now.complete() && !still && (fitted.empty() || fitted.back().id != "still-joint")) {
     const size_t before = fitted.size();
     check_starts(now, fitted);
     for (int round = 0; round < kMostRounds && fitted.size() == before + round && now.farthest() > kFar; ++round)
@@ -970,9 +1000,11 @@ Diagnosis Doctor::run() {
   } else if (good(now)) {
     out.verdict = per_dof + ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
-    out.verdict = per_dof + (fitted.empty() ? ": none of these explains it."
-                                            : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof()));
-    const std::string noise = now.complete() ? joint_noise(now) : "";
+    out.verdict =
+        per_dof + (still            ? ": a joint that moved without its readings explains it."
+                   : fitted.empty() ? ": none of these explains it."
+                                    : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof()));
+    const std::string noise = now.complete() && !still ? joint_noise(now) : "";
     if (!noise.empty()) out.verdict += " " + noise;
   }
   out.verdict[0] = out.verdict[0] == 't' ? 'T' : out.verdict[0];

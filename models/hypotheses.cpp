@@ -321,6 +321,8 @@ void add_exchanges(const Rig& rig, const Survey& there, std::vector<Hypothesis>&
 }
 
 void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& there, const FreedNames& freed, std::vector<Hypothesis>& out) {
+  std::map<std::pair<bool, int>, std::vector<int>> on_link;  // (distorts, link): cameras
+  std::map<bool, std::vector<int>> all;
   for (int s : there.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (sensor.type != "camera" || sensor.parameters.size() < 2) continue;
@@ -328,29 +330,42 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& there
     if (has && freed.parameter[table.sensor_block[s] + 1]) continue;
     const std::vector<double> lens = has ? sensor.parameters[1].values : std::vector<double>();
     const bool distorts = std::any_of(lens.begin(), lens.end(), [](double k) { return k != 0; });
-    const std::vector<double> intrinsics = sensor.parameters.front().values;
-    const double baseline = sensor.parameters.back().values[0];
+    on_link[{distorts, sensor.link}].push_back(s);
+    all[distorts].push_back(s);
+  }
+  std::set<std::pair<bool, std::vector<int>>> groups;  // each alone, those of one link, all
+  for (const auto& g : on_link) groups.insert({g.first.first, g.second});
+  for (const auto& g : all) {
+    groups.insert(g);
+    for (int s : g.second) groups.insert({g.first, {s}});
+  }
+  for (const auto& group : groups) {
     Hypothesis h;
     h.id = "rectified";
-    h.where = {sensor.name};
-    if (distorts) {
-      h.what = "the rig corrects the lens of camera " + quoted(sensor.name) + ", but its images are rectified already";
-      h.cure = "Take model: pinhole without distortion (and the intrinsics of the rectified image) in sensors." + sensor.name +
-               ", or detect in the raw images.";
-      h.undo = [s, intrinsics, baseline](Rig& r, Samples&) {
-        r.sensors[s].model = make_camera(Lens::pinhole, 0);
-        r.sensors[s].parameters = camera_parameters(Lens::pinhole, intrinsics, {}, baseline);
-      };
-    } else {
-      h.what = "the images of camera " + quoted(sensor.name) + " are raw, but the rig gives no distortion";
-      h.cure = "Give sensors." + sensor.name + " a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free " +
-               "sensor/" + sensor.name + "/distortion, or detect in rectified images.";
-      h.undo = [s, intrinsics, baseline](Rig& r, Samples&) {
-        r.sensors[s].model = make_camera(Lens::brown_conrady, 5);
-        r.sensors[s].parameters = camera_parameters(Lens::brown_conrady, intrinsics, {0, 0, 0, 0, 0}, baseline);
-      };
-      h.free = {"sensor/" + sensor.name + "/distortion"};
+    std::string names;
+    for (int s : group.second) {
+      h.where.push_back(rig.sensors[s].name);
+      names += (names.empty() ? "" : ", ") + quoted(rig.sensors[s].name);
+      if (!group.first) h.free.push_back("sensor/" + rig.sensors[s].name + "/distortion");
     }
+    if (group.first) {
+      h.what = "the rig corrects the lens of camera " + names + ", but the images are rectified already";
+      h.cure = "Take model: pinhole without distortion (and the intrinsics of the rectified image), or detect in the raw images.";
+    } else {
+      h.what = "the images of camera " + names + " are raw, but the rig gives no distortion";
+      h.cure =
+          "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free sensor/NAME/distortion, or detect in "
+          "rectified images.";
+    }
+    h.undo = [group](Rig& r, Samples&) {
+      for (int s : group.second) {
+        const std::vector<double> intrinsics = r.sensors[s].parameters.front().values;
+        const double baseline = r.sensors[s].parameters.back().values[0];
+        const std::vector<double> lens(group.first ? 0 : 5, 0.0);
+        r.sensors[s].model = make_camera(group.first ? Lens::pinhole : Lens::brown_conrady, static_cast<int>(lens.size()));
+        r.sensors[s].parameters = camera_parameters(group.first ? Lens::pinhole : Lens::brown_conrady, intrinsics, lens, baseline);
+      }
+    };
     out.push_back(h);
   }
 }

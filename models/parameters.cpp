@@ -4,10 +4,13 @@
 
 #include <algorithm>
 
+#include "geometry.h"
+
 namespace kincal {
 namespace {
 
 const std::vector<std::string> kPoseComponents = {"x", "y", "z", "rx", "ry", "rz"};
+const std::string kGeometry = "geometry/";
 const std::vector<std::string> kPoseUnits = {"m", "m", "m", "rad", "rad", "rad"};
 
 }  // namespace
@@ -21,7 +24,7 @@ void set_pose(VectorXd& values, int start, const Pose& pose) {
   Eigen::Map<Vector3d>(values.data() + start + 9) = pose.translation;
 }
 
-ParameterTable::ParameterTable(const Rig& rig) {
+ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.tree.links.size(), 0) {
   std::vector<double> values;
   const auto add = [&](const std::string& name, std::vector<std::string> components, std::vector<std::string> units,
                        const std::vector<double>& v) {
@@ -69,6 +72,9 @@ ParameterTable::ParameterTable(const Rig& rig) {
     }
     target_points.push_back(points);
   }
+  for (const Sensor& sensor : rig.sensors) has_pose_[sensor.link] = 1;
+  for (const Target& target : rig.targets)
+    if (target.link >= 0) has_pose_[target.link] = 1;
   initial = Eigen::Map<VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
@@ -85,7 +91,50 @@ std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   return out;
 }
 
+std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern, const std::string& where) const {
+  // Names of links may hold dots: the first pair of dots with a link on both sides, else the first one.
+  int links[2] = {-1, -1};
+  size_t dots = std::string::npos;
+  for (size_t at = pattern.find("..", kGeometry.size()); at != std::string::npos; at = pattern.find("..", at + 1)) {
+    const int base = tree_.find_link(pattern.substr(kGeometry.size(), at - kGeometry.size())),
+              tip = tree_.find_link(pattern.substr(at + 2));
+    if (dots == std::string::npos || (base >= 0 && tip >= 0)) dots = at, links[0] = base, links[1] = tip;
+    if (base >= 0 && tip >= 0) break;
+  }
+  if (dots == std::string::npos)
+    throw std::invalid_argument(where + ": '" + pattern + "': geometry/BASE..TIP is expected, two links with two dots between");
+  const std::string names[2] = {pattern.substr(kGeometry.size(), dots - kGeometry.size()), pattern.substr(dots + 2)};
+  for (int end = 0; end < 2; ++end)
+    if (links[end] < 0) throw NameError::link(where, pattern, names[end], tree_.links);
+  std::vector<Freed> out;
+  std::vector<OriginComponents> found;
+  try {
+    found = independent_geometry(tree_, {{links[0], links[1]}}, has_pose_);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(where + ": '" + pattern + "': " + error.what());
+  }
+  for (OriginComponents& o : found) out.push_back({joint_origin[o.joint], std::move(o.components)});
+  if (out.empty())
+    throw std::invalid_argument(where + ": '" + pattern + "' has no number of its own: fewer than two joints move between these links, " +
+                                "and the poses of what stands at its ends hold the rest");
+  return out;
+}
+
+std::vector<Freed> ParameterTable::find(const std::string& pattern, const std::string& where) const {
+  if (pattern.rfind(kGeometry, 0) == 0) return select_geometry(pattern, where);
+  std::vector<Freed> out = select(pattern);
+  if (out.empty()) throw NameError(where, pattern, names());
+  return out;
+}
+
 std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
+  if (pattern.rfind(kGeometry, 0) == 0) {
+    try {
+      return select_geometry(pattern, "");
+    } catch (const std::invalid_argument&) {
+      return {};
+    }
+  }
   std::vector<Freed> out = select_exact(pattern);
   const size_t head = pattern.find_first_of("*?["), tail = pattern.find_last_of("*?[]") + 1;
   if (!out.empty() || head == std::string::npos) return out;

@@ -70,7 +70,7 @@ struct Spread {
 };
 
 /// The rig's values plus N(0, sigma), for poses as increments on the right, component by component in the table's order.
-/// @throws NameError (models/calibration.h); std::invalid_argument where a value comes out improper.
+/// @throws NameError (models/parameters.h); std::invalid_argument where a value comes out improper.
 VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed);
 
 /// What is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.

@@ -23,12 +23,6 @@ Matrix3d nearest_rotation(const Matrix3d& m) {
   return svd.matrixU() * Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
 }
 
-std::vector<int> view_ids(const View& view, const Target& target) {
-  std::vector<int> ids = view.ids;
-  for (int i = 0; view.ids.empty() && i < target.count(); ++i) ids.push_back(i);
-  return ids;
-}
-
 Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
   Matrix3Xd out(3, static_cast<Eigen::Index>(points.size()));
   for (size_t i = 0; i < points.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points[i];
@@ -434,6 +428,50 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
   }
 }
 
+std::vector<int> view_ids(const View& view, const Target& target) {
+  std::vector<int> ids = view.ids;
+  for (int i = 0; view.ids.empty() && i < target.count(); ++i) ids.push_back(i);
+  return ids;
+}
+
+std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
+  const Sight sight = rig.sensors[view.sensor].model->sight();
+  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), view_ids(view, rig.targets[view.target]));
+  if (sight == Sight::chain) return Pose();
+  if (sight != Sight::pose && !((sight == Sight::points || (sight == Sight::rays && points.cols() >= 4)) && !on_a_line(points)))
+    return std::nullopt;
+  // Alone with its sensor at the origin of a one-view problem: the same refinement as for free targets.
+  Rig alone;
+  alone.tree.links = {"base"};
+  finish_tree(alone.tree);
+  alone.targets = {rig.targets[view.target]};
+  alone.targets[0].link = -1;
+  alone.sensors = {rig.sensors[view.sensor]};
+  alone.sensors[0].link = 0;
+  alone.sensors[0].link_T_sensor = Pose();
+  std::vector<Sample> one(1);
+  one[0].views = {view};
+  one[0].views[0].sensor = one[0].views[0].target = 0;
+  const ParameterTable small(alone);
+  Values result;
+  result.shared = small.initial;
+  const auto copy = [&](int to, int from) {
+    if (from < 0) return;
+    const Parameter& p = table.all[from];
+    result.shared.segment(small.all[to].start, p.size()) = values.segment(p.start, p.size());
+  };
+  for (size_t b = 0; b < alone.sensors[0].parameters.size(); ++b)
+    copy(small.sensor_block[0] + static_cast<int>(b), table.sensor_block[view.sensor] + static_cast<int>(b));
+  copy(small.target_square[0], table.target_square[view.target]);
+  copy(small.target_points[0], table.target_points[view.target]);
+  try {
+    start_targets(alone, small, one, {0}, {0}, {LossKind::soft_l1, 3}, result);
+  } catch (const std::runtime_error&) {  // at every pose some point lies behind the camera
+    return std::nullopt;
+  }
+  return result.targets[{0, 0}];
+}
+
 std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all,
                                              const std::vector<int>& samples, const std::vector<int>& unknown, Values& values) {
   std::vector<char> known(table.all.size(), 1);
@@ -452,35 +490,8 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
   std::vector<Seen> seen;
   for (int index : samples)
     for (const View& v : all[index].views) {
-      Seen s{index, &v, false, Pose()};
-      const Sight sight = rig.sensors[v.sensor].model->sight();
-      const Matrix3Xd points = select_columns(target_points(rig, table, values.shared, v.target), view_ids(v, rig.targets[v.target]));
-      const bool enough = sight == Sight::pose || sight == Sight::chain || (sight == Sight::points && !on_a_line(points)) ||
-                          (sight == Sight::rays && points.cols() >= 4 && !on_a_line(points));
-      if (enough) {
-        // Alone with its sensor at the origin of a one-view problem: the same refinement as for free targets.
-        Rig alone;
-        alone.tree.links = {"base"};
-        finish_tree(alone.tree);
-        alone.targets = {rig.targets[v.target]};
-        alone.targets[0].link = -1;
-        alone.sensors = {rig.sensors[v.sensor]};
-        alone.sensors[0].link = 0;
-        alone.sensors[0].link_T_sensor = Pose();
-        std::vector<Sample> one(1);
-        one[0].views = {v};
-        one[0].views[0].sensor = one[0].views[0].target = 0;
-        const ParameterTable small(alone);
-        Values result;
-        result.shared = small.initial;
-        try {
-          start_targets(alone, small, one, {0}, {0}, {LossKind::soft_l1, 3}, result);
-          s.pose = true;
-          s.sensor_T_target = result.targets[{0, 0}];
-        } catch (const std::runtime_error&) {  // no pose from this view; others may have one
-        }
-      }
-      seen.push_back(s);
+      const std::optional<Pose> pose = pose_from_view(rig, table, values.shared, v);
+      seen.push_back({index, &v, pose.has_value(), pose.value_or(Pose())});
     }
 
   while (!open.empty()) {
