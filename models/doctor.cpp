@@ -636,7 +636,7 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
     std::vector<double> factors;
     const ParameterTable fitted(t.rig);
     for (int s : h.squares)
-      factors.push_back(t.fit.values.shared(fitted.all[fitted.target_square[s]].start) /
+      factors.push_back(std::abs(t.fit.values.shared(fitted.all[fitted.target_square[s]].start)) /  // negative: the board half a turn round
                         (rig_.targets[s].grid ? rig_.targets[s].square : 1));
     const double low = *std::min_element(factors.begin(), factors.end()), high = *std::max_element(factors.begin(), factors.end());
     const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low && std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
