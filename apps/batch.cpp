@@ -159,8 +159,13 @@ std::string options_text(const CalibrateSettings& s) {
   if (!s.step.empty()) out += " --step " + s.step;
   for (const std::string& f : s.free) out += " --free " + f;
   for (const std::string& f : s.fix) out += " --fix " + f;
+  if (s.holdout) out += " --holdout " + std::to_string(s.holdout);
+  if (s.cross_validate) out += " --cross-validate " + std::to_string(s.cross_validate);
+  for (const std::string& f : s.report_frames) out += " --report-frame " + f;
+  for (const std::string& r : s.require) out += " --require " + r;
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
+  if (s.estimate_noise) out += " --estimate-noise";
   return out;
 }
 
@@ -241,7 +246,7 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output, const 
 [[noreturn]] void calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
-    Job job = read_job(set.rig, set.samples);
+    Job job = read_job(set.rig, set.samples, settings.holdout);
     const std::optional<CalibrationResult> result = run(job, settings, nullptr);
     ResultFiles files = make_files(job, *result, settings);
     BatchRecord record;
@@ -253,7 +258,7 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output, const 
     record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
     record.set = summarize(*result);
     for (const std::string& warning : job.rig_file.urdf.warnings) record.set.warnings.push_back("urdf: " + warning);
-    record.set.exit_code = exit_code(result->status);
+    record.set.exit_code = exit_code(*result);
     record.set.seconds = seconds_since(start);
     files.batch_json = record_text(record);
     write_results(output.result(set.name).string(), files, true, nullptr, output.scratch.string());
@@ -299,7 +304,7 @@ SetSummary summary_of(const Set& set, const Output& output, int status) {
                   "ended by signal " + std::to_string(WTERMSIG(status)) + " (" + strsignal(WTERMSIG(status)) + ")");
   const int code = WEXITSTATUS(status);
   std::error_code ignored;
-  if (code == kConverged || code == kUnobservable || code == kNotConverged) {
+  if (code == kConverged || code == kUnobservable || code == kNotConverged || code == kToleranceNotMet) {
     std::optional<BatchRecord> record = read_record((output.result(set.name) / "batch.json").string());
     if (record) {
       record->set.name = set.name;
@@ -442,7 +447,7 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
     const fs::path folder = output.result(summary.name);
     std::error_code ignored;
     if (summary.status == "failed" && fs::exists(folder, ignored)) summary.error += " (" + folder.string() + " is the result of before)";
-    if (summary.status != "converged") ++failing, progress.say(failing_text(summary));
+    if (summary.fails()) ++failing, progress.say(failing_text(summary));
     work.summaries[i] = std::move(summary);
     ++finished;
   };
@@ -501,7 +506,7 @@ int batch(const BatchArguments& a) {
   for (const SetSummary& s : work.summaries) {
     if (s.status.empty()) continue;
     if (s.status != "failed") ++before;
-    if (s.status != "converged") ++failing, progress.say(failing_text(s));
+    if (s.fails()) ++failing, progress.say(failing_text(s));
   }
   if (!silent)
     progress.say(count + (before > 0 ? ", " + std::to_string(before) + " done before" : "") +
@@ -528,7 +533,7 @@ int batch(const BatchArguments& a) {
               << ": summary.csv, summary.json and a folder for each set\n";
   std::vector<std::string> names;
   for (const SetSummary& s : work.summaries)
-    if (s.status != "converged") names.push_back(s.name);
+    if (s.fails()) names.push_back(s.name);
   if (names.empty()) return kConverged;
   std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", names.size(), count.c_str(), some(names, 100).c_str());
   return kBadInput;
@@ -558,8 +563,8 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
       "A set whose result is there, of the same inputs, options and version, is not calibrated again; so the same command goes on after "
       "an\n"
       "interruption. A set that fails stops no other; failing sets are named at the end.\n"
-      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see `status` in summary.csv), or bad usage;\n"
-      "130 interrupted, what is finished stays.");
+      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see `status` in summary.csv) or do not\n"
+      "meet a --require, or bad usage; 130 interrupted, what is finished stays.");
   return {command, [a] { return batch(*a); }};
 }
 

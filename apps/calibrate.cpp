@@ -31,8 +31,13 @@ int calibrate(const CalibrateArguments& a) {
     if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
     check_output(a.out, a.force);
   }
-  Job job = read_job(a.rig, a.samples);
+  Job job = read_job(a.rig, a.samples, a.settings.holdout);
   for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  check_validation(job, a.settings);
+  if (a.dry_run && job.rig_file.rig.steps.empty()) {
+    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.calibration.samples()));
+    return kConverged;
+  }
   if (a.dry_run) {
     std::cout << plan_table(plan(job, a.settings), job.calibration.table());
     return kConverged;
@@ -65,7 +70,9 @@ int calibrate(const CalibrateArguments& a) {
     std::cout << files.result_json;
   else if (!a.quiet)
     std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
-  return exit_code(result->status);
+  for (const Judgement& j : result->validation.requirements)
+    if (!j.met) std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
+  return exit_code(*result);
 }
 
 }  // namespace
@@ -78,6 +85,11 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")->required();
   command->add_option("--out", a->out, "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
   add_settings(*command, a->settings);
+  command
+      ->add_option("--restarts", a->settings.restarts,
+                   "run all steps N times more from other starting values and tell whether they end in the same minimum")
+      ->check(CLI::Range(1, 10000))
+      ->type_name("N");
   command->add_flag("--force", a->force, "replace an existing result");
   command->add_flag("--dry-run", a->dry_run, "only print what each step frees, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");
@@ -88,8 +100,9 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
       "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint "
       "readings\n"
       "as exact: what the robot's own software will see.\n"
-      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge (2 and 3:\n"
-      "results are written, `status` in result.json says so); 130 interrupted, nothing written.");
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge; 4 a\n"
+      "--require is not met (2, 3, 4: results are written, result.json says so; where several apply 3 goes before 2 before 4); 130\n"
+      "interrupted, nothing written.");
   return {command, [a] { return calibrate(*a); }};
 }
 

@@ -19,6 +19,8 @@ Command check_command(CLI::App& app);
 Command evaluate_command(CLI::App& app);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
+Command local_command(CLI::App& app, const std::string& command_line);
+Command diff_command(CLI::App& app);
 
 /// False after SIGINT or SIGTERM: to be asked from time to time, and before anything is written.
 bool not_interrupted();

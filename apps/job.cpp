@@ -2,7 +2,12 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
+
+#include "../models/estimate_noise.h"
+#include "../io/comparison.h"
+#include "require.h"
 
 namespace kincal {
 
@@ -11,10 +16,10 @@ const std::map<std::string, NoiseMode> kNoiseModes = {
 const std::map<std::string, LinearSolver> kLinearSolvers = {
     {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
 
-ExitCode exit_code(Status status) {
-  switch (status) {
+ExitCode exit_code(const CalibrationResult& result) {
+  switch (result.status) {
     case Status::converged:
-      return kConverged;
+      return result.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;
     default:
@@ -43,13 +48,25 @@ Calibration make_calibration(const RigFile& rig_file, const std::string& samples
   }
 }
 
-Job read_job(const std::string& rig, const std::string& samples) {
+Job read_job(const std::string& rig, const std::string& samples, int holdout) {
   RigFile rig_file = read_rig(rig_path(rig));
-  if (rig_file.rig.steps.empty()) throw InputError(rig + ": estimate: there are no steps: nothing is to be calibrated");
   Calibration calibration = make_calibration(rig_file, samples);
   if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
     throw InputError(samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
-  return {std::move(rig_file), samples, std::move(calibration)};
+  std::vector<std::string> held_out;
+  if (holdout > 0) {
+    std::vector<Sample> split = calibration.samples();
+    try {
+      const Folds folds = deal_folds(rig_file.rig, split, holdout);
+      held_out = folds.held_out(0);
+      for (size_t i = 0; i < split.size(); ++i)
+        if (folds.of[i] == 0) split[i].train = false;
+      calibration = Calibration(rig_file.rig, std::move(split));
+    } catch (const std::invalid_argument& error) {
+      throw InputError("--holdout: " + std::string(error.what()));
+    }
+  }
+  return {std::move(rig_file), samples, std::move(calibration), std::move(held_out)};
 }
 
 namespace {
@@ -65,7 +82,36 @@ CalibrationOptions options_of(const CalibrateSettings& settings) {
   return options;
 }
 
+std::vector<Requirement> read_requirements(const Job& job, const CalibrateSettings& settings) {
+  std::vector<Requirement> out;
+  for (const std::string& text : settings.require)
+    for (const Requirement& r : parse_requirement(text, job.calibration)) out.push_back(r);
+  return out;
+}
+
+/// Those to report, and those that something is required of.
+std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings, const std::vector<Requirement>& requirements) {
+  std::vector<Frame> out;
+  const auto add = [&](const std::string& name) {
+    if (std::none_of(out.begin(), out.end(), [&](const Frame& f) { return f.name == name; }))
+      out.push_back(frame_named(job.rig_file.rig, job.calibration.table(), name, "--report-frame"));
+  };
+  for (const std::string& name : settings.report_frames) add(name);
+  for (const Requirement& r : requirements)
+    if (r.quantity == Requirement::Quantity::frame) add(r.name);
+  return out;
+}
+
 }  // namespace
+
+void check_validation(const Job& job, const CalibrateSettings& settings) {
+  read_frames(job, settings, read_requirements(job, settings));
+  try {
+    if (settings.cross_validate > 0) deal_folds(job.rig_file.rig, job.calibration.samples(), settings.cross_validate);
+  } catch (const std::invalid_argument& error) {
+    throw InputError("--cross-validate: " + std::string(error.what()));
+  }
+}
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
   try {
@@ -77,11 +123,47 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
 
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress) {
+  std::vector<StagingTrial> tried;
+  if (job.rig_file.rig.steps.empty()) {
+    StagingOptions staging_options;
+    staging_options.noise = kNoiseModes.at(settings.noise);
+    staging_options.threads = settings.threads;
+    if (progress)
+      staging_options.progress = [&](const std::string& what) { return progress("staging: " + what, 0, std::nan(""), std::nan("")); };
+    const std::optional<Staging> staging = stage(job.rig_file.rig, job.calibration.samples(), staging_options);
+    if (!staging) return std::nullopt;
+    set_steps(job.rig_file, staging->steps);
+    job.calibration = Calibration(job.rig_file.rig, job.calibration.samples());
+    tried = staging->trials;
+  }
   CalibrationOptions options = options_of(settings);
   options.progress = progress;
+  check_validation(job, settings);
+  const std::vector<Requirement> requirements = read_requirements(job, settings);
+  const std::vector<Frame> frames = read_frames(job, settings, requirements);
   try {
-    std::optional<CalibrationResult> result = job.calibration.run(options);
-    if (result && !settings.no_report) result->loops = loops(job.calibration, *result);
+    std::optional<CalibrationResult> result;
+    if (settings.estimate_noise) {
+      std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
+      if (!estimate) return std::nullopt;
+      job.calibration = std::move(estimate->calibration);
+      result = std::move(estimate->result);
+    } else {
+      result = job.calibration.run(options);
+    }
+    if (!result) return std::nullopt;
+    result->staging = std::move(tried);
+    if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
+    if (!settings.no_report) result->loops = loops(job.calibration, *result);
+    Validation& validation = result->validation;
+    validation.held_out = job.held_out;
+    validation.test = held_out_errors(job.calibration, *result);
+    if (settings.cross_validate > 0) {
+      validation.cross_validation = cross_validate(job.calibration, options, settings.cross_validate);
+      if (!validation.cross_validation) return std::nullopt;
+    }
+    for (const Frame& frame : frames) validation.frames.push_back(report_frame(job.calibration, *result, frame));
+    for (const Requirement& r : requirements) validation.requirements.push_back(judge(r, *result));
     return result;
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
@@ -118,7 +200,30 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
-  command.add_flag("--no-report", s.no_report, "leave out residuals.csv");
+  command.add_flag("--estimate-noise", s.estimate_noise,
+                   "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
+  command
+      .add_option("--holdout", s.holdout,
+                  "hold out one K-th of the training samples, besides those with split: test; whole targets where a sensor's samples are\n"
+                  "spread over several mounted ones")
+      ->check(CLI::Range(2, 1000))
+      ->type_name("K");
+  command.add_option("--cross-validate", s.cross_validate, "K more calibrations, each judged on the K-th of the training that it lacks")
+      ->check(CLI::Range(2, 1000))
+      ->type_name("K");
+  command
+      .add_option("--report-frame", s.report_frames,
+                  "predicted sigma over the workspace of a link, sensor/NAME or target/NAME relative to the base; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("FRAME");
+  command
+      .add_option(
+          "--require", s.require,
+          "tolerance, exit code 4 if it is not met: 'sensor/NAME<0.2mm' (rms as read, held out where there is any), 'frame/LINK<1mm'\n"
+          "(predicted sigma), 'chi2/dof<1.5'; units px, m, mm, um, rad, mrad, deg; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("QUANTITY<LIMIT");
+  command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
   command.add_flag(
       "--write-reduction", s.write_reduction,
       "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");

@@ -17,8 +17,9 @@ class App;
 
 namespace kincal {
 
-enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kInterrupted = 130 };
-ExitCode exit_code(Status status);
+enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kToleranceNotMet = 4, kInterrupted = 130 };
+/// The status's; kToleranceNotMet where that is good but a --require is not met.
+ExitCode exit_code(const CalibrationResult& result);
 
 extern const std::map<std::string, NoiseMode> kNoiseModes;
 extern const std::map<std::string, LinearSolver> kLinearSolvers;
@@ -28,7 +29,10 @@ struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
   std::vector<std::string> free, fix;
   int threads = 1;
-  bool no_report = false, write_reduction = false;
+  int restarts = 0;  // calibrate only
+  int holdout = 0, cross_validate = 0;  // folds; 0: not asked for
+  std::vector<std::string> report_frames, require;
+  bool no_report = false, write_reduction = false, estimate_noise = false;
   std::string command;  // the command line, for the record
 };
 
@@ -37,6 +41,7 @@ struct Job {
   RigFile rig_file;
   std::string samples_path;
   Calibration calibration;
+  std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
 };
 
 /// A folder with a rig.yaml (a result) stands for that file.
@@ -44,14 +49,20 @@ std::string rig_path(const std::string& path);
 
 /// @throws InputError
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path);
-Job read_job(const std::string& rig, const std::string& samples);
+/// `holdout`: so many folds, of which one is held out from the fit besides the samples that are so already; 0: none.
+Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
 
 /// An unknown parameter name in terms that help: with the nearest ones.
 InputError with_nearest(const NameError& error, const Calibration& calibration);
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
-/// nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+/// Checks --report-frame and --require against the rig. @throws InputError
+void check_validation(const Job& job, const CalibrateSettings& settings);
+
+/// Calibrates, then validates as asked for. A rig without steps is staged first (models/staging.h) and has the steps found from then on;
+/// with estimate_noise the job's calibration becomes the one with the estimated sigmas. nullopt: `progress` (see CalibrationOptions)
+/// cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

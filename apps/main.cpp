@@ -1,5 +1,6 @@
 // The program: subcommands, help, and what is common to their errors and exit codes. Everything else is in the libraries.
 
+#include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <iostream>
@@ -12,6 +13,20 @@
 namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
+
+/// The first argument that looks like an option and is none, with the nearest ones that there are; else "".
+std::string unknown_option(const CLI::App& command) {
+  std::vector<std::string> known;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+  for (const std::string& word : command.remaining()) {
+    if (word.size() < 2 || word[0] != '-' || std::isdigit(static_cast<unsigned char>(word[1])) || word == "--") continue;
+    const std::string name = word.substr(0, word.find('='));
+    return (command.get_parent() ? command.get_name() + ": " : std::string()) + "there is no option '" + name + "'" +
+           kincal::nearest_names(name[1] == '-' ? name : "-" + name, known);
+  }
+  return "";
+}
 
 }  // namespace
 
@@ -44,14 +59,18 @@ int main(int argc, char** argv) {
       "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
+      "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets around one posture\n"
+      "  kincal diff result other_result                            two calibrations compared\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 130 interrupted, nothing written. With 2 and 3 results are written and marked. batch: 0 all\n"
+      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 130 interrupted, nothing written. With 2, 3 and 4\n"
+      "results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
 
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
-      calibrate_command(app, line), batch_command(app, line), evaluate_command(app), check_command(app), simulate_command(app), apply_command(app),
+      calibrate_command(app, line), batch_command(app, line), evaluate_command(app), check_command(app),
+      simulate_command(app),        apply_command(app),       diff_command(app),     local_command(app, line),
   };
   std::vector<std::string> names;
   std::string known;
@@ -76,7 +95,8 @@ int main(int argc, char** argv) {
       std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n", what.c_str(), known.c_str());
       return kBadInput;
     }
-    std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", error.what(),
+    const std::string unknown = unknown_option(app.get_subcommands().empty() ? app : *app.get_subcommands()[0]);
+    std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", unknown.empty() ? error.what() : unknown.c_str(),
                  app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "kincal: error: %s\n", error.what());

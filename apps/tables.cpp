@@ -145,32 +145,53 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
   return out;
 }
 
-std::string loop_table(const std::vector<Loop>& loops) {
-  constexpr size_t kColumns = 8;  // at a time
-  std::vector<std::string> from, to;
-  for (const Loop& loop : loops) {
-    if (loop.train.points == 0) continue;
-    if (std::find(from.begin(), from.end(), loop.from) == from.end()) from.push_back(loop.from);
-    const std::string head = loop.to + " " + shown(loop.unit).name;
-    if (std::find(to.begin(), to.end(), head) == to.end()) to.push_back(head);
+std::string loop_table(const CalibrationResult& result) {
+  constexpr size_t kColumns = 6;  // at a time
+  const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
+    for (const Loop& loop : result.loops) {
+      if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
+      const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop.unit).factor) : "-"; };
+      return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
+    }
+    return "";
+  };
+  std::vector<const SensorResult*> seen, looking;  // columns, rows
+  for (const SensorResult& s : result.sensors) {
+    const auto trained = [](const Loop& loop) { return loop.train.points > 0; };
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
+      seen.push_back(&s);
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
+      looking.push_back(&s);
   }
   std::string out;
-  for (size_t first = 0; first < to.size(); first += kColumns) {
+  for (size_t first = 0; first < seen.size(); first += kColumns) {
+    const size_t last = std::min(seen.size(), first + kColumns);
     std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
-    for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) rows[0].push_back(to[c]);
-    for (const std::string& name : from) {
-      rows.push_back({name});
-      for (size_t c = first; c < std::min(to.size(), first + kColumns); ++c) {
-        const auto loop = std::find_if(loops.begin(), loops.end(), [&](const Loop& l) {
-          return l.train.points && l.from == name && l.to + " " + shown(l.unit).name == to[c];
-        });
-        const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop->unit).factor) : "-"; };
-        rows.back().push_back(loop == loops.end() ? "" : rms(loop->train.rms_before) + "→" + rms(loop->train.rms));
-      }
+    for (size_t c = first; c < last; ++c) rows[0].push_back(seen[c]->name + " " + shown(seen[c]->unit).name);
+    for (const SensorResult* from : looking) {
+      rows.push_back({from->name});
+      for (size_t c = first; c < last; ++c) rows.back().push_back(from == seen[c] ? "" : cell(from->name, seen[c]->name));
     }
     out += align(rows, 1);
   }
   return out;
+}
+
+std::string restart_table(const Restarts& restarts) {
+  const int own = restarts.minima[0].count, failed = restarts.failed;
+  std::string out = format("  %d of %d end in this minimum", own, restarts.count);
+  if (failed) out += format(", %d failed", failed);
+  out += "\n";
+  if (restarts.minima.size() == 1) return out;
+  std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
+  for (size_t i = 0; i < restarts.minima.size(); ++i) {
+    const Minimum& m = restarts.minima[i];
+    std::string names = i == 0 ? "this result" : "";
+    for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
+      names += (k ? ", " : "") + m.differs[k].first + format(" %+.3g", m.differs[k].second);
+    rows.push_back({std::to_string(m.count), format("%.8g", m.cost), names});
+  }
+  return out + align(rows, 3);
 }
 
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table) {
@@ -197,11 +218,180 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   return out;
 }
 
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
+  std::string out =
+      "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+      "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  for (const auto& group : groups) {
+    out += "  " + group.first + "\n";
+    for (const std::string& name : group.second) out += "    " + name + "\n";
+  }
+  return out;
+}
+
+std::string staging_table(const std::vector<StagingTrial>& trials) {
+  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
+  for (const StagingTrial& t : trials)
+    rows.push_back({t.group,
+                    std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined"
+                                                               : t.kept             ? "kept"
+                                                                                    : "not kept"),
+                    value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
+  return align(rows, 2);
+}
+namespace {
+
+/// Sigmas that the data contradict, or what was estimated.
+std::string noise_text(const CalibrationResult& result) {
+  std::string out;
+  for (const NoiseLevel& l : result.noise_levels) {
+    if (result.noise_rounds > 0 ? l.used == l.assumed : !l.differs()) continue;
+    const Unit unit = shown(l.unit);
+    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
+    out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
+    if (result.noise_rounds > 0) out += ", now " + value(l.used, unit.factor) + unit_name;
+    if (std::isfinite(l.seen)) {
+      if (result.noise_rounds == 0) out += ", seen " + value(l.seen, unit.factor) + unit_name;
+      out += format(" (± %.2g %%)", 100 * l.uncertainty);
+    } else {
+      out += " (with the others as they are now it cannot be told)";
+    }
+    out += "\n";
+  }
+  if (out.empty()) return out;
+  return (result.noise_rounds > 0 ? "\nNoise, estimated from the data\n"
+                                  : "\nNoise: sigmas of the rig that the data contradict (--estimate-noise takes what is seen)\n") +
+         out;
+}
+
+}  // namespace
+
+std::string validation_table(const CalibrationResult& result) {
+  const Validation& v = result.validation;
+  std::string out;
+  const auto errors = [&](const std::vector<HeldOutError>& sensors) {
+    std::vector<std::vector<std::string>> rows = {
+        {"sensor", "unit", "points", "over", "rms", "95 %", "as read", "95 %", "training as read"}};
+    const auto interval = [](const Interval& i, double factor) {
+      return std::isfinite(i.low) ? value(i.low, factor) + " to " + value(i.high, factor) : "-";
+    };
+    for (const HeldOutError& e : sensors)
+      for (bool rotation : {false, true}) {
+        if (rotation && !e.whole_pose) continue;
+        const Unit unit = shown(rotation ? "rad" : e.unit);
+        double train = std::nan("");
+        for (const SensorResult& s : result.sensors)
+          if (s.name == e.sensor) train = rotation ? s.train.rotation_as_read : s.train.rms_as_read;
+        std::string over = std::to_string(e.blocks) + (e.by_target ? " targets" : " samples");
+        if (e.missing > 0) over += ", " + std::to_string(e.missing) + " views missing";
+        rows.push_back({rotation ? "" : e.sensor, unit.name, rotation ? "" : std::to_string(e.points), rotation ? "" : over,
+                        value(rotation ? e.rotation : e.rms, unit.factor), interval(rotation ? e.of_rotation : e.of_rms, unit.factor),
+                        value(rotation ? e.rotation_as_read : e.rms_as_read, unit.factor),
+                        interval(rotation ? e.of_rotation_as_read : e.of_rms_as_read, unit.factor), value(train, unit.factor)});
+      }
+    return align(rows, 2);
+  };
+  if (!v.test.empty()) out += "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
+  if (v.cross_validation) {
+    const CrossValidation& c = *v.cross_validation;
+    out += format("\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks it)\n", c.folds.size(),
+                  c.by_target ? ", whole targets held out" : "") +
+           errors(c.sensors);
+    for (size_t f = 0; f < c.folds.size(); ++f) {
+      const CrossValidation::Fold& fold = c.folds[f];
+      const char* wrong = !fold.error.empty() ? "no calibration: "
+                          : !fold.converged   ? "not converged"
+                          : !fold.determined  ? "something freed is not determined without it"
+                                              : nullptr;
+      if (wrong) out += format("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
+    }
+    std::string never;
+    for (const std::string& n : c.never) never += (never.empty() ? "" : ", ") + n;
+    if (!never.empty()) out += "  never held out (the only data of a sensor or target): " + never + "\n";
+  }
+  if (!v.frames.empty()) {
+    out += "\nFrames relative to " + v.frames[0].base +
+           " (predicted sigma over postures; last column: with the noise of one reading of each joint)\n";
+    std::vector<std::vector<std::string>> rows = {{"frame", "postures", "unit", "rms", "median", "worst", "rms with readings"}};
+    for (const FrameReport& f : v.frames)
+      for (const FrameSigma& s : f.workspaces)
+        for (bool rotation : {false, true}) {
+          const SigmaStatistics &alone = rotation ? s.rotation : s.position,
+                                &read = rotation ? s.rotation_with_readings : s.position_with_readings;
+          const bool first = &s == &f.workspaces[0] && !rotation;
+          rows.push_back(
+              {first ? f.frame : "",
+               rotation ? "" : std::to_string(s.postures) + (s.workspace == "samples" ? " of the samples" : " in the joints' limits"),
+               rotation ? "mrad" : "mm", std::isfinite(alone.rms) ? value(alone.rms, 1e3) : "not determined", value(alone.median, 1e3),
+               value(alone.worst, 1e3), value(read.rms, 1e3)});
+        }
+    out += align(rows, 2);
+    for (const FrameReport& f : v.frames) {
+      std::string held;
+      for (const std::string& n : f.held) held += (held.empty() ? "" : ", ") + n;
+      if (!held.empty()) out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
+    }
+  }
+  if (!v.requirements.empty()) out += "\nTolerances\n";
+  for (const Judgement& j : v.requirements) out += std::string(j.met ? "  met: " : "  NOT MET: ") + judgement_text(j) + "\n";
+  return out;
+}
+
+std::string comparison_table(const Comparison& comparison, size_t most) {
+  struct Line {
+    double weight;
+    std::vector<std::string> cells;
+  };
+  std::vector<Line> lines;
+  for (const ParameterDifference& d : comparison.parameters)
+    for (size_t c = 0; c < d.difference.size(); ++c) {
+      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c]))) continue;  // rounding of what was written
+      const Unit unit = shown(d.units[c]);
+      const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
+      // Without a sigma by size, behind the others: a thousandth of a metre, a radian or a ratio and a tenth of a pixel weigh alike.
+      const double weight = std::isfinite(sigmas) ? sigmas + 1e9 : std::abs(d.difference[c]) * (d.units[c] == "px" ? 10 : 1e3);
+      lines.push_back(
+          {weight,
+           {d.components[c].empty() ? d.name : d.name + "." + d.components[c], unit.name, format("%.7g", d.a[c] * unit.factor + 0.0),
+            format("%.7g", d.b[c] * unit.factor + 0.0), format("%+.4g", d.difference[c] * unit.factor),
+            std::isfinite(d.sigma[c]) ? "± " + format("%.2g", d.sigma[c] * unit.factor) : "-",
+            std::isfinite(sigmas) ? format("%.2f", sigmas) : "-"}});
+    }
+  std::stable_sort(lines.begin(), lines.end(), [](const Line& a, const Line& b) { return a.weight > b.weight; });
+  std::vector<std::vector<std::string>> rows = {{"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
+  for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
+  std::string out = "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame itself)\n";
+  out += lines.empty() ? "  none\n" : align(rows, 2);
+  if (lines.size() > most) out += format("  ... and %zu more with --json\n", lines.size() - most);
+  if (!comparison.frames.empty()) {
+    out += "\nFrames relative to " + comparison.base + " over postures" +
+           (comparison.workspace == "limits" ? ", random within the joints' limits\n" : " of the samples\n");
+    rows = {{"frame", "unit", "postures", "rms", "worst", "sigma", "in sigmas"}};
+    for (const FrameDifference& f : comparison.frames)
+      for (bool rotation : {false, true}) {
+        const double rms = rotation ? f.rotation_rms : f.position_rms, worst = rotation ? f.rotation_worst : f.position_worst;
+        const double sigma = rotation ? f.rotation_sigma : f.position_sigma;
+        rows.push_back({rotation ? "" : f.frame, rotation ? "mrad" : "mm", rotation ? "" : std::to_string(f.postures), value(rms, 1e3),
+                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : "-", value(rms / sigma)});
+      }
+    out += align(rows, 2);
+  }
+  const std::pair<const char*, const std::vector<std::string>*> only[] = {{"A", &comparison.only_in_a}, {"B", &comparison.only_in_b}};
+  for (const auto& side : only)
+    for (const std::string& name : *side.second) out += std::string("  only in ") + side.first + ": " + name + "\n";
+  for (const std::string& note : comparison.notes) out += "  note: " + note + "\n";
+  return out;
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
-  std::string out = "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  std::string out;
+  if (!result.staging.empty())
+    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
+  out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  out += validation_table(result);
+  if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
   if (!result.loops.empty())
-    out +=
-        "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result.loops);
+    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
   out += "\nParameters that changed most\n" + parameter_table(result, 12);
   if (!result.computed_starts.empty()) {
     out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
@@ -220,6 +410,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";
+  out += noise_text(result);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
@@ -279,7 +470,7 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   }
   std::vector<std::vector<std::string>> failing;
   for (const SetSummary& s : sets)
-    if (s.status != "converged") failing.push_back({s.name, s.status, s.error});
+    if (s.fails()) failing.push_back({s.name, s.status, s.error});
   if (!failing.empty()) out += "\nNot converged, or not to be relied on\n" + align(failing, 3);
   return out;
 }
@@ -293,6 +484,48 @@ std::string diagnosis_text(const Diagnosis& d) {
     out += "\n";
   }
   return out + d.verdict + "\n";
+}
+
+std::string local_report(const Rig& rig, const LocalCalibration& local) {
+  std::string out = format("%d samples near, the nearest at %.3g, %d within %.4g (largest difference of a joint, rad or m)\n", local.near,
+                           local.distances.front(), local.samples, local.radius);
+  if (local.gain) {
+    out += "\nOffsets around this posture, to be added to the joints' positions\n";
+    std::vector<std::vector<std::string>> rows = {{"joint", "offset", "sigma", "unit", ""}};
+    for (const LocalOffset& o : local.offsets) {
+      const Joint& joint = rig.tree.joints[o.joint];
+      const Unit unit = shown(joint.type == JointType::prismatic ? "m" : "rad");
+      rows.push_back({joint.name, format("%+.4g", o.offset * unit.factor), "± " + format("%.2g", o.sigma * unit.factor), unit.name,
+                      o.determined ? "" : "not determined near here"});
+    }
+    out += align(rows, 1);
+    out += format("\nValid while no joint is further than %.4g from the posture", local.radius);
+    out += local.ends ? "\n" : ": the furthest sample looked at. Where the gain ends is not known; if it never does, calibrate again\n";
+  } else {
+    out += "\nNo gain: the global calibration is as good here. Offsets are 0\n";
+  }
+  out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted without itself)\n"
+                    : "\nErrors nearby with offsets that were tried (rms, readings as they are; each sample predicted without itself)\n";
+  const bool test = std::any_of(local.sensors.begin(), local.sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
+  std::vector<std::vector<std::string>> rows = {{"sensor", "unit", "points", "before", "after"}};
+  if (test) rows[0].insert(rows[0].end(), {"held out: points", "before", "after"});
+  for (const SensorResult& s : local.sensors)
+    for (bool rotation : {false, true}) {
+      if (rotation && !s.whole_pose) continue;
+      const Unit unit = shown(rotation ? "rad" : s.unit);
+      std::vector<std::string> row = {rotation ? "" : s.name, unit.name};
+      for (const SplitStatistics* split : {&s.train, &s.test}) {
+        if (split == &s.test && !test) continue;
+        row.push_back(rotation ? "" : std::to_string(split->points));
+        row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
+        row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
+      }
+      rows.push_back(row);
+    }
+  out += align(rows, 2);
+  out += format("chi2 in the directions of the offsets %.4g -> %.4g: gain %.3g ± %.2g; noise %.3g times as stated\n", local.chi2_before,
+                local.chi2, local.chi2_before - local.chi2, local.gain_sigma, local.noise);
+  return out;
 }
 
 }  // namespace kincal

@@ -2,12 +2,15 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "../io/comparison.h"
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
 #include "../models/doctor.h"
+#include "../models/local.h"
 
 namespace kincal {
 
@@ -31,16 +34,28 @@ class Progress {
 /// The paper's table: per sensor rms before and after, train and held out. `before`: with that column.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
 /// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
-std::string loop_table(const std::vector<Loop>& loops);
+std::string loop_table(const CalibrationResult& result);
+/// Minima that restarts found.
+std::string restart_table(const Restarts& restarts);
 /// The parameter components that changed most, with sigmas.
 std::string parameter_table(const CalibrationResult& result, size_t most);
 /// What each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
+/// What automatic staging will try, and what it has tried.
+std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
+std::string staging_table(const std::vector<StagingTrial>& trials);
+/// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
+std::string validation_table(const CalibrationResult& result);
+/// Two calibrations compared: the parameters that differ most in sigmas, and frames.
+std::string comparison_table(const Comparison& comparison, size_t most);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// What the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored);
+
+/// Local offsets, their radius, and the errors with and without them.
+std::string local_report(const Rig& rig, const LocalCalibration& local);
 
 }  // namespace kincal

@@ -54,6 +54,90 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   return out;
 }
 
+Json noise_table(const std::vector<NoiseLevel>& levels) {
+  Json out = Json::array();
+  for (const NoiseLevel& l : levels)
+    out.push_back({{"of", l.of},
+                   {"part", l.part},
+                   {"unit", l.unit},
+                   {"assumed", number(l.assumed)},
+                   {"used", number(l.used)},
+                   {"seen", number(l.seen)},
+                   {"uncertainty", number(l.uncertainty)},
+                   {"redundancy", number(l.redundancy)},
+                   {"rows", l.rows},
+                   {"own_views", l.own_views}});
+  return out;
+}
+
+Json interval(const Interval& i) { return std::isfinite(i.low) ? numbers({i.low, i.high}) : Json(nullptr); }
+
+Json held_out_table(const std::vector<HeldOutError>& sensors) {
+  Json out = Json::object();
+  for (const HeldOutError& e : sensors) {
+    Json one = {{"unit", e.unit},
+                {"points", e.points},
+                {"missing", e.missing},
+                {"blocks", e.blocks},
+                {"by", e.by_target ? "target" : "sample"},
+                {"rms", number(e.rms)},
+                {"rms_95", interval(e.of_rms)},
+                {"rms_as_read", number(e.rms_as_read)},
+                {"rms_as_read_95", interval(e.of_rms_as_read)}};
+    if (e.whole_pose) {
+      one["rms_rotation"] = number(e.rotation);
+      one["rms_rotation_95"] = interval(e.of_rotation);
+      one["rms_rotation_as_read"] = number(e.rotation_as_read);
+      one["rms_rotation_as_read_95"] = interval(e.of_rotation_as_read);
+    }
+    out[e.sensor] = one;
+  }
+  return out;
+}
+
+Json sigma_json(const SigmaStatistics& s) { return {{"rms", number(s.rms)}, {"median", number(s.median)}, {"worst", number(s.worst)}}; }
+
+/// What was asked for.
+Json validation_json(const Validation& v) {
+  Json out = Json::object();
+  if (!v.held_out.empty()) out["held_out"] = v.held_out;
+  if (!v.test.empty()) out["test"] = held_out_table(v.test);
+  if (v.cross_validation) {
+    const CrossValidation& c = *v.cross_validation;
+    Json folds = Json::array();
+    for (const CrossValidation::Fold& f : c.folds) {
+      const char* status = !f.error.empty() ? "failed" : !f.converged ? "not_converged" : !f.determined ? "unobservable" : "converged";
+      folds.push_back({{"held_out", f.held_out}, {"status", status}, {"error", f.error}});
+    }
+    out["cross_validation"] = {
+        {"by", c.by_target ? "target" : "sample"}, {"folds", folds}, {"never_held_out", c.never}, {"sensors", held_out_table(c.sensors)}};
+  }
+  if (!v.frames.empty()) out["frames"] = Json::object();
+  for (const FrameReport& f : v.frames) {
+    Json workspaces = Json::object();
+    for (const FrameSigma& s : f.workspaces)
+      workspaces[s.workspace] = {{"postures", s.postures},
+                                 {"position", sigma_json(s.position)},
+                                 {"rotation", sigma_json(s.rotation)},
+                                 {"position_with_readings", sigma_json(s.position_with_readings)},
+                                 {"rotation_with_readings", sigma_json(s.rotation_with_readings)}};
+    out["frames"][f.frame] = {{"base", f.base}, {"workspaces", workspaces}, {"taken_as_exact", f.held}};
+  }
+  if (!v.requirements.empty()) out["requirements"] = Json::array();
+  for (const Judgement& j : v.requirements) {
+    const Requirement& r = j.requirement;
+    out["requirements"].push_back({{"require", r.text},
+                                   {"name", r.name},
+                                   {"from", j.from},
+                                   {"unit", r.unit},
+                                   {"limit", number(r.limit / r.factor)},
+                                   {"measured", number(j.measured / r.factor)},
+                                   {"met", j.met},
+                                   {"why", j.why}});
+  }
+  return out;
+}
+
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
     case NoiseMode::latent:
@@ -77,6 +161,16 @@ Json loop_list(const std::vector<Loop>& loops) {
     one.update(statistics_of(loop.train));
     if (loop.test.points) one["test"] = statistics_of(loop.test);
     out.push_back(one);
+  }
+  return out;
+}
+
+Json restarts_json(const Restarts& restarts) {
+  Json out = {{"count", restarts.count}, {"failed", restarts.failed}, {"minima", Json::array()}};
+  for (const Minimum& m : restarts.minima) {
+    Json differs = Json::object();
+    for (const auto& d : m.differs) differs[d.first] = number(d.second);
+    out["minima"].push_back({{"cost", number(m.cost)}, {"chi2", number(m.chi2)}, {"count", m.count}, {"differs", differs}});
   }
   return out;
 }
@@ -125,9 +219,21 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
+  if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
+  json["noise_levels"] = noise_table(result.noise_levels);
+  if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
+  json["validation"] = validation_json(result.validation);
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
   if (result.diagnosis) json["findings"] = findings_json(result.diagnosis->findings);
+  if (!result.staging.empty()) json["staging"] = Json::array();
+  for (const StagingTrial& t : result.staging)
+    json["staging"].push_back({{"group", t.group},
+                               {"trial", t.removal ? "remove" : "add"},
+                               {"kept", t.kept},
+                               {"error_before", number(t.error_before)},
+                               {"error_after", number(t.error_after)},
+                               {"parameters", t.parameters}});
   json["warnings"] = Json::array();
   for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
   return json;

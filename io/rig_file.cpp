@@ -20,7 +20,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
-constexpr int kMostRows = 10'000;              // of a board; more is a slip, and would fill the memory
+constexpr int kMostRows = 10'000;  // of a board; more is a slip, and would fill the memory
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
 // ------------------------------------------------------------------------------------------------ names
@@ -77,8 +77,7 @@ bool is_null(const Field& field) { return field.node->kind == Node::Kind::null; 
 
 /// Fails unless `field` is a mapping with something in it.
 void check_entries(const Field& field, const std::string& of) {
-  if (field.node->kind != Node::Kind::mapping || field.size() == 0)
-    field.fail("a mapping of " + of + " is expected, at least one");
+  if (field.node->kind != Node::Kind::mapping || field.size() == 0) field.fail("a mapping of " + of + " is expected, at least one");
 }
 
 // ------------------------------------------------------------------------------------------------ joints
@@ -226,8 +225,7 @@ std::vector<double> read_sigma(const Field& field, const std::string& type) {
     for (size_t i = 0; i < 3; ++i) field.item(i).positive();
     return sigma;
   }
-  if (field.node->kind != Node::Kind::mapping)
-    field.fail("a " + type + " takes {" + joined(names) + "}, each a number greater than 0");
+  if (field.node->kind != Node::Kind::mapping) field.fail("a " + type + " takes {" + joined(names) + "}, each a number greater than 0");
   field.check_keys(names);
   std::vector<double> sigma;
   for (const std::string& name : names) sigma.insert(sigma.end(), names.size() == 2 ? 3 : 1, field[name].positive());
@@ -312,10 +310,8 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
 
 // ------------------------------------------------------------------------------------------------ steps
 Loss read_loss(const Field& field) {
-  static const std::map<std::string, LossKind> kinds = {{"huber", LossKind::huber},
-                                                        {"soft_l1", LossKind::soft_l1},
-                                                        {"cauchy", LossKind::cauchy},
-                                                        {"tukey", LossKind::tukey}};
+  static const std::map<std::string, LossKind> kinds = {
+      {"huber", LossKind::huber}, {"soft_l1", LossKind::soft_l1}, {"cauchy", LossKind::cauchy}, {"tukey", LossKind::tukey}};
   Names names;
   for (const auto& kind : kinds) names.push_back(kind.first);
   if (field.node->kind != Node::Kind::mapping || field.size() != 1)
@@ -482,8 +478,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
   }
   const Field field = view["ids"];
   if (field.node->kind != Node::Kind::sequence) field.fail("a list of the target's point indices is expected");
-  if (static_cast<int>(field.size()) != count)
-    field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
+  if (static_cast<int>(field.size()) != count) field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
   std::vector<char> seen(all, 0);
   for (size_t i = 0; i < field.size(); ++i) {
     const int id = field.integer_item(i, 0, all - 1);
@@ -532,7 +527,8 @@ void check_payload(const Field& view, const std::string& type, const std::string
 }
 
 View read_view(const Field& field, const Field& joints, const Rig& rig, const Lookup& look, const std::vector<double>& readings) {
-  static const Names required = {"sensor", "target"}, optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
+  static const Names required = {"sensor", "target"},
+                     optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
   field.check_keys(required, optional);
   View view;
   view.where = field.where();
@@ -580,8 +576,7 @@ Sample read_sample(const Field& field, const Rig& rig, const Lookup& look) {
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, rig.tree.joints.size());
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
-  for (size_t i = 0; i < views.size(); ++i)
-    sample.views.push_back(read_view(views.item(i), joints, rig, look, sample.readings));
+  for (size_t i = 0; i < views.size(); ++i) sample.views.push_back(read_view(views.item(i), joints, rig, look, sample.readings));
   return sample;
 }
 
@@ -698,8 +693,7 @@ void erase_member(Node& mapping, const std::string& key) {
 }
 
 /// Numbers that changed into a list or a single number; the others keep their text.
-void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now,
-                 bool single) {
+void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now, bool single) {
   if (old == now) return;
   Node& node = member(mapping, key);
   if (single) {
@@ -728,11 +722,14 @@ void set_pose(Node& mapping, const Pose& old, const Pose& now) {
   member(pose, "quat") = list_node(q.data(), 4);
 }
 
-/// Offset and scale of one joint into its own entry.
-void set_joint(Node& entry, const JointSettings& given, double offset, double scale) {
+bool same(const JointSettings& a, const JointSettings& b) { return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale; }
+
+/// What changed of one joint into its own entry.
+void set_joint(Node& entry, const JointSettings& given, const JointSettings& now) {
   if (entry.kind != Node::Kind::mapping) entry = mapping_node();
-  if (given.offset != offset) member(entry, "offset") = number_node(offset);
-  if (given.scale != scale) member(entry, "scale") = number_node(scale);
+  if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
+  if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
+  if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
 }
 
 Node joint_node(const JointSettings& settings) {
@@ -743,8 +740,7 @@ Node joint_node(const JointSettings& settings) {
   return node;
 }
 
-/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end, with the
-/// noise that the joint had.
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
   const bool there = root.find("joints") != nullptr;
@@ -752,23 +748,37 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   for (const bool move : {false, true}) {
     const std::vector<JointSettings> given = read_joints({&joints, &rig.path, "joints"}, tree);
     for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const double offset = values.joint_offsets[j], scale = values.joint_scales[j];
-      if (!tree.joints[j].has_reading() || (given[j].offset == offset && given[j].scale == scale)) continue;
+      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j]};
+      if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
       const std::string& name = tree.joints[j].name;
       if (move) {
         erase_member(joints, name);
-        member(joints, name) = joint_node({given[j].sigma, offset, scale});
+        member(joints, name) = joint_node(now);
       } else {
-        set_joint(member(joints, name), given[j], offset, scale);
+        set_joint(member(joints, name), given[j], now);
       }
     }
   }
   if (!there && joints.kind == Node::Kind::null) erase_member(root, "joints");
 }
 
-void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<std::vector<double>>& parameters) {
+/// Inverse of read_sigma.
+void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigma) {
+  if (sigma == sensor.sigma) return;
+  const Names names = sigma_names(sensor.type);
+  const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
+  Node& written = member(node, "sigma");
+  if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
+  if (names.empty() && written.kind == Node::Kind::sequence) written = list_node(sigma.data(), static_cast<int>(sigma.size()));
+  for (size_t i = 0; i < names.size(); ++i)
+    if (sigma[i * stride] != sensor.sigma[i * stride]) member(written, names[i]) = number_node(sigma[i * stride]);
+}
+
+void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<double>& sigma,
+                const std::vector<std::vector<double>>& parameters) {
   set_pose(node, sensor.link_T_sensor, pose);
+  set_sigma(node, sensor, sigma);
   for (size_t b = 0; b < sensor.parameters.size(); ++b) {
     const ParameterBlock& block = sensor.parameters[b];
     set_numbers(node, block.name, block.values, parameters[b], block.components.size() == 1 && block.components[0].empty());
@@ -812,10 +822,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path) {
   const Field targets = all["targets"], sensors = all["sensors"];
   check_entries(targets, "targets");
   check_entries(sensors, "sensors");
-  for (const auto& entry : targets.node->members)
-    rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
-  for (const auto& entry : sensors.node->members)
-    rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
+  for (const auto& entry : targets.node->members) rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
+  for (const auto& entry : sensors.node->members) rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   return file;
 }
@@ -825,9 +833,11 @@ RigValues values_of(const Rig& rig) {
   for (const JointSettings& joint : rig.joints) {
     values.joint_offsets.push_back(joint.offset);
     values.joint_scales.push_back(joint.scale);
+    values.joint_sigmas.push_back(joint.sigma);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(sensor.link_T_sensor);
+    values.sensor_sigmas.push_back(sensor.sigma);
     values.sensor_parameters.emplace_back();
     for (const ParameterBlock& block : sensor.parameters) values.sensor_parameters.back().push_back(block.values);
   }
@@ -839,13 +849,56 @@ RigValues values_of(const Rig& rig) {
   return values;
 }
 
+void set_steps(RigFile& rig, const std::vector<Step>& steps) {
+  static const char* const losses[] = {"none", "huber", "soft_l1", "cauchy", "tukey"};
+  const auto names_node = [](const Names& names) {
+    Node node;
+    node.kind = Node::Kind::sequence;
+    for (const std::string& name : names) node.items.push_back(text_node(name));
+    return node;
+  };
+  rig.rig.steps = steps;
+  Node list;
+  list.kind = Node::Kind::sequence;
+  for (const Step& step : steps) {
+    Node node = mapping_node();
+    member(node, "step") = text_node(step.name);
+    if (step.sensors.size() < rig.rig.sensors.size()) {
+      Names sensors;
+      for (int s : step.sensors) sensors.push_back(rig.rig.sensors[s].name);
+      member(node, "sensors") = names_node(sensors);
+    }
+    member(node, "free") = names_node(step.free);
+    if (step.loss && step.loss->kind != LossKind::none) {
+      Node loss = mapping_node();
+      member(loss, losses[static_cast<int>(step.loss->kind)]) = number_node(step.loss->scale);
+      member(node, "loss") = loss;
+    }
+    Node priors = mapping_node();
+    for (const PriorSetting& prior : step.priors) {
+      Node& sigma = member(priors, prior.pattern);
+      if (!prior.split) {
+        sigma = number_node(prior.translation);
+        continue;
+      }
+      sigma = mapping_node();
+      member(sigma, "translation") = number_node(prior.translation);
+      member(sigma, "rotation") = number_node(prior.rotation);
+    }
+    if (!step.priors.empty()) member(node, "priors") = priors;
+    list.items.push_back(node);
+  }
+  member(rig.node, "estimate") = list;
+}
+
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {
   Node root = rig.node;
   member(root, "robot") = text_node(robot);
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];
-    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_parameters[s]);
+    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_sigmas[s],
+               values.sensor_parameters[s]);
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];

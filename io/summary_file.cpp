@@ -90,6 +90,8 @@ SetSummary summarize(const CalibrationResult& result) {
     if (set.error.empty() && w.id == set.status) set.error = w.text;
     set.warnings.push_back(w.id + ": " + w.text);
   }
+  for (const Judgement& j : result.validation.requirements)
+    if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
   for (const SensorResult& s : result.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
     if (s.whole_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});

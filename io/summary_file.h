@@ -27,12 +27,14 @@ struct SetSummary {
   std::string name;
   std::string status;  // as in result.json, or `failed`: there is no result
   int exit_code = 0;   // as of `kincal calibrate`; killed by a signal: 128 + its number
-  std::string error;   // why it is not converged
+  std::string error;   // why it is not converged, or which tolerance it does not meet
   double chi2 = 0, seconds = 0;
   long dof = 0;
   std::vector<SensorRms> sensors;
   std::vector<Change> changes;
   std::vector<std::string> warnings;
+
+  bool fails() const { return exit_code != 0; }
 };
 
 /// What a result was made from, and its line of the summary.

@@ -270,6 +270,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     setup.free = plans[i].free;
     setup.priors = plans[i].priors;
     Estimation problem(rig_, table_, samples_, train, setup);
+    if (options.scatter) options.scatter(plans[i], result.values.shared);
     start_targets(rig_, table_, samples_, train, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
 
@@ -375,7 +376,10 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       }
     }
-    if (options.judge) collect(result, problem, state, step, held_out);
+    if (!options.judge) continue;
+    result.explanation = explain(*this, result);
+    result.noise_levels = noise_levels(problem, rig_, state, observability.covariance);
+    collect(result, problem, state, step, held_out);
   }
   warn(result);
   return result;
@@ -520,8 +524,10 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
            "held-out sample '" + id + "' cannot be evaluated at the estimate (a point behind a camera): it is missing from its rms"});
     order(now.residuals);
     order(before.residuals);
+    order(read.residuals);
     std::move(now.residuals.begin(), now.residuals.end(), std::back_inserter(result.residuals));
     std::move(before.residuals.begin(), before.residuals.end(), std::back_inserter(result.residuals_before));
+    std::move(read.residuals.begin(), read.residuals.end(), std::back_inserter(result.residuals_as_read));
   }
 }
 
@@ -536,6 +542,9 @@ void Calibration::warn(CalibrationResult& result) const {
   }
   if (result.dof > 0 && result.chi2 / result.dof > 1.5)
     add("chi2", text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", result.chi2 / result.dof));
+  if (result.dof > 0 && result.chi2 / result.dof < 1 / 1.5 && result.noise != NoiseMode::point)  // there it says nothing
+    add("chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large",
+                     result.chi2 / result.dof));
   for (const SensorResult& s : result.sensors)
     if (s.train.whitened_count && s.train.whitened_squared / s.train.whitened_count > 1.5)
       add("chi2", "sensor '" + s.name + "': " +

@@ -15,9 +15,16 @@
 #include "../solver/levenberg_marquardt.h"
 #include "doctor.h"
 #include "estimation.h"
+#include "explain.h"
+#include "noise_levels.h"
 #include "loops.h"
+#include "restarts.h"
+#include "staging.h"
+#include "validation.h"
 
 namespace kincal {
+
+struct StepPlan;
 
 struct CalibrationOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -26,7 +33,9 @@ struct CalibrationOptions {
   std::string last_step;                 // run all steps up to this one; empty: all
   std::vector<std::string> free, fix;    // names and globs, added to and taken from the last step that runs
   std::optional<VectorXd> start;         // shared values for the first step to start from; `initial` and T0 stay the rig's
-  bool judge = true;                     // residuals before, after and as read of both splits: `sensors` and `residuals` of the result
+  bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), noise_levels, explanation
+  /// Called before each step: may move the shared values that it starts from.
+  std::function<void(const StepPlan&, VectorXd&)> scatter;
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -40,9 +49,6 @@ struct StepPlan {
   long rows = 0, unknowns = 0;           // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
-
-/// One direction that the data do not determine: parameter component and coefficient.
-using Direction = std::vector<std::pair<std::string, double>>;
 
 struct StepResult {
   std::string name;
@@ -97,15 +103,24 @@ struct CalibrationResult {
   std::vector<ParameterEstimate> parameters;       // everything that any step freed, in the order of the steps
   std::vector<Direction> unobservable;             // of the last step
   std::vector<SensorResult> sensors;               // that see something
+  std::vector<NoiseLevel> noise_levels;            // of the last step's sensors and joints
+  int noise_rounds = 0;                            // calibrations that estimated the noise (estimate_noise()), 0: it is the rig's
+  bool noise_rests = false;                        // the last of them moved no sigma by more than 1 %
+  Explanation explanation;                         // what the data of the last step hardly tell
   std::vector<Warning> warnings;
   std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
   MatrixXd covariance;
   EstimationSetup setup;                           // of the last step: Estimation(rig, table, samples, training(), setup) at pack(values)
   Values values;                                   // shared parameters; poses and joint errors of the training samples
-  std::vector<ViewResiduals> residuals, residuals_before;  // of all samples, the same views in the same order
-  std::optional<Diagnosis> diagnosis;              // by diagnose() of models/doctor.h, where somebody wants it
+  std::vector<ViewResiduals> residuals, residuals_before, residuals_as_read;  // of all samples, the same views in the same order
+
+  // What others than run() fill in where it is asked for.
+  std::optional<Restarts> restarts;                // models/restarts.h
+  std::vector<StagingTrial> staging;               // models/staging.h: what was tried for a rig without steps
+  std::optional<Diagnosis> diagnosis;              // models/doctor.h
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
+  Validation validation;                           // likewise, by the functions of models/validation.h
 };
 
 /// Residual table at given parameters.

@@ -139,11 +139,19 @@ class Doctor {
 };
 
 void Doctor::plan() {
+  if (rig_.steps.empty()) {  // who says nothing does not know where things are
+    Step step;
+    step.name = "poses";
+    for (size_t s = 0; s < rig_.sensors.size(); ++s) step.sensors.push_back(static_cast<int>(s));
+    step.free = {"sensor/*/pose"};
+    if (std::any_of(rig_.targets.begin(), rig_.targets.end(), [](const Target& t) { return t.link >= 0; }))
+      step.free.push_back("target/*/pose");
+    rig_.steps = {step};
+  }
   Calibration calibration(rig_, samples_);
   CalibrationOptions options;
   options.noise = NoiseMode::none;
-  std::vector<StepPlan> plans;
-  if (!rig_.steps.empty()) plans = calibration.plan(options);
+  const std::vector<StepPlan> plans = calibration.plan(options);
   const ParameterTable& table = calibration.table();
   std::set<int> sensors;
   std::vector<Freed> together;
@@ -166,8 +174,6 @@ void Doctor::plan() {
     all_.loss = stage.loss;
     steps_.push_back(std::move(stage));
   }
-  if (plans.empty())
-    for (size_t s = 0; s < rig_.sensors.size(); ++s) sensors.insert(static_cast<int>(s));
   all_.sensors.assign(sensors.begin(), sensors.end());
   for (const Freed& f : together)
     for (int c : f.components) all_.free.push_back(table.all[f.parameter].component_name(c));

@@ -981,10 +981,23 @@ void Estimation::prior_row(size_t i, const VectorXd& state, bool derivatives, Pr
   }
 }
 
-bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const {
+namespace {
+
+/// An upper triangle with the same Gram matrix, where that has fewer rows.
+MatrixXd compressed(MatrixXd rows) {
+  if (rows.rows() <= rows.cols()) return rows;
+  Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows);
+  return MatrixXd(rows.topRows(rows.cols()).triangularView<Eigen::Upper>());
+}
+
+}  // namespace
+
+bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
+                            std::vector<NoiseRows>* whose) const {
   const GroupShape& shape = groups_[group];
   const int size = shape.size();
   rows.setZero(shape.rows, size + 1);
+  if (whose) whose->clear();
   if (group == static_cast<int>(samples_.size())) {
     PriorRow row;
     for (size_t i = 0; i < setup_.priors.size(); ++i) {
@@ -992,6 +1005,7 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
       for (int k = 0; k < row.count; ++k) rows(static_cast<Eigen::Index>(i), row.place + k) = row.derivative[k];
       rows(static_cast<Eigen::Index>(i), size) = row.r;
     }
+    if (whose) whose->push_back({nullptr, 0, -1, 0, shape.rows});
     return true;
   }
   const PlacedSample& s = samples_[group];
@@ -1008,9 +1022,22 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
     MatrixXd view(v.plan->rows(), v.plan->columns.total + 1);
     for (int b = 0; b < v.plan->blocks(); ++b)
       for (int i = 0; i < k; ++i) view.row(b * k + i) = scratch.rows.row(v.plan->row(b, i)).head(view.cols());
-    if (compress && view.rows() > view.cols()) {
-      Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(view);
-      view = MatrixXd(view.topRows(view.cols()).triangularView<Eigen::Upper>());
+    if (whose) {
+      const std::vector<NoisePart> parts = v.plan->model->noise_parts();
+      MatrixXd all(view.rows(), view.cols());
+      Eigen::Index filled = 0;
+      for (size_t p = 0; p < parts.size(); ++p) {
+        const int count = parts.size() == 1 ? k : parts[p].count;
+        MatrixXd part(v.plan->blocks() * count, view.cols());
+        for (int b = 0; b < v.plan->blocks(); ++b) part.middleRows(b * count, count) = view.middleRows(b * k + parts[p].first, count);
+        part = compressed(std::move(part));
+        all.middleRows(filled, part.rows()) = part;
+        whose->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled), static_cast<int>(part.rows())});
+        filled += part.rows();
+      }
+      view = all.topRows(filled).eval();
+    } else if (compress) {
+      view = compressed(std::move(view));
     }
     kinematic_matrix(v, s, state, scratch);
     const auto m = scratch.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.plan->map.kinematic.size()));
@@ -1027,6 +1054,7 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
   const int errors = s.errors();
   for (size_t i = 0; i < s.plan->noisy.size(); ++i, ++used) {
     const double w = 1 / rig_.joints[s.plan->noisy[i]].sigma;
+    if (whose) whose->push_back({nullptr, 0, s.plan->noisy[i], static_cast<int>(used), 1});
     rows(used, static_cast<Eigen::Index>(6 * s.plan->targets.size() + i)) = w;
     rows(used, size) = w * state(errors + static_cast<int>(i));
   }
@@ -1035,10 +1063,16 @@ bool Estimation::group_rows(int group, const VectorXd& state, int worker, bool c
 }
 
 bool Estimation::square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const {
-  return group_rows(group, state, worker, true, rows);
+  return group_rows(group, state, worker, true, rows, nullptr);
 }
 
-bool Estimation::explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const { return group_rows(group, state, 0, false, rows); }
+bool Estimation::noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& whose) const {
+  return group_rows(group, state, 0, true, rows, &whose);
+}
+
+bool Estimation::explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const {
+  return group_rows(group, state, 0, false, rows, nullptr);
+}
 
 void Estimation::retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const {
   moved = state;

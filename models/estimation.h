@@ -58,6 +58,14 @@ struct ViewResiduals {
   VectorXd whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
 };
 
+/// Rows of a group that are one kind of noise: of one part of a view (noise_parts() of its model), one joint's error, or priors.
+struct NoiseRows {
+  const View* view = nullptr;  // else null
+  int part = 0;
+  int joint = -1;              // else -1
+  int first = 0, count = 0;
+};
+
 class Estimation final : public Problem {
  public:
   /// `samples`: indices into `all` of those that take part; samples without a view of the setup's sensors make no group.
@@ -99,6 +107,8 @@ class Estimation final : public Problem {
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd& state) override;
 
+  /// A square root of the group's equations (see Problem::square_root) in which no row mixes two kinds of noise.
+  bool noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& whose) const;
   /// Explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
   bool explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const;
 
@@ -142,7 +152,7 @@ class Estimation final : public Problem {
   bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
   bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
   void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
-  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows) const;
+  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows, std::vector<NoiseRows>* whose) const;
 
   const Rig& rig_;
   const ParameterTable& table_;

@@ -12,39 +12,45 @@ namespace {
 
 using Eigen::Matrix3Xd;
 
-/// A view at given values: what it says of its target, and from where it looks.
+/// A view at given values: what it says of its target, and from where it looks. In the hub: the frame of the link that carries the target,
+/// or the base's for a free one. (A scanning joint may stand on either side of it.)
 struct Carried {
   const View* view;
-  std::vector<int> ids;  // points of the target that it has, and those in the base frame; none: it does not tell
+  std::vector<int> ids;  // points of the target that it has, and those in the hub; none: it does not tell
   Matrix3Xd points;
-  std::vector<Pose> base_T_sensor;  // one; of a scan one a ray
+  std::vector<Pose> hub_T_sensor;  // one; of a scan one a ray
 };
 
 Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
   const Sight sight = sensor.model->sight();
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
+  const int hub = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
+  const auto hub_T_sensor = [&](int joint, double reading) {
+    return inverse(base_T_link(rig, table, values, sample, hub, joint, reading)) *
+           base_T_link(rig, table, values, sample, sensor.link, joint, reading) * link_T_sensor;
+  };
   Carried out{&view, view_ids(view, rig.targets[view.target]), {}, {}};
   const Eigen::Index n = static_cast<Eigen::Index>(out.ids.size());
   out.points.resize(3, n);
   if (sight == Sight::scan) {
     for (Eigen::Index i = 0; i < n; ++i) {
       const double* z = view.z.data() + 3 * i;
-      out.base_T_sensor.push_back(base_T_link(rig, table, values, sample, sensor.link, sensor.scanning_joint, z[0]) * link_T_sensor);
-      out.points.col(i) = out.base_T_sensor.back() * TiltingLaser::measured_point(z);
+      out.hub_T_sensor.push_back(hub_T_sensor(sensor.scanning_joint, z[0]));
+      out.points.col(i) = out.hub_T_sensor.back() * TiltingLaser::measured_point(z);
     }
     return out;
   }
-  const Pose base_T_sensor = base_T_link(rig, table, values, sample, sensor.link) * link_T_sensor;
-  out.base_T_sensor = {base_T_sensor};
+  out.hub_T_sensor = {hub_T_sensor(-1, 0)};
   if (sight == Sight::points) {
-    for (Eigen::Index i = 0; i < n; ++i) out.points.col(i) = base_T_sensor * Vector3d(Eigen::Map<const Vector3d>(view.z.data() + 3 * i));
+    for (Eigen::Index i = 0; i < n; ++i)
+      out.points.col(i) = out.hub_T_sensor[0] * Vector3d(Eigen::Map<const Vector3d>(view.z.data() + 3 * i));
     return out;
   }
   if (const std::optional<Pose> sensor_T_target = pose_from_view(rig, table, values, view)) {
-    const Pose base_T_target = base_T_sensor * *sensor_T_target;
+    const Pose hub_T_target = out.hub_T_sensor[0] * *sensor_T_target;
     const Matrix3Xd points = target_points(rig, table, values, view.target);
-    for (Eigen::Index i = 0; i < n; ++i) out.points.col(i) = base_T_target * Vector3d(points.col(out.ids[static_cast<size_t>(i)]));
+    for (Eigen::Index i = 0; i < n; ++i) out.points.col(i) = hub_T_target * Vector3d(points.col(out.ids[static_cast<size_t>(i)]));
   } else {
     out.points.resize(3, 0);
   }
@@ -73,8 +79,8 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
       b.col(static_cast<Eigen::Index>(i)) = from.points.col(both[i].first);
     }
     if (on_a_line(a)) return;
-    const Pose base_T_measured = to.base_T_sensor[0] * *pose_from_view(rig, table, values, view);
-    sum.squared += (inverse(base_T_measured) * fit_points(a, b)).translation.squaredNorm();
+    const Pose hub_T_measured = to.hub_T_sensor[0] * *pose_from_view(rig, table, values, view);
+    sum.squared += (inverse(hub_T_measured) * fit_points(a, b)).translation.squaredNorm();
     ++sum.points;
     return;
   }
@@ -85,10 +91,10 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
     const Vector3d point = from.points.col(pair.first);
     VectorXd r(model.rows());
     if (model.scans()) {
-      r = inverse(to.base_T_sensor[pair.second]) * point - TiltingLaser::measured_point(view.z.data() + 3 * pair.second);
+      r = inverse(to.hub_T_sensor[pair.second]) * point - TiltingLaser::measured_point(view.z.data() + 3 * pair.second);
     } else {
       ViewInput in;
-      in.sensor_T_target.translation = inverse(to.base_T_sensor[0]) * point;
+      in.sensor_T_target.translation = inverse(to.hub_T_sensor[0]) * point;
       in.parameters = block >= 0 ? values.data() + table.all[block].start : nullptr;
       in.points = &origin;
       in.ids = &id;

@@ -2,14 +2,14 @@
 //
 // Where two sensors see the same target in the same sample, the points of the one are carried through the kinematics into the residual
 // of the other, against what that measured itself:
-//     base_p = base_T_from p_from,    r = h_to(to_T_base base_p) - z_to.
+//     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,    hub: the base, or the link that carries the target.
 // The joint readings are taken as read and every shared parameter as it stands; no target's pose is estimated, and nothing but the two
 // sensors takes part. So a loop tells what the robot gets that looks with one sensor and acts with the other.
 //
 // Points p_from of a view, in its sensor's frame: a point sensor's and a laser's as measured (a ray's at its own reading of the scanning
 // joint); a camera's the points that it saw, at the pose that best explains this view alone (perspective pose); a pose's and a chain's all
 // points of the target, at the measured pose and in the hand. Residual of `to`: as in the formats' table, at the points that both have; of
-// a chain or pose the translation of E = Z^-1 to_T_base base_T_target with base_T_target the rigid fit of the carried points, where these
+// a chain or pose the translation of E = Z^-1 to_T_hub hub_T_target with hub_T_target the rigid fit of the carried points, where these
 // are not on a line.
 #pragma once
 

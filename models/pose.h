@@ -19,6 +19,7 @@ class PoseSensor final : public SensorModel {
   int numbers() const override { return measures_ ? 7 : 0; }
   bool whole_pose() const override { return true; }
   Sight sight() const override { return measures_ ? Sight::pose : Sight::chain; }
+  std::vector<NoisePart> noise_parts() const override { return {{"translation", "m", 0, 3}, {"rotation", "rad", 3, 3}}; }
   const SensorModel* point_form() const override;
 
   bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {

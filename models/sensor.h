@@ -79,6 +79,12 @@ enum class Sight {
   none
 };
 
+/// Some of a sensor's sigmas that are one kind of noise.
+struct NoisePart {
+  const char *name, *unit;
+  int first, count;
+};
+
 /// A type of sensor. Stateless and shared: an instance's numbers are in its parameter blocks.
 class SensorModel {
  public:
@@ -106,6 +112,9 @@ class SensorModel {
   virtual bool has_own_noise() const { return false; }
   /// B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
+  /// The kinds of noise that its residuals can tell apart, in order. Where there are several, whitened residual i of a block is of the
+  /// part with sigma i.
+  virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
   /// The inner loop of evaluate() for several points at a time, where there is one.
   virtual ViewKernel kernel() const { return nullptr; }
   /// The same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.

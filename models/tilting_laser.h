@@ -26,6 +26,7 @@ class TiltingLaser final : public SensorModel {
   bool scans() const override { return true; }
   Sight sight() const override { return Sight::scan; }
   bool has_own_noise() const override { return true; }
+  std::vector<NoisePart> noise_parts() const override { return {{"joint", "rad", 0, 1}, {"bearing", "rad", 1, 1}, {"range", "m", 2, 1}}; }
 
   static Vector3d measured_point(const double* z) { return {z[2] * std::cos(z[1]), z[2] * std::sin(z[1]), 0}; }
 

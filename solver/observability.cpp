@@ -79,7 +79,12 @@ Observability observe(Problem& problem, const VectorXd& state) {
   compress();
   out.covariance.setZero(n, n);
   out.unobservable.assign(n, 0);
+  out.null_space.setZero(n, 0);
   if (n == 0) return out;
+  const auto add_null = [&](const VectorXd& direction) {
+    out.null_space.conservativeResize(Eigen::NoChange, out.null_space.cols() + 1);
+    out.null_space.rightCols<1>() = direction;
+  };
 
   MatrixXd r = stack.topRows(std::max<Eigen::Index>(used, 1));
   if (used == 0) r.setZero();
@@ -94,6 +99,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
     if (dead) {
       out.unobservable[i] = 1;
       out.directions.push_back({{i, 1.0}});
+      add_null(VectorXd::Unit(n, i));
     }
   }
   const Eigen::BDCSVD<MatrixXd> svd(r, Eigen::ComputeFullV);
@@ -129,6 +135,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
         if (std::abs(basis(i, j)) > 0.02) direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
       }
       out.directions.push_back(std::move(direction));
+      add_null(basis.col(j).cwiseProduct(scale) / (basis(largest, j) * scale(largest)));
     }
   }
   return out;

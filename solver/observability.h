@@ -23,6 +23,7 @@ struct Observability {
   std::vector<char> unobservable;  // takes part in such a direction with more than 1e-3 of its scaled unit vector
   /// Per direction: (column, coefficient) of what has more than 0.02; real units, the largest scaled one is 1.
   std::vector<std::vector<std::pair<int, double>>> directions;
+  MatrixXd null_space;           // n x directions: the same with all their coefficients, real units, the largest scaled one is 1
   long rows = 0;                 // whitened residuals, priors included
   long rank = 0;                 // of all unknowns, private ones included
   long dof() const { return rows - rank; }

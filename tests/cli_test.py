@@ -612,6 +612,14 @@ class WrongArguments(Case):
                             (("extra",), ("extra",))):
             with self.subTest(args=args):
                 self.fails(self.calibrate(*args), *words)
+        for args, nearest in ((("--ou", "x"), "--out"), (("--treads=2",), "--threads"), (("-quiet",), "--quiet"),
+                              (("--linear_solver", "dense"), "--linear-solver")):
+            with self.subTest(args=args):
+                self.fails(self.calibrate(*args), "calibrate: there is no option '" + args[0].split("=")[0] + "'; nearest: " + nearest)
+        # a required option that is misspelt, and an option that is nothing like any
+        self.fails(self.run_kincal("simulate", "rig.yaml", "--samples", "3", "--sede", "1", "--out", "x"), "no option '--sede'; nearest: --seed")
+        self.fails(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--xyzzy"), "there is no option '--xyzzy'")
+        self.fails(self.run_kincal("--versoin"), "error: there is no option '--versoin'; nearest: --version")
         self.fails(self.run_kincal("calibrate", "rig.yaml"), "SAMPLES")
         self.fails(self.run_kincal("calibrate", "rig.yaml", "samples.jsonl"), "--out")
         self.fails(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--out", "out"), "--out")

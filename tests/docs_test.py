@@ -175,7 +175,7 @@ def check_text(path):
 def check_options(source, binary):
     """Every --option in the documents is one that the program has, and every one it has stands in a document."""
     text = subprocess.run([binary, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
-    for name in ("calibrate", "batch", "evaluate", "simulate", "apply"):
+    for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
         text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     known = set(re.findall(r"--[a-z][a-z-]+", text))
     others = {"--preset", "--build", "--install", "--prefix"}  # CMake's
@@ -193,8 +193,11 @@ def check_options(source, binary):
 
 def check_warnings(source):
     """The warnings' ids in docs/formats.md are those in the code."""
-    with open(os.path.join(source, "models", "calibration.cpp"), encoding="utf-8") as file:
-        code = file.read()
+    code = ""
+    for name in sorted(os.listdir(os.path.join(source, "models"))):
+        if name.endswith(".cpp"):
+            with open(os.path.join(source, "models", name), encoding="utf-8") as file:
+                code += file.read()
     ids = set(re.findall(r'add\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'push_back\(\s*\{"([a-z_0-9]+)",', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:

@@ -1,0 +1,63 @@
+// What the data hardly tell, in words: weak directions, what trades off in them, why, and what would help.
+//
+// C is the covariance of the shared unknowns from the data alone: the last step's without its priors. Where C does not exist
+// (solver/observability.h: null directions) nothing but a prior decides. Of the rest, a component is weak if its sigma is above its
+// yardstick: 1 cm, 1 degree, 1 % (of a focal length, of a size, of a gear), 0.1 for lens coefficients, or its prior's sigma where that is
+// less. Directions are found by a pivoted Cholesky factorisation of C in yardsticks: the component i that is worst goes first; what goes
+// with it is the regression on it, d = C_i / C_ii (if i is off by t, the others follow by t d), and its sigma is sqrt(C_ii). Then i is
+// taken as held, C <- C - C_i C_i' / C_ii, until no component is weak. So there are as many directions as numbers that must be held, and
+// each says which (its first one). Eigenvectors would mix directions of like sigma.
+//
+// Why is looked for in the model, not in names. With J_p d_p what parameter p does to the whitened residuals along d:
+//   - |J_p d_p| = 0: nothing depends on it, or all that is seen lies on the axis about which it turns.
+//   - |sum J_p d_p| is small beside the parts: they cancel. Their motions of the target as seen from the sensor (finite differences of the
+//     kinematics) say how: the same turn, the same shift, or other motions that move the seen points alike (points on an axis or a line;
+//     size against distance).
+//   - it is small only after the elimination of the free targets: these go along.
+//   - it is large with exact readings: the joints' noise hides it.
+// A cure is tried out: every joint on the way is moved by 0.4 rad (0.1 m) in all samples, and those after which the parts no longer cancel
+// are the ones to move; if there is none, no posture helps.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace kincal {
+
+class Calibration;
+struct CalibrationResult;
+
+/// A direction: parameter component and coefficient, in real units.
+using Direction = std::vector<std::pair<std::string, double>>;
+
+struct WeakDirection {
+  Direction parameters;          // the first one has coefficient 1: to hold it is enough
+  std::string unit;              // of the first one
+  double sigma = 0;              // of the first one from the data alone, the others following it; NaN: not determined
+  double sigma_with_priors = 0;  // the same in the result
+  std::string reason;            // nothing_depends, on_axis, same_axis, same_shift, same_points, size, free_targets, joint_noise, unknown
+  std::string why, cure;
+  std::vector<std::string> joints;  // that would have to move (more)
+};
+
+struct Correlation {
+  std::string a, b;
+  double correlation;
+};
+
+struct PriorDecides {
+  std::string name, unit;
+  double prior, sigma;
+};
+
+struct Explanation {
+  std::vector<WeakDirection> weak;          // those of `unobservable` first, in its order
+  std::vector<PriorDecides> prior_decides;  // sigma above 0.9 of the prior's: the data add next to nothing
+  std::vector<Correlation> correlations;    // from the data alone, above 0.99 in size, the largest first
+};
+
+/// Of the last step at its solution. The result needs its covariance, setup, values, parameters and `unobservable`.
+Explanation explain(const Calibration& calibration, const CalibrationResult& result);
+
+}  // namespace kincal

@@ -1,0 +1,45 @@
+// Local minima: the same steps from other places, and whether they end in the same minimum.
+//
+// Levenberg-Marquardt finds a minimum near its start; steps of estimation are there to make it the right one. That cannot be proved, but it
+// can be tried: whatever a step frees that no step before it did is moved at random before the step begins, and the ends are compared.
+// (Not everything at once: in a step that holds something, other held values mean another problem, not another minimum of the same.)
+//
+// How far. A component with a prior in its step by N(0, the prior's sigma); else by N(0, size), size being
+//     poses and origins 0.05 m and 5 degrees,  joint offsets 0.05 rad or m,  gear scales 1 %,  fx fy cx cy 5 % of the focal length,
+//     distortion 0.05,  baselines 0.01 m,  board sizes 5 %,  target points 5 % of the target's extent.
+// Poses move by an increment on the right, partly freed ones by their freed components of xi. A start that cannot be evaluated (a point
+// behind its camera) is tried again at half its distance, up to six times: nobody would start there.
+//
+// The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated number apart by more than 0.01 of its
+// sigma; what the data do not determine is not compared. An end whose last step did not converge, or without a start, counts as failed.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace kincal {
+
+class Calibration;
+struct CalibrationOptions;
+struct CalibrationResult;
+
+/// Where some starts ended.
+struct Minimum {
+  double cost = 0, chi2 = 0;  // of the last step
+  int count = 0;              // restarts that ended here
+  /// What differs most from the result, up to 10 components: name and minimum minus result in the result's sigmas.
+  std::vector<std::pair<std::string, double>> differs;
+};
+
+struct Restarts {
+  int count = 0, failed = 0;
+  std::vector<Minimum> minima;  // the result's own first, the others by cost
+};
+
+/// Runs the steps `count` times from other starts: sets result.restarts, and adds the warning `minima` where one of them ends as low as the
+/// result, or lower, elsewhere. The result itself stays that of the rig's own start. The same starts every time. False: options.progress
+/// (its steps are called "restart 1", ...) cancelled, nothing is set.
+bool add_restarts(const Calibration& calibration, const CalibrationOptions& options, int count, CalibrationResult& result);
+
+}  // namespace kincal
