@@ -15,6 +15,17 @@ struct CalibrateArguments {
   bool force = false, dry_run = false, quiet = false, json = false;
 };
 
+constexpr double kBad = 5;  // chi2/dof that asks for an explanation
+
+/// What may be wrong with the input of a calibration that ended badly. Nothing: interrupted.
+std::optional<Diagnosis> look_for_mistakes(const Job& job, const CalibrateSettings& settings) {
+  DoctorOptions options;
+  options.noise = kNoiseModes.at(settings.noise);
+  options.threads = settings.threads;
+  options.progress = [](int, int) { return not_interrupted(); };
+  return diagnose(job.rig_file.rig, job.calibration.samples(), options);
+}
+
 int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
     if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
@@ -32,11 +43,22 @@ int calibrate(const CalibrateArguments& a) {
     return kConverged;
   }
   Progress progress(a.quiet || a.json);
-  const std::optional<CalibrationResult> result =
-      run(job, a.settings, [&](const std::string& step, int iteration, double chi2, double damping) {
-        progress.update(step, iteration, chi2, damping);
-        return not_interrupted();
-      });
+  std::optional<CalibrationResult> result;
+  try {
+    result = run(job, a.settings, [&](const std::string& step, int iteration, double chi2, double damping) {
+      progress.update(step, iteration, chi2, damping);
+      return not_interrupted();
+    });
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::runtime_error& error) {  // undefined at the start
+    progress.interrupted();
+    const std::optional<Diagnosis> diagnosis = look_for_mistakes(job, a.settings);
+    if (!diagnosis) return say_interrupted();
+    throw std::runtime_error(error.what() + ("\nWhat may be wrong (kincal check):\n" + diagnosis_text(*diagnosis)));
+  }
+  if (result && not_interrupted() && (result->status != Status::converged || result->chi2 > kBad * static_cast<double>(result->dof)))
+    if (!(result->diagnosis = look_for_mistakes(job, a.settings))) result.reset();
   if (!result || !not_interrupted()) {
     progress.interrupted();
     return say_interrupted();

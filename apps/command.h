@@ -15,6 +15,7 @@ struct Command {
 
 Command calibrate_command(CLI::App& app, const std::string& command_line);
 Command batch_command(CLI::App& app, const std::string& command_line);
+Command check_command(CLI::App& app);
 Command evaluate_command(CLI::App& app);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);

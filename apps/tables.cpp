@@ -489,6 +489,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
            " -> " + shortest(r.after) + "\n";
   if (!result.leverage.empty()) out += "\nWhat hangs on single samples\n" + leverage_table(result.leverage);
   if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
+  if (result.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*result.diagnosis);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";
@@ -542,6 +543,17 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
     if (s.fails()) failing.push_back({s.name, s.status, s.error});
   if (!failing.empty()) out += "\nNot converged, or not to be relied on\n" + align(failing, 3);
   return out;
+}
+
+std::string diagnosis_text(const Diagnosis& d) {
+  std::string out;
+  for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
+  if (d.findings.empty()) {
+    out += "Nothing found. Tested: ";
+    for (size_t i = 0; i < d.tested.size(); ++i) out += (i ? ", " : "") + d.tested[i];
+    out += "\n";
+  }
+  return out + d.verdict + "\n";
 }
 
 std::string local_report(const Rig& rig, const LocalCalibration& local) {

@@ -9,6 +9,7 @@
 #include "../io/results.h"
 #include "../io/summary_file.h"
 #include "../models/calibration.h"
+#include "../models/doctor.h"
 #include "../models/local.h"
 
 namespace kincal {
@@ -53,6 +54,8 @@ std::string leverage_table(const std::vector<Leverage>& leverage);
 std::string rejected_table(const std::vector<Rejected>& rejected);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
+/// What the doctor found: findings, what was tested, the verdict.
+std::string diagnosis_text(const Diagnosis& diagnosis);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored);
 

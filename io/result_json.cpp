@@ -259,6 +259,7 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
   json["unobservable"] = directions(result.unobservable);
   add_explanation(json, result.explanation);
+  if (result.diagnosis) json["findings"] = findings_json(result.diagnosis->findings);
   if (!result.staging.empty()) json["staging"] = Json::array();
   for (const StagingTrial& t : result.staging)
     json["staging"].push_back({{"group", t.group},
@@ -288,6 +289,25 @@ std::string evaluation_json(const Evaluation& evaluation) {
                      {"sensors", sensor_table(evaluation.sensors, false)},
                      {"warnings", warning_list(evaluation.warnings)}};
   return json.dump(1) + "\n";
+}
+
+Json findings_json(const std::vector<Finding>& findings) {
+  Json out = Json::array();
+  for (const Finding& f : findings)
+    out.push_back({{"id", f.id},
+                   {"text", f.text},
+                   {"where", f.where},
+                   {"chi2_as_is", f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr)},
+                   {"chi2_corrected", f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr)}});
+  return out;
+}
+
+Json diagnosis_json(const Diagnosis& d) {
+  return {{"findings", findings_json(d.findings)},
+          {"chi2", d.chi2 ? number(*d.chi2) : Json(nullptr)},
+          {"dof", d.dof},
+          {"verdict", d.verdict},
+          {"tested", d.tested}};
 }
 
 }  // namespace kincal

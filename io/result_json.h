@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "../models/calibration.h"
+#include "../models/doctor.h"
 
 namespace kincal {
 
@@ -19,5 +20,10 @@ Json pose(const Pose& p);
 
 /// All of result.json but for the program's version, the inputs and the changes of the robot.
 Json result_json(const Calibration& calibration, const CalibrationResult& result);
+
+/// [{id, text, where, chi2_as_is, chi2_corrected}]
+Json findings_json(const std::vector<Finding>& findings);
+/// {findings, chi2, dof, verdict, tested}
+Json diagnosis_json(const Diagnosis& diagnosis);
 
 }  // namespace kincal

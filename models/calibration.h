@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "../solver/levenberg_marquardt.h"
+#include "doctor.h"
 #include "estimation.h"
 #include "explain.h"
 #include "noise_levels.h"
@@ -134,6 +135,7 @@ struct CalibrationResult {
   // What others than run() fill in where it is asked for.
   std::optional<Restarts> restarts;                // models/restarts.h
   std::vector<StagingTrial> staging;               // models/staging.h: what was tried for a rig without steps
+  std::optional<Diagnosis> diagnosis;              // models/doctor.h
   std::vector<Loop> loops;                         // by loops() of models/loops.h, where somebody wants them
   Validation validation;                           // likewise, by the functions of models/validation.h
 };

@@ -362,7 +362,7 @@ Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& va
 }
 
 void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-                   const std::vector<int>& sensors, const Loss& loss, Values& values) {
+                   const std::vector<int>& sensors, const Loss& loss, Values& values, bool refined) {
   std::vector<char> used(rig.sensors.size(), 0);
   for (int s : sensors) used[s] = 1;
   for (int index : samples) {
@@ -407,6 +407,10 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
       std::sort(order.begin(), order.end());
       double least = std::numeric_limits<double>::infinity();
       Pose best = found[order[0].second];
+      if (!refined) {
+        values.targets[{index, target}] = best;
+        continue;
+      }
       for (size_t i = 0; i < order.size() && i < 2; ++i) {
         trial.targets[{index, target}] = found[order[i].second];
         VectorXd state = refine.pack(trial);

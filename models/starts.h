@@ -41,9 +41,9 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, 
 std::vector<int> view_ids(const View& view, const Target& target);
 
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A pose that is there already
-/// stays if it can be evaluated. @throws std::runtime_error naming sample and target where no proposal can be evaluated.
+/// stays if it can be evaluated. `refine`: false leaves the best proposal as it is (cheap). @throws std::runtime_error naming sample and target where no proposal can be evaluated.
 void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-                   const std::vector<int>& sensors, const Loss& loss, Values& values);
+                   const std::vector<int>& sensors, const Loss& loss, Values& values, bool refine = true);
 
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in values.shared.
 /// Returns the names of those that could not be found and stay at the identity.
