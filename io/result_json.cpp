@@ -135,7 +135,6 @@ Json validation_json(const Validation& v) {
                                    {"met", j.met},
                                    {"why", j.why}});
   }
->>>>>>> wt-validate
   return out;
 }
 
@@ -220,7 +219,6 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(result.sensors, true);
-<<<<<<< HEAD
   if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
   json["noise_levels"] = noise_table(result.noise_levels);
   if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
