@@ -163,6 +163,7 @@ std::string options_text(const CalibrateSettings& s) {
   if (s.cross_validate) out += " --cross-validate " + std::to_string(s.cross_validate);
   for (const std::string& f : s.report_frames) out += " --report-frame " + f;
   for (const std::string& r : s.require) out += " --require " + r;
+  if (s.reject) out += " --reject";
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
   if (s.estimate_noise) out += " --estimate-noise";

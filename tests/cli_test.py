@@ -1146,6 +1146,35 @@ class Results(Case):
         self.assertNotIn("\x1b", run.out + run.err)     # piped: plain lines
         self.assertNotIn("\r", run.out + run.err)
 
+    def test_loops(self):
+        run = self.calibrate()
+        self.assertIn("Loops", run.out)
+        sensors = self.result()["sensors"]
+        loops = self.result()["loops"]
+        pairs = [(loop["from"], loop["to"]) for loop in loops]
+        self.assertEqual(len(set(pairs)), len(pairs))
+        for loop in loops:
+            self.assertEqual(set(loop) - {"test"}, {"from", "to", "unit", "points", "rms_before", "rms"})
+            self.assertEqual(loop["unit"], sensors[loop["to"]]["unit"])
+            self.assertIn((loop["to"], loop["from"]), pairs)  # here every sensor has points, and all are seen
+            self.assertGreater(loop["points"], 0)
+            self.assertLess(loop["rms"], loop["rms_before"])
+            self.assertGreaterEqual(loop["rms"], 0.2 * sensors[loop["to"]]["train"]["rms"])  # noise of both is in it
+        self.assertNotIn("Loops", self.calibrate("--no-report", "--force").out)
+        self.assertNotIn("loops", self.result())
+
+    def test_restarts(self):
+        run = self.calibrate("--restarts", "3")
+        self.assertRegex(run.out, r"3 of 3 end in this minimum")
+        r = self.result()
+        self.assertEqual(r["restarts"], {"count": 3, "failed": 0, "minima": [{"cost": r["cost"], "chi2": r["chi2"], "count": 3, "differs": {}}]})
+        plain = self.calibrate("--force")
+        self.assertEqual(plain.code, 0, plain.err)
+        self.assertNotIn("restarts", self.result())
+        self.assertEqual(self.result()["parameters"], r["parameters"])
+        for wrong in ("0", "-1", "many"):
+            self.assertEqual(self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "other", "--restarts", wrong).code, 1)
+
     def test_dry_run(self):
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")
         self.assertEqual((run.code, run.err), (0, ""))
