@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <set>
 
 namespace kincal {
 namespace {
@@ -214,6 +215,7 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
     }
     for (const std::string& n : p.unused) out += "    unused (no measurement of this step depends on it): " + n + "\n";
     for (const std::string& n : p.held_out) out += "    held out (only held-out samples see it): " + n + "\n";
+    for (const std::string& n : p.without_effect) out += "    warning: " + n + "\n";
   }
   return out;
 }
@@ -241,6 +243,35 @@ std::string staging_table(const std::vector<StagingTrial>& trials) {
 }
 namespace {
 
+/// Weak directions, what priors decide, strong correlations.
+std::string weak_text(const Explanation& e) {
+  std::string out;
+  constexpr size_t kMost = 6;
+  for (size_t i = 0; i < e.weak.size() && i < kMost; ++i) {
+    const WeakDirection& w = e.weak[i];
+    const Unit unit = shown(w.unit);
+    out += "  " + w.parameters[0].first + ": ";
+    out += std::isfinite(w.sigma) ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
+                                  : "not determined by the data";
+    if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
+      out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name + " with the prior";
+    out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
+  }
+  if (e.weak.size() > kMost) out += "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
+  const auto line = [&](const std::string& title, const std::vector<std::string>& all) {
+    if (all.empty()) return;
+    out += "  " + title + ": ";
+    for (size_t i = 0; i < all.size() && i < kMost; ++i) out += (i ? ", " : "") + all[i];
+    out += all.size() > kMost ? ", and " + std::to_string(all.size() - kMost) + " more\n" : "\n";
+  };
+  std::vector<std::string> priors, pairs;
+  for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
+  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + format(" (%+.4f)", c.correlation));
+  line("the prior decides", priors);
+  line("strong correlations", pairs);
+  return out.empty() ? out : "\nWhat the data hardly tell\n" + out;
+}
+
 /// Sigmas that the data contradict, or what was estimated.
 std::string noise_text(const CalibrationResult& result) {
   std::string out;
@@ -259,8 +290,9 @@ std::string noise_text(const CalibrationResult& result) {
     out += "\n";
   }
   if (out.empty()) return out;
-  return (result.noise_rounds > 0 ? "\nNoise, estimated from the data\n"
-                                  : "\nNoise: sigmas of the rig that the data contradict (--estimate-noise takes what is seen)\n") +
+  return (result.noise_rounds > 0
+              ? "\nNoise, estimated from the data\n"
+              : "\nNoise that is seen beside the rig's sigmas (what the model lacks counts as noise; --estimate-noise)\n") +
          out;
 }
 
@@ -383,6 +415,41 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   return out;
 }
 
+std::string leverage_table(const std::vector<Leverage>& leverage) {
+  constexpr size_t kMost = 5;
+  std::vector<std::vector<std::string>> rows;
+  std::set<std::string> samples;
+  for (const Leverage& l : leverage)
+    if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
+      rows.push_back(
+          {"without " + l.sample, l.parameter,
+           std::isfinite(l.moved_sigmas) ? "would move by " + format("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+  std::string out = align(rows, 3);
+  if (samples.size() > rows.size()) out += format("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+  return out;
+}
+
+std::string rejected_table(const std::vector<Rejected>& rejected) {
+  constexpr size_t kMost = 20;
+  size_t points = 0, views = 0, samples = 0;
+  std::string lines;
+  for (bool ids : {false, true})  // samples and views first
+    for (const Rejected& r : rejected) {
+      if (r.ids.empty() == ids) continue;
+      (ids ? points : r.sensor.empty() ? samples : views) += ids ? r.ids.size() : 1;
+      if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
+      lines += "  sample " + r.sample;
+      if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
+      for (size_t i = 0; i < r.ids.size(); ++i)
+        lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+      lines += ": " + r.reason + "\n";
+    }
+  if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return format("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
+                views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+         lines;
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out;
   if (!result.staging.empty())
@@ -411,6 +478,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
   out += "\n";
   out += noise_text(result);
+  out += weak_text(result.explanation);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
@@ -419,6 +487,8 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
+  if (!result.leverage.empty()) out += "\nWhat hangs on single samples\n" + leverage_table(result.leverage);
+  if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";

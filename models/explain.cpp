@@ -1,5 +1,6 @@
 #include "explain.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -15,11 +16,11 @@ namespace kincal {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kCancel = 0.03;      // what is left of the parts, relative: they cancel
-constexpr double kListed = 0.02;      // part of a direction, in yardsticks
-constexpr double kStrong = 0.99;      // correlation
+constexpr double kCancel = 0.03;  // what is left of the parts, relative: they cancel
+constexpr double kListed = 0.02;  // part of a direction, in yardsticks
+constexpr double kStrong = 0.99;  // correlation
 constexpr double kPriorShare = 0.9;
-constexpr int kMostViews = 60;        // that are looked at for a reason
+constexpr int kMostViews = 60;  // that are looked at for a reason
 
 std::string text(const char* format, double a, double b = 0) {
   char buffer[200];
@@ -27,8 +28,8 @@ std::string text(const char* format, double a, double b = 0) {
   return buffer;
 }
 
-std::string angle(double rad) { return text("%.2g degrees", rad * 180 / M_PI); }
-std::string length(double m) { return text("%.2g mm", m * 1e3); }
+std::string angle(double rad) { return text("%.3g degrees", rad * 180 / M_PI); }
+std::string length(double m) { return text("%.3g mm", m * 1e3); }
 
 /// "a", "a and b", "a, b and c", "a, b, c and 4 more"
 std::string listed(const std::vector<std::string>& names, size_t most = 3) {
@@ -51,7 +52,7 @@ struct Scene {
   struct Seen {  // a view
     int sample;
     const View* view;
-    Path path;                   // from the sensor's link to the target's
+    Path path;                     // from the sensor's link to the target's
     std::vector<Vector3d> points;  // of the target, a few; of whole poses: a tripod
   };
   std::vector<Seen> seen;
@@ -124,7 +125,8 @@ struct Scene {
     const auto error = result.values.errors.find({s.sample, d.joint});
     if (error != result.values.errors.end()) reading += error->second;
     if (d.joint == moved) reading += by;
-    return d.factor * (values(table.all[table.joint_scale[d.joint]].start) * reading + values(table.all[table.joint_offset[d.joint]].start)) +
+    return d.factor *
+               (values(table.all[table.joint_scale[d.joint]].start) * reading + values(table.all[table.joint_offset[d.joint]].start)) +
            d.offset;
   }
 
@@ -204,18 +206,17 @@ std::pair<double, double> size_of(const Scene& scene, const std::vector<Motion>&
 
 /// Effects of a direction on the whitened residuals.
 struct Effects {
-  double together = 0, left = 0;    // squared: of all parts at once; what the free targets and joint errors cannot take up
-  std::map<int, double> parameter;  // squared, by parameter
-  std::vector<char> sensors;        // that notice a part
+  double together = 0, left = 0;  // squared: of all parts at once; what poses of free targets cannot take up
+  std::map<int, double> part;     // squared, by column
+  std::vector<char> sensors;      // that notice a part
   double parts() const {
     double sum = 0;
-    for (const auto& p : parameter) sum += p.second;
+    for (const auto& p : part) sum += p.second;
     return sum;
   }
 };
 
 std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& directions) {
-  const std::vector<std::pair<int, int>>& columns = scene.problem.columns();
   std::vector<Effects> out(directions.size());
   for (Effects& e : out) e.sensors.assign(scene.rig.sensors.size(), 0);
   MatrixXd rows;
@@ -225,31 +226,27 @@ std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& direc
     const GroupShape& shape = scene.problem.groups()[g];
     scene.problem.noise_rows(static_cast<int>(g), scene.state, rows, whose);
     const int k = shape.private_size;
+    const int poses = k - static_cast<int>(std::count_if(whose.begin(), whose.end(), [](const NoiseRows& w) { return w.joint >= 0; }));
     Eigen::ColPivHouseholderQR<MatrixXd> qr;
-    if (k > 0) {
-      MatrixXd block = rows.leftCols(k);
-      for (int i = 0; i < k; ++i) block.col(i) /= std::max(1e-300, block.col(i).norm());
+    if (poses > 0) {
+      MatrixXd block = rows.leftCols(poses);
+      for (int i = 0; i < poses; ++i) block.col(i) /= std::max(1e-300, block.col(i).norm());
       qr.setThreshold(1e-9);
       qr.compute(block);
     }
     for (size_t d = 0; d < directions.size(); ++d) {
-      std::map<int, VectorXd> parts;
       VectorXd all = VectorXd::Zero(rows.rows());
       for (size_t i = 0; i < shape.columns.size(); ++i) {
         const double c = directions[d](shape.columns[i]);
         if (c == 0) continue;
         const VectorXd column = c * rows.col(k + static_cast<Eigen::Index>(i));
-        const auto placed = parts.try_emplace(columns[shape.columns[i]].first, column);
-        if (!placed.second) placed.first->second += column;
+        out[d].part[shape.columns[i]] += column.squaredNorm();
+        for (const NoiseRows& w : whose)
+          if (w.view && !column.segment(w.first, w.count).isZero(0)) out[d].sensors[w.view->sensor] = 1;
         all += column;
       }
-      for (const auto& p : parts) {
-        out[d].parameter[p.first] += p.second.squaredNorm();
-        for (const NoiseRows& w : whose)
-          if (w.view && p.second.segment(w.first, w.count).squaredNorm() > 0) out[d].sensors[w.view->sensor] = 1;
-      }
       out[d].together += all.squaredNorm();
-      if (k > 0) {
+      if (poses > 0) {
         all.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
         out[d].left += all.tail(all.size() - qr.rank()).squaredNorm();
       } else {
@@ -393,22 +390,16 @@ class Reason {
 
   void find() {
     const double parts = effects_.parts();
-    if (!(parts > 0) || (effects_.parameter.size() == 1 && effects_.together <= kCancel * kCancel * alone())) return nothing();
+    if (!(parts > 0)) return nothing();
     const double together = std::sqrt(effects_.together / parts), left = std::sqrt(effects_.left / parts);
     if (together < kCancel) return cancelling(together);
-    if (left < kCancel) return free_targets();
+    if (left < kCancel) return lens() ? trade_off() : free_targets();
     to_.reason = "unknown";
     to_.why = "no single reason was found: " + names() + " change what is measured, but in the postures at hand nearly alike";
     to_.cure = "more and more varied postures, or hold " + first() + " or give it a prior";
   }
 
  private:
-  /// What the first component does by itself when its parameter's others do not go along.
-  double alone() const {
-    double sum = 0;
-    for (const auto& p : effects_.parameter) sum += p.second;
-    return sum;
-  }
   std::string first() const { return to_.parameters[0].first; }
 
   /// Components, those of one parameter together: "joint/a/origin (x, ry)".
@@ -489,8 +480,8 @@ class Reason {
     const auto l = size_of(scene_, left), r = size_of(scene_, right), sum = size_of(scene_, left, &right);
     const double whole = std::sqrt(sum.second / std::max(1e-300, l.second + r.second));
     const double points = std::sqrt(sum.first / std::max(1e-300, l.first + r.first));
-    if (points > 3 * kCancel) return size();
-    const std::string sides = one ? names() : grouped(true)[0] + " and " + listed(grouped(false));
+    if (points > 3 * kCancel) return trade_off();
+    const std::string sides = names();
     const std::vector<int> joints = breaking_joints(scene_, a, b, std::max(points, now));
     if (whole < 3 * kCancel) {
       const Kind kind = kind_of(scene_, left);
@@ -527,26 +518,32 @@ class Reason {
     return false;
   }
 
-  void size() {
+  bool lens() const {
+    return std::any_of(to_.parameters.begin(), to_.parameters.end(), [](const auto& p) {
+      return p.first.find("/intrinsics") != std::string::npos || p.first.find("/distortion") != std::string::npos;
+    });
+  }
+
+  /// Different motions and the sensors' own numbers or sizes cancel in what is measured.
+  void trade_off() {
     to_.reason = "size";
     bool angles = true;
     for (size_t s = 0; s < effects_.sensors.size(); ++s)
       if (effects_.sensors[s] && scene_.rig.sensors[s].model->sight() != Sight::rays) angles = false;
     const auto turned = orientations(scene_, effects_.sensors);
-    bool lens = false;
-    for (const auto& p : effects_.parameter)
-      lens = lens || scene_.table.all[p.first].name.find("/intrinsics") != std::string::npos ||
-             scene_.table.all[p.first].name.find("/distortion") != std::string::npos;
-    if (lens && turned.second < 10 * M_PI / 180) {
+    if (lens() && turned.second < 10 * M_PI / 180) {
       to_.reason = "one_orientation";
-      to_.why = names() + " trade off: the lens against where things are; targets turn by no more than " + angle(turned.second) +
+      to_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
+                ": the lens against where things are; targets turn by no more than " + angle(turned.second) +
                 (turned.first < 10 * M_PI / 180 ? " before the camera (one orientation)" : " about a second axis before the camera");
       to_.cure = "record views with the target tilted by 20 to 40 degrees about different axes, or hold " + first();
-    } else if (lens) {
-      to_.why = names() + " trade off: the lens against where things are";
+    } else if (lens()) {
+      to_.reason = "lens";
+      to_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") + ": the lens against where things are";
       to_.cure = "views over the whole image and at different distances, or hold " + first();
     } else if (angles) {
-      to_.why = names() + " trade off: cameras measure angles, and nothing that is held is a length: all sizes and distances can grow together";
+      to_.why =
+          names() + " trade off: cameras measure angles, and nothing that is held is a length: all sizes and distances can grow together";
       to_.cure = "hold a length (" + first() + " or the size of a target or a baseline), or add a sensor that measures lengths";
     } else {
       to_.reason = "unknown";
@@ -563,7 +560,8 @@ class Reason {
     to_.reason = "free_targets";
     const bool one = to_.parameters.size() == 1;
     to_.why = "gauge: " + names() + (one ? " moves" : " move together") + " what sees or holds the free " +
-              (targets.size() == 1 ? "target " : "targets ") + free + ", which go along: nothing that is held ties them to the base";
+              (targets.size() == 1 ? "target " : "targets ") + free + (targets.size() == 1 ? ", which goes" : ", which go") +
+              " along: nothing that is held ties this to the base";
     to_.cure = "hold " + first() + ", or add a sensor that is held or a mounted target to the same samples";
   }
 
@@ -624,16 +622,18 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     if (kind == "intrinsics") yardstick(i) = 0.01 * std::abs(result.values.shared(parameter.start));
     if (prior(i) > 0) yardstick(i) = std::min(yardstick(i), prior(i));
     sigma(i) = std::sqrt(std::max(0.0, result.covariance(i, i)));
-    if (prior(i) > 0 && sigma(i) > kPriorShare * prior(i))
-      out.prior_decides.push_back({names[i], unit, prior(i), sigma(i)});
+    if (prior(i) > 0 && sigma(i) > kPriorShare * prior(i)) out.prior_decides.push_back({names[i], unit, prior(i), sigma(i)});
   }
   std::vector<char> lost(n, 0);  // takes part in a null direction
   std::vector<VectorXd> directions;
   const auto index = [&](const std::string& name) { return static_cast<int>(std::find(names.begin(), names.end(), name) - names.begin()); };
-  const auto add = [&](VectorXd d, double its_sigma, double with_priors) {
+  const auto largest = [&](const VectorXd& d) {
+    Eigen::Index i;
+    d.cwiseQuotient(yardstick).cwiseAbs().maxCoeff(&i);
+    return static_cast<int>(i);
+  };
+  const auto add = [&](VectorXd d, int first, double its_sigma, double with_priors) {
     WeakDirection weak;
-    Eigen::Index first;
-    d.cwiseQuotient(yardstick).cwiseAbs().maxCoeff(&first);
     weak.sigma = its_sigma;
     weak.sigma_with_priors = with_priors;
     d /= d(first);
@@ -653,7 +653,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
   for (const Direction& direction : result.unobservable) {
     VectorXd d = VectorXd::Zero(n);
     for (const auto& c : direction) d(index(c.first)) = c.second;
-    add(d, kNan, kNan);
+    add(d, largest(d), kNan, kNan);
   }
   for (const ParameterEstimate& e : result.parameters)
     for (size_t c = 0; c < e.sigma.size(); ++c) {
@@ -674,9 +674,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
       for (const VectorXd& other : directions)
         known = known || std::abs(d.cwiseQuotient(yardstick).normalized().dot(other.cwiseQuotient(yardstick).normalized())) > 0.999;
       if (known) continue;
-      Eigen::Index first;
-      d.cwiseQuotient(yardstick).cwiseAbs().maxCoeff(&first);
-      add(d, kNan, sigma(first));
+      add(d, largest(d), kNan, sigma(largest(d)));
     }
     for (int i = 0; i < n; ++i) lost[i] = lost[i] || data.unobservable[i];
   }
@@ -691,21 +689,29 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
   std::stable_sort(out.correlations.begin(), out.correlations.end(),
                    [](const Correlation& a, const Correlation& b) { return std::abs(a.correlation) > std::abs(b.correlation); });
   const size_t null_directions = directions.size();
-  for (int round = 0; round < n; ++round) {
+  std::vector<int> pivots;
+  MatrixXd left = covariance;  // what is left of it with the pivots held
+  while (true) {
     int worst = -1;
     double most = 1;
     for (int i = 0; i < n; ++i)
-      if (!lost[i] && std::sqrt(std::max(0.0, covariance(i, i))) / yardstick(i) > most) {
-        most = std::sqrt(covariance(i, i)) / yardstick(i);
+      if (!lost[i] && std::sqrt(std::max(0.0, left(i, i))) / yardstick(i) > most) {
+        most = std::sqrt(left(i, i)) / yardstick(i);
         worst = i;
       }
     if (worst < 0) break;
-    const VectorXd column = covariance.col(worst);
-    const double variance = covariance(worst, worst);
-    VectorXd d = column / variance;
-    add(d, std::sqrt(variance), sigma(worst));
-    covariance -= column * column.transpose() / variance;
+    const VectorXd column = left.col(worst);
+    left -= column * column.transpose() / column(worst);
     lost[worst] = 1;
+    pivots.push_back(worst);
+  }
+  if (!pivots.empty()) {
+    const int k = static_cast<int>(pivots.size());
+    MatrixXd columns_of(n, k), among(k, k);
+    for (int a = 0; a < k; ++a) columns_of.col(a) = covariance.col(pivots[a]);
+    for (int a = 0; a < k; ++a) among.row(a) = columns_of.row(pivots[a]);
+    const MatrixXd regression = among.ldlt().solve(columns_of.transpose()).transpose();
+    for (int a = 0; a < k; ++a) add(regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])), sigma(pivots[a]));
   }
   if (directions.empty()) return out;
 
@@ -724,14 +730,24 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
   for (size_t k = 0; k < directions.size(); ++k) {
     WeakDirection& weak = out.weak[k];
     Reason(scene, directions[k], effects[k], weak).find();
-    if (k < null_directions || !exact || weak.reason != "unknown") continue;
+    if (k < null_directions || !exact || (weak.reason != "unknown" && weak.reason != "free_targets")) continue;
     const int i = index(weak.parameters[0].first);
     const double without = std::sqrt(std::max(0.0, (*exact)(i, i)));
     if (!(without < 0.2 * weak.sigma)) continue;
+    std::vector<std::string> involved;
+    for (const auto& p : weak.parameters) involved.push_back(p.first);
+    weak.why = listed(involved) + (involved.size() > 1 ? " move together" : " moves") +
+               (weak.reason == "free_targets" ? ", and free targets go along" : "") +
+               ": what would tell it is hidden by the noise of the joint readings. With exact readings " + involved[0] +
+               " would be known to " +
+               (weak.unit == "m"     ? length(without)
+                : weak.unit == "rad" ? angle(without)
+                                     : text("%.2g", without));
+    weak.cure =
+        "more samples and more varied postures, a sensor or mounted target that is held, joint sigmas no larger than they have to be; "
+        "or hold " +
+        involved[0];
     weak.reason = "joint_noise";
-    weak.why = "the noise of the joint readings hides it: with exact readings " + weak.parameters[0].first + " would be known to " +
-               (weak.unit == "m" ? length(without) : weak.unit == "rad" ? angle(without) : text("%.2g", without));
-    weak.cure = "more samples and more varied postures, and sigmas of the joints that are no larger than they have to be (see the noise levels); else hold it";
   }
   return out;
 }

@@ -3,10 +3,10 @@
 // C is the covariance of the shared unknowns from the data alone: the last step's without its priors. Where C does not exist
 // (solver/observability.h: null directions) nothing but a prior decides. Of the rest, a component is weak if its sigma is above its
 // yardstick: 1 cm, 1 degree, 1 % (of a focal length, of a size, of a gear), 0.1 for lens coefficients, or its prior's sigma where that is
-// less. Directions are found by a pivoted Cholesky factorisation of C in yardsticks: the component i that is worst goes first; what goes
-// with it is the regression on it, d = C_i / C_ii (if i is off by t, the others follow by t d), and its sigma is sqrt(C_ii). Then i is
-// taken as held, C <- C - C_i C_i' / C_ii, until no component is weak. So there are as many directions as numbers that must be held, and
-// each says which (its first one). Eigenvectors would mix directions of like sigma.
+// less. Which numbers would have to be held is found by a pivoted Cholesky factorisation of C in yardsticks: the worst component i goes
+// first and is taken as held, C <- C - C_i C_i' / C_ii, until no component is weak. Each of these pivots K gives a direction: how the other
+// unknowns follow it while the other pivots stand still, the columns of C_K (C_KK)^-1; its sigma is the pivot's. (Eigenvectors would mix
+// directions of like sigma.)
 //
 // Why is looked for in the model, not in names. With J_p d_p what parameter p does to the whitened residuals along d:
 //   - |J_p d_p| = 0: nothing depends on it, or all that is seen lies on the axis about which it turns.
@@ -36,7 +36,8 @@ struct WeakDirection {
   std::string unit;              // of the first one
   double sigma = 0;              // of the first one from the data alone, the others following it; NaN: not determined
   double sigma_with_priors = 0;  // the same in the result
-  std::string reason;            // nothing_depends, on_axis, same_axis, same_shift, same_points, size, free_targets, joint_noise, unknown
+  std::string reason;            // nothing_depends, on_axis, same_axis, same_shift, same_points, size, lens, one_orientation, free_targets,
+                                 // joint_noise, unknown
   std::string why, cure;
   std::vector<std::string> joints;  // that would have to move (more)
 };
