@@ -11,7 +11,7 @@ import sys
 import tempfile
 import unittest
 
-SOURCE, KINCAL, GROUP = sys.argv[1:4]
+SOURCE, KINCAL, GROUP = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), sys.argv[3]
 DATA = os.environ.get("KINCAL_DATA", os.path.join(SOURCE, "..", "shared", "data"))
 
 
