@@ -163,6 +163,7 @@ std::string options_text(const CalibrateSettings& s) {
   if (s.cross_validate) out += " --cross-validate " + std::to_string(s.cross_validate);
   for (const std::string& f : s.report_frames) out += " --report-frame " + f;
   for (const std::string& r : s.require) out += " --require " + r;
+  if (s.reject) out += " --reject";
   if (s.no_report) out += " --no-report";
   if (s.write_reduction) out += " --write-reduction";
   if (s.estimate_noise) out += " --estimate-noise";
@@ -430,6 +431,43 @@ bool find_work(const Sets& sets, const Output& output, const std::string& option
   return true;
 }
 
+/// A --step, --free or --fix that no set has is told once, before anything runs. Sets that cannot be read say so later.
+/// @throws InputError
+void check_names(const Sets& sets, const CalibrateSettings& settings) {
+  std::vector<std::pair<std::string, std::string>> wanted;  // option, name
+  if (!settings.step.empty()) wanted.push_back({"--step", settings.step});
+  for (const std::string& pattern : settings.free) wanted.push_back({"--free", pattern});
+  for (const std::string& pattern : settings.fix) wanted.push_back({"--fix", pattern});
+  for (const auto& [option, name] : wanted) {
+    std::string wrong;
+    bool found = false;
+    for (size_t i = 0; i < sets.all.size() && !found; ++i) {
+      try {
+        const RigFile rig_file = read_rig(rig_path(sets.all[i].rig));
+        const std::vector<Step>& steps = rig_file.rig.steps;
+        std::vector<std::string> names;
+        std::string known;
+        for (const Step& step : steps) {
+          names.push_back(step.name);
+          known += (known.empty() ? "" : ", ") + step.name;
+        }
+        if (option == "--step") {
+          found = std::count(names.begin(), names.end(), name) > 0;
+          if (wrong.empty())
+            wrong = "--step: there is no step '" + name + "' in any set" + nearest_names(name, names) + "; " + sets.all[i].name + " has " +
+                    known;
+        } else {
+          const ParameterTable table(rig_file.rig);
+          found = !table.select(name).empty();
+          if (wrong.empty()) wrong = option + ": '" + name + "' matches no parameter in any set" + nearest_names(name, table.names());
+        }
+      } catch (const InputError&) {
+      }
+    }
+    if (!found && !wrong.empty()) throw InputError(wrong);
+  }
+}
+
 std::string failing_text(const SetSummary& s) {
   return "kincal: error: " + s.name + ": " + (s.status == "failed" ? "" : s.status + ": ") + s.error;
 }
@@ -489,6 +527,7 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
 int batch(const BatchArguments& a) {
   std::error_code ignored;
   const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
+  check_names(sets, a.settings);
   const Output output = open_output(a.out);
   const std::string options = options_text(a.settings), count = plural(sets.all.size(), "set");
   const bool silent = a.quiet || a.json;

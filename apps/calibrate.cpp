@@ -75,7 +75,10 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   command->footer(
       "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, /intrinsics[.fx ...], /distortion, "
       "/baseline;\n"
-      "target/NAME/pose, /square, /points. `*` in globs crosses `/`. The tables show rms before and after; `as read` takes the joint "
+      "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent numbers of a chain. A rig without `estimate` "
+      "is\n"
+      "staged automatically: what lowers the error on samples left out of the fit is freed. `*` in globs crosses `/`. The tables show rms "
+      "before and after; `as read` takes the joint "
       "readings\n"
       "as exact: what the robot's own software will see.\n"
       "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge; 4 a\n"

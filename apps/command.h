@@ -18,6 +18,7 @@ Command batch_command(CLI::App& app, const std::string& command_line);
 Command evaluate_command(CLI::App& app);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
+Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 

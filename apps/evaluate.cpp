@@ -28,7 +28,7 @@ int evaluate(const EvaluateArguments& a) {
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
       std::printf("\n");
     }
-    if (!evaluation.converged) std::fprintf(stderr, "kincal: warning: the estimation of targets or joint errors did not converge\n");
+    for (const Warning& w : evaluation.warnings) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
     return evaluation.converged ? kConverged : kNotConverged;
   } catch (const NameError& error) {
     throw with_nearest(error, calibration);
@@ -51,7 +51,7 @@ Command evaluate_command(CLI::App& app) {
       ->allow_extra_args(false)
       ->type_name("GLOB");
   command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
-  command->add_flag("--json", a->json, "print {chi2, dof, sensors} as JSON");
+  command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
   return {command, [a] { return evaluate(*a); }};
 }
 

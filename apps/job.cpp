@@ -5,8 +5,9 @@
 #include <cmath>
 #include <filesystem>
 
-#include "../models/estimate_noise.h"
 #include "../io/comparison.h"
+#include "../models/estimate_noise.h"
+#include "../models/outliers.h"
 #include "require.h"
 
 namespace kincal {
@@ -123,6 +124,11 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
 
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress) {
+  CalibrationOptions options = options_of(settings);
+  options.progress = progress;
+  check_validation(job, settings);
+  const std::vector<Requirement> requirements = read_requirements(job, settings);
+  const std::vector<Frame> frames = read_frames(job, settings, requirements);
   std::vector<StagingTrial> tried;
   if (job.rig_file.rig.steps.empty()) {
     StagingOptions staging_options;
@@ -136,22 +142,25 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
     job.calibration = Calibration(job.rig_file.rig, job.calibration.samples());
     tried = staging->trials;
   }
-  CalibrationOptions options = options_of(settings);
-  options.progress = progress;
-  check_validation(job, settings);
-  const std::vector<Requirement> requirements = read_requirements(job, settings);
-  const std::vector<Frame> frames = read_frames(job, settings, requirements);
   try {
     std::optional<CalibrationResult> result;
+    if (settings.reject) {
+      std::optional<Cleaned> clean = calibrate_without_outliers(job.calibration, options);
+      if (!clean) return std::nullopt;
+      job.calibration = std::move(clean->calibration);
+      result = std::move(clean->result);
+    }
     if (settings.estimate_noise) {
       std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
       if (!estimate) return std::nullopt;
+      if (result) estimate->result.rejected = std::move(result->rejected);
       job.calibration = std::move(estimate->calibration);
       result = std::move(estimate->result);
-    } else {
-      result = job.calibration.run(options);
     }
+    if (!result) result = job.calibration.run(options);
     if (!result) return std::nullopt;
+    const bool badly = result->status == Status::not_converged || result->chi2 > 10 * static_cast<double>(result->dof);
+    if (badly && !settings.reject && !name_outliers(job.calibration, options, *result)) return std::nullopt;
     result->staging = std::move(tried);
     if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
     if (!settings.no_report) result->loops = loops(job.calibration, *result);
@@ -200,6 +209,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command.add_flag("--reject", s.reject,
+                   "take gross outliers out first (points, views, samples), by a robust fit; say which; then fit what is left");
   command.add_flag("--estimate-noise", s.estimate_noise,
                    "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
   command

@@ -32,7 +32,7 @@ struct CalibrateSettings {
   int restarts = 0;  // calibrate only
   int holdout = 0, cross_validate = 0;  // folds; 0: not asked for
   std::vector<std::string> report_frames, require;
-  bool no_report = false, write_reduction = false, estimate_noise = false;
+  bool reject = false, estimate_noise = false, no_report = false, write_reduction = false;
   std::string command;  // the command line, for the record
 };
 
@@ -61,8 +61,8 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
 /// Calibrates, then validates as asked for. A rig without steps is staged first (models/staging.h) and has the steps found from then on;
-/// with estimate_noise the job's calibration becomes the one with the estimated sigmas. nullopt: `progress` (see CalibrationOptions)
-/// cancelled. @throws InputError, std::exception
+/// with `reject` the job's calibration becomes that of what is left, with `estimate_noise` the one with the estimated sigmas. nullopt:
+/// `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
                                      const std::function<bool(const std::string&, int, double, double)>& progress);
 

@@ -69,8 +69,8 @@ int main(int argc, char** argv) {
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
-      calibrate_command(app, line), batch_command(app, line), evaluate_command(app),
-      simulate_command(app),        apply_command(app),       diff_command(app), local_command(app, line),
+      calibrate_command(app, line), batch_command(app, line), evaluate_command(app),    simulate_command(app),
+      apply_command(app),           diff_command(app),        local_command(app, line), init_command(app),
   };
   std::vector<std::string> names;
   std::string known;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <set>
 
 namespace kincal {
 namespace {
@@ -214,13 +215,15 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
     }
     for (const std::string& n : p.unused) out += "    unused (no measurement of this step depends on it): " + n + "\n";
     for (const std::string& n : p.held_out) out += "    held out (only held-out samples see it): " + n + "\n";
+    for (const std::string& n : p.without_effect) out += "    warning: " + n + "\n";
   }
   return out;
 }
 
 std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
-  std::string out = "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
-                    "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
+  std::string out =
+      "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which they are tried; what the\n"
+      "data do not determine is held, and a group is kept only if it lowers the error on samples that were left out of the fit:\n";
   for (const auto& group : groups) {
     out += "  " + group.first + "\n";
     for (const std::string& name : group.second) out += "    " + name + "\n";
@@ -231,7 +234,10 @@ std::string staging_plan(const std::vector<std::pair<std::string, std::vector<st
 std::string staging_table(const std::vector<StagingTrial>& trials) {
   std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
   for (const StagingTrial& t : trials)
-    rows.push_back({t.group, std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined" : t.kept ? "kept" : "not kept"),
+    rows.push_back({t.group,
+                    std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined"
+                                                               : t.kept             ? "kept"
+                                                                                    : "not kept"),
                     value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
   return align(rows, 2);
 }
@@ -409,6 +415,41 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   return out;
 }
 
+std::string leverage_table(const std::vector<Leverage>& leverage) {
+  constexpr size_t kMost = 5;
+  std::vector<std::vector<std::string>> rows;
+  std::set<std::string> samples;
+  for (const Leverage& l : leverage)
+    if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
+      rows.push_back(
+          {"without " + l.sample, l.parameter,
+           std::isfinite(l.moved_sigmas) ? "would move by " + format("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+  std::string out = align(rows, 3);
+  if (samples.size() > rows.size()) out += format("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+  return out;
+}
+
+std::string rejected_table(const std::vector<Rejected>& rejected) {
+  constexpr size_t kMost = 20;
+  size_t points = 0, views = 0, samples = 0;
+  std::string lines;
+  for (bool ids : {false, true})  // samples and views first
+    for (const Rejected& r : rejected) {
+      if (r.ids.empty() == ids) continue;
+      (ids ? points : r.sensor.empty() ? samples : views) += ids ? r.ids.size() : 1;
+      if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
+      lines += "  sample " + r.sample;
+      if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
+      for (size_t i = 0; i < r.ids.size(); ++i)
+        lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+      lines += ": " + r.reason + "\n";
+    }
+  if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return format("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
+                views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+         lines;
+}
+
 std::string report(const CalibrationResult& result, const ResultFiles& files) {
   std::string out;
   if (!result.staging.empty())
@@ -446,6 +487,8 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
+  if (!result.leverage.empty()) out += "\nWhat hangs on single samples\n" + leverage_table(result.leverage);
+  if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
   if (!result.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";

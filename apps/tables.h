@@ -47,6 +47,10 @@ std::string staging_table(const std::vector<StagingTrial>& trials);
 std::string validation_table(const CalibrationResult& result);
 /// Two calibrations compared: the parameters that differ most in sigmas, and frames.
 std::string comparison_table(const Comparison& comparison, size_t most);
+/// The samples without which a parameter would move most.
+std::string leverage_table(const std::vector<Leverage>& leverage);
+/// What `--reject` took out: counts, and the first of it.
+std::string rejected_table(const std::vector<Rejected>& rejected);
 /// Steps, tables, what is not in the URDF, warnings.
 std::string report(const CalibrationResult& result, const ResultFiles& files);
 /// A batch: how many of each status, chi2/dof and rms over the sets, and the sets that are not converged, with reasons.

@@ -165,6 +165,12 @@ void add_explanation(Json& json, const Explanation& e) {
     json["correlations"].push_back({{"a", c.a}, {"b", c.b}, {"correlation", number(c.correlation)}});
 }
 
+Json warning_list(const std::vector<Warning>& warnings) {
+  Json out = Json::array();
+  for (const Warning& w : warnings) out.push_back({{"id", w.id}, {"text", w.text}});
+  return out;
+}
+
 std::string noise_name(NoiseMode noise) {
   switch (noise) {
     case NoiseMode::latent:
@@ -261,13 +267,26 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
                                {"error_before", number(t.error_before)},
                                {"error_after", number(t.error_after)},
                                {"parameters", t.parameters}});
-  json["warnings"] = Json::array();
-  for (const Warning& w : result.warnings) json["warnings"].push_back({{"id", w.id}, {"text", w.text}});
+  json["rejected"] = Json::array();
+  for (const Rejected& r : result.rejected) {
+    Json one = {{"sample", r.sample}};
+    if (!r.sensor.empty()) one["sensor"] = r.sensor, one["target"] = r.target;
+    if (!r.ids.empty()) one["ids"] = r.ids;
+    one["reason"] = r.reason;
+    json["rejected"].push_back(one);
+  }
+  json["leverage"] = Json::array();
+  for (const Leverage& l : result.leverage)
+    json["leverage"].push_back({{"sample", l.sample}, {"parameter", l.parameter}, {"moved_sigmas", number(l.moved_sigmas)}});
+  json["warnings"] = warning_list(result.warnings);
   return json;
 }
 
 std::string evaluation_json(const Evaluation& evaluation) {
-  const Json json = {{"chi2", number(evaluation.chi2)}, {"dof", evaluation.dof}, {"sensors", sensor_table(evaluation.sensors, false)}};
+  const Json json = {{"chi2", number(evaluation.chi2)},
+                     {"dof", evaluation.dof},
+                     {"sensors", sensor_table(evaluation.sensors, false)},
+                     {"warnings", warning_list(evaluation.warnings)}};
   return json.dump(1) + "\n";
 }
 

@@ -314,11 +314,22 @@ Loss read_loss(const Field& field) {
       {"huber", LossKind::huber}, {"soft_l1", LossKind::soft_l1}, {"cauchy", LossKind::cauchy}, {"tukey", LossKind::tukey}};
   Names names;
   for (const auto& kind : kinds) names.push_back(kind.first);
-  if (field.node->kind != Node::Kind::mapping || field.size() != 1)
+  const auto is_kind = [&](const auto& member) { return kinds.count(member.first) > 0; };
+  if (field.node->kind != Node::Kind::mapping) field.fail("one of {" + joined(names) + "} with its scale in sigmas is expected");
+  Names keys = names;
+  keys.push_back("scale");
+  field.check_keys({}, keys);
+  const auto& members = field.node->members;
+  if (std::count_if(members.begin(), members.end(), is_kind) != 1)
     field.fail("one of {" + joined(names) + "} with its scale in sigmas is expected");
-  field.check_keys({}, names);
-  const std::string& name = field.node->members[0].first;
-  return {kinds.at(name), field[name].positive()};
+  const std::string& name = std::find_if(members.begin(), members.end(), is_kind)->first;
+  Loss loss{kinds.at(name), field[name].positive()};
+  if (field.has("scale")) {
+    const std::string unit = field["scale"].string();
+    if (unit != "sigma" && unit != "data") field["scale"].fail("'sigma' or 'data' is expected, not '" + unit + "'");
+    loss.from_data = unit == "data";
+  }
+  return loss;
 }
 
 PriorSetting read_prior(const std::string& pattern, const Field& field) {

@@ -7,6 +7,9 @@
 #include <limits>
 
 #include "../solver/observability.h"
+#include "leverage.h"
+#include "misfits.h"
+#include "robust.h"
 #include "starts.h"
 
 namespace kincal {
@@ -30,6 +33,10 @@ std::string text(const char* format, double a, double b = 0, double c = 0) {
   char buffer[200];
   std::snprintf(buffer, sizeof buffer, format, a, b, c);
   return buffer;
+}
+
+std::string excess_text(double ratio) {
+  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", ratio);
 }
 
 /// Sums over the residuals of one sensor.
@@ -94,6 +101,29 @@ std::vector<int> Calibration::split(bool train) const {
   std::vector<int> out;
   for (size_t i = 0; i < samples_.size(); ++i)
     if (samples_[i].train == train) out.push_back(static_cast<int>(i));
+  return out;
+}
+
+/// Starts the free targets of the samples; those of them where that can be done and no residual is undefined then.
+std::vector<int> Calibration::that_can_start(const std::vector<int>& samples, const std::vector<int>& sensors, Values& values) const {
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = sensors;
+  std::vector<int> out;
+  for (int i : samples) {
+    Estimation one(rig_, table_, samples_, {i}, setup);
+    Cost cost;
+    bool defined = true;
+    try {
+      start_targets(rig_, table_, samples_, {i}, sensors, {LossKind::soft_l1, 3}, values);
+      const VectorXd state = one.pack(values);
+      one.renew(state);
+      defined = one.groups().empty() || (one.evaluate(0, state, 0, cost) && std::isfinite(cost.twice));
+    } catch (const std::runtime_error&) {
+      defined = false;
+    }
+    if (defined) out.push_back(i);
+  }
   return out;
 }
 
@@ -195,8 +225,41 @@ std::vector<StepPlan> Calibration::resolve_all(const CalibrationOptions& options
   return out;
 }
 
+/// What is said of each of `free` and `fix` without which the last step would do the same.
+std::vector<std::string> Calibration::without_effect(const CalibrationOptions& options) const {
+  const size_t last = steps_to_run(options).size() - 1;
+  const auto freed = [&](const std::vector<std::string>& free, const std::vector<std::string>& fix) {
+    std::map<int, std::vector<int>> out;
+    for (const Freed& f : resolve(last, free, fix).free) out[f.parameter] = f.components;
+    return out;
+  };
+  const std::map<int, std::vector<int>> all = freed(options.free, options.fix);
+  std::vector<std::string> out;
+  for (const bool fix : {false, true}) {
+    const std::vector<std::string>& patterns = fix ? options.fix : options.free;
+    for (size_t i = 0; i < patterns.size(); ++i) {
+      std::vector<std::string> others = patterns;
+      others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
+      try {
+        if (freed(fix ? options.free : others, fix ? others : options.fix) != all) continue;
+      } catch (const std::invalid_argument&) {  // without it the step would free nothing, or a prior would cover nothing
+        continue;
+      }
+      bool free = false;
+      for (const Freed& f : table_.select(patterns[i])) free = free || all.count(f.parameter);
+      const std::string step = "step '" + rig_.steps[last].name + "'";
+      out.push_back((fix ? "--fix '" : "--free '") + patterns[i] + "' changes nothing: " +
+                    (fix    ? "it is not free in " + step + " anyway"
+                     : free ? "it is free in " + step + " anyway"
+                            : "no measurement of " + step + " depends on it, or --fix holds it"));
+    }
+  }
+  return out;
+}
+
 std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const {
   std::vector<StepPlan> out = resolve_all(options);
+  out.back().without_effect = without_effect(options);
   const std::vector<int> train = split(true);
   for (size_t i = 0; i < out.size(); ++i) {
     StepPlan& plan = out[i];
@@ -223,6 +286,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
   CalibrationResult result;
   result.noise = options.noise;
   result.values.shared = table_.initial;
+  for (const std::string& said : without_effect(options)) result.warnings.push_back({"no_effect", said});
 
   // Poses that the rig leaves open and the steps free wholly, without a prior: their T0 comes from the data.
   std::vector<int> unknown;
@@ -265,13 +329,15 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     const auto begin = std::chrono::steady_clock::now();
     EstimationSetup setup;
     setup.noise = options.noise;
-    setup.loss = step.loss.value_or(Loss());
+    setup.loss = options.robust ? Loss{LossKind::cauchy, 3, true} : step.loss.value_or(Loss());
     setup.sensors = step.sensors;
     setup.free = plans[i].free;
     setup.priors = plans[i].priors;
-    Estimation problem(rig_, table_, samples_, train, setup);
     if (options.scatter) options.scatter(plans[i], result.values.shared);
-    start_targets(rig_, table_, samples_, train, step.sensors, setup.loss, result.values);
+    const std::vector<int> taking_part = options.robust ? that_can_start(train, step.sensors, result.values) : train;
+    if (taking_part.empty()) throw std::runtime_error("step '" + step.name + "': no sample can start: points lie behind their cameras");
+    Estimation problem(rig_, table_, samples_, taking_part, setup);
+    if (!options.robust) start_targets(rig_, table_, samples_, taking_part, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
 
     StepResult out;
@@ -288,7 +354,10 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       if (!options.progress(step.name, 0, kNan, kNan)) return std::nullopt;
     }
     LevenbergMarquardt solver(problem, solver_options);
-    const SolveSummary summary = solver.solve(state);
+    SolveSummary summary;
+    if (setup.loss.from_data) summary = solve_graduated(problem, rig_, solver_options, state);
+    if (!options.robust && summary.outcome != Outcome::undefined_start && summary.outcome != Outcome::cancelled)
+      summary = solver.solve(state);
     if (summary.outcome == Outcome::cancelled) return std::nullopt;
     if (summary.outcome == Outcome::undefined_start) {
       const Sample& sample = samples_[problem.sample_of(summary.undefined_group)];
@@ -303,7 +372,9 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     }
     problem.unpack(state, result.values);
     problem.renew(state);
-    const Observability observability = observe(problem, state);
+    const bool last = i + 1 == steps.size();
+    std::vector<MatrixXd> left;
+    const Observability observability = observe(problem, state, last && options.judge ? &left : nullptr);
     out.linear_solver = solver.linear_solver();
     out.converged = summary.outcome == Outcome::converged;
     all_converged = all_converged && out.converged;
@@ -344,7 +415,6 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
       estimate->freed[component] = 1;
       estimate->sigma[component] = observability.unobservable[column] ? kNan : std::sqrt(std::max(0.0, observability.covariance(c, c)));
     }
-    const bool last = i + 1 == steps.size();
     result.steps.push_back(std::move(out));
     for (const std::string& pattern : step.free)  // what only held-out samples see is estimated when they are judged
       for (const Freed& f : table_.select(pattern))
@@ -358,7 +428,11 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     result.unobservable = end.unobservable;
     result.status = !all_converged ? Status::not_converged : !end.unobservable.empty() ? Status::unobservable : Status::converged;
     result.covariance = observability.covariance;
-    result.setup = setup;
+    result.setup = problem.setup();
+    if (options.judge)
+      for (const Influence& f : influences(problem.groups(), left, observability))
+        if (problem.sample_of(f.group) >= 0)
+          result.leverage.push_back({samples_[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
     for (int c = 0; c < problem.shared_size(); ++c) result.covariance_names.push_back(problem.column_name(c));
     for (ParameterEstimate& e : result.parameters) {
       const Parameter& parameter =
@@ -376,24 +450,29 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       }
     }
+    if (options.robust) return result;
     if (!options.judge) continue;
     result.explanation = explain(*this, result);
     result.noise_levels = noise_levels(problem, rig_, state, observability.covariance);
     collect(result, problem, state, step, held_out);
   }
   warn(result);
+  if (options.judge)
+    for (Warning& w : misfits(*this, result)) result.warnings.push_back(std::move(w));
   return result;
 }
 
 /// Residuals of the given samples with everything shared held but `free`; targets and joint errors estimated, sample by sample, or
 /// together where samples depend on something in `free`. `start`: poses to start free targets from, else by proposals.
 Calibration::Judged Calibration::judge(const std::vector<int>& samples, const VectorXd& shared, NoiseMode noise, const Loss& loss,
-                                       const std::vector<Freed>& free, const Values* start, bool with_dof) const {
+                                       const std::vector<Freed>& free, const Values* start, bool with_dof,
+                                       const std::vector<double>& levels) const {
   Judged out;
   out.sums.resize(rig_.sensors.size());
   EstimationSetup setup;
   setup.noise = noise;
   setup.loss = loss;
+  setup.levels = levels;
   setup.sensors = all_sensors(rig_);
   std::vector<std::vector<int>> groups(1);
   for (int i : samples) {
@@ -466,6 +545,7 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
 void Calibration::collect(CalibrationResult& result, const Estimation& last, const VectorXd& state, const Step& last_step,
                           const std::vector<Freed>& held_out) const {
   const Loss loss = last_step.loss.value_or(Loss());
+  const std::vector<double>& levels = last.setup().levels;
   std::vector<char> sees(rig_.sensors.size(), 0);
   bool complete = true;  // the last step used every sensor that sees something in training
   for (const Sample& s : samples_)
@@ -494,10 +574,10 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
       now.residuals = last.residuals(state);
       add_sums(rig_, now.residuals, now.sums);
     } else {
-      now = judge(samples, result.values.shared, result.noise, loss, free, &result.values, false);
+      now = judge(samples, result.values.shared, result.noise, loss, free, &result.values, false, levels);
     }
-    Judged read = judge(samples, result.values.shared, NoiseMode::none, loss, free, &result.values, false);
-    Judged before = judge(samples, table_.initial, NoiseMode::none, loss, free, &result.values, false);
+    Judged read = judge(samples, result.values.shared, NoiseMode::none, loss, free, &result.values, false, levels);
+    Judged before = judge(samples, table_.initial, NoiseMode::none, loss, free, &result.values, false, levels);
     for (size_t i = 0; i < rig_.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SplitStatistics& s = train ? result.sensors[place[i]].train : result.sensors[place[i]].test;
@@ -544,8 +624,7 @@ void Calibration::warn(CalibrationResult& result) const {
                                 : "hold one of these or give it a prior";
     add("unobservable", "the data do not determine " + sum + ": " + why + "; their sigmas are unknown");
   }
-  if (result.dof > 0 && result.chi2 / result.dof > 1.5)
-    add("chi2", text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", result.chi2 / result.dof));
+  if (result.dof > 0 && result.chi2 / result.dof > 1.5) add("chi2", excess_text(result.chi2 / result.dof));
   if (result.dof > 0 && result.chi2 / result.dof < 1 / 1.5 && result.noise != NoiseMode::point)  // there it says nothing
     add("chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large",
                      result.chi2 / result.dof));
@@ -599,6 +678,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
     merge(free, found);
   }
   Evaluation out;
+  std::vector<char> influences(table_.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig_.sensors.size(), -1);
   for (bool train : {true, false}) {
     const std::vector<int> samples = split(train);
@@ -609,6 +689,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
     std::vector<Freed> here;
     for (const Freed& f : free)
       if (used[f.parameter] || plain[f.parameter]) here.push_back(f);
+    for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
     const Judged now = judge(samples, table_.initial, noise, Loss(), here, nullptr, true);
     const Judged read = judge(samples, table_.initial, NoiseMode::none, Loss(), here, nullptr, false);
     if (!now.undefined.empty())
@@ -634,6 +715,14 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
         s.rotation_as_read = std::sqrt(read.sums[i].rotation / read.sums[i].points);
       }
     }
+  }
+  const auto add = [&](const char* id, std::string t) { out.warnings.push_back({id, std::move(t)}); };
+  if (!out.converged) add("not_converged", "the estimation of targets or joint errors did not converge");
+  if (out.dof > 0 && out.chi2 / out.dof > 1.5) add("chi2", excess_text(out.chi2 / out.dof));
+  for (const std::string& pattern : patterns) {
+    const std::vector<Freed> found = table_.select(pattern);
+    if (std::none_of(found.begin(), found.end(), [&](const Freed& f) { return influences[f.parameter]; }))
+      add("no_effect", "--free '" + pattern + "' changes nothing: no measurement depends on it");
   }
   return out;
 }

@@ -35,6 +35,7 @@ struct CalibrationOptions {
   bool judge = true;                     // residuals before, after and as read of both splits (`sensors`, `residuals`), noise_levels, explanation
   /// Called before each step: may move the shared values that it starts from.
   std::function<void(const StepPlan&, VectorXd&)> scatter;
+  bool robust = false;                   // every step by a graduated fit (robust.h), not to convergence; what cannot start stays out
   /// Called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
@@ -45,6 +46,7 @@ struct StepPlan {
   std::vector<Freed> free;
   std::vector<Prior> priors;
   std::vector<std::string> unused, held_out;
+  std::vector<std::string> without_effect;  // of the last step: `free` and `fix` of the options that change nothing, and why
   long rows = 0, unknowns = 0;           // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
@@ -91,6 +93,19 @@ struct Warning {
   std::string id, text;
 };
 
+/// What was taken out as a gross outlier: points of a view, a view (no ids), a sample (no sensor and target).
+struct Rejected {
+  std::string sample, sensor, target;
+  std::vector<int> ids;
+  std::string reason;
+};
+
+/// Without the sample the parameter component would move by this many of its sigmas (one Newton step); infinite: not determined then.
+struct Leverage {
+  std::string sample, parameter;
+  double moved_sigmas;
+};
+
 enum class Status { converged, unobservable, not_converged };
 
 struct CalibrationResult {
@@ -107,6 +122,8 @@ struct CalibrationResult {
   bool noise_rests = false;                        // the last of them moved no sigma by more than 1 %
   Explanation explanation;                         // what the data of the last step hardly tell
   std::vector<Warning> warnings;
+  std::vector<Rejected> rejected;                  // by calibrate_without_outliers() (outliers.h)
+  std::vector<Leverage> leverage;                  // above 1 sigma, largest first
   std::vector<std::string> computed_starts;        // poses absent from the rig whose initial value comes from the data
   std::vector<std::string> covariance_names;       // of the last step
   MatrixXd covariance;
@@ -127,6 +144,7 @@ struct Evaluation {
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;               // without rms_before
+  std::vector<Warning> warnings;
 };
 
 class Calibration {
@@ -155,11 +173,13 @@ class Calibration {
  private:
   struct Judged;
   std::vector<int> split(bool train) const;
+  std::vector<int> that_can_start(const std::vector<int>& samples, const std::vector<int>& sensors, Values& values) const;
   StepPlan resolve(size_t step, const std::vector<std::string>& free, const std::vector<std::string>& fix) const;
   std::vector<StepPlan> resolve_all(const CalibrationOptions& options) const;
+  std::vector<std::string> without_effect(const CalibrationOptions& options) const;
   std::vector<const Step*> steps_to_run(const CalibrationOptions& options) const;
   Judged judge(const std::vector<int>& samples, const VectorXd& shared, NoiseMode noise, const Loss& loss, const std::vector<Freed>& free,
-               const Values* start, bool with_dof) const;
+               const Values* start, bool with_dof, const std::vector<double>& levels = {}) const;
   void collect(CalibrationResult& result, const Estimation& last, const VectorXd& state, const Step& last_step,
                const std::vector<Freed>& held_out) const;
   void warn(CalibrationResult& result) const;

@@ -176,6 +176,7 @@ Estimation::~Estimation() = default;
 Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
                        EstimationSetup setup)
     : rig_(rig), table_(table), all_(all), setup_(std::move(setup)) {
+  set_levels(std::vector<double>(setup_.levels));
   first_column_.assign(table.all.size(), -1);
   freed_.assign(table.all.size(), nullptr);
   charts_.resize(table.all.size());
@@ -199,6 +200,12 @@ Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::v
     groups_.push_back(std::move(shape));
   }
   set_workers(1);
+}
+
+void Estimation::set_levels(const std::vector<double>& levels) {
+  setup_.levels = levels;
+  losses_.assign(rig_.sensors.size(), setup_.loss);
+  for (size_t i = 0; i < levels.size(); ++i) losses_[i].scale = setup_.loss.scale * levels[i];
 }
 
 /// A sample's views that take part. Its plan is that of an earlier sample that shows the same, or a new one.
@@ -811,7 +818,7 @@ bool Estimation::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch
   for (int i = 0; i < count; ++i) {
     double squared = 0, slope;
     for (int k = 0; k * stride < rows; ++k) squared += to.r[k * stride + i] * to.r[k * stride + i];
-    cost.twice += setup_.loss(squared, slope);
+    cost.twice += losses_[v.plan->sensor_index](squared, slope);
     scaled = scaled || slope != 1;
     for (int k = 0; k * stride < rows; ++k) scratch.slopes[k * stride + i] = std::sqrt(slope);
   }
@@ -859,7 +866,7 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
     const double squared = r.squaredNorm();
     double slope;
     cost.chi2 += squared;
-    cost.twice += setup_.loss(squared, slope);
+    cost.twice += losses_[v.plan->sensor_index](squared, slope);
     if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
   }
   if (marginal) {
@@ -877,7 +884,7 @@ bool Estimation::plain_rows(const PlacedView& v, const VectorXd& state, Scratch&
     }
     double squared = all.squaredNorm(), slope;
     cost.chi2 += squared;
-    cost.twice += setup_.loss(squared, slope);
+    cost.twice += losses_[v.plan->sensor_index](squared, slope);
     if (derivatives && slope != 1) weighted *= std::sqrt(slope);
   }
   if (derivatives) {

@@ -36,6 +36,7 @@ struct Prior {
 struct EstimationSetup {
   NoiseMode noise = NoiseMode::latent;
   Loss loss;
+  std::vector<double> levels;  // by sensor: unit of the loss's scale in sigmas; empty: 1
   std::vector<int> sensors;    // indices; views of others do not take part
   std::vector<Freed> free;
   std::vector<Prior> priors;   // of freed components only
@@ -92,6 +93,8 @@ class Estimation final : public Problem {
   /// To be called when measured numbers, sigmas or readings of the samples have been replaced in place: the next solve() starts from them
   /// without new analysis. Which views there are, their points and the number of sigmas must have stayed.
   void reload();
+  /// Units of the loss's scale, by sensor.
+  void set_levels(const std::vector<double>& levels);
   /// All views that take part, sample by sample. Call renew() first: covariances are as it left them.
   std::vector<ViewResiduals> residuals(const VectorXd& state) const;
   /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
@@ -158,6 +161,7 @@ class Estimation final : public Problem {
   const ParameterTable& table_;
   const std::vector<Sample>& all_;
   EstimationSetup setup_;
+  std::vector<Loss> losses_;                      // by sensor
   std::vector<std::pair<int, int>> columns_;      // (parameter, component)
   std::vector<int> first_column_;                 // by parameter, -1: held
   std::vector<const Freed*> freed_;               // by parameter, null: held

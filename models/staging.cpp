@@ -31,10 +31,16 @@ constexpr double kIntrinsics = 0.1, kDistortion = 0.5;  // share of the focal le
 struct Group {
   std::string name;
   std::vector<Freed> free;
-  std::vector<Prior> priors;          // one a component; none: the mounts
-  std::string pattern;                // geometry/BASE..TIP, where that says the same
-  std::vector<int> contained_offsets; // parameters: offsets of the joints of a chain
+  std::vector<Prior> priors;           // one a component; none: the mounts
+  std::string pattern;                 // geometry/BASE..TIP, where that says the same
+  std::vector<int> contained_offsets;  // parameters: offsets of the joints of a chain
 };
+
+/// To two digits: as a sigma is written.
+double rounded(double v) {
+  const double unit = std::pow(10.0, std::floor(std::log10(v)) - 1), whole = std::round(v / unit);
+  return unit < 1 ? whole / std::round(1 / unit) : whole * unit;
+}
 
 std::vector<int> range(size_t n) {
   std::vector<int> out(n);
@@ -50,8 +56,9 @@ std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>
   for (const Freed& f : a) {
     Freed left{f.parameter, {}};
     for (int c : f.components)
-      if (std::none_of(b.begin(), b.end(),
-                       [&](const Freed& g) { return g.parameter == f.parameter && std::count(g.components.begin(), g.components.end(), c); }))
+      if (std::none_of(b.begin(), b.end(), [&](const Freed& g) {
+            return g.parameter == f.parameter && std::count(g.components.begin(), g.components.end(), c);
+          }))
         left.components.push_back(c);
     if (!left.components.empty()) out.push_back(left);
   }
@@ -99,7 +106,7 @@ class Search {
 
  private:
   struct Score {
-    std::vector<double> relative;     // chi2 a number, by unit
+    std::vector<double> relative;  // chi2 a number, by unit
     double error = kNan;
   };
   void make_mounts();
@@ -119,11 +126,11 @@ class Search {
 
   Rig rig_;
   std::vector<Sample> samples_;
-  std::vector<Freed> of_held_out_;    // poses of targets that only held-out samples see, to be named with the others
+  std::vector<Freed> of_held_out_;  // poses of targets that only held-out samples see, to be named with the others
   StagingOptions options_;
   ParameterTable table_;
-  std::vector<char> used_;            // by parameter: some measurement depends on it
-  std::vector<Group> groups_;         // the mounts first
+  std::vector<char> used_;                // by parameter: some measurement depends on it
+  std::vector<Group> groups_;             // the mounts first
   std::vector<int> unit_, fold_of_unit_;  // by sample; by unit
   int folds_ = 0;
   bool by_target_ = false, absent_in_part_ = false;
@@ -142,7 +149,8 @@ Search::Search(const Rig& rig, const std::vector<Sample>& samples, const Staging
   std::sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.id < b.id; });
   for (const Sample& s : samples)
     for (const View& v : s.views)
-      if (!s.train && !seen[v.target] && rig.targets[v.target].link >= 0) merge(of_held_out_, {whole(table_, table_.target_pose[v.target])});
+      if (!s.train && !seen[v.target] && rig.targets[v.target].link >= 0)
+        merge(of_held_out_, {whole(table_, table_.target_pose[v.target])});
   if (samples_.empty()) throw std::invalid_argument("automatic staging: no training sample has a view");
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
@@ -187,7 +195,7 @@ void Search::add_group(const std::string& name, std::vector<Freed> free, const s
   for (const Freed& f : free)
     if (used_[f.parameter]) group.free.push_back(f);
   for (const Freed& f : group.free)
-    for (int c : f.components) group.priors.push_back({f.parameter, c, sigma(table_.all[f.parameter], c)});
+    for (int c : f.components) group.priors.push_back({f.parameter, c, rounded(sigma(table_.all[f.parameter], c))});
   if (!group.free.empty()) groups_.push_back(std::move(group));
 }
 
@@ -377,15 +385,16 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
       const std::pair<int, double>* largest = nullptr;
       for (const auto& c : direction) {
         const auto& column = problem.columns()[c.first];
-        if (has(group.free, column.first, column.second) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second))) largest = &c;
+        if (has(group.free, column.first, column.second) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
+          largest = &c;
       }
       if (largest) merge(drop, {{problem.columns()[largest->first].first, {problem.columns()[largest->first].second}}});
     }
     if (drop.empty()) return;
     group.free = without(group.free, drop);
-    group.priors.erase(std::remove_if(group.priors.begin(), group.priors.end(),
-                                      [&](const Prior& p) { return has(drop, p.parameter, p.component); }),
-                       group.priors.end());
+    group.priors.erase(
+        std::remove_if(group.priors.begin(), group.priors.end(), [&](const Prior& p) { return has(drop, p.parameter, p.component); }),
+        group.priors.end());
   }
 }
 
@@ -623,7 +632,8 @@ std::optional<Staging> Search::run() {
     std::vector<char> trial = kept;
     trial[g] = 0;
     const std::vector<Freed> free = freed(kept);
-    if (std::none_of(groups_[g].free.begin(), groups_[g].free.end(), [&](const Freed& f) { return has(free, f.parameter, f.components[0]); }))
+    if (std::none_of(groups_[g].free.begin(), groups_[g].free.end(),
+                     [&](const Freed& f) { return has(free, f.parameter, f.components[0]); }))
       continue;  // offsets that geometry contains
     if (!go_on("without " + groups_[g].name)) return std::nullopt;
     Values from = now;
@@ -650,7 +660,8 @@ std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, cons
   // Targets that only held-out samples see: named like those of their kind, estimated when they are judged.
   std::vector<Freed> held_out;
   for (const Freed& h : of_held_out_) {
-    const int t = static_cast<int>(std::find(table_.target_pose.begin(), table_.target_pose.end(), h.parameter) - table_.target_pose.begin());
+    const int t =
+        static_cast<int>(std::find(table_.target_pose.begin(), table_.target_pose.end(), h.parameter) - table_.target_pose.begin());
     Freed like = h;
     for (const Freed& f : groups_.empty() ? std::vector<Freed>() : groups_[0].free) {
       const auto u = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);

@@ -43,19 +43,19 @@ struct StagingOptions {
 
 struct StagingTrial {
   std::string group;
-  bool removal = false;                 // of a kept group; else it was added
-  bool kept = false;                    // it is among what is freed after this trial
+  bool removal = false;                      // of a kept group; else it was added
+  bool kept = false;                         // it is among what is freed after this trial
   double error_before = 0, error_after = 0;  // without and with the group, sigmas; NaN: not defined
-  std::vector<std::string> parameters;  // names of parameters and components
-  int numbers = 0;                      // components
+  std::vector<std::string> parameters;       // names of parameters and components
+  int numbers = 0;                           // components
 };
 
 struct Staging {
   std::vector<StagingTrial> trials;
-  std::vector<Step> steps;              // explicit: what was kept, step by step
+  std::vector<Step> steps;  // explicit: what was kept, step by step
   int folds = 0;
-  bool by_target = false;               // else by sample
-  int units = 0;                        // samples or targets judged
+  bool by_target = false;  // else by sample
+  int units = 0;           // samples or targets judged
 };
 
 /// The groups that there are for this rig and these samples, with everything in them.

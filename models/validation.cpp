@@ -24,10 +24,11 @@ std::uint64_t hash(const std::string& text) {
   return h ^ (h >> 31);
 }
 
-/// Mounted targets whose pose some step frees.
+/// Mounted targets whose pose some step frees; all of them where there are no steps yet.
 std::vector<char> movable_targets(const Rig& rig) {
   const ParameterTable table(rig);
   std::vector<char> out(rig.targets.size(), 0);
+  for (size_t t = 0; t < out.size(); ++t) out[t] = rig.steps.empty() && rig.targets[t].link >= 0;
   for (const Step& step : rig.steps)
     for (const std::string& pattern : step.free)
       for (const Freed& f : table.select(pattern))

@@ -12,10 +12,10 @@ constexpr double kPrivateRank = 1e-9;  // singular value of a private block with
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
 
-/// Rows [J_shared] of a group after the elimination of its private unknowns; their number's rank is added to `rank`.
+/// Rows [J_shared r] of a group after the elimination of its private unknowns; their number's rank is added to `rank`.
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
-  const Eigen::Index m = rows.cols() - private_size - 1;
-  if (private_size == 0) return rows.leftCols(m);
+  const Eigen::Index m = rows.cols() - private_size;
+  if (private_size == 0) return rows;
   MatrixXd block = rows.leftCols(private_size);
   for (int i = 0; i < private_size; ++i) {
     const double norm = block.col(i).norm();
@@ -47,7 +47,7 @@ void separate(MatrixXd& basis) {
 
 }  // namespace
 
-Observability observe(Problem& problem, const VectorXd& state) {
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* all_left) {
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);
@@ -69,6 +69,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
     out.rows += shape.rows;
     for (int i = 0; i < m; ++i) squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
     const MatrixXd left = eliminate(rows, k, out.rank);
+    if (all_left) all_left->push_back(left);
     for (Eigen::Index r = 0; r < left.rows() && m > 0; ++r) {
       if (used == stack.rows()) compress();
       stack.row(used).setZero();
@@ -78,6 +79,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
   }
   compress();
   out.covariance.setZero(n, n);
+  out.root.setZero(n, n);
   out.unobservable.assign(n, 0);
   out.null_space.setZero(n, 0);
   if (n == 0) return out;
@@ -111,6 +113,7 @@ Observability observe(Problem& problem, const VectorXd& state) {
     if (eigenvalue(i) > kNullEigenvalue * eigenvalue(0)) {
       const VectorXd scaled = v.cwiseProduct(scale);
       out.covariance.noalias() += scaled / eigenvalue(i) * scaled.transpose();
+      out.root.col(i) = scaled / svd.singularValues()(i);
       ++out.rank;
     } else {
       null.push_back(i);

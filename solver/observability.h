@@ -24,12 +24,14 @@ struct Observability {
   /// Per direction: (column, coefficient) of what has more than 0.02; real units, the largest scaled one is 1.
   std::vector<std::vector<std::pair<int, double>>> directions;
   MatrixXd null_space;           // n x directions: the same with all their coefficients, real units, the largest scaled one is 1
+  MatrixXd root;                 // covariance = root root'
   long rows = 0;                 // whitened residuals, priors included
   long rank = 0;                 // of all unknowns, private ones included
   long dof() const { return rows - rank; }
 };
 
-/// At a solution. Covariances as they were last renewed. Allocates.
-Observability observe(Problem& problem, const VectorXd& state);
+/// At a solution. Covariances as they were last renewed. Allocates. `left`: for every group [J_touched r] after the elimination of its
+/// private unknowns, a few rows whose Gram matrices sum up to that of the reduced system.
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* left = nullptr);
 
 }  // namespace kincal

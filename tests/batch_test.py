@@ -588,9 +588,24 @@ class Sets(Case):
         for word in ("--out", "--jobs", "--noise", "--threads", "--step", "--free", "--fix", "--linear-solver", "--no-report", "--write-reduction", "--quiet",
                      "--json", "130", "SETS"):
             self.assertIn(word, text)
-        run = self.batch("--step", "arm")
+
+    def test_names_that_no_set_has(self):
+        """Told once, before anything runs; a set that has it is enough to start."""
+        for args, words in ((("--step", "arm"), ("--step: there is no step 'arm' in any set; nearest: arms", "robot_0 has head, baselines")),
+                            (("--free", "joint/l_elbow_flex_jont/offset"), ("--free", "in any set; nearest: joint/l_elbow_flex_joint/offset")),
+                            (("--fix", "jiont/*"), ("--fix: 'jiont/*' matches no parameter in any set",))):
+            with self.subTest(args=args):
+                run = self.batch(*args)
+                self.refused(run, *words)
+                self.assertEqual(run.err.count("\n"), 1)
+                self.assertFalse(os.path.exists(self.path("out")))
+        rig = read(self.path("fleet"), "robot_3", "rig.yaml")
+        write(rig.replace("step: arms", "step: limbs"), self.path("fleet"), "robot_3", "rig.yaml")
+        write("broken", self.path("fleet"), "robot_0", "rig.yaml")
+        run = self.batch("--step", "limbs")
         self.assertEqual(run.code, 1)
-        self.assertIn("there is no step 'arm'", run.err)
+        self.assertIn("robot_1: --step: there is no step 'limbs'", run.err)
+        self.assertTrue(os.path.exists(self.path("out/robot_3/result.json")))
 
 
 if __name__ == "__main__":

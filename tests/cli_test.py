@@ -1018,7 +1018,8 @@ class Results(Case):
         run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--json")
         self.assertEqual((run.code, run.err), (0, ""))
         e = strict_json(run.out)
-        self.assertEqual(set(e), {"chi2", "dof", "sensors"})
+        self.assertEqual(set(e), {"chi2", "dof", "sensors", "warnings"})
+        self.assertEqual(e["warnings"], [])
         self.assertEqual(set(e["sensors"]), set(r["sensors"]))
         for s in e["sensors"].values():
             self.assertNotIn("rms_before", s["train"])
@@ -1034,6 +1035,10 @@ class Results(Case):
         # the original robot in its place is worse
         e = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--urdf", "robot.urdf", "--json").out)
         self.assertGreater(e["sensors"]["tracker"]["train"]["rms"], 5 * r["sensors"]["tracker"]["train"]["rms"])
+        self.assertEqual([w["id"] for w in e["warnings"]], ["chi2"])
+        self.assertIn("chi2/dof is %.3g" % (e["chi2"] / e["dof"]), e["warnings"][0]["text"])
+        run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--urdf", "robot.urdf")
+        self.assertEqual((run.code, run.err), (0, "kincal: warning: " + e["warnings"][0]["text"] + "\n"))
         # an offset in the rig is taken as folded in, a scale stays
         text = self.read("out", "rig.yaml")
         self.assertNotIn("offset:", text)
@@ -1047,11 +1052,32 @@ class Results(Case):
         for word in ("tracker", "mocap", "eye", "px", "chi2"):
             self.assertIn(word, table.out)
 
+    def test_options_without_effect(self):
+        """A pattern that changes nothing is a warning with its reason; one that changes something is not."""
+        def said(*args):
+            code = self.calibrate("--force", *args).code
+            self.assertIn(code, (0, 2))
+            return [w["text"] for w in self.result()["warnings"] if w["id"] == "no_effect"]
+        self.assertEqual(said("--fix", "joint/lift/offset"), [])
+        self.assertEqual(said(), [])
+        (text,) = said("--free", "joint/lift/offset")
+        self.assertEqual(text, "--free 'joint/lift/offset' changes nothing: it is free in step 'all' anyway")
+        (text,) = said("--fix", "joint/lift/scale", "--fix", "joint/lift/offset")
+        self.assertEqual(text, "--fix 'joint/lift/scale' changes nothing: it is not free in step 'all' anyway")
+        (text,) = said("--free", "sensor/*/baselin[e]", "--step", "eyes", "--fix", "sensor/*/baseline")
+        self.assertIn("--free 'sensor/*/baselin[e]' changes nothing: no measurement of step 'eyes' depends on it, or --fix holds it", text)
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", "--free", "joint/lift/offset")
+        self.assertIn("warning: --free 'joint/lift/offset' changes nothing", run.out)
+        run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--json", "--free", "joint/follower/origi*")
+        self.assertEqual([w["id"] for w in strict_json(run.out)["warnings"]], ["chi2", "no_effect"])
+        self.assertIn("'joint/follower/origi*' changes nothing", run.err)
+
     def test_evaluate_free(self):
         """--free is estimated in each split by itself."""
         e0 = strict_json(self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json").out)
         run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json", "--free", "sensor/mocap/pose", "--free", "sensor/tracker/pose")
-        self.assertEqual((run.code, run.err), (0, ""))
+        self.assertEqual(run.code, 0)
+        self.assertRegex(run.err, r"^kincal: warning: chi2/dof is 88\.3: [^\n]*\n$")  # the rig's own values are off
         e1 = strict_json(run.out)
         self.assertLess(e1["chi2"], e0["chi2"])
         self.assertEqual(e1["dof"], e0["dof"] - 2 * 12)
@@ -1145,6 +1171,35 @@ class Results(Case):
             self.assertIn(word, run.out + run.err)
         self.assertNotIn("\x1b", run.out + run.err)     # piped: plain lines
         self.assertNotIn("\r", run.out + run.err)
+
+    def test_loops(self):
+        run = self.calibrate()
+        self.assertIn("Loops", run.out)
+        sensors = self.result()["sensors"]
+        loops = self.result()["loops"]
+        pairs = [(loop["from"], loop["to"]) for loop in loops]
+        self.assertEqual(len(set(pairs)), len(pairs))
+        for loop in loops:
+            self.assertEqual(set(loop) - {"test"}, {"from", "to", "unit", "points", "rms_before", "rms"})
+            self.assertEqual(loop["unit"], sensors[loop["to"]]["unit"])
+            self.assertIn((loop["to"], loop["from"]), pairs)  # here every sensor has points, and all are seen
+            self.assertGreater(loop["points"], 0)
+            self.assertLess(loop["rms"], loop["rms_before"])
+            self.assertGreaterEqual(loop["rms"], 0.2 * sensors[loop["to"]]["train"]["rms"])  # noise of both is in it
+        self.assertNotIn("Loops", self.calibrate("--no-report", "--force").out)
+        self.assertNotIn("loops", self.result())
+
+    def test_restarts(self):
+        run = self.calibrate("--restarts", "3")
+        self.assertRegex(run.out, r"3 of 3 end in this minimum")
+        r = self.result()
+        self.assertEqual(r["restarts"], {"count": 3, "failed": 0, "minima": [{"cost": r["cost"], "chi2": r["chi2"], "count": 3, "differs": {}}]})
+        plain = self.calibrate("--force")
+        self.assertEqual(plain.code, 0, plain.err)
+        self.assertNotIn("restarts", self.result())
+        self.assertEqual(self.result()["parameters"], r["parameters"])
+        for wrong in ("0", "-1", "many"):
+            self.assertEqual(self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "other", "--restarts", wrong).code, 1)
 
     def test_dry_run(self):
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")

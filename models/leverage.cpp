@@ -1,0 +1,51 @@
+#include "leverage.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace kincal {
+
+std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& left,
+                                  const Observability& observability, double least) {
+  constexpr double kAlone = 1e-7;  // of the information on a direction that the other groups have at least, else it is determined by one
+  const MatrixXd& w = observability.root;
+  const Eigen::Index n = w.cols();
+  std::vector<Influence> out;
+  for (size_t g = 0; g < groups.size(); ++g) {
+    const std::vector<int>& columns = groups[g].columns;
+    const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
+    if (m == 0 || left[g].rows() == 0) continue;
+    MatrixXd touched(m, n);
+    for (Eigen::Index i = 0; i < m; ++i) touched.row(i) = w.row(columns[i]);
+    const MatrixXd b = left[g].leftCols(m) * touched;
+    const VectorXd right = b.transpose() * left[g].col(m);
+    MatrixXd rest = MatrixXd::Identity(n, n) - b.transpose() * b;
+    VectorXd moved = VectorXd::Zero(n);
+    MatrixXd lost(n, 0);
+    const Eigen::LLT<MatrixXd> llt(rest);
+    if (llt.info() == Eigen::Success && llt.matrixLLT().diagonal().minCoeff() > 1e-3) {
+      moved = llt.solve(right);
+    } else {
+      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(rest);
+      Eigen::Index none = 0;
+      while (none < n && eigen.eigenvalues()(none) < kAlone) ++none;
+      lost = w * eigen.eigenvectors().leftCols(none);
+      const auto kept = eigen.eigenvectors().rightCols(n - none);
+      moved = kept * (kept.transpose() * right).cwiseQuotient(eigen.eigenvalues().tail(n - none));
+    }
+    const VectorXd delta = w * moved;
+    for (Eigen::Index c = 0; c < w.rows(); ++c) {
+      const double sigma = w.row(c).norm();
+      if (sigma == 0) continue;
+      const bool undetermined = lost.cols() > 0 && lost.row(c).norm() > 1e-3 * sigma;
+      const double sigmas = undetermined ? std::numeric_limits<double>::infinity() : delta(c) / sigma;
+      if (std::abs(sigmas) > least) out.push_back({static_cast<int>(g), static_cast<int>(c), sigmas});
+    }
+  }
+  std::stable_sort(out.begin(), out.end(), [](const Influence& a, const Influence& b) { return std::abs(a.sigmas) > std::abs(b.sigmas); });
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,55 @@
+#include "robust.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace kincal {
+std::vector<double> robust_levels(const Rig& rig, const std::vector<ViewResiduals>& residuals) {
+  std::vector<std::vector<double>> sizes(rig.sensors.size());
+  for (const ViewResiduals& r : residuals)
+    for (Eigen::Index i = 0; i < r.whitened.size(); ++i)
+      if (std::isfinite(r.whitened(i))) sizes[r.view->sensor].push_back(std::abs(r.whitened(i)));
+  std::vector<double> out(rig.sensors.size(), 1.0);
+  for (size_t s = 0; s < sizes.size(); ++s) {
+    std::vector<double>& v = sizes[s];
+    if (v.empty()) continue;
+    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
+    out[s] = std::max(1.4826 * v[v.size() / 2], rig.sensors[s].model->sight() == Sight::chain ? 1.0 : kLeastLevel);
+  }
+  return out;
+}
+
+SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions options, VectorXd& state,
+                             const std::vector<double>* levels) {
+  constexpr double kFall = 4, kSteady = 1.05;
+  problem.renew(state);
+  std::vector<double> scales = robust_levels(rig, problem.residuals(state));
+  const double largest = *std::max_element(scales.begin(), scales.end());
+  scales.assign(scales.size(), levels ? std::max(largest, *std::max_element(levels->begin(), levels->end())) : largest);
+  problem.set_levels(scales);
+  options.relative_decrease = 1e-3;
+  options.max_iterations = 20;
+  LevenbergMarquardt solver(problem, options);
+  SolveSummary summary;
+  for (bool steady = false; !steady;) {
+    summary = solver.solve(state);
+    if (summary.outcome == Outcome::undefined_start || summary.outcome == Outcome::cancelled) return summary;
+    problem.renew(state);
+    const std::vector<double> seen = levels ? *levels : robust_levels(rig, problem.residuals(state));
+    steady = true;
+    for (size_t s = 0; s < scales.size(); ++s) {
+      const double next = std::min(scales[s], std::max(seen[s], scales[s] / kFall));
+      steady = steady && scales[s] <= kSteady * next;
+      scales[s] = next;
+    }
+    problem.set_levels(scales);
+  }
+  return summary;
+}
+
+double chi2_bound(long n) {
+  const double v = 2.0 / (9.0 * n);
+  return n * std::pow(1 - v + 6 * std::sqrt(v), 3);
+}
+
+}  // namespace kincal
