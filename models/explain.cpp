@@ -559,9 +559,10 @@ class Reason {
     const std::string free = listed({targets.begin(), targets.end()});
     to_.reason = "free_targets";
     const bool one = to_.parameters.size() == 1;
-    to_.why = "gauge: " + names() + (one ? " moves" : " move together") + " what sees or holds the free " +
+    const bool nearly = std::isfinite(to_.sigma);
+    to_.why = (nearly ? "nearly a gauge: " : "gauge: ") + names() + (one ? " moves" : " move together") + " what sees or holds the free " +
               (targets.size() == 1 ? "target " : "targets ") + free + (targets.size() == 1 ? ", which goes" : ", which go") +
-              " along: nothing that is held ties this to the base";
+              " along: " + (nearly ? "hardly anything" : "nothing") + " that is held ties this to the base";
     to_.cure = "hold " + first() + ", or add a sensor that is held or a mounted target to the same samples";
   }
 
@@ -733,7 +734,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     if (k < null_directions || !exact || (weak.reason != "unknown" && weak.reason != "free_targets")) continue;
     const int i = index(weak.parameters[0].first);
     const double without = std::sqrt(std::max(0.0, (*exact)(i, i)));
-    if (!(without < 0.2 * weak.sigma)) continue;
+    if (!(without < 0.5 * weak.sigma)) continue;
     std::vector<std::string> involved;
     for (const auto& p : weak.parameters) involved.push_back(p.first);
     weak.why = listed(involved) + (involved.size() > 1 ? " move together" : " moves") +

@@ -14,7 +14,7 @@
 //     kinematics) say how: the same turn, the same shift, or other motions that move the seen points alike (points on an axis or a line;
 //     size against distance).
 //   - it is small only after the elimination of the free targets: these go along.
-//   - it is large with exact readings: the joints' noise hides it.
+//   - with exact readings sigma were less than half: the joints' noise hides it.
 // A cure is tried out: every joint on the way is moved by 0.4 rad (0.1 m) in all samples, and those after which the parts no longer cancel
 // are the ones to move; if there is none, no posture helps.
 #pragma once

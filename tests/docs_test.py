@@ -198,7 +198,7 @@ def check_warnings(source):
         if name.endswith(".cpp"):
             with open(os.path.join(source, "models", name), encoding="utf-8") as file:
                 code += file.read()
-    ids = set(re.findall(r'(?:add|say)\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'push_back\(\s*\{"([a-z_0-9]+)",', code))
+    ids = set(re.findall(r'(?:add|say)\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
