@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "consensus.h"
 #include "robust.h"
@@ -84,12 +85,17 @@ std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration
     }
     const auto out = std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });
     if (2 * out > static_cast<long>(training.size())) {
+      const std::string what = "--reject: " + std::to_string(out) + " of " + std::to_string(training.size()) +
+                               " samples do not fit the others: nothing was taken out";
       Cleaned plain{calibration, {}};
-      fit = plain.calibration.run(options);
+      try {
+        fit = plain.calibration.run(options);
+      } catch (const std::runtime_error& error) {
+        throw std::runtime_error(what + ", and the plain fit cannot start: " + error.what());
+      }
       if (!fit) return std::nullopt;
       plain.result = std::move(*fit);
-      plain.result.warnings.push_back({"no_consensus", "--reject: " + std::to_string(out) + " of " + std::to_string(training.size()) +
-                                                           " samples do not fit the others: nothing was taken out"});
+      plain.result.warnings.push_back({"no_consensus", what});
       return plain;
     }
     if (round > 0 && verdicts == before) break;

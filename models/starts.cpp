@@ -311,6 +311,32 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
   return true;
 }
 
+/// The same without relations that are grossly wrong: solved again and again with those within five median discrepancies.
+bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y) {
+  std::vector<Pose> kept_a = a, kept_b = b;
+  for (int round = 0; round < 20; ++round) {
+    Pose trial_x, trial_y;
+    if (!robot_world_hand_eye(kept_a, kept_b, trial_x, trial_y)) return round > 0;
+    x = trial_x;
+    y = trial_y;
+    std::vector<double> away;
+    for (size_t i = 0; i < a.size(); ++i) {
+      const Pose difference = inverse(y * b[i]) * (a[i] * x);
+      away.push_back(log_so3(difference.rotation).norm() + difference.translation.norm());
+    }
+    std::vector<double> sorted = away;
+    std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+    const double limit = 5 * sorted[sorted.size() / 2] + 1e-9;
+    const size_t before = kept_a.size();
+    kept_a.clear();
+    kept_b.clear();
+    for (size_t i = 0; i < a.size(); ++i)
+      if (away[i] <= limit) kept_a.push_back(a[i]), kept_b.push_back(b[i]);
+    if (kept_a.size() == before) break;
+  }
+  return true;
+}
+
 }  // namespace
 
 Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
@@ -640,7 +666,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
     most = 0;
     for (const auto& p : pairs) {
       Pose trial_x, trial_y;
-      if (p.second.a.size() <= most || !robot_world_hand_eye(p.second.a, p.second.b, trial_x, trial_y)) continue;
+      if (p.second.a.size() <= most || !robust_robot_world_hand_eye(p.second.a, p.second.b, trial_x, trial_y)) continue;
       most = p.second.a.size();
       chosen = p.first;
       x = trial_x;

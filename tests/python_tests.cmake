@@ -24,6 +24,9 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+kincal_python_test(outliers.Simulated outliers_test.py cli 600 ${kincal_program} Simulated)
+kincal_python_test(outliers.Data outliers_test.py data 600 ${kincal_program} Data)
+
 foreach(group Sets Choice)
   kincal_python_test(instruction_sets.${group} instruction_set_test.py cli 600 ${kincal_program} ${group})
 endforeach()
