@@ -133,12 +133,12 @@ bool name_outliers(const Calibration& calibration, const CalibrationOptions& opt
   result.warnings.erase(std::remove_if(result.warnings.begin(), result.warnings.end(), named), result.warnings.end());
   struct Kind {
     const char *id, *one, *many;
-    size_t count = 0, shown = 0;
+    size_t count, shown;
     std::string list;
   };
-  Kind kinds[] = {{"outlier_sample", " sample does", " samples do"},
-                  {"outlier_view", " view does", " views do"},
-                  {"outlier_point", " point does", " points do"}};
+  Kind kinds[] = {{"outlier_sample", " sample does", " samples do", 0, 0, ""},
+                  {"outlier_view", " view does", " views do", 0, 0, ""},
+                  {"outlier_point", " point does", " points do", 0, 0, ""}};
   for (const Rejected& r : clean->result.rejected) {
     Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
     kind.count += std::max<size_t>(1, r.ids.size());

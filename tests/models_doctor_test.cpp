@@ -61,7 +61,7 @@ struct EyeInHand {
     camera.link_T_sensor.translation << 0.05, 0.02, 0.06;
     camera.model = make_camera(Lens::pinhole, 0);
     camera.parameters = camera_parameters(Lens::pinhole, {600, 600, 320, 240}, {}, 0);
-    camera.sigma = {0.2};
+    camera.sigma = {0.2, 0.2};
     camera.image_width = 640;
     camera.image_height = 480;
     rig.sensors = {camera};
