@@ -196,6 +196,11 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     for (const Freed& f : free[i]) whole[f.parameter] = whole[f.parameter] || f.whole(table.all[f.parameter]);
     for (const auto& p : stages[i].priors) prior[table.select(p.first).at(0).parameter] = 1;
   }
+  std::set<int> absent;  // poses that the rig does not give: they cannot have moved from it
+  for (size_t k = 0; k < rig.sensors.size(); ++k)
+    if (!rig.sensors[k].pose_given) absent.insert(table.sensor_pose[k]);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0 && !rig.targets[t].pose_given) absent.insert(table.target_pose[t]);
   if (o.start) {
     values = *o.start;
   } else {
@@ -294,6 +299,7 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     for (const Freed& f : free[i]) {
       const Parameter& p = table.all[f.parameter];
       double& moved = out.moved[p.name];
+      if (absent.count(f.parameter)) continue;
       if (p.pose) {
         const Pose change = inverse(get_pose(out.given, p.start)) * get_pose(values.shared, p.start);
         moved = std::max(change.translation.norm(), log_so3(change.rotation).norm());
@@ -485,9 +491,9 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
   for (size_t i = 0; i < order.size() && refused < 3; ++i) {
     const std::string& id = samples_[order[i].second].id;
     bad.erase(id);
-    const double with = without_bad(4 * std::max(1.0, per_dof) * static_cast<double>(rest.dof)).per_dof();
-    if (with < 2 * std::max(1.0, per_dof)) {
-      per_dof = with;
+    const Fit with = without_bad(4 * std::max(1.0, per_dof) * static_cast<double>(rest.dof));
+    if (with.per_dof() < 2 * std::max(1.0, per_dof) && with.sample[order[i].second] < kSampleExcess * std::max(1.0, per_dof)) {
+      per_dof = with.per_dof();
     } else {
       bad.insert(id);
       ++refused;
