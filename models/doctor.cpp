@@ -72,6 +72,7 @@ struct Fit {
   VectorXd given;              // the rig's values
   Values values;
   std::vector<double> sample;           // mean square of a sample's rows, by index; NaN: not part of it
+  std::vector<double> most;             // the same without the worst tenth of each view's points
   std::vector<double> sensor;           // of a sensor's residuals
   std::map<std::string, double> moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
 
@@ -282,16 +283,28 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
       return out;
     }
     out.sample.assign(samples.size(), std::nan(""));
+    std::vector<double> excess(samples.size(), 1);  // rows minus private unknowns
     out.sensor.assign(rig.sensors.size(), std::nan(""));
     for (size_t g = 0; g < problem.groups().size(); ++g) {
       const GroupShape& shape = problem.groups()[g];
       out.dof += shape.rows - shape.private_size;
       Cost cost;
-      if (problem.sample_of(static_cast<int>(g)) >= 0 && problem.evaluate(static_cast<int>(g), state, 0, cost))
-        out.sample[problem.sample_of(static_cast<int>(g))] = cost.chi2 / std::max(1, shape.rows - shape.private_size);
+      const int sample = problem.sample_of(static_cast<int>(g));
+      if (sample < 0 || !problem.evaluate(static_cast<int>(g), state, 0, cost)) continue;
+      excess[sample] = std::max(1, shape.rows - shape.private_size);
+      out.sample[sample] = cost.chi2 / excess[sample];
     }
+    out.most = out.sample;
     std::map<int, std::pair<double, long>> sums;
     for (const ViewResiduals& r : problem.residuals(state)) {
+      const SensorModel& model = *rig.sensors[r.view->sensor].model;
+      const Eigen::Index points = model.whole_pose() ? 1 : r.raw.size() / model.rows(), rows = r.whitened.size() / points;
+      std::vector<double> squares;
+      for (Eigen::Index k = 0; k < points; ++k) squares.push_back(r.whitened.segment(k * rows, rows).squaredNorm());
+      std::sort(squares.begin(), squares.end());
+      const size_t kept = squares.size() == 1 ? 1 : squares.size() - (squares.size() + 9) / 10;
+      const double worst = std::accumulate(squares.begin() + static_cast<std::ptrdiff_t>(kept), squares.end(), 0.0);
+      out.most[r.sample] -= worst / excess[r.sample];
       sums[r.view->sensor].first += r.whitened.squaredNorm();
       sums[r.view->sensor].second += r.whitened.size();
     }
@@ -467,7 +480,8 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
   const double limit = kSampleExcess * std::max(1.0, squares[squares.size() / 2]);
   std::set<std::string> bad;
   for (size_t i = 0; i < samples_.size(); ++i)
-    if (robust.sample[i] > limit || std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
+    if ((robust.sample[i] > limit && robust.most[i] > 0.2 * kSampleExcess) ||
+        std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
       bad.insert(samples_[i].id);
   if (bad.empty() || bad.size() > kMostBad * samples_.size()) return std::nullopt;
   // A fit without a sample may do without it what it cannot do with it: samples that the others can live with come back.

@@ -1,5 +1,6 @@
 #include "hypotheses.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -182,6 +183,11 @@ void add_boards(const Rig& rig, const Survey& there, std::vector<Hypothesis>& ou
       std::vector<std::string> where = {rig.sensors[s.first].name};
       for (const auto& p : places) where.push_back(rig.targets[p.first].name);
       add(r, where, "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees", places, s.first);
+      if (places.size() > 1 && &r == &relabelings.front())  // one of them only: what detectors do with boards of even symmetry
+        for (const auto& p : places)
+          add(r, {rig.sensors[s.first].name, rig.targets[p.first].name},
+              "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of target " + quoted(rig.targets[p.first].name), {p},
+              s.first);
     }
 }
 
@@ -228,6 +234,28 @@ void add_mirrors(const Rig& rig, const Survey& there, std::vector<Hypothesis>& o
         };
         out.push_back(h);
       }
+    }
+  }
+}
+
+/// Points that are no grid and not in a plane: their mirror image is another target.
+void add_mirrored_points(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out) {
+  for (int t : there.targets) {
+    const Target& target = rig.targets[t];
+    if (target.grid || target.count() < 4) continue;
+    const Eigen::Matrix3Xd centred = target.points.colwise() - Vector3d(target.points.rowwise().mean());
+    const Vector3d extents = Eigen::SelfAdjointEigenSolver<Matrix3d>(centred * centred.transpose()).eigenvalues();
+    if (extents(0) < 1e-6 * extents(2)) continue;
+    for (int axis : {0, 1, 2}) {
+      Hypothesis h;
+      h.id = "mirrored";
+      h.where = {target.name};
+      h.what =
+          "the points of target " + quoted(target.name) + " are mirrored in the rig: its axes are left-handed, or one has the wrong sign";
+      h.cure = std::string("Change the sign of ") + "xyz"[axis] +
+               " (or of another one, and turn the target's pose accordingly) in targets." + target.name + ".points.";
+      h.undo = [t, axis](Rig& r, Samples&) { r.targets[t].points.row(axis) *= -1; };
+      out.push_back(h);
     }
   }
 }
@@ -501,6 +529,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, 
   add_squares(rig, table, there, freed, out);
   add_boards(rig, there, out);
   add_mirrors(rig, there, out);
+  add_mirrored_points(rig, there, out);
   add_poses(rig, there, out);
   add_sides(rig, there, out);
   add_exchanges(rig, there, out);
