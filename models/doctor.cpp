@@ -383,7 +383,7 @@ Samples Doctor::some_samples() const {
       std::vector<int>& list = by_pair[{v.sensor, v.target}];
       if (list.empty() || list.back() != i) list.push_back(i);
     }
-  for (size_t each = 5;; each *= 2) {
+  for (size_t each = 4;; each *= 2) {
     std::set<int> chosen;
     for (const auto& pair : by_pair) {
       const size_t count = pair.second.size(), take = std::min(each, count);
@@ -408,7 +408,7 @@ Fit Doctor::as_is() const {
   std::vector<Stage> stages = steps_;
   stages.push_back(all_);
   FitOptions o;
-  o.iterations = 50;
+  o.iterations = 30;
   o.relative_decrease = 1e-6;
   Fit other = fit(rig_, samples_, stages, o);
   return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
@@ -647,7 +647,7 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   double least = kInfinity;
   for (size_t i = 0; i < common; ++i) {
     step(static_cast<int>(i), static_cast<int>(all.size()));
-    const Trial t = test(all[i], some, 12, 1e-2, by_movement ? kInfinity : 20 * least);
+    const Trial t = test(all[i], some, 10, 1e-2, by_movement ? kInfinity : 20 * least);
     if (!std::isfinite(t.cost)) continue;
     least = std::min(least, t.cost);
     if (!by_movement)
