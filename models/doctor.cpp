@@ -329,7 +329,8 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
       }
       for (int c : f.components) {
         const double given = out.given(p.start + c), change = std::abs(values.shared(p.start + c) - given);
-        const bool length = p.components[c] == "fx" || p.components[c] == "fy" || (p.units[c] == "m" && given != 0);
+        const bool scale = std::count(table.joint_scale.begin(), table.joint_scale.end(), f.parameter) > 0;  // -1 hides a sign
+        const bool length = scale || p.components[c] == "fx" || p.components[c] == "fy" || (p.units[c] == "m" && given != 0);
         if (length || p.units[c] == "rad") moved = std::max(moved, length ? change / std::abs(given) : change);
       }
     }
@@ -416,7 +417,7 @@ Fit Doctor::as_is() const {
   std::vector<Stage> stages = steps_;
   stages.push_back(all_);
   FitOptions o;
-  o.iterations = 50;
+  o.iterations = 30;
   o.relative_decrease = 1e-6;
   Fit other = fit(rig_, samples_, stages, o);
   return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
@@ -675,7 +676,7 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
     double least = kInfinity;
     for (size_t i = 0; i < common; ++i) {
       step(static_cast<int>(i), static_cast<int>(common));
-      const Trial t = test(all[i], some, 12, 1e-2, by_movement ? kInfinity : 20 * least);
+      const Trial t = test(all[i], some, 10, 1e-2, by_movement ? kInfinity : 20 * least);
       if (!std::isfinite(t.cost)) continue;
       least = std::min(least, t.cost);
       if (!by_movement)
@@ -692,13 +693,13 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   std::string evidence;
   std::optional<double> chi2_before, chi2_after;
   if (by_movement) {
-    // With what moved far held at the rig's values.
+    // With what moved far held at the rig's values; if others can take its place (a gear scale of -1, the axes around), with all held.
     std::string far;
-    const auto hold = [&](Stage stage) {
-      far.clear();
+    for (const auto& m : now.moved)
+      if (m.second >= kFar && best->fit.moved.at(m.first) <= 0.2 * m.second) far += (far.empty() ? "" : ", ") + m.first;
+    const auto hold = [&](Stage stage, bool everything) {
       for (const auto& m : now.moved) {
-        if (m.second < kFar || best->fit.moved.at(m.first) > 0.2 * m.second) continue;
-        far += (far.empty() ? "" : ", ") + m.first;
+        if (!everything && (m.second < kFar || best->fit.moved.at(m.first) > 0.2 * m.second)) continue;
         const auto of_it = [&](const std::string& name) { return name == m.first || name.rfind(m.first + ".", 0) == 0; };
         stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), of_it), stage.free.end());
         stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return of_it(p.first); }),
@@ -712,15 +713,22 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
         if (m.second >= kFar && best->fit.moved.at(m.first) <= 0.2 * m.second) most = std::max(most, f.moved.at(m.first));
       return most;
     };
-    const Fit before = best_fit(rig_, samples_, hold(all_), 60, 1e-4, false),
-              after = best_fit(best->rig, best->samples, hold(best->stage), 60, 1e-4, false);
-    if (!after.complete() || (before.complete() && before.cost < kDecisive * after.cost)) return false;
+    Fit before, after;
+    bool decided = false, everything = false;
+    for (bool all_held : {false, true}) {
+      if (decided) break;
+      everything = all_held;
+      before = best_fit(rig_, samples_, hold(all_, all_held), 60, 1e-4, false);
+      after = best_fit(best->rig, best->samples, hold(best->stage, all_held), 60, 1e-4, false);
+      decided = after.complete() && (!before.complete() || before.cost > kDecisive * after.cost);
+    }
+    if (!decided) return false;
     if (before.complete()) chi2_before = before.chi2;
     chi2_after = after.chi2;
     evidence = "The estimate hides it by moving " + far +
                text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ", farthest_of(now),
                     farthest_of(best->fit)) +
-               "With these held at the rig's values " +
+               (everything ? "With all held at the rig's values " : "With these held at the rig's values ") +
                (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
                text(" and %.6g without this mistake. ", after.chi2);
   } else {
