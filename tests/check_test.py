@@ -587,7 +587,8 @@ PLANTS = [
     Plant("numbering_some", "eye", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
     Plant("numbering_some_fixed", "fixed", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
     Plant("numbering_4_fixed", "fixed", "4 of 20 views numbered from the other corner", "numbering", other_corner(only=(1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"]),
-    Plant("numbering_half", "eye_noisy", "9 of 20 views numbered from the other corner", "numbering", other_corner(only=range(0, 18, 2)), samples=["s%02d" % i for i in range(0, 18, 2)]),
+    # Nine of twenty are too many: without a clear majority there is no fit that tells which are turned (docs/doctor.md).
+    Plant("numbering_many", "eye_noisy", "7 of 20 views numbered from the other corner", "numbering", other_corner(only=range(0, 14, 2)), samples=["s%02d" % i for i in range(0, 14, 2)]),
     Plant("numbering_all_held", "fixed", "all views numbered from the other corner, the board's pose held", "numbering", held_board(other_corner()), ["board"]),
     Plant("numbering_all_stereo", "stereo", "all views of the right camera numbered from the other corner", "numbering", other_corner("right"), ["right|left"]),
     Plant("numbering_some_stereo", "stereo", "3 views of the right camera numbered from the other corner", "numbering", other_corner("right", only=SOME), ["right|left"], samples=SOME_IDS),
