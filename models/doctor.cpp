@@ -46,6 +46,15 @@ std::string joined(const std::vector<std::string>& names, size_t most = 12) {
   return out;
 }
 
+/// Of the finite numbers; NaN: there is none.
+double median(std::vector<double> numbers) {
+  numbers.erase(std::remove_if(numbers.begin(), numbers.end(), [](double x) { return !std::isfinite(x); }), numbers.end());
+  if (numbers.empty()) return std::nan("");
+  const auto middle = numbers.begin() + static_cast<std::ptrdiff_t>(numbers.size() / 2);
+  std::nth_element(numbers.begin(), middle, numbers.end());
+  return *middle;
+}
+
 // ------------------------------------------------------------------------------------------------ fits
 /// What one minimisation frees, by name, so that it fits rigs whose tables differ.
 struct Stage {
@@ -441,14 +450,9 @@ Fit Doctor::robust_fit() const {
     start.iterations = 0;
     start.closed_form = closed_form;
     Fit trial = fit(rig_, samples_, {all_}, start);
-    std::vector<double> squares;
-    for (double s : trial.sample)
-      if (std::isfinite(s)) squares.push_back(s);
-    if (squares.empty()) continue;
-    std::nth_element(squares.begin(), squares.begin() + squares.size() / 2, squares.end());
-    const double median = std::sqrt(squares[squares.size() / 2]);
-    if (scale > 0 && median > scale) continue;
-    scale = median;
+    const double typical = std::sqrt(median(trial.sample));
+    if (std::isnan(typical) || (scale > 0 && typical > scale)) continue;
+    scale = typical;
     now = std::move(trial);
   }
   if (!(scale > 0)) return now;
@@ -457,14 +461,10 @@ Fit Doctor::robust_fit() const {
     const Values start = now.values;
     o.start = &start;
     now = fit(rig_, samples_, {all_}, o);
-    std::vector<double> squares;
-    for (double s : now.sample)
-      if (std::isfinite(s)) squares.push_back(s);
-    if (squares.empty()) break;
-    std::nth_element(squares.begin(), squares.begin() + squares.size() / 2, squares.end());
-    const double median = std::sqrt(squares[squares.size() / 2]);
-    const bool settled = median > 0.8 * scale;
-    scale = median;
+    const double typical = std::sqrt(median(now.sample));
+    if (std::isnan(typical)) break;
+    const bool settled = typical > 0.8 * scale;
+    scale = typical;
     if (settled) break;
   }
   return now;
@@ -472,12 +472,9 @@ Fit Doctor::robust_fit() const {
 
 std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
   if (samples_.size() < 4 || robust.sample.empty()) return std::nullopt;
-  std::vector<double> squares;
-  for (double s : robust.sample)
-    if (std::isfinite(s)) squares.push_back(s);
-  if (squares.size() < 3) return std::nullopt;
-  std::nth_element(squares.begin(), squares.begin() + squares.size() / 2, squares.end());
-  const double limit = kSampleExcess * std::max(1.0, squares[squares.size() / 2]);
+  const double typical = median(robust.sample);
+  if (!std::isfinite(typical)) return std::nullopt;
+  const double limit = kSampleExcess * std::max(1.0, typical);
   std::set<std::string> bad;
   for (size_t i = 0; i < samples_.size(); ++i)
     if ((robust.sample[i] > limit && robust.most[i] > 0.2 * kSampleExcess) ||
@@ -529,6 +526,7 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
 
 /// Half a turn of single views of a grid: those that it makes fit far better while everything shared stays.
 std::vector<Hypothesis> Doctor::turned_views(const Fit& robust) const {
+  if (!(median(robust.sample) < kSampleExcess)) return {};  // most samples fit nothing: there is no consensus to ask
   const ParameterTable table(rig_);
   std::vector<int> sensors(rig_.sensors.size());
   std::iota(sensors.begin(), sensors.end(), 0);
@@ -642,22 +640,6 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
     if (h.id == "bad-samples") t.cost *= kWorth * static_cast<double>(now.dof) / static_cast<double>(std::max(1L, t.fit.dof));
     return t;
   };
-  const Samples some = some_samples();
-  std::vector<std::pair<double, size_t>> order;
-  double least = kInfinity;
-  for (size_t i = 0; i < common; ++i) {
-    step(static_cast<int>(i), static_cast<int>(all.size()));
-    const Trial t = test(all[i], some, 10, 1e-2, by_movement ? kInfinity : 20 * least);
-    if (!std::isfinite(t.cost)) continue;
-    least = std::min(least, t.cost);
-    if (!by_movement)
-      order.push_back({t.cost, i});
-    else if (nearer(now, t.fit) > 0)
-      order.push_back({t.fit.per_dof() / nearer(now, t.fit), i});
-  }
-  std::sort(order.begin(), order.end());
-  if (order.size() > 4) order.resize(4);
-  for (size_t i = common; i < all.size(); ++i) order.push_back({0, i});
   // By what factors the sizes are to be changed; empty if that is not sane: nothing, everything shrunk to a point, each by another factor.
   const auto size_factors = [&](const Hypothesis& h, const Trial& t) {
     std::vector<double> factors;
@@ -678,13 +660,33 @@ bool Doctor::explain(Fit& now, bool by_movement, std::vector<Finding>& out) {
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
   size_t chosen = 0;
-  for (const auto& o : order) {
-    Trial t = test(all[o.second], samples_, 100, 1e-9, best && !by_movement ? 20 * best->cost : kInfinity);
-    if (!std::isfinite(t.cost) || !convinces(all[o.second], t)) continue;
+  const auto try_whole = [&](size_t i) {
+    Trial t = test(all[i], samples_, 100, 1e-9, best && !by_movement ? 20 * best->cost : kInfinity);
+    if (!std::isfinite(t.cost) || !convinces(all[i], t)) return;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
-    const size_t extra = extras(all[o.second]), fewest = extras(all[chosen]);
+    const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
     if (!best || (equal ? extra < fewest || (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
-      best = std::move(t), chosen = o.second;
+      best = std::move(t), chosen = i;
+  };
+  for (size_t i = common; i < all.size(); ++i) try_whole(i);
+  // A few samples or views may be all that is wrong; if many go with it, something else may be wrong with these.
+  if (!best || best->fit.per_dof() > kClean || static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof)) {
+    const Samples some = some_samples();
+    std::vector<std::pair<double, size_t>> order;
+    double least = kInfinity;
+    for (size_t i = 0; i < common; ++i) {
+      step(static_cast<int>(i), static_cast<int>(common));
+      const Trial t = test(all[i], some, 10, 1e-2, by_movement ? kInfinity : 20 * least);
+      if (!std::isfinite(t.cost)) continue;
+      least = std::min(least, t.cost);
+      if (!by_movement)
+        order.push_back({t.cost, i});
+      else if (nearer(now, t.fit) > 0)
+        order.push_back({t.fit.per_dof() / nearer(now, t.fit), i});
+    }
+    std::sort(order.begin(), order.end());
+    if (order.size() > 4) order.resize(4);
+    for (const auto& o : order) try_whole(o.second);
   }
   if (!best) return false;
   const Hypothesis& h = all[chosen];
