@@ -115,7 +115,10 @@ Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool r
   EstimationSetup setup = setup_of(bench);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
   Estimation problem(bench.rig, bench.table, one, {0}, setup);
-  if (problem.groups().empty()) return out;
+  if (problem.groups().empty()) {  // nothing of it is judged
+    out.defined = true;
+    return out;
+  }
   values.shared = bench.shared;
   VectorXd state;
   const auto solve = [&] {

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -277,6 +278,52 @@ class Data(Case):
         for name in bad:
             self.assertIn(name, text[0])
         self.assertIn(" 4 samples", text[0])
+
+    def test_aubo_poses_absent(self):
+        """The closed-form start of two unknown poses is not led astray by the four either."""
+        with open(os.path.join(self.aubo, "rig_images.yaml"), encoding="utf-8") as f:
+            text = f.read().replace("robot: robot.urdf", "robot: " + os.path.join(self.aubo, "robot.urdf"))
+        text, mounts = re.subn(r"mount: \{link: base_link, pose: \{.*?\}\}", "mount: {link: base_link}", text)
+        text, poses = re.subn(r"\n    pose: \{xyz: .*", "", text)
+        self.assertEqual((mounts, poses), (1, 1))
+        rig = os.path.join(self.dir, "absent.yaml")
+        with open(rig, "w", encoding="utf-8") as f:
+            f.write(text)
+        cleaned = self.calibrate(rig, os.path.join(self.aubo, "samples_with_bad_group.jsonl"), "--reject")
+        self.assertEqual(of(cleaned, "samples"), {"group1_1", "group1_2", "group1_3", "group1_4"})
+        self.assertEqual(len(cleaned["rejected"]), 4)
+        clean = self.calibrate(os.path.join(self.aubo, "rig_images.yaml"), os.path.join(self.aubo, "samples_images.jsonl"))
+        self.assertAlmostEqual(cleaned["chi2"] / clean["chi2"], 1, delta=1e-6)
+
+    def test_spoiled_starts(self):
+        """Free boards that only cameras see, one corner of each view 30 to 100 px off: perspective poses start from it, and all are found.
+        Samples that the step's sensors do not see stay."""
+        folder = os.path.join(DATA, "pr2-simulated")
+        with open(os.path.join(folder, "rig.yaml"), encoding="utf-8") as f:
+            text = f.read().replace("robot: robot.urdf", "robot: " + os.path.join(folder, "robot.urdf"))
+        rig = os.path.join(self.dir, "stereo.yaml")
+        with open(rig, "w", encoding="utf-8") as f:
+            f.write(text[:text.index("estimate:")] + """estimate:
+  - step: cameras
+    sensors: ["narrow_*", "wide_*"]
+    free: [joint/wide_stereo_frame_joint/origin, sensor/wide_right/baseline, sensor/narrow_right/baseline]
+""")
+        samples = read_samples(os.path.join(folder, "samples.jsonl"))
+        for s in samples:
+            s["views"] = [v for v in s["views"] if "pixels" in v]
+        rng, planted = random.Random(1), set()
+        for s in samples:
+            for v in s["views"]:
+                if v["sensor"].startswith(("narrow", "wide")):
+                    i, size, angle = rng.randrange(len(v["pixels"])), rng.uniform(30, 100), rng.uniform(0, 2 * math.pi)
+                    v["pixels"][i][0] += size * math.cos(angle)
+                    v["pixels"][i][1] += size * math.sin(angle)
+                    planted.add((s["id"], v["sensor"], v["target"], i))
+        self.assertGreater(len(planted), 100)
+        result = self.calibrate(rig, self.write(samples), "--reject")
+        self.assertEqual(of(result, "points"), planted)
+        self.assertEqual((of(result, "samples"), of(result, "views")), (set(), set()))
+        self.assertLess(result["chi2"], 1.05 * result["dof"])
 
     def test_no_false_alarm(self):
         sets = [("pr2-simulated", "rig.yaml", "samples.jsonl"), ("aubo-i10", "rig_images.yaml", "samples_images.jsonl"),
