@@ -71,7 +71,7 @@ int calibrate(const CalibrateArguments& a) {
   else if (!a.quiet)
     std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
   for (const Judgement& j : result->validation.requirements)
-    if (!j.met) std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
+    if (!j.met && std::cout.flush()) std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
   return exit_code(*result);
 }
 

@@ -22,7 +22,9 @@ struct CheckArguments {
 int check(const CheckArguments& a) {
   const RigFile rig_file = read_rig(rig_path(a.rig));
   for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
-  const Calibration calibration = make_calibration(rig_file, a.samples);
+  std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
+  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;

@@ -38,7 +38,10 @@ InputError with_nearest(const NameError& error, const Calibration& calibration) 
 }
 
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
-  const std::vector<Sample> samples = read_samples(samples_path, rig_file.rig);
+  return make_calibration(rig_file, read_samples(samples_path, rig_file.rig), samples_path);
+}
+
+Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>& samples, const std::string& samples_path) {
   try {
     return Calibration(rig_file.rig, samples);
   } catch (const NameError& error) {
@@ -130,23 +133,35 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
   const std::vector<Requirement> requirements = read_requirements(job, settings);
   const std::vector<Frame> frames = read_frames(job, settings, requirements);
   std::vector<StagingTrial> tried;
-  if (job.rig_file.rig.steps.empty()) {
+  const bool staged = job.rig_file.rig.steps.empty();
+  const std::vector<Sample> all = job.calibration.samples();
+  const auto choose_steps = [&](const std::vector<Sample>& samples) {
+    Rig open = job.rig_file.rig;
+    open.steps.clear();
     StagingOptions staging_options;
     staging_options.noise = kNoiseModes.at(settings.noise);
     staging_options.threads = settings.threads;
     if (progress)
       staging_options.progress = [&](const std::string& what) { return progress("staging: " + what, 0, std::nan(""), std::nan("")); };
-    const std::optional<Staging> staging = stage(job.rig_file.rig, job.calibration.samples(), staging_options);
-    if (!staging) return std::nullopt;
+    std::optional<Staging> staging = stage(open, samples, staging_options);
+    if (!staging) return false;
     set_steps(job.rig_file, staging->steps);
-    job.calibration = Calibration(job.rig_file.rig, job.calibration.samples());
-    tried = staging->trials;
-  }
+    job.calibration = Calibration(job.rig_file.rig, all);
+    tried = std::move(staging->trials);
+    return true;
+  };
+  if (staged && !choose_steps(all)) return std::nullopt;
   try {
     std::optional<CalibrationResult> result;
     if (settings.reject) {
       std::optional<Cleaned> clean = calibrate_without_outliers(job.calibration, options);
       if (!clean) return std::nullopt;
+      if (staged &&
+          !clean->result.rejected.empty()) {  // the steps were chosen with the outliers in: once more without, then all samples again
+        if (!choose_steps(clean->calibration.samples())) return std::nullopt;
+        clean = calibrate_without_outliers(job.calibration, options);
+        if (!clean) return std::nullopt;
+      }
       job.calibration = std::move(clean->calibration);
       result = std::move(clean->result);
     }

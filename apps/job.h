@@ -29,7 +29,7 @@ struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
   std::vector<std::string> free, fix;
   int threads = 1;
-  int restarts = 0;  // calibrate only
+  int restarts = 0;                     // calibrate only
   int holdout = 0, cross_validate = 0;  // folds; 0: not asked for
   std::vector<std::string> report_frames, require;
   bool reject = false, estimate_noise = false, no_report = false, write_reduction = false;
@@ -49,6 +49,8 @@ std::string rig_path(const std::string& path);
 
 /// @throws InputError
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path);
+/// With samples read from there already.
+Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>& samples, const std::string& samples_path);
 /// `holdout`: so many folds, of which one is held out from the fit besides the samples that are so already; 0: none.
 Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
 

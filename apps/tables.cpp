@@ -235,9 +235,10 @@ std::string staging_table(const std::vector<StagingTrial>& trials) {
   std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
   for (const StagingTrial& t : trials)
     rows.push_back({t.group,
-                    std::string(t.removal ? "again: " : "") + (t.parameters.empty() ? "not determined"
-                                                               : t.kept             ? "kept"
-                                                                                    : "not kept"),
+                    std::string(t.removal ? "again: " : "") + (t.parameters.empty()  ? "not determined"
+                                                               : t.group == "mounts" ? "kept (always)"
+                                                               : t.kept              ? "kept"
+                                                                                     : "not kept (no clear gain)"),
                     value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
   return align(rows, 2);
 }

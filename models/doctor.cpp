@@ -142,7 +142,8 @@ class Doctor {
   std::string joint_noise(const Fit& now) const;
 
   const DoctorOptions& options_;
-  Rig rig_;  // with mistakes undone that were found
+  Rig rig_;              // with mistakes undone that were found
+  bool chosen_ = false;  // the rig has no steps: these are ours
   Samples samples_;
   std::vector<Stage> steps_;
   Stage all_;  // what the steps free together
@@ -157,6 +158,17 @@ void Doctor::plan() {
     if (std::any_of(rig_.targets.begin(), rig_.targets.end(), [](const Target& t) { return t.link >= 0; }))
       step.free.push_back("target/*/pose");
     rig_.steps = {step};
+    step.name = "offsets";
+    step.free.push_back("joint/*/offset");
+    step.priors.push_back({"joint/*/offset", 0.05, 0.05, false, "joint/*/offset"});
+    try {
+      Rig more = rig_;
+      more.steps.push_back(step);
+      Calibration(more, samples_);
+      rig_.steps = more.steps;
+    } catch (const std::invalid_argument&) {  // no joint has a say
+    }
+    chosen_ = true;
   }
   Calibration calibration(rig_, samples_);
   CalibrationOptions options;
@@ -512,6 +524,13 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
     }
   }
   if (bad.empty()) return std::nullopt;
+  for (size_t s = 0; s < rig_.sensors.size(); ++s) {  // all that a sensor sees: something is wrong with that sensor or with what it sees
+    bool seen = false, left = false;
+    for (const Sample& sample : samples_)
+      for (const View& v : sample.views)
+        if (v.sensor == static_cast<int>(s)) seen = true, left = left || !bad.count(sample.id);
+    if (seen && !left) return std::nullopt;
+  }
   Hypothesis h;
   h.id = "bad-samples";
   h.where.assign(bad.begin(), bad.end());
@@ -1040,8 +1059,13 @@ Diagnosis Doctor::run() {
         per_dof + (still            ? ": a joint that moved without its readings explains it."
                    : fitted.empty() ? ": none of these explains it."
                                     : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof()));
-    const std::string noise = now.complete() && !still ? joint_noise(now) : "";
+    const std::string noise = now.complete() && !still && !chosen_ ? joint_noise(now) : "";
     if (!noise.empty()) out.verdict += " " + noise;
+    if (chosen_)
+      out.verdict +=
+          " The rig has no estimate: only poses of sensors and targets and joint offsets were fitted here. calibrate tries more (the "
+          "robot's "
+          "geometry, gears, lenses): let it try before looking for mistakes.";
   }
   out.verdict[0] = out.verdict[0] == 't' ? 'T' : out.verdict[0];
   const auto ratio = [](const Finding& f) {

@@ -16,6 +16,10 @@ std::optional<NoiseEstimate> estimate_noise(const Calibration& given, const Cali
   CalibrationOptions quick = options;
   for (int round = 1;; ++round) {
     Calibration calibration(rig, samples);
+    if (options.progress)
+      quick.progress = [&](const std::string& step, int iteration, double chi2, double damping) {
+        return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration, chi2, damping);
+      };
     std::optional<CalibrationResult> result = calibration.run(quick);
     if (!result) return std::nullopt;
     double moved = 0;
@@ -28,6 +32,10 @@ std::optional<NoiseEstimate> estimate_noise(const Calibration& given, const Cali
     }
     const bool rests = moved < kAtRest;
     if (rests || round == kRounds || result->status == Status::not_converged) {
+      if (round > 1) {  // from the rig's own start, as anybody will calibrate with these sigmas
+        result = calibration.run(options);
+        if (!result) return std::nullopt;
+      }
       for (NoiseLevel& level : result->noise_levels) {
         // A part's sigmas all had the same factors.
         const double now = level.joint >= 0 ? rig.joints[level.joint].sigma : rig.sensors[level.sensor].sigma[level.first];

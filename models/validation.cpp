@@ -297,6 +297,7 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   for (double t : theta) variance += (t - mean) * (t - mean);
   const double error = std::sqrt(variance * static_cast<double>(m - 1) / static_cast<double>(m));
   const double rms = std::sqrt(sum / static_cast<double>(count)), factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
+  if (factor > 10) return {};  // one block is nearly all of it: the scatter over blocks says nothing
   return {rms / factor, rms * factor};
 }
 
