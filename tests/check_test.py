@@ -1015,6 +1015,14 @@ class RealSilent(Real):
         report = run("check", os.path.join(folder, "rig.yaml"), os.path.join(folder, "samples.jsonl"), "--json")
         self.assertEqual(report.findings, [], report.short())
 
+    def test_without_steps(self):
+        """A rig that does not say what to free: its joint offsets are no mistake, and no noise of the readings."""
+        with open(data("pr2-simulated/rig.yaml"), encoding="utf-8") as f:
+            text_of_rig = f.read().replace("robot: robot.urdf", "robot: " + data("pr2-simulated/robot.urdf"))
+        samples = read_samples(data("pr2-simulated/samples.jsonl"))
+        report = run("check", *files_of(Text(text_of_rig[:text_of_rig.index("estimate:")]), samples), "--json")
+        self.assertEqual(report.findings, [], report.short())
+
     def test_hrp2(self):
         """chi2/dof 130: a finding that explains it, or the plain statement that none of the hypotheses does."""
         files = data("hrp2-real/rig_mounted.yaml"), data("hrp2-real/samples_camera_only.jsonl")

@@ -479,6 +479,18 @@ class Panda(Case):
 class RosCharuco(Case):
     folder = "ros-industrial-charuco"
 
+    def test_new_data(self):
+        """evaluate judges samples that are all held out."""
+        path = os.path.join(self.dir, "new.jsonl")
+        with open(os.path.join(DATA, self.folder, "samples.jsonl"), encoding="utf-8") as f, open(path, "w", encoding="utf-8") as out:
+            for line in f:
+                sample = json.loads(line)
+                sample["split"] = "test"
+                out.write(json.dumps(sample) + "\n")
+        camera = self.evaluate(os.path.join(DATA, self.folder, "rig.yaml"), path)["sensors"]["camera"]
+        self.assertEqual(camera["train"]["points"], 0)
+        self.assertEqual(camera["test"]["points"], 286)
+
     def test_figures(self):
         rig, samples = os.path.join(DATA, self.folder, "rig.yaml"), os.path.join(DATA, self.folder, "samples.jsonl")
         run = load(self.folder, "expected.json")["runs"][0]

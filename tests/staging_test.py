@@ -46,8 +46,8 @@ class Program(unittest.TestCase):
         text = text.replace("robot: robot.urdf", "robot: " + os.path.abspath(os.path.join(os.path.dirname(rig), "robot.urdf")))
         return self.write("rig.yaml", text)
 
-    def staged(self, rig, *samples):
-        self.kincal("calibrate", rig, os.path.join(DATA, *samples), "--out", "out", "--force", "--quiet")
+    def staged(self, rig, *samples, options=()):
+        self.kincal("calibrate", rig, os.path.join(DATA, *samples), "--out", "out", "--force", "--quiet", *options)
         result = json.loads(self.read("out", "result.json"))
         self.assertEqual(result["status"], "converged")
         self.assertGreater(len(result["staging"]), 1)
@@ -215,6 +215,12 @@ class Aubo(Program):
     def test_the_given_rig(self):
         self.check(self.staged(self.without_steps("aubo-i10", "rig_both.yaml"), *self.SAMPLES))
         self.again(*self.SAMPLES)
+
+    def test_outliers_do_not_choose(self):
+        """Four images with wrong joint readings: with --reject the steps are those of the others."""
+        rig = self.without_steps("aubo-i10", "rig_images.yaml")
+        clean = self.kept(self.staged(rig, "aubo-i10", "samples_images.jsonl"))
+        self.assertEqual(self.kept(self.staged(rig, "aubo-i10", "samples_with_bad_group.jsonl", options=("--reject",))), clean)
 
     def init(self, *camera):
         self.kincal("init", os.path.join(DATA, "aubo-i10", "robot.urdf"), "--sensor", "camera:flange", *camera, "--sensor",
