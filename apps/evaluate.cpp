@@ -1,4 +1,5 @@
 // `kincal evaluate`: residuals at the rig's values.
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 
@@ -17,8 +18,10 @@ struct EvaluateArguments {
 
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
-  rig_file.rig.steps.clear();  // what a calibration would free does not matter here, and its samples may all be held out
-  const Calibration calibration = make_calibration(rig_file, a.samples);
+  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  if (std::none_of(samples.begin(), samples.end(), [](const Sample& sample) { return sample.train; }))
+    rig_file.rig.steps.clear();  // new data to judge: no step has anything to fit
+  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
   try {
     const Evaluation evaluation = calibration.evaluate(kNoiseModes.at(a.noise), a.free);
     if (a.json) {

@@ -238,6 +238,28 @@ void add_mirrors(const Rig& rig, const Survey& there, std::vector<Hypothesis>& o
   }
 }
 
+/// Logs in millimetres.
+void add_units(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out) {
+  for (int s : there.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    const bool pose = sensor.model->sight() == Sight::pose;
+    if (!pose && sensor.model->sight() != Sight::points) continue;
+    Hypothesis h;
+    h.id = "square";
+    h.where = {sensor.name};
+    h.what = std::string(pose ? "the positions" : "the points") + " that sensor " + quoted(sensor.name) + " measures are in millimetres";
+    h.cure = "Write metres into its views: divide by 1000.";
+    h.new_poses = true;
+    h.undo = [s, pose](Rig&, Samples& samples) {
+      for (Sample& sample : samples)
+        for (View& v : sample.views)
+          if (v.sensor == s)
+            for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= 0.001;
+    };
+    out.push_back(h);
+  }
+}
+
 /// Points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& there, std::vector<Hypothesis>& out) {
   for (int t : there.targets) {
@@ -530,6 +552,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, 
   add_boards(rig, there, out);
   add_mirrors(rig, there, out);
   add_mirrored_points(rig, there, out);
+  add_units(rig, there, out);
   add_poses(rig, there, out);
   add_sides(rig, there, out);
   add_exchanges(rig, there, out);

@@ -406,6 +406,13 @@ def mirrored_image(sensor, width, only=None):
     return plant
 
 
+def points_in_mm(sensor):
+    def plant(rig, samples):
+        for v in views(samples, sensor):
+            v["points"] = [[1000 * x for x in p] for p in v["points"]]
+    return plant
+
+
 def mirrored_points(sensor):
     def plant(rig, samples):
         for v in views(samples, sensor):
@@ -578,6 +585,7 @@ PLANTS = [
     Plant("square_24_stereo", "stereo", "square 24 mm for 25", "square", square("board", 0.024), ["board"], cure=MM25),
     Plant("square_pr2", "pr2", "square of the hand's board 23.5 mm for 24.5", "square", text("square: 0.0245", "square: 0.0235"), ["small_board"], cure=MM24, innocent=["large_board"]),
     Plant("square_mm_pr2", "pr2", "square of the hand's board 24.5 for 0.0245 (mm for m)", "square", text("square: 0.0245", "square: 24.5"), ["small_board"], cure=MM24 + r"|\bmm\b|millimet|metre", innocent=["large_board"]),
+    Plant("points_mm", "tracker", "the tracker's points in mm", "square", points_in_mm("tracker"), ["tracker"], cure=r"1000"),
     # any view shows it, unless the board has as many rows as columns
     Plant("rows_columns", "eye", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
     Plant("rows_columns_fixed", "fixed", "rows and columns swapped", "rows-columns", rows_columns("board"), ["board"]),
