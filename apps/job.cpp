@@ -5,9 +5,9 @@
 #include <cmath>
 #include <filesystem>
 
-#include "../io/comparison.h"
-#include "../models/estimate_noise.h"
-#include "../models/outliers.h"
+#include "../io/results/comparison.h"
+#include "../models/trials/estimate_noise.h"
+#include "../models/trials/outliers.h"
 #include "require.h"
 
 namespace kincal {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "../io/results.h"
-#include "../io/rig_file.h"
-#include "../models/calibration.h"
+#include "../io/results/results.h"
+#include "../io/rig/rig_file.h"
+#include "../models/calibration/calibration.h"
 
 namespace CLI {
 class App;
@@ -62,7 +62,7 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
-/// Calibrates, then validates as asked for. A rig without steps is staged first (models/staging.h) and has the steps found from then on;
+/// Calibrates, then validates as asked for. A rig without steps is staged first (models/trials/staging.h) and has the steps found from then on;
 /// with `reject` the job's calibration becomes that of what is left, with `estimate_noise` the one with the estimated sigmas. nullopt:
 /// `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
 std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,

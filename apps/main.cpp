@@ -6,8 +6,8 @@
 #include <iostream>
 #include <vector>
 
-#include "../io/document.h"
-#include "command.h"
+#include "../io/document/document.h"
+#include "commands/command.h"
 #include "job.h"
 
 namespace {

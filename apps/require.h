@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "../models/calibration.h"
+#include "../models/calibration/calibration.h"
 
 namespace kincal {
 

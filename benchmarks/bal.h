@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "../models/bundle_adjustment.h"
+#include "../models/bundle_adjustment/bundle_adjustment.h"
 #include "../solver/reduced_system.h"
 #include "run.h"
 

@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "../models/bundle_adjustment.h"
+#include "../models/bundle_adjustment/bundle_adjustment.h"
 #include "run.h"
 
 namespace kincal::benchmarks {

@@ -17,8 +17,8 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "../io/rig_file.h"
-#include "../models/calibration.h"
+#include "../io/rig/rig_file.h"
+#include "../models/calibration/calibration.h"
 #include "../solver/levenberg_marquardt.h"
 #include "bal.h"
 #include "ceres_bal.h"

@@ -4,7 +4,7 @@
 #include <map>
 #include <memory>
 
-#include "../models/sensors.h"
+#include "../models/sensors/sensors.h"
 #include "../solver/levenberg_marquardt.h"
 #include "../solver/observability.h"
 #include "../solver/reduced_system.h"

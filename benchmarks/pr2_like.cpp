@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-#include "../models/sensors.h"
+#include "../models/sensors/sensors.h"
 #include "random.h"
 
 namespace kincal::benchmarks {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "../models/estimation.h"
+#include "../models/estimation/estimation.h"
 
 namespace kincal::benchmarks {
 

@@ -11,7 +11,7 @@ enum class LossKind { none, huber, soft_l1, cauchy, tukey };
 struct Loss {
   LossKind kind = LossKind::none;
   double scale = 1;
-  bool from_data = false;  // the scale is in units of what the residuals themselves show instead of sigmas (models/robust.h)
+  bool from_data = false;  // the scale is in units of what the residuals themselves show instead of sigmas (models/fitting/robust.h)
 
   /// c^2 rho(s / c^2); the slope goes to `slope`.
   double operator()(double s, double& slope) const {

@@ -9,7 +9,7 @@
 // A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute. Its private
 // rows stay with the group, the rest is added to C and b.
 //
-// Within one view J = L M (see models/sensor.h): accumulate the small Gram matrix of [L r], then expand M' (L'L) M.
+// Within one view J = L M (see models/sensors/sensor.h): accumulate the small Gram matrix of [L r], then expand M' (L'L) M.
 #pragma once
 
 #include <Eigen/Core>

@@ -10,12 +10,12 @@
 #include <filesystem>
 #include <sstream>
 
-#include "../io/results.h"
-#include "../io/rig_file.h"
-#include "../io/simulation_file.h"
-#include "../models/calibration.h"
-#include "../models/simulation.h"
-#include "../models/starts.h"
+#include "../io/results/results.h"
+#include "../io/rig/rig_file.h"
+#include "../io/rig/simulation_file.h"
+#include "../models/calibration/calibration.h"
+#include "../models/simulation/simulation.h"
+#include "../models/fitting/starts.h"
 
 using namespace kincal;
 

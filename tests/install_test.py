@@ -49,7 +49,7 @@ def main():
 
         # what is there
         installed = sorted(os.path.relpath(os.path.join(d, f), prefix) for d, _, files in os.walk(prefix) for f in files)
-        for header in ("kinematics/transform.h", "kinematics/tree.h", "models/calibration.h", "models/rig.h", "models/sensor.h", "io/rig_file.h", "io/results.h", "io/urdf.h"):
+        for header in ("kinematics/transform.h", "kinematics/tree.h", "models/calibration/calibration.h", "models/rig/rig.h", "models/sensors/sensor.h", "io/rig/rig_file.h", "io/results/results.h", "io/urdf/urdf.h"):
             check(os.path.join("include", "kincal", header) in installed, "header %s is not installed" % header)
         check(os.path.join("bin", "kincal") in installed, "the program is not installed")
         check([f for f in installed if f.endswith("kincalConfig.cmake")], "kincalConfig.cmake is not installed")

@@ -1,7 +1,7 @@
 // The strict reader of YAML and JSON: values, places, refusals, and writing.
 // Proven: what kincal's own files need, under a decimal comma too. Not proven: conformance of yaml-cpp and nlohmann to their
 // standards.
-#include "../io/document.h"
+#include "../io/document/document.h"
 
 #include <catch2/catch.hpp>
 #include <charconv>

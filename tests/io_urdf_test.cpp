@@ -1,4 +1,4 @@
-// io/urdf.h: reading with places, writing by splices, folding offsets, and the proof of what was written.
+// io/urdf/urdf.h: reading with places, writing by splices, folding offsets, and the proof of what was written.
 //
 // Proves: every kind of mistake is reported with its line and element; with no change the text is the same byte for byte, and with
 // changes only the numbers asked for differ; folded offsets written to a file mean the calibrated robot by urdfdom's reading (another
@@ -11,8 +11,8 @@
 #include <random>
 #include <set>
 
-#include "../io/document.h"
-#include "../io/urdf.h"
+#include "../io/document/document.h"
+#include "../io/urdf/urdf.h"
 
 using namespace kincal;
 using Catch::Matchers::Contains;

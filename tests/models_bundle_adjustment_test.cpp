@@ -1,4 +1,4 @@
-// models/bundle_adjustment.h against the formulas of its head written down a second time, with plain loops and dense algebra.
+// models/bundle_adjustment/bundle_adjustment.h against the formulas of its head written down a second time, with plain loops and dense algebra.
 //
 // Proves: cost; every entry of the rows of square_root() by central differences along retract(); linearise() after approach(), anywhere in
 // a range, writes the normal equations of these rows, with one camera a block and with blocks of several cameras, and condense() what it
@@ -14,7 +14,7 @@
 #include <limits>
 #include <set>
 
-#include "../models/bundle_adjustment.h"
+#include "../models/bundle_adjustment/bundle_adjustment.h"
 #include "../solver/levenberg_marquardt.h"
 #include "rig_fixture.h"
 

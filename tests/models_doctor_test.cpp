@@ -2,10 +2,10 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../models/doctor.h"
-#include "../models/hypotheses.h"
-#include "../models/sensors.h"
-#include "../models/simulation.h"
+#include "../models/doctor/doctor.h"
+#include "../models/doctor/hypotheses.h"
+#include "../models/sensors/sensors.h"
+#include "../models/simulation/simulation.h"
 
 namespace kincal {
 namespace {

@@ -1,4 +1,4 @@
-// models/estimation.h: one minimisation as the solver's Problem, on the nasty robot of rig_fixture.h.
+// models/estimation/estimation.h: one minimisation as the solver's Problem, on the nasty robot of rig_fixture.h.
 //
 // Proves, for every sensor, noise mode and loss: residuals equal the fixture's independent forward model; whitening equals the covariance
 // of the formats' table built by hand (own noise, plus the joints' noise of a view in `marginal`, its blocks in `point`); every column of

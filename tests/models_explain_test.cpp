@@ -1,11 +1,11 @@
 // Reasons of weak directions on small rigs in which each is planted. Not proven: that every weak direction of any robot finds its reason
 // (some end as "unknown").
-#include "../models/explain.h"
+#include "../models/analysis/explain.h"
 
 #include <catch2/catch.hpp>
 #include <functional>
 
-#include "../models/calibration.h"
+#include "../models/calibration/calibration.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

@@ -1,13 +1,13 @@
-// models/geometry.h: which components of joint origins are independent. Against the sets that papers and hands have found for real
+// models/rig/geometry.h: which components of joint origins are independent. Against the sets that papers and hands have found for real
 // robots, and against the rank of derivatives by differences of the fixture's own kinematics, at other postures.
 // Not proved: that the numbers kept are the best conditioned ones; they are the first in a fixed order.
-#include "../models/geometry.h"
+#include "../models/rig/geometry.h"
 
 #include <Eigen/SVD>
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "../models/parameters.h"
+#include "../models/rig/parameters.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

@@ -1,4 +1,4 @@
-// models/local.h: offsets around one posture.
+// models/trials/local.h: offsets around one posture.
 //
 // Proves: with an error a sin(q) planted in a joint's reading, the offsets at a posture are a sin(q0) within their sigmas, for offsets of
 // all joints, and errors of fresh samples near it go down to the noise; the radius is where the gain of a constant ends (one joint, known
@@ -6,14 +6,14 @@
 // gain is claimed, over 100 seeds; nothing depends on the order of samples; joints that the data do not determine stay; too few samples, joints
 // that turn without end, and split `test` are treated as documented.
 // Does not prove: that real robots have such errors, nor that sigma holds for errors that vary faster than samples are dense.
-#include "../models/local.h"
+#include "../models/trials/local.h"
 
 #include <Eigen/Cholesky>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
 
-#include "../models/simulation.h"
+#include "../models/simulation/simulation.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

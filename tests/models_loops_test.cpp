@@ -1,15 +1,15 @@
-// models/loops.h: error of every pair of sensors.
+// models/analysis/loops.h: error of every pair of sensors.
 //
 // Proves: without noise, at the truth, every loop of a robot with all types of sensors is 0; a camera whose mount is wrong shows in
 // exactly the loops with that camera; with noise and wrong values every loop, before and after, training and held out, is what an
 // independent forward model (rig_fixture.h) with its own rigid fit and its own perspective pose gives; a point behind a camera makes that
 // figure unknown; sensors that never meet have no loop. Does not prove: that a small loop means a right robot (see the formats).
-#include "../models/loops.h"
+#include "../models/analysis/loops.h"
 
 #include <catch2/catch.hpp>
 #include <set>
 
-#include "../models/calibration.h"
+#include "../models/calibration/calibration.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

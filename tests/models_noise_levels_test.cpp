@@ -1,6 +1,6 @@
 // Variance components against the whole of R = 1 - J (J'J)^-1 J' written out; and what scaling them does. That they find planted sigmas in
 // simulations is in trust_words_test.py. Not proven here: the uncertainties (there, roughly).
-#include "../models/noise_levels.h"
+#include "../models/analysis/noise_levels.h"
 
 #include <Eigen/LU>
 #include <Eigen/QR>

@@ -11,13 +11,13 @@
 #include <cmath>
 #include <random>
 
-#include "../io/rig_file.h"
-#include "../io/simulation_file.h"
-#include "../models/leverage.h"
-#include "../models/misfits.h"
-#include "../models/outliers.h"
-#include "../models/robust.h"
-#include "../models/simulation.h"
+#include "../io/rig/rig_file.h"
+#include "../io/rig/simulation_file.h"
+#include "../models/analysis/leverage.h"
+#include "../models/analysis/misfits.h"
+#include "../models/trials/outliers.h"
+#include "../models/fitting/robust.h"
+#include "../models/simulation/simulation.h"
 
 using namespace kincal;
 

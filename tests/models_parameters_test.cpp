@@ -1,5 +1,5 @@
-// models/parameters.h: what names and globs select, against fnmatch on every name.
-#include "../models/parameters.h"
+// models/rig/parameters.h: what names and globs select, against fnmatch on every name.
+#include "../models/rig/parameters.h"
 
 #include <fnmatch.h>
 

@@ -1,4 +1,4 @@
-// models/restarts.h: the same steps from other starting values.
+// models/trials/restarts.h: the same steps from other starting values.
 //
 // Proves: an arm of two links that a tracker follows has two minima, elbow up and elbow down. Where the elbow hardly moves they are equally
 // good, and the warning says so; where it does, the wrong one is worse, restarts from there say that a better one exists and in which
@@ -6,13 +6,13 @@
 // restarts end alike. Moves are of the priors' size where there are some. The same starts every time; progress can cancel;
 // starts that cannot be evaluated are halved, and counted as failed if that does not help.
 // Does not prove: that there is no other minimum where none was found.
-#include "../models/restarts.h"
+#include "../models/trials/restarts.h"
 
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../io/rig_file.h"
-#include "../models/calibration.h"
+#include "../io/rig/rig_file.h"
+#include "../models/calibration/calibration.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

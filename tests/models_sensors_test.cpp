@@ -1,4 +1,4 @@
-// models/sensors.h: every sensor as the contract of models/sensor.h states it.
+// models/sensors/sensors.h: every sensor as the contract of models/sensors/sensor.h states it.
 //
 // Proves, sensor by sensor: L agrees entry by entry with central differences of r (1e-7 of the column's scale), for every group of
 // columns (pose or "behind", sensor's side, joint, own parameters, square, points), wherever in L the groups stand and whichever are

@@ -1,11 +1,11 @@
-// models/simulation.h and io/simulation_file.h: what a simulated robot logs, and the files of a simulation.
+// models/simulation/simulation.h and io/rig/simulation_file.h: what a simulated robot logs, and the files of a simulation.
 //
 // Proves: with all sigmas 0 every residual at the truth is 0, for every type of sensor and lens, free and mounted targets, mimic,
 // prismatic and scanning joints, offsets, scales and everything else off the rig; with noise, residuals at the truth (true readings,
 // true targets) and errors of readings are standard normal after whitening, per sensor; the same seed gives the same bytes; only what is
 // wholly seen is kept; the example keeps all its postures and views; files are read strictly and read back as written.
 // Does not prove: that estimates are right (tests of the calibration), nor that a posture is free of collisions (nothing looks).
-#include "../models/simulation.h"
+#include "../models/simulation/simulation.h"
 
 #include <unistd.h>
 
@@ -17,12 +17,12 @@
 #include <limits>
 #include <set>
 
-#include "../io/rig_file.h"
-#include "../io/simulation_file.h"
-#include "../models/calibration.h"
-#include "../models/sensors.h"
-#include "../models/starts.h"
-#include "../models/tilting_laser.h"
+#include "../io/rig/rig_file.h"
+#include "../io/rig/simulation_file.h"
+#include "../models/calibration/calibration.h"
+#include "../models/sensors/sensors.h"
+#include "../models/fitting/starts.h"
+#include "../models/sensors/tilting_laser.h"
 
 using namespace kincal;
 using Catch::Matchers::Contains;

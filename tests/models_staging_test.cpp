@@ -1,13 +1,13 @@
-// models/staging.h: a simulated arm with a tracker, three of whose groups are wrong in turn. What is wrong is kept and comes out right,
+// models/trials/staging.h: a simulated arm with a tracker, three of whose groups are wrong in turn. What is wrong is kept and comes out right,
 // what is right is not kept; the order of samples and what is held out change nothing.
 // Not proved: that the thresholds are the best ones; the sets of real robots in staging_test.py show that they serve.
-#include "../models/staging.h"
+#include "../models/trials/staging.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "../models/calibration.h"
-#include "../models/simulation.h"
+#include "../models/calibration/calibration.h"
+#include "../models/simulation/simulation.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

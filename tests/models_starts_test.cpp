@@ -1,4 +1,4 @@
-// models/starts.h: starting values in closed form.
+// models/fitting/starts.h: starting values in closed form.
 //
 // Proves: rigid fits, also of mirrored, flat and degenerate points; poses of free targets from every type of sensor, without noise to
 // 1e-6, where a plane has two mirror solutions the right one; poses of sensors and mounted targets that are up to 180 degrees and 1 m
@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "../models/calibration.h"
-#include "../models/starts.h"
+#include "../models/calibration/calibration.h"
+#include "../models/fitting/starts.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

@@ -1,4 +1,4 @@
-// models/frames.h and models/validation.h: predicted errors of frames, folds, intervals, cross-validation, tolerances.
+// models/analysis/frames.h and models/analysis/validation.h: predicted errors of frames, folds, intervals, cross-validation, tolerances.
 //
 // Proves: a frame's pose and its derivative by offsets, scales, origins (whole, and in part away from their start), mimic joints, poses of
 // sensors and targets and noise of readings equal differences of an independent forward model, on a robot with every kind of joint; the
@@ -8,7 +8,7 @@
 // often as they say, also for few blocks of unlike size; cross-validation is what calibrations by hand give; tolerances take the split
 // that they should.
 // Does not prove: that folds are the best ones, or that intervals hold for blocks that depend on one another.
-#include "../models/validation.h"
+#include "../models/analysis/validation.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -16,8 +16,8 @@
 #include <numeric>
 #include <set>
 
-#include "../models/calibration.h"
-#include "../models/simulation.h"
+#include "../models/calibration/calibration.h"
+#include "../models/simulation/simulation.h"
 #include "rig_fixture.h"
 
 using namespace kincal;

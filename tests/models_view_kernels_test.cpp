@@ -1,4 +1,4 @@
-// models/view_kernels.h: the packed inner loops against SensorModel::evaluate(), for every instruction set that this processor has.
+// models/sensors/view_kernels.h: the packed inner loops against SensorModel::evaluate(), for every instruction set that this processor has.
 //
 // Proves, for pinhole, Brown-Conrady with 5 and 8 numbers and points, and for 1 to 20 and 48 points with random ids: residuals and every
 // entry of L are those of evaluate(), whitened, in the kernels' order; own numbers wanted in part and in any order of columns, spacing

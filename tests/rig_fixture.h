@@ -17,8 +17,8 @@
 #include <utility>
 #include <vector>
 
-#include "../models/estimation.h"
-#include "../models/sensors.h"
+#include "../models/estimation/estimation.h"
+#include "../models/sensors/sensors.h"
 
 namespace kincal::fixture {
 

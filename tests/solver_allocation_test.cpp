@@ -18,7 +18,7 @@
 #include <thread>
 
 #include "../benchmarks/pr2_like.h"
-#include "../models/bundle_adjustment.h"
+#include "../models/bundle_adjustment/bundle_adjustment.h"
 #include "../solver/levenberg_marquardt.h"
 #include "problem_fixture.h"
 

@@ -1,6 +1,6 @@
 // kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml samples.jsonl
-#include <kincal/io/rig_file.h>
-#include <kincal/models/calibration.h>
+#include <kincal/io/rig/rig_file.h>
+#include <kincal/models/calibration/calibration.h>
 
 #include <cstdio>
 #include <exception>

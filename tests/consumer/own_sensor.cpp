@@ -1,7 +1,7 @@
 // A sensor type that kincal does not know: it sees the direction of a point (azimuth, elevation), not its distance. Two of them
 // on the base look at six lamps in the hand of a small arm; the samples are made here, without noise, with kinematics written
 // out by hand. Mounts, joint offsets and a gear must come out as planted, to 1e-6: from rough poses, and from none at all.
-#include <kincal/models/calibration.h>
+#include <kincal/models/calibration/calibration.h>
 
 #include <cmath>
 #include <cstdio>

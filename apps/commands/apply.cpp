@@ -1,0 +1,36 @@
+// `kincal apply`: the changes of a result put into another copy of the robot.
+#include <fstream>
+#include <iostream>
+
+#include "../../io/results/results.h"
+#include "command.h"
+#include "../job.h"
+
+namespace kincal {
+namespace {
+
+struct ApplyArguments {
+  std::string result, urdf, out;
+  bool force = false;
+};
+
+int apply(const ApplyArguments& a) {
+  if (!a.force && std::ifstream(a.out).good()) throw InputError(a.out + ": exists already; --force replaces it");
+  write_file(a.out, apply_result(a.result, read_urdf(a.urdf), a.force));
+  std::cout << "Written to " << a.out << "\n";
+  return kConverged;
+}
+
+}  // namespace
+
+Command apply_command(CLI::App& app) {
+  auto a = std::make_shared<ApplyArguments>();
+  CLI::App* command = app.add_subcommand("apply", "Put the changes of a result into another copy of the robot's URDF");
+  command->add_option("RESULT", a->result, "result directory or its result.json")->required();
+  command->add_option("URDF", a->urdf, "the copy; only numbers of its joint origins are replaced")->required();
+  command->add_option("--out", a->out, "file to write")->required();
+  command->add_flag("--force", a->force, "replace an existing file; apply a result that is not converged or not determined");
+  return {command, [a] { return apply(*a); }};
+}
+
+}  // namespace kincal

@@ -1,0 +1,71 @@
+// `kincal check`: which of the usual mistakes explains the data.
+#include <unistd.h>
+#include <cstdio>
+#include <iostream>
+#include <memory>
+
+#include "../../io/results/result_json.h"
+#include "../../models/doctor/doctor.h"
+#include "command.h"
+#include "../job.h"
+#include "../tables/tables.h"
+
+namespace kincal {
+namespace {
+
+struct CheckArguments {
+  std::string rig, samples, noise = "latent";
+  int threads = 1;
+  bool json = false, quiet = false;
+};
+
+int check(const CheckArguments& a) {
+  const RigFile rig_file = read_rig(rig_path(a.rig));
+  for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
+  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
+  DoctorOptions options;
+  options.noise = kNoiseModes.at(a.noise);
+  options.threads = a.threads;
+  const bool show = !a.quiet && !a.json && isatty(STDERR_FILENO);
+  options.progress = [&](int done, int of) {
+    if (show && of > 0 && done >= 0) std::fprintf(stderr, "\r%d of %d hypotheses\033[K", done, of);
+    return not_interrupted();
+  };
+  std::optional<Diagnosis> diagnosis;
+  try {
+    diagnosis = diagnose(calibration.rig(), calibration.samples(), options);
+  } catch (const NameError& error) {
+    throw with_nearest(error, calibration);
+  }
+  if (show) std::fprintf(stderr, "\r\033[K");
+  if (!diagnosis) return say_interrupted();
+  if (a.json)
+    std::cout << diagnosis_json(*diagnosis).dump(1) << "\n";
+  else
+    std::cout << diagnosis_text(*diagnosis);
+  return kConverged;
+}
+
+}  // namespace
+
+Command check_command(CLI::App& app) {
+  auto a = std::make_shared<CheckArguments>();
+  CLI::App* command = app.add_subcommand("check", "Test the usual mistakes as hypotheses and say which one explains the data");
+  command->add_option("RIG", a->rig, "rig.yaml")->required();
+  command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
+  command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
+  command->add_option("--threads", a->threads, "the result is the same for any number")->check(CLI::Range(1, 1024))->capture_default_str();
+  command->add_flag("--json", a->json, "print {findings, chi2, dof, verdict, tested} as JSON");
+  command->add_flag("--quiet", a->quiet, "no progress");
+  command->footer(
+      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another corner, mirrored images or points, "
+      "joints\n"
+      "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and targets on the wrong side, exchanged\n"
+      "cameras, images rectified or not, samples twice, sensors tied to nothing, and samples whose readings do not belong to their views.\n"
+      "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 interrupted.");
+  return {command, [a] { return check(*a); }};
+}
+
+}  // namespace kincal

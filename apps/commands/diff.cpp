@@ -1,0 +1,51 @@
+// `kincal diff`: two calibrations of one robot compared.
+#include <iostream>
+
+#include "../../io/results/comparison.h"
+#include "command.h"
+#include "../job.h"
+#include "../tables/tables.h"
+
+namespace kincal {
+namespace {
+
+struct DiffArguments {
+  std::string a, b, samples;
+  std::vector<std::string> frames;
+  bool json = false;
+};
+
+int diff(const DiffArguments& args) {
+  const CalibratedFiles a = read_calibrated(args.a), b = read_calibrated(args.b);
+  const Comparison comparison = compare(a, b, args.frames, args.samples);
+  if (args.json)
+    std::cout << comparison_json(a, b, comparison);
+  else
+    std::cout << "A: " << args.a << "\nB: " << args.b << "\n\n" << comparison_table(comparison, 30);
+  return kConverged;
+}
+
+}  // namespace
+
+Command diff_command(CLI::App& app) {
+  auto a = std::make_shared<DiffArguments>();
+  CLI::App* command = app.add_subcommand("diff", "Compare two calibrations of one robot by parameter and by frame");
+  command->add_option("A", a->a, "result directory, its result.json, or a rig.yaml")->required();
+  command->add_option("B", a->b, "likewise")->required();
+  command
+      ->add_option(
+          "--frame", a->frames,
+          "link, sensor/NAME or target/NAME whose pose relative to the base is compared; may be repeated (default: what carries a\n"
+          "sensor or mounted target, and these)")
+      ->allow_extra_args(false)
+      ->type_name("FRAME");
+  command->add_option("--samples", a->samples,
+                      "samples.jsonl of A's rig whose joint readings are the workspace (default: random within the joints' limits)");
+  command->add_flag("--json", a->json, "print everything as JSON");
+  command->footer(
+      "Differences are B - A, in sigmas of the difference (root of the sum of both squared sigmas: for calibrations from different data).\n"
+      "Poses are compared as poses, whatever initial values they were estimated from. Exit codes: 0; 1 bad input, or different robots.");
+  return {command, [a] { return diff(*a); }};
+}
+
+}  // namespace kincal

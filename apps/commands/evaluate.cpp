@@ -1,0 +1,62 @@
+// `kincal evaluate`: residuals at the rig's values.
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+
+#include "command.h"
+#include "../job.h"
+#include "../tables/tables.h"
+
+namespace kincal {
+namespace {
+
+struct EvaluateArguments {
+  std::string rig, samples, urdf, noise = "latent";
+  std::vector<std::string> free;
+  bool json = false;
+};
+
+int evaluate(const EvaluateArguments& a) {
+  RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
+  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  if (std::none_of(samples.begin(), samples.end(), [](const Sample& sample) { return sample.train; }))
+    rig_file.rig.steps.clear();  // new data to judge: no step has anything to fit
+  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
+  try {
+    const Evaluation evaluation = calibration.evaluate(kNoiseModes.at(a.noise), a.free);
+    if (a.json) {
+      std::cout << evaluation_json(evaluation);
+    } else {
+      std::cout << residual_table(evaluation.sensors, false);
+      std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
+      if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
+      std::printf("\n");
+    }
+    for (const Warning& w : evaluation.warnings) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
+    return evaluation.converged ? kConverged : kNotConverged;
+  } catch (const NameError& error) {
+    throw with_nearest(error, calibration);
+  }
+}
+
+}  // namespace
+
+Command evaluate_command(CLI::App& app) {
+  auto a = std::make_shared<EvaluateArguments>();
+  CLI::App* command =
+      app.add_subcommand("evaluate", "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
+  command->add_option("RIG", a->rig, "rig.yaml")->required();
+  command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
+  command->add_option(
+      "--urdf", a->urdf,
+      "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
+      "use the rig.yaml beside it: what a URDF cannot express is there");
+  command->add_option("--free", a->free, "name or glob to re-estimate in each split; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
+  command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
+  command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
+  return {command, [a] { return evaluate(*a); }};
+}
+
+}  // namespace kincal

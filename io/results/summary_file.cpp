@@ -1,0 +1,169 @@
+#include "summary_file.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "../document/document.h"
+#include "results.h"
+
+namespace kincal {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
+double number(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
+
+/// Names and errors hold file names, which may be in any encoding.
+std::string text(const Json& json) { return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n"; }
+
+Json set_json(const SetSummary& set) {
+  Json out = {{"status", set.status}, {"exit_code", set.exit_code}, {"error", set.error}};
+  if (set.status != "failed") {
+    out["chi2"] = number(set.chi2);
+    out["dof"] = set.dof;
+    out["chi2_per_dof"] = set.dof > 0 ? number(set.chi2 / static_cast<double>(set.dof)) : Json(nullptr);
+  }
+  out["seconds"] = number(set.seconds);
+  out["warnings"] = set.warnings;
+  out["sensors"] = Json::object();
+  for (const SensorRms& s : set.sensors) out["sensors"][s.name] = {{"unit", s.unit}, {"train", number(s.train)}, {"test", number(s.test)}};
+  out["parameters"] = Json::object();
+  for (const Change& c : set.changes)
+    out["parameters"][c.name] = {{"unit", c.unit}, {"initial", number(c.initial)}, {"value", number(c.value)}, {"sigma", number(c.sigma)}};
+  return out;
+}
+
+SetSummary read_set(const Json& json) {
+  SetSummary set;
+  set.status = json.at("status").get<std::string>();
+  set.exit_code = json.at("exit_code").get<int>();
+  set.error = json.at("error").get<std::string>();
+  set.chi2 = number(json.at("chi2"));
+  set.dof = json.at("dof").get<long>();
+  set.seconds = number(json.at("seconds"));
+  set.warnings = json.at("warnings").get<std::vector<std::string>>();
+  for (const auto& s : json.at("sensors").items())
+    set.sensors.push_back({s.key(), s.value().at("unit").get<std::string>(), number(s.value().at("train")), number(s.value().at("test"))});
+  for (const auto& c : json.at("parameters").items()) {
+    const Json& v = c.value();
+    set.changes.push_back(
+        {c.key(), v.at("unit").get<std::string>(), number(v.at("initial")), number(v.at("value")), number(v.at("sigma"))});
+  }
+  return set;
+}
+
+std::string cell(double v) { return std::isfinite(v) ? shortest(v) : ""; }
+
+std::string heading(const std::string& name, const std::string& unit) { return unit.empty() ? name : name + " [" + unit + "]"; }
+
+/// What a set has to say in columns: of its sensors, or of its parameters. A value that is no number, and a parameter that did not
+/// change, need no column.
+std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool parameters) {
+  std::vector<std::pair<std::string, double>> all;
+  if (parameters) {
+    for (const Change& c : set.changes)
+      if (c.value != c.initial) all.push_back({heading(c.name, c.unit), c.value - c.initial});
+  } else {
+    for (const SensorRms& s : set.sensors) {
+      all.push_back({heading("rms " + s.name + " train", s.unit), s.train});
+      all.push_back({heading("rms " + s.name + " test", s.unit), s.test});
+    }
+  }
+  all.erase(std::remove_if(all.begin(), all.end(), [](const auto& e) { return !std::isfinite(e.second); }), all.end());
+  return all;
+}
+
+}  // namespace
+
+SetSummary summarize(const CalibrationResult& result) {
+  SetSummary set;
+  set.status = status_name(result.status);
+  set.chi2 = result.chi2;
+  set.dof = result.dof;
+  for (const Warning& w : result.warnings) {
+    if (set.error.empty() && w.id == set.status) set.error = w.text;
+    set.warnings.push_back(w.id + ": " + w.text);
+  }
+  for (const Judgement& j : result.validation.requirements)
+    if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
+  for (const SensorResult& s : result.sensors) {
+    set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
+    if (s.whole_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
+  }
+  for (const ParameterEstimate& e : result.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c)
+      if (e.sigma[c] != 0)  // 0: held
+        set.changes.push_back(
+            {e.components[c].empty() ? e.name : e.name + "." + e.components[c], e.units[c], e.initial[c], e.value[c], e.sigma[c]});
+  return set;
+}
+
+std::string record_text(const BatchRecord& r) {
+  const Json json = {{"kincal", r.version}, {"options", r.options}, {"rig", r.rig},          {"samples", r.samples},
+                     {"urdf", r.urdf},      {"robot", r.robot},     {"set", set_json(r.set)}};
+  return text(json);
+}
+
+std::optional<BatchRecord> read_record(const std::string& path) {
+  try {
+    const Json json = Json::parse(read_file(path));
+    BatchRecord r;
+    r.version = json.at("kincal").get<std::string>();
+    r.options = json.at("options").get<std::string>();
+    r.rig = json.at("rig").get<std::string>();
+    r.samples = json.at("samples").get<std::string>();
+    r.urdf = json.at("urdf").get<std::string>();
+    r.robot = json.at("robot").get<std::string>();
+    r.set = read_set(json.at("set"));
+    return r;
+  } catch (const std::exception&) {
+    return std::nullopt;
+  }
+}
+
+std::string summary_csv(const std::vector<SetSummary>& sets) {
+  std::vector<std::string> columns;
+  std::map<std::string, size_t> index;
+  for (bool parameters : {false, true})
+    for (const SetSummary& set : sets)
+      for (const auto& e : entries(set, parameters))
+        if (index.emplace(e.first, columns.size()).second) columns.push_back(e.first);
+
+  std::string out = "name,status,exit_code,error,chi2,dof,chi2_per_dof,warnings";
+  for (const std::string& name : columns) out += "," + csv_field(name);
+  out += "\n";
+  for (const SetSummary& set : sets) {
+    out += csv_field(set.name) + "," + set.status + "," + std::to_string(set.exit_code) + "," + csv_field(set.error) + ",";
+    if (set.status == "failed") {
+      out += ",,,";
+    } else {
+      out += cell(set.chi2) + "," + std::to_string(set.dof) + "," +
+             (set.dof > 0 ? cell(set.chi2 / static_cast<double>(set.dof)) : std::string()) + "," + std::to_string(set.warnings.size());
+    }
+    std::vector<std::string> cells(columns.size());
+    for (bool parameters : {false, true})
+      for (const auto& e : entries(set, parameters)) cells[index[e.first]] = shortest(e.second);
+    for (const std::string& c : cells) out += "," + c;
+    out += "\n";
+  }
+  return out;
+}
+
+std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version, const std::string& options, size_t ignored) {
+  Json json = {{"kincal", version}, {"options", options}, {"sets", sets.size()}};
+  for (const char* status : {"converged", "unobservable", "not_converged", "failed"})
+    json[status] = std::count_if(sets.begin(), sets.end(), [&](const SetSummary& s) { return s.status == status; });
+  json["ignored"] = ignored;
+  json["results"] = Json::object();
+  Json& results = json["results"];
+  for (const SetSummary& set : sets) results.get_ref<Json::object_t&>().emplace_back(set.name, set_json(set));
+  return text(json);
+}
+
+}  // namespace kincal

@@ -1,0 +1,61 @@
+// What a batch of calibrations says of its sets: the record in each result directory (batch.json), from which a later run knows what is
+// done, and the table over all sets (summary.csv, summary.json).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../../models/calibration/calibration.h"
+
+namespace kincal {
+
+/// rms of a sensor's residuals; whole poses have a second one, `NAME/rotation`. NaN: none.
+struct SensorRms {
+  std::string name, unit;
+  double train = 0, test = 0;
+};
+
+/// A parameter component that a step freed. sigma NaN: not determined.
+struct Change {
+  std::string name, unit;
+  double initial = 0, value = 0, sigma = 0;
+};
+
+/// One set of a batch.
+struct SetSummary {
+  std::string name;
+  std::string status;  // as in result.json, or `failed`: there is no result
+  int exit_code = 0;   // as of `kincal calibrate`; killed by a signal: 128 + its number
+  std::string error;   // why it is not converged, or which tolerance it does not meet
+  double chi2 = 0, seconds = 0;
+  long dof = 0;
+  std::vector<SensorRms> sensors;
+  std::vector<Change> changes;
+  std::vector<std::string> warnings;
+
+  bool fails() const { return exit_code != 0; }
+};
+
+/// What a result was made from, and its line of the summary.
+struct BatchRecord {
+  std::string version, options;    // of kincal; as a command line
+  std::string rig, samples, urdf;  // SHA-256
+  std::string robot;               // the URDF as the rig names it
+  SetSummary set;
+};
+
+/// The summary of a finished calibration; name, exit code and seconds are the caller's.
+SetSummary summarize(const CalibrationResult& result);
+
+std::string record_text(const BatchRecord& record);
+/// nullopt if there is none, or it cannot be read.
+std::optional<BatchRecord> read_record(const std::string& path);
+
+/// One line a set. Columns of sensors and parameters in the order in which the sets name them first; parameters that no set changed are
+/// left out. Nothing in it depends on time or on how many ran at once.
+std::string summary_csv(const std::vector<SetSummary>& sets);
+/// Everything; `ignored`: folders that are no set.
+std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version, const std::string& options, size_t ignored);
+
+}  // namespace kincal

@@ -1,0 +1,45 @@
+// A first rig.yaml for a robot, from a few words: what `kincal init` writes.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../urdf/urdf.h"
+
+namespace kincal {
+
+/// "TYPE:LINK[:NAME]" in parts.
+struct NewSensor {
+  std::string type, link, name;
+};
+
+/// "TYPE:...[@LINK][:NAME]" in parts; without a link the target is free.
+struct NewTarget {
+  std::string type, link, name;
+  int rows = 0, columns = 0;
+  double size = 0, second = 0;  // square, spacing or tag; marker (charuco) or gap / tag (apriltag_grid)
+  std::vector<double> points;   // x y z of each
+};
+
+/// The forms that the two options take, for help and messages.
+extern const char* const kSensorForm;
+extern const char* const kTargetForm;
+
+/// @throws InputError naming the option, what is wrong and what is valid (types; the nearest links).
+NewSensor parse_new_sensor(const std::string& text, const Tree& tree);
+NewTarget parse_new_target(const std::string& text, const Tree& tree);
+
+struct NewRig {
+  std::string robot;  // as the rig names it
+  std::vector<NewSensor> sensors;
+  std::vector<NewTarget> targets;
+  /// Of the cameras in their order; one for all of them if there is only one.
+  std::vector<std::vector<double>> intrinsics;  // fx fy cx cy
+  std::vector<std::vector<int>> image_sizes;    // width height
+};
+
+/// The commented text of a rig that read_rig() takes. Names that are missing are made from the types. @throws InputError: names that stand
+/// twice, a camera without intrinsics and image size, a tilting laser without a joint that moves it.
+std::string new_rig_text(const Urdf& urdf, NewRig rig);
+
+}  // namespace kincal

@@ -1,0 +1,274 @@
+#include "frames.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <stdexcept>
+
+#include "../../solver/observability.h"
+#include "../calibration/calibration.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kPi = 3.14159265358979323846;
+constexpr int kPostures = 1000;
+constexpr std::uint64_t kSeed = 1;
+constexpr double kMoves = 1e-4;  // of what the parts of a direction move by themselves
+
+bool reachable(const Rig& rig, int link) {
+  try {
+    find_path(rig.tree, rig.base, link);
+    return true;
+  } catch (const std::invalid_argument&) {
+    return false;
+  }
+}
+
+/// Position of a joint, followers too; 0 where it does not move.
+double position_of(const Rig& rig, const ParameterTable& table, const VectorXd& values, int joint, const Readings& readings) {
+  if (!rig.tree.joints[joint].moves()) return 0;
+  const Driver d = driver(rig.tree, joint);
+  const double own =
+      values(table.all[table.joint_scale[d.joint]].start) * readings[d.joint] + values(table.all[table.joint_offset[d.joint]].start);
+  return d.factor * own + d.offset;
+}
+
+SigmaStatistics statistics(std::vector<double> v) {
+  if (v.empty()) return {kNan, kNan, kNan};
+  double squared = 0;
+  for (double x : v) {
+    if (!std::isfinite(x)) return {kNan, kNan, kNan};
+    squared += x * x;
+  }
+  std::sort(v.begin(), v.end());
+  const size_t n = v.size();
+  return {std::sqrt(squared / static_cast<double>(n)), (v[(n - 1) / 2] + v[n / 2]) / 2, v.back()};
+}
+
+/// Squared sigmas of position and rotation at one posture; NaN: a direction that nothing determines moves it.
+struct Variances {
+  double position, rotation, position_by_readings, rotation_by_readings;
+};
+Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
+  const MatrixXd covariance = d.by_unknowns * unknowns.covariance * d.by_unknowns.transpose();
+  Variances out{covariance.diagonal().head<3>().sum(), covariance.diagonal().tail<3>().sum(), d.by_readings.topRows<3>().squaredNorm(),
+                d.by_readings.bottomRows<3>().squaredNorm()};
+  for (Eigen::Index k = 0; k < unknowns.undetermined.cols(); ++k) {
+    const VectorXd direction = unknowns.undetermined.col(k);
+    const Vector6d motion = d.by_unknowns * direction;
+    double size = 0;  // m and rad alike: a lever of a metre
+    for (Eigen::Index i = 0; i < direction.size(); ++i)
+      size += std::abs(direction(i)) * (d.by_unknowns.col(i).head<3>().norm() + d.by_unknowns.col(i).tail<3>().norm());
+    if (motion.head<3>().norm() > kMoves * size) out.position = kNan;
+    if (motion.tail<3>().norm() > kMoves * size) out.rotation = kNan;
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table) {
+  std::vector<Frame> out;
+  for (size_t l = 0; l < rig.tree.links.size(); ++l)
+    if (reachable(rig, static_cast<int>(l))) out.push_back({rig.tree.links[l], static_cast<int>(l), -1});
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (reachable(rig, rig.sensors[s].link)) out.push_back({"sensor/" + rig.sensors[s].name, rig.sensors[s].link, table.sensor_pose[s]});
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0 && reachable(rig, rig.targets[t].link))
+      out.push_back({"target/" + rig.targets[t].name, rig.targets[t].link, table.target_pose[t]});
+  return out;
+}
+
+std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, const std::string& name) {
+  for (const Frame& f : all_frames(rig, table))
+    if (f.name == name) return f;
+  return std::nullopt;
+}
+
+Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result) {
+  const ParameterTable& table = calibration.table();
+  Estimation problem(calibration.rig(), table, calibration.samples(), calibration.training(), result.setup);
+  const VectorXd state = problem.pack(result.values);
+  problem.renew(state);
+  const Observability observability = observe(problem, state);
+  Unknowns out;
+  out.columns = problem.columns();
+  out.covariance = observability.covariance;
+  out.undetermined = observability.null_space;
+  for (const Freed& f : result.setup.free) {
+    const Parameter& p = table.all[f.parameter];
+    if (p.pose && !f.whole(p))
+      out.charts[f.parameter] =
+          right_jacobian_se3(log_se3(inverse(get_pose(table.initial, p.start)) * get_pose(result.values.shared, p.start)));
+  }
+  return out;
+}
+
+bool has_readings(const Rig& rig, const Frame& frame, const Readings& readings) {
+  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link))
+    if (rig.tree.joints[step.joint].moves() && !std::isfinite(readings[driver(rig.tree, step.joint).joint])) return false;
+  return true;
+}
+
+std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed) {
+  std::mt19937_64 engine(seed);
+  std::vector<Readings> out(count, Readings(rig.tree.joints.size(), kNan));
+  for (Readings& readings : out)
+    for (size_t j = 0; j < readings.size(); ++j) {
+      const Joint& joint = rig.tree.joints[j];
+      if (!joint.has_reading()) continue;
+      const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
+      const bool limits = joint.type != JointType::continuous && joint.lower < joint.upper;
+      const double low = limits ? joint.lower : -without, high = limits ? joint.upper : without;
+      readings[j] = low + (high - low) * (static_cast<double>(engine() >> 11) * 0x1p-53);
+    }
+  return out;
+}
+
+Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Frame& frame, const Readings& readings) {
+  Pose here;
+  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
+    Pose joint, there;
+    walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start),
+         joint_motion(rig.tree.joints[step.joint], position_of(rig, table, values, step.joint, readings)), here, joint, there);
+    here = there;
+  }
+  return frame.pose < 0 ? here : here * get_pose(values, table.all[frame.pose].start);
+}
+
+FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Unknowns& unknowns,
+                                 const Frame& frame, const Readings& readings) {
+  FrameDerivative out;
+  const auto value = [&](int parameter) { return values(table.all[parameter].start); };
+  std::map<int, std::vector<std::pair<int, int>>> columns;  // parameter -> (component, column)
+  for (size_t c = 0; c < unknowns.columns.size(); ++c)
+    columns[unknowns.columns[c].first].push_back({unknowns.columns[c].second, static_cast<int>(c)});
+  out.by_unknowns.setZero(6, static_cast<Eigen::Index>(unknowns.columns.size()));  // twists first
+  const auto add_twist = [&](int parameter, const Vector6d& twist) {
+    const auto found = columns.find(parameter);
+    if (found != columns.end()) out.by_unknowns.col(found->second[0].second) += twist;
+  };
+  const auto add_pose = [&](int parameter, double direction, const Pose& a_T_pose) {
+    const auto found = columns.find(parameter);
+    if (found == columns.end()) return;
+    const auto chart = unknowns.charts.find(parameter);
+    const Matrix6d twists = direction * adjoint(a_T_pose) * (chart == unknowns.charts.end() ? Matrix6d::Identity() : chart->second);
+    for (const auto& c : found->second) out.by_unknowns.col(c.second) += twists.col(c.first);
+  };
+  std::map<int, Vector6d> by_reading;  // joint with a reading -> twist by it
+  Pose here;
+  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
+    const Joint& joint = rig.tree.joints[step.joint];
+    Pose base_T_joint, there;
+    walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start),
+         joint_motion(joint, position_of(rig, table, values, step.joint, readings)), here, base_T_joint, there);
+    add_pose(table.joint_origin[step.joint], step.direction, base_T_joint);
+    if (joint.moves()) {
+      const Driver d = driver(rig.tree, step.joint);
+      const Vector6d twist = d.factor * position_twist(joint, step.direction, base_T_joint);
+      add_twist(table.joint_offset[d.joint], twist);
+      add_twist(table.joint_scale[d.joint], readings[d.joint] * twist);
+      const double sigma = rig.joints[d.joint].sigma;
+      if (sigma > 0) by_reading.emplace(d.joint, Vector6d::Zero()).first->second += value(table.joint_scale[d.joint]) * sigma * twist;
+    }
+    here = there;
+  }
+  if (frame.pose >= 0) {
+    here = here * get_pose(values, table.all[frame.pose].start);
+    add_pose(frame.pose, 1, here);
+  }
+  out.by_readings.resize(6, static_cast<Eigen::Index>(by_reading.size()));
+  Eigen::Index next = 0;
+  for (const auto& r : by_reading) out.by_readings.col(next++) = r.second;
+  for (MatrixXd* twists : {&out.by_unknowns, &out.by_readings})
+    twists->topRows<3>() -= skew(here.translation) * twists->bottomRows<3>();  // v + w x p
+  return out;
+}
+
+FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame) {
+  const Rig& rig = calibration.rig();
+  const ParameterTable& table = calibration.table();
+  const Unknowns unknowns = last_unknowns(calibration, result);
+  FrameReport out;
+  out.frame = frame.name;
+  out.base = rig.tree.links[rig.base];
+  std::vector<Readings> samples;
+  for (const Sample& s : calibration.samples())
+    if (has_readings(rig, frame, s.readings)) samples.push_back(s.readings);
+  const std::vector<std::pair<std::string, std::vector<Readings>>> workspaces = {{"samples", samples},
+                                                                                 {"limits", random_postures(rig, kPostures, kSeed)}};
+  for (const auto& workspace : workspaces) {
+    if (workspace.second.empty()) continue;
+    std::vector<double> sigma[4];
+    for (const Readings& readings : workspace.second) {
+      const Variances v = variances(frame_derivative(rig, table, result.values.shared, unknowns, frame, readings), unknowns);
+      sigma[0].push_back(std::sqrt(v.position));
+      sigma[1].push_back(std::sqrt(v.rotation));
+      sigma[2].push_back(std::sqrt(v.position + v.position_by_readings));
+      sigma[3].push_back(std::sqrt(v.rotation + v.rotation_by_readings));
+    }
+    out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()), statistics(sigma[0]), statistics(sigma[1]),
+                              statistics(sigma[2]), statistics(sigma[3])});
+  }
+
+  std::vector<int> on_the_way;
+  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
+    on_the_way.push_back(table.joint_origin[step.joint]);
+    if (!rig.tree.joints[step.joint].moves()) continue;
+    const int d = driver(rig.tree, step.joint).joint;
+    on_the_way.push_back(table.joint_offset[d]);
+    on_the_way.push_back(table.joint_scale[d]);
+  }
+  if (frame.pose >= 0) on_the_way.push_back(frame.pose);
+  const std::string& last = result.steps.back().name;
+  for (const ParameterEstimate& e : result.parameters) {
+    const auto mine = [&](int p) { return table.all[p].name == e.name; };
+    if (std::none_of(on_the_way.begin(), on_the_way.end(), mine)) continue;
+    for (size_t c = 0; c < e.freed.size(); ++c) {
+      const bool now = e.step == last && e.sigma[c] != 0;  // NaN: freed and not determined
+      if (e.freed[c] && !now) out.held.push_back(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
+    }
+  }
+  return out;
+}
+
+FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b, const Frame& in_a, const Frame& in_b,
+                              const std::vector<Readings>& postures_a, const std::vector<Readings>& postures_b) {
+  struct Side {
+    const CalibratedRobot& robot;
+    const Frame& frame;
+    const std::vector<Readings>& postures;
+  };
+  const Side sides[] = {{a, in_a, postures_a}, {b, in_b, postures_b}};
+  FrameDifference out{in_a.name, 0, 0, 0, 0, 0, 0, 0};
+  for (size_t i = 0; i < postures_a.size(); ++i) {
+    if (!has_readings(*a.rig, in_a, postures_a[i])) continue;
+    ++out.postures;
+    Pose pose[2];
+    for (int k = 0; k < 2; ++k) {
+      const CalibratedRobot& r = sides[k].robot;
+      const Readings& readings = sides[k].postures[i];
+      pose[k] = base_T_frame(*r.rig, *r.table, r.values, sides[k].frame, readings);
+      Variances v{kNan, kNan, 0, 0};
+      if (r.unknowns) v = variances(frame_derivative(*r.rig, *r.table, r.values, *r.unknowns, sides[k].frame, readings), *r.unknowns);
+      out.position_sigma += v.position;
+      out.rotation_sigma += v.rotation;
+    }
+    const Pose e = inverse(pose[0]) * pose[1];
+    const double position = e.translation.norm(), rotation = log_so3(e.rotation).norm();
+    out.position_rms += position * position;
+    out.rotation_rms += rotation * rotation;
+    out.position_worst = std::max(out.position_worst, position);
+    out.rotation_worst = std::max(out.rotation_worst, rotation);
+  }
+  const double n = out.postures > 0 ? static_cast<double>(out.postures) : kNan;
+  for (double* squared : {&out.position_rms, &out.rotation_rms, &out.position_sigma, &out.rotation_sigma})
+    *squared = std::sqrt(*squared / n);
+  if (out.postures == 0) out.position_worst = out.rotation_worst = kNan;
+  return out;
+}
+
+}  // namespace kincal

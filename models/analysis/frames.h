@@ -1,0 +1,104 @@
+// How well a frame of the robot is known, and how far two calibrations put it apart.
+//
+// A frame's pose base_T_frame depends on the joints' offsets, gear scales and origins along the way from the base, and for the frame of a
+// sensor or of a mounted target on its own pose. With the twist [v | w], seen from the base, that each unknown gives to what lies behind
+// it (kinematics/tree.h; a revolute joint's offset: its position's twist; its scale: that times the reading; an origin's or pose's increment
+// xi: Ad xi, for partly freed poses Ad J_r(xi), models/estimation/estimation.h), the frame's origin p and its axes move by
+//     dp = v + w x p,   dtheta = w,
+// the rows of J (6 x unknowns). With the unknowns' covariance C of a calibration's last step
+//     covariance of (dp, dtheta) = J C J',   sigma of the position = sqrt(trace of its upper block), of the rotation = that of the lower:
+// the root mean square that the length of the error would have over many such calibrations. What the last step held is taken as exact.
+// Noise of the joint readings when the robot is used (one draw a joint) adds, with Jq the motion by the readings, Jq S Jq'.
+//
+// A direction d that the data do not determine moves the frame if J d is not zero: then the position, or rotation, is not determined.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../rig/parameters.h"
+
+namespace kincal {
+
+class Calibration;
+struct CalibrationResult;
+
+/// A link, or the frame of a sensor (chains: of what they hold) or mounted target on it.
+struct Frame {
+  std::string name;  // LINK, sensor/NAME, target/NAME
+  int link = -1;
+  int pose = -1;  // parameter link_T_frame, -1: the link itself
+};
+/// Every frame that there is a way to from the base.
+std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table);
+/// nullopt: no such frame.
+std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, const std::string& name);
+
+/// What a step freed, as a covariance of unknowns.
+struct Unknowns {
+  std::vector<std::pair<int, int>> columns;  // (parameter, component)
+  std::map<int, Matrix6d> charts;            // J_r(xi) of partly freed poses, by parameter
+  MatrixXd covariance;                       // 0 along `undetermined`
+  MatrixXd undetermined;                     // columns: directions, real units
+};
+/// Of the last step.
+Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result);
+
+using Readings = std::vector<double>;  // by joint index; NaN: absent
+
+/// Whether there is a reading of every joint that the frame's pose depends on.
+bool has_readings(const Rig& rig, const Frame& frame, const Readings& readings);
+/// Uniform within the joints' limits (without: +-pi, +-0.5 m); the same for a seed.
+std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed);
+
+/// base_T_frame at readings.
+Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Frame& frame, const Readings& readings);
+
+/// Derivative of [position | rotation vector] of the frame, base axes: by the unknowns (6 x columns) and by the noise of the readings, one
+/// sigma each (6 x joints with a reading and a sigma on the way).
+struct FrameDerivative {
+  MatrixXd by_unknowns, by_readings;
+};
+FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Unknowns& unknowns,
+                                 const Frame& frame, const Readings& readings);
+
+/// Over postures: sigmas in m or rad. NaN: not determined.
+struct SigmaStatistics {
+  double rms, median, worst;
+};
+struct FrameSigma {
+  std::string workspace;  // `samples`: the readings of the samples; `limits`: random within the joints' limits
+  long postures = 0;
+  SigmaStatistics position, rotation;                              // of the calibration alone
+  SigmaStatistics position_with_readings, rotation_with_readings;  // and the noise of one reading of each joint
+};
+struct FrameReport {
+  std::string frame, base;
+  std::vector<FrameSigma> workspaces;  // without `samples` where no sample has the readings
+  std::vector<std::string> held;       // parameters on the way that earlier steps estimated and the last one held: taken as exact
+};
+/// Predicted sigma of a frame relative to the base.
+FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame);
+
+/// A calibrated robot: rig, its parameters and their values; what is known of their errors.
+struct CalibratedRobot {
+  const Rig* rig;
+  const ParameterTable* table;
+  VectorXd values;
+  std::optional<Unknowns> unknowns;
+};
+struct FrameDifference {
+  std::string frame;
+  long postures = 0;
+  double position_rms, position_worst, rotation_rms, rotation_worst;  // m, rad; NaN without postures
+  double position_sigma, rotation_sigma;  // predicted rms of the difference, from both covariances; NaN: unknown or not determined
+};
+/// E = a_T_frame^-1 b_T_frame over postures, given by the joint indices of either.
+FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b, const Frame& in_a, const Frame& in_b,
+                              const std::vector<Readings>& postures_a, const std::vector<Readings>& postures_b);
+
+}  // namespace kincal

@@ -1,0 +1,27 @@
+// What hangs on single samples.
+//
+// With A_i, r_i the rows of sample i after the elimination of its private unknowns, C = W W' the covariance of all and B_i = A_i W, a
+// Newton step without the sample moves the parameters by
+//     delta_i = (S - A_i' A_i)^-1 A_i' r_i = W (I - B_i' B_i)^-1 B_i' r_i
+// (Cook and Weisberg, Residuals and Influence in Regression, 1982, chapter 3, for blocks of rows): the sum of A_j' r_j is 0 at the
+// solution. Squares of nothing but B_i are formed, whose singular values are below 1. Where one is 1 the sample alone determines a
+// direction of the parameters.
+#pragma once
+
+#include <vector>
+
+#include "../../solver/observability.h"
+
+namespace kincal {
+
+/// Parameter (column) that would move by so many of its sigmas without the group; infinite: not determined then.
+struct Influence {
+  int group, column;
+  double sigmas;
+};
+
+/// Those above `least` in size, largest first (ties: as the groups come). left: as observe() gave it.
+std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& left,
+                                  const Observability& observability, double least = 1);
+
+}  // namespace kincal

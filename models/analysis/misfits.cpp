@@ -1,0 +1,107 @@
+#include "misfits.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+
+#include "../fitting/robust.h"
+
+namespace kincal {
+namespace {
+
+std::string text(const char* format, double a) {
+  char buffer[200];
+  std::snprintf(buffer, sizeof buffer, format, a);
+  return buffer;
+}
+
+}  // namespace
+
+std::vector<Warning> misfits(const Calibration& calibration, const CalibrationResult& result) {
+  const Rig& rig = calibration.rig();
+  struct Mean {
+    double sum = 0;
+    long count = 0;
+    double value() const { return count ? sum / static_cast<double>(count) : 0; }
+  };
+  const auto median = [](std::vector<double> v) {
+    if (v.empty()) return 0.0;
+    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
+    return v[v.size() / 2];
+  };
+  const auto sticks_out = [](double ratio, long count) { return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count)); };
+
+  std::map<const View*, Mean> views;
+  for (const ViewResiduals& r : result.residuals) {
+    if (r.whitened.size() == 0 || !r.whitened.allFinite()) continue;
+    views[r.view].sum = r.whitened.squaredNorm();
+    views[r.view].count = r.whitened.size();
+  }
+  std::map<int, Mean> joints;  // by sample: errors in sigmas
+  for (const auto& e : result.values.errors) {
+    joints[e.first.first].sum += std::pow(e.second / rig.joints[e.first.second].sigma, 2);
+    ++joints[e.first.first].count;
+  }
+  std::vector<double> joint_means;
+  for (const auto& j : joints) joint_means.push_back(j.second.value());
+  const double usual_joints = std::max(1.0, median(joint_means));
+
+  // What is usual of a sensor's views, in training and held out.
+  std::map<std::pair<int, bool>, double> usual;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    double least = rig.sensors[s].model->sight() == Sight::chain ? 1 : kLeastLevel * kLeastLevel;
+    for (bool train : {true, false}) {
+      std::vector<double> means;
+      for (const Sample& sample : calibration.samples())
+        for (const View& v : sample.views)
+          if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v)) means.push_back(views[&v].value());
+      least = usual[{static_cast<int>(s), train}] = std::max(least, median(means));
+    }
+  }
+
+  struct Found {
+    double ratio;
+    std::string name;
+  };
+  std::vector<Found> bad_samples, bad_views;
+  for (size_t i = 0; i < calibration.samples().size(); ++i) {
+    const Sample& sample = calibration.samples()[i];
+    std::vector<Found> here;
+    double worst = 0;
+    size_t seen = 0;
+    for (const View& v : sample.views) {
+      const auto mean = views.find(&v);
+      if (mean == views.end()) continue;
+      ++seen;
+      const double ratio = mean->second.value() / usual[{v.sensor, sample.train}];
+      if (!sticks_out(ratio, mean->second.count)) continue;
+      here.push_back({ratio, "'" + sample.id + "' " + rig.sensors[v.sensor].name});
+      worst = std::max(worst, ratio);
+    }
+    const auto joint = joints.find(static_cast<int>(i));
+    const double joint_ratio = joint == joints.end() ? 0 : joint->second.value() / usual_joints;
+    const bool wrong_joints = joint != joints.end() && sticks_out(joint_ratio, joint->second.count);
+    if (wrong_joints || 2 * here.size() > seen)
+      bad_samples.push_back(
+          {std::max(worst, wrong_joints ? joint_ratio : 0.0), "'" + sample.id + "'" + (sample.train ? "" : " (held out)")});
+    else
+      bad_views.insert(bad_views.end(), here.begin(), here.end());
+  }
+
+  std::vector<Warning> out;
+  const auto say = [&](const char* id, const char* what, std::vector<Found>& found) {
+    if (found.empty()) return;
+    std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.ratio > b.ratio; });
+    std::string list;
+    for (size_t i = 0; i < found.size() && i < 5; ++i)
+      list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
+    out.push_back({id, std::to_string(found.size()) + " " + what + (found.size() == 1 ? "" : "s") +
+                           " with residuals or joint errors far beyond what is usual here: " + list + (found.size() > 5 ? ", ..." : "")});
+  };
+  say("outlier_sample", "sample", bad_samples);
+  say("outlier_view", "view", bad_views);
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,56 @@
+// What is wrong with these data? The usual mistakes tested as hypotheses, and the one that explains the data said, with the evidence.
+//
+// 1. The data alone: samples that are there twice, joints that never move, sensors tied to nothing.
+// 2. The fit as it is: everything that any step frees, at once, over all samples (held-out ones too: they can be wrong as well). The best of
+//    three starts: the rig's values, the rig's steps one after the other, and closed form for poses that are freed wholly.
+// 3. If chi2/dof (of the whole, or of a sensor) is bad: each mistake of hypotheses.h undone, with the same unknowns, and fitted again. The
+//    list is shortened by a few iterations each; the best of them are fitted to the end. One is believed if chi2 falls by a large factor
+//    (kDecisive where what remains is noise, kOverwhelming else: model errors must not look like mistakes), and then the next is looked for on
+//    top of it. Of several that explain equally much, that counts which leaves the poses nearest to the rig's.
+//    Bad samples are found by a robust fit (Cauchy, its scale taken from the data and lowered to 3 sigmas): those whose rows have more than
+//    25 times the median sample's mean square. Views numbered from the other corner likewise: a view that half a turn fits far better, with
+//    everything else as it is.
+// 4. Start values. A wrong pose that is freed wholly disappears in the estimate. It shows if the estimate is far from the rig's pose but
+//    near to its inverse, or to the pose turned as another numbering of the board would turn it.
+//
+// What cannot be seen: docs/doctor.md.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../rig/rig.h"
+
+namespace kincal {
+
+struct Finding {
+  std::string id, text;                              // ids: docs/formats.md
+  std::vector<std::string> where;                    // sensors, targets, joints, samples
+  std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
+};
+
+struct Diagnosis {
+  std::vector<Finding> findings;  // what explains most first; those without a fit last
+  std::optional<double> chi2;     // as is; nothing: the fit cannot start
+  long dof = 0;
+  std::string verdict;              // one or more sentences
+  std::vector<std::string> tested;  // ids of the mistakes that were looked for
+};
+
+struct DoctorOptions {
+  NoiseMode noise = NoiseMode::latent;
+  int threads = 1;
+  /// Called before each fit with the number of fits done and the number there are to do now; false cancels.
+  std::function<bool(int, int)> progress;
+};
+
+/// @throws NameError, std::invalid_argument as Calibration does. Nothing: `progress` cancelled.
+std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples, const DoctorOptions& options);
+
+/// Samples with the same readings and the same measured numbers; each with an earlier one. Chain views measure nothing: samples that have no
+/// others are no duplicates.
+std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples);
+
+}  // namespace kincal

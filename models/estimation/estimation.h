@@ -1,0 +1,178 @@
+// One minimisation as the solver's Problem: which sensors, which freed parameters, which noise mode, which samples.
+//
+// A group is a sample. Its private unknowns are, in this order, the poses of its free targets (6 each, increments on the right of
+// base_T_target) and, in mode `latent`, the errors of its noisy joints (prior N(0, sigma^2)); then come the shared columns it
+// touches. Each view contributes J = L M (models/sensors/sensor.h): L from the sensor, M from the path between sensor and target
+// (kinematics/tree.h). A last group without private unknowns carries the priors of shared parameters.
+//
+// Noise modes (covariance of the whitened residuals of one view; Jq = L Mq: derivative by the joints' readings, S their variances):
+//   latent, none: own noise only.
+//   marginal:     own + Jq S Jq' for all residuals of the view together (the paper's equations (11)-(14), (21)). With U = own^-1/2 Jq S^1/2
+//                 = Q w^1/2 V' its root is applied to the few columns of U only:  (1 + U U')^-1/2 = 1 - U K U',
+//                 K = V ((1 - (1 + w)^-1/2) / w) V'  (Woodbury's identity for the root: it never subtracts large Gram matrices).
+//   point:        only the block of each point of that matrix, as the paper's code did.
+// Covariances that depend on the parameters are held between calls of renew().
+//
+// Poses: a wholly freed one moves by T <- T exp(increment). Of a partly freed one the freed components of xi in T = T0 exp(xi)
+// are the unknowns and the others keep their values; with chart = columns of J_r(xi), dT = T exp(chart d).
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../../solver/problem.h"
+#include "../rig/parameters.h"
+
+namespace kincal {
+
+struct Prior {
+  int parameter, component;
+  double sigma;
+};
+
+struct EstimationSetup {
+  NoiseMode noise = NoiseMode::latent;
+  Loss loss;
+  std::vector<double> levels;  // by sensor: unit of the loss's scale in sigmas; empty: 1
+  std::vector<int> sensors;    // indices; views of others do not take part
+  std::vector<Freed> free;
+  std::vector<Prior> priors;   // of freed components only
+  int only_target = -1;        // views of this target only (to start it)
+};
+
+/// Everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
+/// errors by (sample, joint).
+struct Values {
+  VectorXd shared;
+  std::map<std::pair<int, int>, Pose> targets;
+  std::map<std::pair<int, int>, double> errors;
+};
+
+/// Residuals of one view at a state.
+struct ViewResiduals {
+  const View* view = nullptr;
+  int sample = -1;
+  VectorXd raw;       // blocks * rows of the sensor's own model, unwhitened
+  VectorXd whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
+};
+
+/// Rows of a group that are one kind of noise: of one part of a view (noise_parts() of its model), one joint's error, or priors.
+struct NoiseRows {
+  const View* view = nullptr;  // else null
+  int part = 0;
+  int joint = -1;              // else -1
+  int first = 0, count = 0;
+};
+
+class Estimation final : public Problem {
+ public:
+  /// `samples`: indices into `all` of those that take part; samples without a view of the setup's sensors make no group.
+  /// The arguments' objects must outlive this one.
+  /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
+  Estimation(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
+             EstimationSetup setup);
+  ~Estimation() override;
+  Estimation(const Estimation&) = delete;
+  Estimation& operator=(const Estimation&) = delete;
+
+  bool empty() const { return groups_.empty() || (groups_.size() == 1 && setup_.priors.size()); }
+  const EstimationSetup& setup() const { return setup_; }
+  /// Sample behind a group, -1 for the group of priors.
+  int sample_of(int group) const;
+  /// Name of a shared column, e.g. "joint/head_joint/origin.rz".
+  std::string column_name(int column) const { return table_.all[columns_[column].first].component_name(columns_[column].second); }
+  /// (parameter, component) of every shared column.
+  const std::vector<std::pair<int, int>>& columns() const { return columns_; }
+
+  /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
+  VectorXd pack(const Values& values) const;
+  void unpack(const VectorXd& state, Values& values) const;
+  /// To be called when measured numbers, sigmas or readings of the samples have been replaced in place: the next solve() starts from them
+  /// without new analysis. Which views there are, their points and the number of sigmas must have stayed.
+  void reload();
+  /// Units of the loss's scale, by sensor.
+  void set_levels(const std::vector<double>& levels);
+  /// All views that take part, sample by sample. Call renew() first: covariances are as it left them.
+  std::vector<ViewResiduals> residuals(const VectorXd& state) const;
+  /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
+  std::vector<char> influencing() const;
+
+  int shared_size() const override { return static_cast<int>(columns_.size()); }
+  const std::vector<GroupShape>& groups() const override { return groups_; }
+  void set_workers(int count) override;
+  void prepare(const VectorXd& state) override;
+  bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
+  bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
+  void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
+  bool renew(const VectorXd& state) override;
+
+  /// A square root of the group's equations (see Problem::square_root) in which no row mixes two kinds of noise.
+  bool noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& whose) const;
+  /// Explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
+  bool explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const;
+
+ private:
+  struct MotionColumns;
+  struct Way;
+  struct ViewPlan;
+  struct SamplePlan;
+  struct PlacedView;
+  struct PlacedSample;
+  struct Whitening;
+  struct WalkedWay;
+  struct Scratch;
+  struct PriorRow {
+    int parameter = -1, place = 0, count = 0;
+    double derivative[6];
+    double r = 0;
+    Vector6d log;
+    Matrix6d inverse_jacobian;
+  };
+
+  void place_sample(int index);
+  const SensorModel& model_of(const Sensor& sensor) const;
+  SamplePlan make_plan(const PlacedSample& placed) const;
+  int place_way(SamplePlan& sample, const ViewPlan& v) const;
+  GroupShape place_columns(SamplePlan& sample) const;
+  void place_joints(Way& way, const std::map<int, int>& places, const SamplePlan& sample) const;
+  void place_view(ViewPlan& v, const std::map<int, int>& places, const SamplePlan& sample) const;
+  void place_data();
+  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
+                   WalkedWay& walked) const;
+  int target_start(const PlacedView& v, const PlacedSample& s) const;
+  void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
+  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
+                        Scratch& scratch) const;
+  void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
+  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows, std::vector<NoiseRows>* whose) const;
+
+  const Rig& rig_;
+  const ParameterTable& table_;
+  const std::vector<Sample>& all_;
+  EstimationSetup setup_;
+  std::vector<Loss> losses_;                      // by sensor
+  std::vector<std::pair<int, int>> columns_;      // (parameter, component)
+  std::vector<int> first_column_;                 // by parameter, -1: held
+  std::vector<const Freed*> freed_;               // by parameter, null: held
+  std::map<std::vector<int>, std::unique_ptr<SamplePlan>> plans_;  // by what samples show
+  std::vector<PlacedSample> samples_;
+  std::vector<Whitening> whitenings_;
+  std::vector<GroupShape> groups_;
+  std::vector<double> seen_;                      // what the kernels read: layouts, measured numbers
+  std::vector<MatrixXd> charts_;                  // by parameter: 6 x freed components, of partly freed poses
+  mutable std::vector<Scratch> scratch_;
+  int state_size_ = 0;
+};
+
+}  // namespace kincal

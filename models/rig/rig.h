@@ -1,0 +1,95 @@
+// What a calibration is about, as plain data: the robot, its sensors and targets, the steps, and the samples.
+// Files are read into these by io; a program may as well fill them in itself.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../../kinematics/tree.h"
+#include "../../solver/loss.h"
+#include "../sensors/sensor.h"
+
+namespace kincal {
+
+struct JointSettings {
+  double sigma = 0;              // noise of one reading, rad or m; 0: exact
+  double offset = 0, scale = 1;  // initial values; position = scale * reading + offset
+};
+
+struct Target {
+  std::string name, type;        // type as in the file: chessboard, points, ...
+  bool grid = true;              // points = square * layout; else `points` themselves are the parameter
+  Eigen::Matrix3Xd layout;       // grid: points for a spacing of 1
+  double square = 1;             // m
+  Eigen::Matrix3Xd points;       // not a grid: m, target's frame
+  int link = -1;                 // mounted on this link; -1: free, its own pose in every sample
+  Pose link_T_target;            // where mounted
+  bool pose_given = false;       // in the rig; else the identity, or unknown (see the formats' "Starting values")
+
+  int count() const { return static_cast<int>(grid ? layout.cols() : points.cols()); }
+};
+
+struct Sensor {
+  std::string name, type;        // type as in the file: camera, chain, ...
+  int link = -1;
+  Pose link_T_sensor;            // chain: link_T_target
+  bool pose_given = false;
+  std::shared_ptr<const SensorModel> model;
+  std::vector<ParameterBlock> parameters;
+  std::vector<double> sigma;     // model->sigmas() numbers
+  int scanning_joint = -1;       // of a scanning sensor
+  int image_width = 0, image_height = 0;  // of a camera, 0: unknown
+};
+
+/// A prior as written: one sigma for all components, or translation and rotation of poses apart.
+struct PriorSetting {
+  std::string pattern;
+  double translation = 0, rotation = 0;
+  bool split = false;            // written as {translation, rotation}: poses only
+  std::string where;             // file:line: field, for messages
+};
+
+struct Step {
+  std::string name;
+  std::vector<int> sensors;      // indices, in the rig's order
+  std::vector<std::string> free; // names and globs, in the file's order
+  std::vector<std::string> free_where;  // file:line: field of each, for messages
+  std::optional<Loss> loss;
+  std::vector<PriorSetting> priors;
+};
+
+struct Rig {
+  Tree tree;
+  int base = 0;                  // link: frame of free target poses
+  std::vector<JointSettings> joints;  // by joint index; of those without a reading meaningless
+  std::vector<Target> targets;
+  std::vector<Sensor> sensors;
+  std::vector<Step> steps;
+};
+
+/// One sensor's view of one target in one sample.
+struct View {
+  int sensor = -1, target = -1;  // indices
+  std::vector<int> ids;          // target points; of a whole-pose sensor empty
+  std::vector<double> z;         // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
+  std::vector<double> sigma;     // as the sensor's, or the view's own
+  std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
+  std::string where;             // file:line: field, for messages
+};
+
+/// One posture of the robot and everything seen in it.
+struct Sample {
+  std::string id;
+  std::optional<double> time;
+  std::vector<double> readings;  // by joint index, NaN: not in the sample
+  std::vector<View> views;
+  bool train = true;             // else held out
+};
+
+enum class NoiseMode { latent, marginal, point, none };
+
+}  // namespace kincal

@@ -1,0 +1,180 @@
+// What a sensor is: the contract between sensors, kinematics and solver, and the adapter that makes one.
+//
+// A target is rigid, so within one view everything geometric (a joint's offset, gear, link, mount, the target's pose)
+// acts on all its points through one 6-dof motion of the target in the sensor's frame. A view's Jacobian therefore
+// factors:  J = L M.  L (rows x columns of `Columns`) is the sensor's own derivative; M, constant in a view, is the
+// kinematics' derivative of that pose. A sensor computes r and L for one view and knows nothing of kinematics.
+//
+// To add a sensor that sees single points, write a struct with
+//     static constexpr int kRows;          // residuals a point
+//     static constexpr int kNumbers;       // measured numbers a point
+//     int parameter_count() const;         // own numbers: intrinsics, ... (at most kMaxParameters)
+//     bool residual(const double* parameters, const Vector3d& p_sensor, const double* z,
+//                   double* r, double* d_r_d_point, double* d_r_d_parameters) const;
+// (residual = predicted - measured; derivatives row-major, kRows x 3 and kRows x parameter_count, either both given or
+// both null; false where undefined) and wrap it:  std::make_shared<PointwiseSensor<My>>(...).
+// Everything else (pose, joints, target's shape, weights, losses, elimination) follows.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "../../kinematics/transform.h"
+#include "../../solver/problem.h"
+#include "view_kernels.h"
+
+namespace kincal {
+
+/// One group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
+struct ParameterBlock {
+  std::string name;                     // parameter sensor/NAME/<name>
+  std::vector<std::string> components;  // component names; {""} for a single number
+  std::vector<std::string> units;       // one a component, "" for none
+  std::vector<double> values;           // initial values
+};
+
+/// The scanning joint of a sensor whose one joint moves within a view:
+/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = scale * z[0] + offset.
+struct Scan {
+  Pose sensor_T_before;    // from the sensor's frame to the joint, on the sensor's side of it
+  Pose behind_T_target;    // from the joint's other side to the target
+  Vector3d axis;           // unit, the same seen from both sides
+  bool prismatic = false;
+  int direction = -1;      // sign with which the way from sensor to target walks the joint
+  double offset = 0, scale = 1;
+};
+
+/// What a view shows its sensor. Points to data of others; lives for one evaluation.
+struct ViewInput {
+  Pose sensor_T_target;                       // without a scanning joint
+  const Scan* scan = nullptr;                 // with one
+  const double* parameters = nullptr;         // the sensor's own numbers, block after block
+  const Eigen::Matrix3Xd* points = nullptr;   // the target's points in its own frame, m
+  const Eigen::Matrix3Xd* layout = nullptr;   // d points / d square (grids), else null
+  const int* ids = nullptr;                   // which of them are seen
+  int count = 0;                              // how many
+  const double* z = nullptr;                  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
+};
+
+/// Where the columns of L are. A column group that nobody wants is absent (-1).
+struct Columns {
+  int pose = 0;          // 6: twist of the target seen from the sensor; scanning: of the target in front of the joint's
+                         // far side ("behind"), then 6 of the sensor's side at `sensor_side`, then offset and scale at `joint`
+  int sensor_side = -1, joint = -1;
+  int parameters = -1;   // own numbers
+  int square = -1;       // spacing of a grid target
+  int points = -1;       // 3 a target point
+  int total = 6;         // number of columns
+};
+
+/// How one view tells where its target is, for starting values.
+enum class Sight {
+  rays,    // two residuals a point, of a direction: cameras (PnP)
+  points,  // 3-D points in the sensor's frame (rigid fit)
+  scan,    // rays of a tilting laser
+  pose,    // the pose itself
+  chain,   // the target is at link_T_sensor
+  none
+};
+
+/// Some of a sensor's sigmas that are one kind of noise.
+struct NoisePart {
+  const char *name, *unit;
+  int first, count;
+};
+
+/// A type of sensor. Stateless and shared: an instance's numbers are in its parameter blocks.
+class SensorModel {
+ public:
+  virtual ~SensorModel() = default;
+  /// Residuals a point; a sensor of whole poses has one "point" a view.
+  virtual int rows() const = 0;
+  /// Measured numbers a point (a view, for sensors of whole poses).
+  virtual int numbers() const = 0;
+  /// Sigmas that the sensor takes: one a residual unless own_noise says otherwise.
+  virtual int sigmas() const { return rows(); }
+  /// "px" or "m".
+  virtual const char* unit() const { return "m"; }
+  /// Measures the target's pose, not its points: ids do not apply, its points do not matter.
+  virtual bool whole_pose() const { return false; }
+  virtual bool scans() const { return false; }
+  virtual Sight sight() const { return Sight::none; }
+  /// Residual blocks of a view of n points: n, or 1 for sensors of whole poses. A loss acts on each.
+  int blocks(int count) const { return whole_pose() ? 1 : count; }
+
+  /// Raw residuals r (blocks * rows) and, if L is given (same rows, columns.total, zero-initialised by the caller), their
+  /// derivatives. False where a residual is undefined (a point behind the camera). Does not allocate.
+  virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r, Eigen::Ref<RowMatrix>* L) const = 0;
+
+  /// True if the own noise depends on what is seen: covariance of block i = B diag(sigma^2) B'.
+  virtual bool has_own_noise() const { return false; }
+  /// B, rows() x sigmas(), of block i.
+  virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
+  /// The kinds of noise that its residuals can tell apart, in order. Where there are several, whitened residual i of a block is of the
+  /// part with sigma i.
+  virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
+  /// The inner loop of evaluate() for several points at a time, where there is one.
+  virtual ViewKernel kernel() const { return nullptr; }
+  /// The same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
+  virtual const SensorModel* point_form() const { return nullptr; }
+};
+
+constexpr int kMaxParameters = 16;
+
+/// Derivative rows of one point: how a residual with d_r_d_p (row-major rows x 3, by the point in the sensor's frame)
+/// changes with the pose and the target's shape.
+inline void point_rows(const ViewInput& view, const Columns& c, int i, int rows, const double* d_r_d_p, const Matrix3d& sensor_R_target,
+                       Eigen::Ref<RowMatrix>& L) {
+  for (int k = 0; k < rows; ++k) {
+    const Eigen::RowVector3d a(d_r_d_p[3 * k], d_r_d_p[3 * k + 1], d_r_d_p[3 * k + 2]);
+    const int row = i * rows + k;
+    if (c.square >= 0 && view.layout) L(row, c.square) = a.dot(sensor_R_target * view.layout->col(view.ids[i]));
+    if (c.points >= 0) L.block<1, 3>(row, c.points + 3 * view.ids[i]) = a * sensor_R_target;
+  }
+}
+
+/// Adapter from a pointwise residual to a SensorModel; see the head of this file.
+template <class S>
+class PointwiseSensor final : public SensorModel {
+ public:
+  explicit PointwiseSensor(S sensor = S(), const char* unit = "m", ViewKernel view_kernel = nullptr)
+      : sensor_(sensor), unit_(unit), kernel_(view_kernel) {}
+  int rows() const override { return S::kRows; }
+  int numbers() const override { return S::kNumbers; }
+  const char* unit() const override { return unit_; }
+  Sight sight() const override {
+    return S::kRows == 2 ? Sight::rays : S::kRows == 3 && S::kNumbers == 3 ? Sight::points : Sight::none;
+  }
+  const S& sensor() const { return sensor_; }
+  ViewKernel kernel() const override { return kernel_; }
+
+  bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
+    const int own = sensor_.parameter_count();
+    double d_p[S::kRows * 3], d_own[S::kRows * kMaxParameters];
+    for (int i = 0; i < view.count; ++i) {
+      const Vector3d p = view.sensor_T_target * Vector3d(view.points->col(view.ids[i]));
+      if (!sensor_.residual(view.parameters, p, view.z + i * S::kNumbers, r + i * S::kRows, L ? d_p : nullptr, L ? d_own : nullptr))
+        return false;
+      if (!L) continue;
+      for (int k = 0; k < S::kRows; ++k) {  // a' (v + w x p) = [a | p x a]' [v | w]
+        const Vector3d a(d_p[3 * k], d_p[3 * k + 1], d_p[3 * k + 2]);
+        const int row = i * S::kRows + k;
+        L->template block<1, 3>(row, c.pose) = a.transpose();
+        L->template block<1, 3>(row, c.pose + 3) = p.cross(a).transpose();
+        if (c.parameters >= 0)
+          for (int j = 0; j < own; ++j) (*L)(row, c.parameters + j) = d_own[k * own + j];
+      }
+      if (c.square >= 0 || c.points >= 0) point_rows(view, c, i, S::kRows, d_p, view.sensor_T_target.rotation, *L);
+    }
+    return true;
+  }
+
+ private:
+  S sensor_;
+  const char* unit_;
+  ViewKernel kernel_;
+};
+
+}  // namespace kincal

@@ -1,0 +1,309 @@
+#include "consensus.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <map>
+#include <stdexcept>
+
+#include "../fitting/robust.h"
+#include "../fitting/starts.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kJointSigmas = 6;  // a joint error beyond this is no noise
+
+int blocks_of(const Rig& rig, const View& v) {
+  const Sensor& sensor = rig.sensors[v.sensor];
+  return sensor.model->blocks(v.ids.empty() ? rig.targets[v.target].count() : static_cast<int>(v.ids.size()));
+}
+
+/// The view without some points.
+View without(const Rig& rig, const View& view, const std::vector<char>& out) {
+  const int numbers = rig.sensors[view.sensor].model->numbers();
+  View v = view;
+  v.ids.clear();
+  v.z.clear();
+  v.covariance.clear();
+  for (size_t b = 0; b < out.size(); ++b) {
+    if (out[b]) continue;
+    v.ids.push_back(view.ids.empty() ? static_cast<int>(b) : view.ids[b]);
+    v.z.insert(v.z.end(), view.z.begin() + b * numbers, view.z.begin() + (b + 1) * numbers);
+    if (!view.covariance.empty()) v.covariance.push_back(view.covariance[b]);
+  }
+  return v;
+}
+
+}  // namespace
+
+Verdict all_in(const Rig& rig, const Sample& sample) {
+  Verdict out;
+  out.view.assign(sample.views.size(), 0);
+  out.view_reason.resize(sample.views.size());
+  for (const View& v : sample.views) out.point.push_back(std::vector<char>(blocks_of(rig, v), 0));
+  return out;
+}
+
+Sample left_of(const Rig& rig, const Sample& sample, const Verdict& verdict) {
+  Sample out = sample;
+  out.views.clear();
+  for (size_t v = 0; v < sample.views.size(); ++v) {
+    if (verdict.view[v]) continue;
+    const std::vector<char>& point = verdict.point[v];
+    const bool some = std::count(point.begin(), point.end(), 1) > 0;
+    out.views.push_back(some ? without(rig, sample.views[v], point) : sample.views[v]);
+  }
+  return out;
+}
+
+namespace {
+
+/// A sample by itself at held shared parameters.
+struct Alone {
+  bool defined = false;
+  VectorXd residuals;                               // whitened, view after view
+  std::vector<std::pair<const View*, int>> blocks;  // of each residual block: view, block in it
+  std::vector<int> rows;                            // and its rows
+  std::vector<std::pair<int, double>> joints;       // joint, error in sigmas
+};
+
+EstimationSetup setup_of(const Bench& bench) {
+  EstimationSetup setup;
+  setup.noise = NoiseMode::latent;
+  setup.sensors = bench.sensors;
+  return setup;
+}
+
+/// The sample's residuals and joint errors after a Newton step of the shared parameters as well, whose estimate and covariance the others
+/// gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
+void take_part(const Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
+  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = bench.root.cols(),
+                     total = fit.residuals.size();
+  MatrixXd root(m, n);
+  for (Eigen::Index i = 0; i < m; ++i) root.row(i) = bench.root.row(shape.columns[i]);
+  MatrixXd a = MatrixXd::Zero(rows.rows() + n, k + n);
+  a.topLeftCorner(rows.rows(), k) = rows.leftCols(k);
+  a.topRightCorner(rows.rows(), n) = rows.middleCols(k, m) * root;
+  a.bottomRightCorner(n, n).setIdentity();
+  VectorXd right = VectorXd::Zero(a.rows());
+  right.head(rows.rows()) = rows.col(rows.cols() - 1);
+  VectorXd left = right, weight = VectorXd::Ones(a.rows());
+  double scale = std::numeric_limits<double>::infinity();
+  for (int round = 0; round < (robust ? 30 : 1); ++round) {
+    left = right - a * (weight.asDiagonal() * a).colPivHouseholderQr().solve(weight.cwiseProduct(right));
+    Eigen::Index at = 0;
+    std::vector<double> sizes;
+    for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
+      sizes.push_back(left.segment(at, fit.rows[b]).norm() / bench.levels[fit.blocks[b].first->sensor]);
+    scale = std::max(1.0, std::min(scale / 2, *std::max_element(sizes.begin(), sizes.end())));
+    at = 0;
+    for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
+      weight.segment(at, fit.rows[b]).setConstant(1 / std::hypot(1.0, sizes[b] / (3 * scale)));
+  }
+  fit.residuals = left.head(total);
+  for (size_t j = 0; j < fit.joints.size(); ++j) fit.joints[j].second = left(total + static_cast<Eigen::Index>(j));
+}
+
+/// Targets and joint errors estimated, graduated from the starts of the targets or by plain least squares. `taking_part`: what one Newton
+/// step of the free shared parameters as well would leave.
+Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool robust, bool taking_part) {
+  Alone out;
+  const std::vector<Sample> one = {sample};
+  EstimationSetup setup = setup_of(bench);
+  if (robust) setup.loss = {LossKind::cauchy, 3, true};
+  Estimation problem(bench.rig, bench.table, one, {0}, setup);
+  if (problem.groups().empty()) {  // nothing of it is judged
+    out.defined = true;
+    return out;
+  }
+  values.shared = bench.shared;
+  VectorXd state;
+  const auto solve = [&] {
+    state = problem.pack(values);
+    problem.renew(state);
+    Cost cost;
+    if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return false;
+    if (robust) solve_graduated(problem, bench.rig, SolverOptions(), state, &bench.levels);
+    return LevenbergMarquardt(problem, SolverOptions()).solve(state).outcome != Outcome::undefined_start;
+  };
+  try {
+    start_targets(bench.rig, bench.table, one, {0}, bench.sensors, {LossKind::soft_l1, 3}, values);
+    if (!solve()) return out;
+  } catch (const std::runtime_error&) {
+    return out;
+  }
+  problem.unpack(state, values);
+  problem.renew(state);
+  out.defined = true;
+  const std::vector<ViewResiduals> residuals = problem.residuals(state);
+  Eigen::Index total = 0;
+  for (const ViewResiduals& r : residuals) total += r.whitened.size();
+  out.residuals.resize(total);
+  total = 0;
+  for (const ViewResiduals& r : residuals) {
+    out.residuals.segment(total, r.whitened.size()) = r.whitened;
+    total += r.whitened.size();
+    const int count = blocks_of(bench.rig, *r.view);
+    for (int b = 0; b < count; ++b) {
+      out.blocks.push_back({&sample.views[r.view - one[0].views.data()], b});
+      out.rows.push_back(static_cast<int>(r.whitened.size()) / count);
+    }
+  }
+  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / bench.rig.joints[e.first.second].sigma});
+  if (!taking_part || bench.root.size() == 0) return out;
+
+  setup.free = bench.free;
+  setup.loss = Loss();
+  Estimation together(bench.rig, bench.table, one, {0}, setup);
+  MatrixXd rows;
+  const VectorXd at = together.pack(values);
+  together.renew(at);
+  if (together.explicit_rows(0, at, rows)) take_part(bench, together.groups()[0], rows, robust, out);
+  return out;
+}
+
+/// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
+bool outlying(const Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
+  bool any = false;
+  flags.assign(sample.views.size(), {});
+  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(bench.rig, sample.views[v]), 0);
+  Eigen::Index at = 0;
+  for (size_t b = 0; b < fit.blocks.size(); ++b) {
+    const View* view = fit.blocks[b].first;
+    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(bench.levels[view->sensor], 2);
+    at += fit.rows[b];
+    if (squared <= chi2_bound(fit.rows[b])) continue;
+    flags[view - sample.views.data()][fit.blocks[b].second] = 1;
+    any = true;
+  }
+  return any;
+}
+
+const std::pair<int, double>* wrong_joint(const Alone& fit) {
+  const std::pair<int, double>* worst = nullptr;
+  for (const auto& j : fit.joints)
+    if (std::abs(j.second) > kJointSigmas && (!worst || std::abs(j.second) > std::abs(worst->second))) worst = &j;
+  return worst;
+}
+
+std::string text(const char* format, double a) {
+  char buffer[200];
+  std::snprintf(buffer, sizeof buffer, format, a);
+  return buffer;
+}
+
+/// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
+std::string size_of(const Bench& bench, const Alone& fit) {
+  if (!fit.defined) return "a point lies behind a camera";
+  std::map<const View*, std::pair<double, int>> views;
+  Eigen::Index at = 0;
+  for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++]) {
+    std::pair<double, int>& v = views[fit.blocks[b].first];
+    v.first += fit.residuals.segment(at, fit.rows[b]).squaredNorm();
+    v.second += fit.rows[b];
+  }
+  double largest = 0;
+  for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / bench.levels[v.first->sensor]);
+  const auto* joint = wrong_joint(fit);
+  if (joint && std::abs(joint->second) > largest)
+    return text("it would take an error of %.3g sigmas in joint '", joint->second) + bench.rig.tree.joints[joint->first].name + "'";
+  return text("residuals %.3g times the usual", largest);
+}
+
+/// Whether the views of a sample can be told wrong by each other: one of a mounted target, or two of one free target.
+bool hangs_together(const Rig& rig, const std::vector<View>& views) {
+  std::map<int, int> seen;
+  for (const View& v : views)
+    if (rig.targets[v.target].link >= 0 || ++seen[v.target] >= 2) return true;
+  return false;
+}
+
+enum class Fits { yes, but_for_points, no };
+
+/// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
+/// `plain`: the sample as it is, by plain least squares.
+Fits fits(const Bench& bench, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
+          Alone& plain) {
+  Values values = start;
+  plain = fit_alone(bench, sample, values, false, taking_part);
+  if (plain.defined && !outlying(bench, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
+  values = start;
+  const Alone robust = fit_alone(bench, sample, values, true, taking_part);
+  if (!robust.defined) return Fits::no;
+  outlying(bench, sample, robust, out);
+  const auto too_many = [](const std::vector<char>& view) {
+    return 3 * std::count(view.begin(), view.end(), 1) > static_cast<long>(view.size());
+  };
+  for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
+    if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
+    Verdict points = all_in(bench.rig, sample);
+    points.point = out;
+    const Sample rest = left_of(bench.rig, sample, points);
+    Values again = values;
+    const Alone check = fit_alone(bench, rest, again, false, taking_part);
+    std::vector<std::vector<char>> more;
+    if (!check.defined) return Fits::no;
+    if (!outlying(bench, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
+    for (size_t v = 0; v < out.size(); ++v) {
+      size_t b = 0;
+      for (char& p : out[v])
+        if (!p) p = more[v][b++];
+    }
+  }
+  return Fits::no;
+}
+
+}  // namespace
+
+Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& before, const Values& start) {
+  Verdict verdict = all_in(bench.rig, sample);
+  const bool took_part = before.took_part();
+  std::vector<std::vector<char>> points;
+  Alone plain;
+  if (fits(bench, sample, start, !took_part, points, plain) != Fits::no) {
+    if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) { return std::count(v.begin(), v.end(), 1) > 0; }))
+      verdict.point = points;
+    return verdict;
+  }
+  // Without which views does it?
+  const size_t n = sample.views.size();
+  const auto explains = [&](const std::vector<char>& out) {
+    Sample rest = sample;
+    rest.views.clear();
+    for (size_t v = 0; v < n; ++v)
+      if (!out[v]) rest.views.push_back(sample.views[v]);
+    std::vector<std::vector<char>> found;
+    Alone ignored;
+    if (!hangs_together(bench.rig, rest.views) || fits(bench, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
+    verdict.view = out;
+    for (size_t v = 0, r = 0; v < n; ++v)
+      if (!out[v]) verdict.point[v] = found[r++];
+    return true;
+  };
+  const auto is_chain = [&](size_t v) { return bench.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
+  int explanations = 0, chains = 0;
+  for (size_t v = 0; v < n && n > 1; ++v) {
+    std::vector<char> out(n, 0);
+    out[v] = 1;
+    if (explains(out)) ++explanations, chains += is_chain(v);
+  }
+  if (explanations == 0 && n > 4) {  // several: those that the graduated fit gave up
+    std::vector<char> out(n, 0);
+    for (size_t v = 0; v < n; ++v) {
+      out[v] = 3 * std::count(points[v].begin(), points[v].end(), 1) > static_cast<long>(points[v].size());
+      chains += out[v] && is_chain(v);
+    }
+    if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out)) explanations = 1;
+  }
+  for (size_t v = 0; v < n; ++v)
+    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + size_of(bench, plain) + ")";
+  if (explanations == 1 && chains == 0) return verdict;
+  verdict.out = true;
+  verdict.reason = "its joint readings and its views do not belong together (" + size_of(bench, plain) + ")";
+  return verdict;
+}
+
+}  // namespace kincal

@@ -1,0 +1,410 @@
+#include "local.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "../../solver/levenberg_marquardt.h"
+#include "../simulation/simulation.h"
+#include "../fitting/starts.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kPrivateRank = 1e-9, kRank = 1e-9;  // singular values of unit columns, relative
+constexpr double kGrowth = 1.3;                      // of bandwidths
+constexpr double kClaim = 2, kSignificance = 3.5;    // standard errors of a gain; of the offsets
+constexpr double kWidest = -1.5;                     // of the widest prior, rad or m: logarithm to the base of 10
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+/// A sample near the posture: z = F delta + noise.
+struct Near {
+  int sample = -1;
+  double distance = 0;
+  MatrixXd f;
+  VectorXd z;
+};
+
+double position(const Rig& rig, const Sample& sample, int joint) {
+  return rig.joints[joint].scale * sample.readings[joint] + rig.joints[joint].offset;
+}
+
+/// NaN: the sample lacks one of the joints.
+double distance(const Rig& rig, const Sample& sample, const LocalPosture& posture) {
+  double largest = 0;
+  for (const auto& [joint, at] : posture) {
+    double difference = position(rig, sample, joint) - at;
+    if (std::isnan(difference)) return kNan;
+    if (rig.tree.joints[joint].type == JointType::continuous) difference = std::remainder(difference, 2 * M_PI);
+    largest = std::max(largest, std::abs(difference));
+  }
+  return largest;
+}
+
+/// Rows [F | z] of one sample with the given offsets of the table's parameters in place; no rows where it cannot be evaluated.
+void linearise(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples, const std::vector<int>& joints,
+               const VectorXd& offsets, NoiseMode noise, Near& near) {
+  const Eigen::Index p = offsets.size();
+  near.f.resize(0, p);
+  near.z.resize(0);
+  EstimationSetup setup;
+  setup.noise = noise;
+  for (size_t i = 0; i < rig.sensors.size(); ++i) setup.sensors.push_back(static_cast<int>(i));
+  Values values;
+  values.shared = table.initial;
+  for (Eigen::Index j = 0; j < p; ++j) values.shared(table.all[table.joint_offset[joints[j]]].start) += offsets(j);
+  try {
+    start_targets(rig, table, samples, {near.sample}, setup.sensors, Loss(), values);
+  } catch (const std::runtime_error&) {
+    return;
+  }
+  {
+    Estimation own(rig, table, samples, {near.sample}, setup);
+    VectorXd state = own.pack(values);
+    if (LevenbergMarquardt(own, SolverOptions()).solve(state).outcome == Outcome::undefined_start) return;
+    own.unpack(state, values);
+  }
+  for (int j : joints) setup.free.push_back({table.joint_offset[j], {0}});
+  Estimation problem(rig, table, samples, {near.sample}, setup);
+  if (problem.groups().empty()) return;
+  const VectorXd state = problem.pack(values);
+  problem.renew(state);
+  problem.prepare(state);
+  MatrixXd rows;
+  if (!problem.square_root(0, state, 0, rows)) return;
+  const GroupShape& shape = problem.groups()[0];
+  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size());
+  MatrixXd rest = rows.rightCols(m + 1);  // [F r] without the sample's own unknowns
+  if (k > 0) {
+    MatrixXd own = rows.leftCols(k);
+    for (Eigen::Index i = 0; i < k; ++i)
+      if (own.col(i).norm() > 0) own.col(i).normalize();
+    Eigen::ColPivHouseholderQR<MatrixXd> qr;
+    qr.setThreshold(kPrivateRank);
+    qr.compute(own);
+    rest.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
+    rest = rest.bottomRows(rest.rows() - qr.rank()).eval();
+  }
+  if (rest.rows() == 0 || m == 0) return;
+  MatrixXd f = MatrixXd::Zero(rest.rows(), p);
+  for (Eigen::Index c = 0; c < m; ++c) {
+    const int parameter = problem.columns()[shape.columns[c]].first;
+    for (Eigen::Index j = 0; j < p; ++j)
+      if (table.joint_offset[joints[j]] == parameter) f.col(j) = rest.col(c);
+  }
+  const VectorXd z = f * offsets - rest.col(m);
+  const Eigen::JacobiSVD<MatrixXd> svd(f, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const VectorXd& values_of_f = svd.singularValues();
+  Eigen::Index rank = 0;
+  while (rank < values_of_f.size() && values_of_f(rank) > kRank * values_of_f(0)) ++rank;
+  near.f = values_of_f.head(rank).asDiagonal() * svd.matrixV().leftCols(rank).transpose();
+  near.z = svd.matrixU().leftCols(rank).transpose() * z;
+}
+
+double weight(double distance, double bandwidth) {
+  const double x = distance / bandwidth;
+  return x < 1 ? (1 - x * x) * (1 - x * x) : 0;
+}
+
+double chi2(const Near& n, const VectorXd& offsets) { return (n.z - n.f * offsets).squaredNorm(); }
+
+/// The weighted sums of a bandwidth.
+struct Sums {
+  MatrixXd w, b;    // sum w F'F, sum w^2 F'F
+  VectorXd g;       // sum w F'z
+  double rows = 0;  // sum w rows
+};
+
+Sums sum(const std::vector<Near>& near, double bandwidth) {
+  const Eigen::Index p = near[0].f.cols();
+  Sums out{MatrixXd::Zero(p, p), MatrixXd::Zero(p, p), VectorXd::Zero(p)};
+  for (const Near& n : near) {
+    const double w = weight(n.distance, bandwidth);
+    if (w == 0) continue;
+    const MatrixXd gram = n.f.transpose() * n.f;
+    out.w += w * gram;
+    out.b += w * w * gram;
+    out.g += w * (n.f.transpose() * n.z);
+    out.rows += w * static_cast<double>(n.z.size());
+  }
+  return out;
+}
+
+/// `ridge`: s^2 / t^2.
+MatrixXd regular(const MatrixXd& w, double ridge) { return w + ridge * MatrixXd::Identity(w.rows(), w.cols()); }
+
+VectorXd solve_without(const Sums& sums, const Near& n, double bandwidth, double ridge) {
+  const double w = weight(n.distance, bandwidth);
+  return regular(sums.w - w * (n.f.transpose() * n.f), ridge).llt().solve(sums.g - w * (n.f.transpose() * n.z));
+}
+
+/// What is chosen for one bandwidth.
+struct Choice {
+  double bandwidth = 0, noise = 1, freedom = 0, prior = 0;  // h, s, the degrees of freedom s is from, t
+  double ridge() const { return noise * noise / (prior * prior); }
+};
+
+/// Noise as seen, and the prior of the largest evidence.
+Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth) {
+  Choice out;
+  out.bandwidth = bandwidth;
+  const MatrixXd inverse = regular(sums.w, std::pow(10, -2 * kWidest)).inverse();
+  const VectorXd offsets = inverse * sums.g;
+  double scatter = 0;
+  for (const Near& n : near) scatter += weight(n.distance, bandwidth) * chi2(n, offsets);
+  const MatrixXd share = inverse * sums.b;
+  out.freedom = sums.rows - 2 * share.trace() + (inverse * sums.w * share).trace();
+  if (out.freedom > 0) out.noise = std::sqrt(std::max(scatter / out.freedom, 1e-12));
+  double best = -std::numeric_limits<double>::infinity();
+  for (int step = 0; step < 8; ++step) {
+    Choice tried = out;
+    tried.prior = std::pow(10, kWidest - 0.5 * step);
+    const Eigen::LLT<MatrixXd> llt(regular(sums.w, tried.ridge()));
+    double determinant = 0;  // log |A t^2 / s^2|
+    for (Eigen::Index i = 0; i < sums.g.size(); ++i) determinant += 2 * std::log(llt.matrixLLT()(i, i)) - std::log(tried.ridge());
+    const double evidence = sums.g.dot(llt.solve(sums.g)) / (out.noise * out.noise) - determinant;
+    if (evidence > best) best = evidence, out.prior = tried.prior;
+  }
+  return out;
+}
+
+/// The bandwidth with the least prediction error at the samples nearest to the posture.
+Choice choose(const std::vector<Near>& near, double within) {
+  const double smallest = std::max(0.01, 2 * near[kLocalSamples - 1].distance);
+  double best = std::numeric_limits<double>::infinity();
+  Choice out;
+  for (double h = smallest; h == smallest || h < kGrowth * kGrowth * within; h *= kGrowth) {
+    const Sums sums = sum(near, h);
+    const Choice choice = choose(near, sums, h);
+    double error = 0;
+    for (const Near& n : near) {
+      const double w = weight(n.distance, smallest);
+      if (w > 0) error += w * chi2(n, solve_without(sums, n, h, choice.ridge()));
+    }
+    if (error < best) best = error, out = choice;
+  }
+  return out;
+}
+
+/// Variances of the offsets from sample to sample, by joint.
+VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, double bandwidth, double noise) {
+  const Eigen::Index p = offsets.size();
+  const double precision = 1 / (noise * noise);
+  VectorXd out = VectorXd::Zero(p);
+  double total = 0;
+  for (const Near& n : near) total += weight(n.distance, bandwidth);
+  for (Eigen::Index j = 0; j < p; ++j) {  // as large as one sample's noise, to begin with
+    double information = 0;
+    for (const Near& n : near) information += weight(n.distance, bandwidth) * n.f.col(j).squaredNorm() * precision;
+    out(j) = total / information;
+  }
+  for (int iteration = 0; iteration < 100; ++iteration) {
+    VectorXd next = VectorXd::Zero(p);
+    for (const Near& n : near) {
+      const double w = weight(n.distance, bandwidth);
+      if (w == 0) continue;
+      MatrixXd a = precision * (n.f.transpose() * n.f);
+      a.diagonal() += out.cwiseInverse();
+      const MatrixXd covariance = a.inverse();
+      const VectorXd mean = precision * (covariance * (n.f.transpose() * (n.z - n.f * offsets)));
+      next += w * (mean.cwiseAbs2() + covariance.diagonal());
+    }
+    out = (next / total).cwiseMax(1e-24);
+  }
+  return out;
+}
+
+/// A value of the F distribution as one of the standard normal (Paulson).
+double normal_of_f(double f, double freedom1, double freedom2) {
+  const double a = 2 / (9 * freedom1), b = 2 / (9 * freedom2), root = std::cbrt(f);
+  return ((1 - b) * root - (1 - a)) / std::sqrt(b * root * root + a);
+}
+
+/// Squared raw residuals of a sensor, readings exact.
+struct Errors {
+  double squared = 0, rotation = 0;
+  long points = 0;
+};
+
+bool add_errors(Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values,
+                std::map<std::string, Errors>& errors) {
+  const std::vector<JointSettings> before = rig.joints;
+  for (size_t j = 0; j < offsets.size(); ++j) rig.joints[offsets[j].joint].offset += values(static_cast<Eigen::Index>(j));
+  Sample alone = sample;
+  alone.train = true;
+  bool defined = true;
+  try {
+    for (const SensorResult& s : Calibration(rig, {alone}).evaluate(NoiseMode::none, {}).sensors) {
+      Errors& e = errors[s.name];
+      const double n = static_cast<double>(s.train.points);
+      e.squared += n * s.train.rms * s.train.rms;
+      if (s.whole_pose) e.rotation += n * s.train.rotation * s.train.rotation;
+      e.points += s.train.points;
+    }
+  } catch (const std::runtime_error&) {  // a point behind its camera
+    defined = false;
+  }
+  rig.joints = before;
+  return defined;
+}
+
+}  // namespace
+
+LocalPosture posture_of(const Rig& rig, const Sample& sample) {
+  LocalPosture out;
+  for (const View& v : sample.views)
+    for (int j : needed_readings(rig, v.sensor, v.target)) out[j] = position(rig, sample, j);
+  return out;
+}
+
+LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& samples, const LocalPosture& posture,
+                                   const LocalOptions& options) {
+  if (posture.empty()) throw std::invalid_argument("the posture names no joint");
+  for (const auto& [joint, at] : posture)
+    if (std::none_of(samples.begin(), samples.end(), [&](const Sample& s) { return !std::isnan(s.readings[joint]); }))
+      throw std::invalid_argument("no sample has a reading of joint '" + given.tree.joints[joint].name + "'");
+  Rig rig = given;
+  rig.steps.clear();
+  const ParameterTable table(rig);
+  LocalCalibration out;
+
+  // The samples near, nearest first.
+  std::vector<int> joints;
+  for (const auto& at : posture) joints.push_back(at.first);
+  std::vector<Near> near;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const double d = distance(rig, samples[i], posture);
+    if (std::isnan(d) || !samples[i].train) continue;
+    out.distances.push_back(d);
+    if (d > options.within) continue;
+    near.push_back({static_cast<int>(i), d, {}, {}});
+    linearise(rig, table, samples, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
+    if (near.back().z.size() == 0) near.pop_back();
+  }
+  std::sort(out.distances.begin(), out.distances.end());
+  std::sort(near.begin(), near.end(), [&](const Near& a, const Near& b) {
+    return a.distance != b.distance ? a.distance < b.distance : samples[a.sample].id < samples[b.sample].id;
+  });
+  out.near = static_cast<int>(near.size());
+  out.enough = out.near >= kLocalSamples;
+  if (!out.enough) return out;
+
+  // Joints that nothing near depends on have no column.
+  std::vector<Eigen::Index> kept;
+  for (size_t j = 0; j < joints.size(); ++j)
+    if (std::any_of(near.begin(), near.end(), [&](const Near& n) { return n.f.col(static_cast<Eigen::Index>(j)).norm() > 0; }))
+      kept.push_back(static_cast<Eigen::Index>(j));
+  for (size_t j = 0; j < kept.size(); ++j) out.offsets.push_back({joints[kept[j]], 0, kNan, kNan, false});
+  joints.clear();
+  for (const LocalOffset& o : out.offsets) joints.push_back(o.joint);
+  const Eigen::Index p = static_cast<Eigen::Index>(joints.size());
+
+  VectorXd offsets = VectorXd::Zero(p);
+  Choice choice;
+  Sums sums;
+  for (int pass = 0; pass < 3; ++pass) {
+    for (Near& n : near) linearise(rig, table, samples, joints, offsets, options.noise, n);
+    choice = choose(near, options.within);
+    sums = sum(near, choice.bandwidth);
+    offsets = regular(sums.w, choice.ridge()).llt().solve(sums.g);
+  }
+  out.bandwidth = choice.bandwidth;
+  out.prior = choice.prior;
+  out.noise = choice.noise;
+
+  // Radius, and whether there is anything.
+  std::vector<VectorXd> without;
+  std::vector<double> gains;
+  double total = 0, best = 0;
+  for (size_t i = 0; i < near.size(); ++i) {
+    without.push_back(solve_without(sums, near[i], choice.bandwidth, choice.ridge()));
+    gains.push_back(near[i].z.squaredNorm() - chi2(near[i], without[i]));
+    total += gains[i];
+    const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
+    if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
+  }
+  const Eigen::CompleteOrthogonalDecomposition<MatrixXd> b(sums.b);
+  const double rank = static_cast<double>(b.rank());
+  if (choice.freedom > 0)
+    out.significance = normal_of_f(sums.g.dot(b.solve(sums.g)) / rank / (choice.noise * choice.noise), rank, choice.freedom);
+  const auto standard_error = [&](int count) {
+    double mean = 0, squares = 0;
+    for (int i = 0; i < count; ++i) mean += gains[i] / count;
+    for (int i = 0; i < count; ++i) squares += (gains[i] - mean) * (gains[i] - mean);
+    return std::sqrt(squares * count / (count - 1));
+  };
+  out.gain = out.samples > 0 && out.significance > kSignificance && best >= kClaim * standard_error(out.samples);
+  if (out.gain) {
+    out.radius = near[out.samples - 1].distance;
+    out.ends = out.samples < out.near;
+  } else {
+    out.radius = std::min(out.bandwidth, options.within);
+    out.samples = static_cast<int>(std::count_if(near.begin(), near.end(), [&](const Near& n) { return n.distance <= out.radius; }));
+  }
+  out.gain_sigma = standard_error(out.samples);
+  if (out.gain) {
+    const double s = choice.noise, s0 = std::min(1.0, s);
+    const VectorXd varies = variation(near, offsets, choice.bandwidth, s0);
+    MatrixXd middle = s0 * s0 * sums.b + regular(MatrixXd::Zero(p, p), s * s * choice.ridge());
+    for (const Near& n : near) {
+      const double w = weight(n.distance, choice.bandwidth);
+      const MatrixXd gram = n.f.transpose() * n.f;
+      middle += w * w * (gram * varies.asDiagonal() * gram);
+    }
+    const MatrixXd inverse = regular(sums.w, choice.ridge()).inverse(), covariance = inverse * middle * inverse;
+    for (Eigen::Index j = 0; j < p; ++j) {
+      out.offsets[j].offset = offsets(j);
+      out.offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
+      out.offsets[j].variation = std::sqrt(varies(j));
+      out.offsets[j].determined = inverse(j, j) * choice.ridge() < 0.81;
+    }
+  }
+
+  // Errors within the radius, with the robot's readings as they are.
+  std::map<std::string, Errors> errors[2][2];  // training, held out; before, after
+  const auto judge = [&](const Sample& sample, const VectorXd& with) {
+    std::map<std::string, Errors> one[2];
+    if (add_errors(rig, sample, out.offsets, VectorXd::Zero(p), one[0]) && add_errors(rig, sample, out.offsets, with, one[1]))
+      for (int after : {0, 1})
+        for (const auto& e : one[after]) {
+          Errors& to = errors[sample.train ? 0 : 1][after][e.first];
+          to.squared += e.second.squared;
+          to.rotation += e.second.rotation;
+          to.points += e.second.points;
+        }
+  };
+  for (int i = 0; i < out.samples; ++i) {
+    out.chi2_before += near[i].z.squaredNorm();
+    out.chi2 += chi2(near[i], without[i]);
+    judge(samples[near[i].sample], without[i]);
+  }
+  std::vector<std::pair<std::string, const Sample*>> held_out;
+  for (const Sample& s : samples)
+    if (!s.train && distance(rig, s, posture) <= out.radius) held_out.push_back({s.id, &s});
+  std::sort(held_out.begin(), held_out.end());
+  for (const auto& s : held_out) judge(*s.second, offsets);
+  for (const Sensor& sensor : rig.sensors) {
+    SensorResult r;
+    r.name = sensor.name;
+    r.unit = sensor.model->unit();
+    r.whole_pose = sensor.model->whole_pose();
+    for (int split : {0, 1}) {
+      SplitStatistics& s = split ? r.test : r.train;
+      const Errors before = errors[split][0][sensor.name], after = errors[split][1][sensor.name];
+      const auto rms = [&](double squared) { return before.points ? std::sqrt(squared / static_cast<double>(before.points)) : kNan; };
+      s.points = before.points;
+      s.rms_before = rms(before.squared);
+      s.rms_as_read = rms(after.squared);
+      s.rotation_before = rms(before.rotation);
+      s.rotation_as_read = rms(after.rotation);
+      s.rms = s.rotation = kNan;
+    }
+    if (r.train.points + r.test.points > 0) out.sensors.push_back(r);
+  }
+  return out;
+}
+
+}  // namespace kincal

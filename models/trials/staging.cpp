@@ -1,0 +1,729 @@
+#include "staging.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "../../solver/levenberg_marquardt.h"
+#include "../../solver/observability.h"
+#include "../calibration/calibration.h"
+#include "../rig/geometry.h"
+#include "../fitting/starts.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr int kFolds = 5, kFewestTargets = 3;
+constexpr double kUnlikely = 2, kWorthwhile = 0.01;  // standard errors; share of the error
+constexpr double kMissing = 1e12;                    // chi2 a number of a held-out sample that cannot be evaluated
+
+// Sigmas of the priors.
+constexpr double kOffset = 0.05, kSlide = 0.01;         // rad, m
+constexpr double kPlace = 0.01, kTurn = 0.01;           // m, rad: geometry
+constexpr double kScale = 0.01, kSquare = 0.005;        // shares
+constexpr double kBaseline = 0.002;                     // m
+constexpr double kIntrinsics = 0.1, kDistortion = 0.5;  // share of the focal length; as the numbers are
+
+struct Group {
+  std::string name;
+  std::vector<Freed> free;
+  std::vector<Prior> priors;           // one a component; none: the mounts
+  std::string pattern;                 // geometry/BASE..TIP, where that says the same
+  std::vector<int> contained_offsets;  // parameters: offsets of the joints of a chain
+};
+
+/// To two digits: as a sigma is written.
+double rounded(double v) {
+  const double unit = std::pow(10.0, std::floor(std::log10(v)) - 1), whole = std::round(v / unit);
+  return unit < 1 ? whole / std::round(1 / unit) : whole * unit;
+}
+
+std::vector<int> range(size_t n) {
+  std::vector<int> out(n);
+  for (size_t i = 0; i < n; ++i) out[i] = static_cast<int>(i);
+  return out;
+}
+
+Freed whole(const ParameterTable& table, int parameter) { return {parameter, range(table.all[parameter].components.size())}; }
+
+/// a without b.
+std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>& b) {
+  std::vector<Freed> out;
+  for (const Freed& f : a) {
+    Freed left{f.parameter, {}};
+    for (int c : f.components)
+      if (std::none_of(b.begin(), b.end(), [&](const Freed& g) {
+            return g.parameter == f.parameter && std::count(g.components.begin(), g.components.end(), c);
+          }))
+        left.components.push_back(c);
+    if (!left.components.empty()) out.push_back(left);
+  }
+  return out;
+}
+
+bool has(const std::vector<Freed>& all, int parameter, int component) {
+  return std::any_of(all.begin(), all.end(), [&](const Freed& f) {
+    return f.parameter == parameter && std::count(f.components.begin(), f.components.end(), component);
+  });
+}
+
+std::vector<std::string> names_of(const ParameterTable& table, const std::vector<Freed>& free) {
+  std::vector<std::string> out;
+  for (const Freed& f : free) {
+    const Parameter& p = table.all[f.parameter];
+    if (f.whole(p)) {
+      out.push_back(p.name);
+    } else {
+      for (int c : f.components) out.push_back(p.component_name(c));
+    }
+  }
+  return out;
+}
+
+/// Two cameras that are one thing: on the same link, in the same place, one with a baseline (a rectified pair).
+bool is_pair(const Rig& rig, int a, int b) {
+  const auto baseline = [&](const Sensor& s) {
+    for (const ParameterBlock& block : s.parameters)
+      if (block.name == "baseline") return block.values[0];
+    return 0.0;
+  };
+  const Sensor &s = rig.sensors[a], &t = rig.sensors[b];
+  const Vector6d apart = log_se3(inverse(s.link_T_sensor) * t.link_T_sensor);
+  return s.type == "camera" && t.type == "camera" && s.link == t.link && apart.norm() < 1e-9 && baseline(s) != baseline(t);
+}
+
+/// Everything that the search needs to know; the samples are sorted by id, so that their order in the file does not matter.
+class Search {
+ public:
+  Search(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options);
+  std::optional<Staging> run();
+  const std::vector<Group>& groups() const { return groups_; }
+  const ParameterTable& table() const { return table_; }
+
+ private:
+  struct Score {
+    std::vector<double> relative;  // chi2 a number, by unit
+    double error = kNan;
+  };
+  void make_mounts();
+  void make_groups();
+  void make_geometry();
+  void add_group(const std::string& name, std::vector<Freed> free, const std::function<double(const Parameter&, int)>& sigma);
+  void make_folds();
+  void start();
+  std::vector<Freed> freed(const std::vector<char>& kept) const;
+  void drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared);
+  VectorXd reset(const VectorXd& shared, const std::vector<char>& kept) const;
+  std::optional<Values> fit(const std::vector<char>& kept, const Values& from, int fold) const;
+  void judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const;
+  Score score(const std::vector<char>& kept, const Values& from, bool fitted) const;
+  bool better(const Score& before, const Score& after) const;
+  std::vector<Step> explicit_steps(const std::vector<char>& kept, const std::vector<int>& order) const;
+
+  Rig rig_;
+  std::vector<Sample> samples_;
+  std::vector<Freed> of_held_out_;  // poses of targets that only held-out samples see, to be named with the others
+  StagingOptions options_;
+  ParameterTable table_;
+  std::vector<char> used_;                // by parameter: some measurement depends on it
+  std::vector<Group> groups_;             // the mounts first
+  std::vector<int> unit_, fold_of_unit_;  // by sample; by unit
+  int folds_ = 0;
+  bool by_target_ = false, absent_in_part_ = false;
+  Values start_;
+};
+
+Search::Search(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options)
+    : rig_(rig), options_(options), table_(rig) {
+  rig_.steps.clear();
+  std::vector<char> seen(rig.targets.size(), 0);
+  for (const Sample& s : samples) {
+    if (!s.train || s.views.empty()) continue;
+    samples_.push_back(s);
+    for (const View& v : s.views) seen[v.target] = 1;
+  }
+  std::sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.id < b.id; });
+  for (const Sample& s : samples)
+    for (const View& v : s.views)
+      if (!s.train && !seen[v.target] && rig.targets[v.target].link >= 0)
+        merge(of_held_out_, {whole(table_, table_.target_pose[v.target])});
+  if (samples_.empty()) throw std::invalid_argument("automatic staging: no training sample has a view");
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = range(rig_.sensors.size());
+  used_ = Estimation(rig_, table_, samples_, range(samples_.size()), setup).influencing();
+  make_mounts();
+  make_groups();
+}
+
+void Search::make_mounts() {
+  Group mounts;
+  mounts.name = "mounts";
+  std::vector<char> done(rig_.sensors.size(), 0), away(rig_.sensors.size(), 0);
+  for (const Sample& sample : samples_)
+    for (const View& v : sample.views)
+      if (rig_.sensors[v.sensor].model->sight() != Sight::points || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }))
+        away[v.sensor] = 1;
+  for (size_t s = 0; s < rig_.sensors.size(); ++s) {
+    if (done[s] || !used_[table_.sensor_pose[s]]) continue;
+    bool pair = false;
+    for (size_t t = s + 1; t < rig_.sensors.size(); ++t)
+      if (used_[table_.sensor_pose[t]] && is_pair(rig_, static_cast<int>(s), static_cast<int>(t))) {
+        pair = true;
+        done[t] = 1;
+      }
+    // A pair is moved by the fixed joint above its link; who else hangs there moves along, and has a pose of his own.
+    const int above = rig_.tree.joint_above[rig_.sensors[s].link];
+    const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed && used_[table_.joint_origin[above]];
+    if (pair && !shared) done.assign(done.size(), 0);
+    merge(mounts.free, {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
+    if (!away[s]) mounts.free.back().components = {0, 1, 2};  // it sees points at its own origin only: turning it does nothing
+  }
+  for (size_t t = 0; t < rig_.targets.size(); ++t)
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) merge(mounts.free, {whole(table_, table_.target_pose[t])});
+  groups_.push_back(mounts);
+}
+
+/// Keeps what some measurement depends on; an empty group is left out.
+void Search::add_group(const std::string& name, std::vector<Freed> free, const std::function<double(const Parameter&, int)>& sigma) {
+  Group group;
+  group.name = name;
+  for (const Freed& f : free)
+    if (used_[f.parameter]) group.free.push_back(f);
+  for (const Freed& f : group.free)
+    for (int c : f.components) group.priors.push_back({f.parameter, c, rounded(sigma(table_.all[f.parameter], c))});
+  if (!group.free.empty()) groups_.push_back(std::move(group));
+}
+
+void Search::make_groups() {
+  std::vector<Freed> offsets, scales, squares, baselines, intrinsics, distortion;
+  for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
+    if (table_.joint_offset[j] < 0) continue;
+    offsets.push_back(whole(table_, table_.joint_offset[j]));
+    scales.push_back(whole(table_, table_.joint_scale[j]));
+  }
+  for (size_t t = 0; t < rig_.targets.size(); ++t)
+    if (table_.target_square[t] >= 0) squares.push_back(whole(table_, table_.target_square[t]));
+  for (size_t s = 0; s < rig_.sensors.size(); ++s)
+    for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {
+      const ParameterBlock& block = rig_.sensors[s].parameters[b];
+      const Freed f = whole(table_, table_.sensor_block[s] + static_cast<int>(b));
+      if (block.name == "intrinsics") intrinsics.push_back(f);
+      if (block.name == "distortion") distortion.push_back(f);
+      if (block.name == "baseline" && block.values[0] != 0) baselines.push_back(f);
+    }
+  add_group("joint offsets", offsets, [](const Parameter& p, int) { return p.units[0] == "m" ? kSlide : kOffset; });
+  make_geometry();
+  add_group("gear scales", scales, [](const Parameter&, int) { return kScale; });
+  add_group("board sizes", squares, [&](const Parameter& p, int) { return kSquare * table_.initial(p.start); });
+  add_group("baselines", baselines, [](const Parameter&, int) { return kBaseline; });
+  add_group("intrinsics", intrinsics, [&](const Parameter& p, int) { return kIntrinsics * std::abs(table_.initial(p.start)); });
+  add_group("distortion", distortion, [](const Parameter&, int) { return kDistortion; });
+}
+
+/// A group a chain, the longest first; of the numbers that are independent in all chains together those of its joints that no chain
+/// before has.
+void Search::make_geometry() {
+  std::vector<Chain> chains;
+  const auto depth = [&](int link) {
+    int n = 0;
+    for (int j = rig_.tree.joint_above[link]; j >= 0; j = rig_.tree.joint_above[rig_.tree.joints[j].parent]) ++n;
+    return n;
+  };
+  const auto moving = [&](const Chain& c) {
+    const Path path = find_path(rig_.tree, c.base, c.tip);
+    return std::count_if(path.begin(), path.end(), [&](const PathStep& s) { return rig_.tree.joints[s.joint].moves(); });
+  };
+  const auto add = [&](int a, int b) {
+    if (depth(b) < depth(a) || (depth(a) == depth(b) && b < a)) std::swap(a, b);
+    const int body = body_of(rig_.tree, a), other = body_of(rig_.tree, b);
+    if (body != other && std::none_of(chains.begin(), chains.end(), [&](const Chain& c) {
+          const int x = body_of(rig_.tree, c.base), y = body_of(rig_.tree, c.tip);
+          return (x == body && y == other) || (x == other && y == body);
+        }))
+      chains.push_back({a, b});
+  };
+  for (const Sample& s : samples_)
+    for (const View& v : s.views) {
+      if (rig_.targets[v.target].link >= 0) {
+        add(rig_.sensors[v.sensor].link, rig_.targets[v.target].link);
+      } else {
+        for (const View& w : s.views)
+          if (w.target == v.target) add(rig_.sensors[v.sensor].link, rig_.sensors[w.sensor].link);
+      }
+    }
+  std::sort(chains.begin(), chains.end(), [&](const Chain& a, const Chain& b) {
+    const auto m = moving(a), n = moving(b);
+    return m != n ? m > n : a.base != b.base ? a.base < b.base : a.tip < b.tip;
+  });
+  std::vector<char> has_pose(rig_.tree.links.size(), 0);
+  for (const Chain& c : chains) has_pose[c.base] = has_pose[c.tip] = 1;
+  const std::vector<OriginComponents> all = independent_geometry(rig_.tree, chains, has_pose);
+  std::set<int> taken;
+  for (const Chain& chain : chains) {
+    std::vector<Freed> free;
+    std::vector<int> offsets;
+    for (const PathStep& step : find_path(rig_.tree, chain.base, chain.tip)) {
+      if (!taken.insert(step.joint).second) continue;
+      for (const OriginComponents& o : all)
+        if (o.joint == step.joint) free.push_back({table_.joint_origin[o.joint], o.components});
+      if (table_.joint_offset[step.joint] >= 0) offsets.push_back(table_.joint_offset[step.joint]);
+    }
+    const size_t before = groups_.size();
+    const std::string name = "geometry/" + rig_.tree.links[chain.base] + ".." + rig_.tree.links[chain.tip];
+    add_group(name, free, [](const Parameter&, int c) { return c < 3 ? kPlace : kTurn; });
+    if (groups_.size() > before) groups_.back().contained_offsets = offsets;
+  }
+}
+
+void Search::make_folds() {
+  // By target, where each sample sees one mounted target and some sensor sees several.
+  std::vector<std::set<int>> by_sensor(rig_.sensors.size());
+  std::set<int> targets;
+  bool one_each = true;
+  for (const Sample& s : samples_)
+    for (const View& v : s.views) {
+      by_sensor[v.sensor].insert(v.target);
+      targets.insert(v.target);
+      one_each = one_each && rig_.targets[v.target].link >= 0 && v.target == s.views[0].target;
+    }
+  size_t most = 0;
+  for (const std::set<int>& t : by_sensor) most = std::max(most, t.size());
+  by_target_ = one_each && most >= kFewestTargets;
+  unit_.assign(samples_.size(), 0);
+  if (by_target_) {
+    const std::vector<int> list(targets.begin(), targets.end());
+    for (size_t i = 0; i < samples_.size(); ++i)
+      unit_[i] = static_cast<int>(std::find(list.begin(), list.end(), samples_[i].views[0].target) - list.begin());
+    folds_ = std::min<int>(kFolds, static_cast<int>(list.size()));
+    for (size_t u = 0; u < list.size(); ++u) fold_of_unit_.push_back(static_cast<int>(u) % folds_);
+    return;
+  }
+  unit_ = range(samples_.size());
+  folds_ = std::min<int>(kFolds, static_cast<int>(samples_.size()));
+  // Samples that see the same with the same sensors are dealt out in turn, so that each fold has the same mixture.
+  std::map<std::set<std::pair<int, int>>, std::vector<size_t>> alike;
+  for (size_t i = 0; i < samples_.size(); ++i) {
+    std::set<std::pair<int, int>> what;
+    for (const View& v : samples_[i].views) what.insert({v.sensor, v.target});
+    alike[what].push_back(i);
+  }
+  fold_of_unit_.assign(samples_.size(), 0);
+  int next = 0;
+  for (const auto& kind : alike)
+    for (size_t i : kind.second) fold_of_unit_[i] = next++ % folds_;
+}
+
+/// Poses that the rig leaves open, in closed form; then all mounts fitted to all samples. What nothing determines is taken out of them.
+void Search::start() {
+  Rig with_step = rig_;
+  Step step;
+  step.name = "mounts";
+  step.sensors = range(rig_.sensors.size());
+  step.free = names_of(table_, groups_[0].free);
+  if (step.free.empty()) return;
+  with_step.steps = {step};
+  Calibration calibration(with_step, samples_);
+  CalibrationOptions options;
+  options.noise = options_.noise;
+  options.threads = options_.threads;
+  options.judge = false;
+  const std::optional<CalibrationResult> result = calibration.run(options);
+  start_ = result->values;
+  table_.initial = calibration.table().initial;
+  const std::vector<Freed> before = groups_[0].free;
+  drop_unobservable(groups_[0], std::vector<char>(groups_.size(), 0), start_.shared);
+  // Held components stand as they start: in the rig, or in closed form.
+  start_.shared = reset(start_.shared, std::vector<char>(groups_.size(), 1));
+  for (const Freed& f : without(before, groups_[0].free)) {
+    const std::string& name = table_.all[f.parameter].name;
+    absent_in_part_ = absent_in_part_ || std::count(result->computed_starts.begin(), result->computed_starts.end(), name);
+  }
+}
+
+/// What is freed with these groups: offsets of joints whose geometry is free are contained in it.
+std::vector<Freed> Search::freed(const std::vector<char>& kept) const {
+  std::vector<Freed> out;
+  std::set<int> contained;
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (kept[g]) contained.insert(groups_[g].contained_offsets.begin(), groups_[g].contained_offsets.end());
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (kept[g])
+      for (const Freed& f : groups_[g].free)
+        if (!contained.count(f.parameter)) merge(out, {f});
+  return out;
+}
+
+/// Takes out of `group` what the data do not determine beside what is kept, priors aside: of each direction the component with the largest
+/// coefficient.
+void Search::drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared) {
+  for (int again = 0; again < 10 && !group.free.empty(); ++again) {
+    EstimationSetup setup;
+    setup.noise = options_.noise;
+    setup.sensors = range(rig_.sensors.size());
+    setup.free = freed(kept);
+    if (!group.contained_offsets.empty()) {
+      std::vector<Freed> offsets;
+      for (int p : group.contained_offsets) offsets.push_back(whole(table_, p));
+      setup.free = without(setup.free, offsets);
+    }
+    setup.free = without(setup.free, group.free);
+    merge(setup.free, group.free);
+    Estimation problem(rig_, table_, samples_, range(samples_.size()), setup);
+    Values values = start_;
+    values.shared = shared;
+    VectorXd state = problem.pack(values);
+    problem.set_workers(1);
+    problem.prepare(state);
+    problem.renew(state);
+    std::vector<Freed> drop;
+    for (const auto& direction : observe(problem, state).directions) {
+      const std::pair<int, double>* largest = nullptr;
+      for (const auto& c : direction) {
+        const auto& column = problem.columns()[c.first];
+        if (has(group.free, column.first, column.second) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
+          largest = &c;
+      }
+      if (largest) merge(drop, {{problem.columns()[largest->first].first, {problem.columns()[largest->first].second}}});
+    }
+    if (drop.empty()) return;
+    group.free = without(group.free, drop);
+    group.priors.erase(
+        std::remove_if(group.priors.begin(), group.priors.end(), [&](const Prior& p) { return has(drop, p.parameter, p.component); }),
+        group.priors.end());
+  }
+}
+
+/// Values with everything that is not kept as the rig has it; offsets that geometry contains stay.
+VectorXd Search::reset(const VectorXd& shared, const std::vector<char>& kept) const {
+  std::vector<Freed> free;
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (kept[g]) merge(free, groups_[g].free);
+  VectorXd out = table_.initial;
+  for (const Freed& f : free) {
+    const Parameter& p = table_.all[f.parameter];
+    if (f.whole(p)) {
+      out.segment(p.start, p.pose ? 12 : p.size()) = shared.segment(p.start, p.pose ? 12 : p.size());
+    } else if (p.pose) {
+      const Pose initial = get_pose(table_.initial, p.start);
+      const Vector6d xi = log_se3(inverse(initial) * get_pose(shared, p.start));
+      Vector6d left = Vector6d::Zero();
+      for (int c : f.components) left(c) = xi(c);
+      set_pose(out, p.start, initial * exp_se3(left));
+    } else {
+      for (int c : f.components) out(p.start + c) = shared(p.start + c);
+    }
+  }
+  return out;
+}
+
+/// Fitted to all samples but those of a fold (-1: to all). nullopt: cannot be evaluated.
+std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& from, int fold) const {
+  std::vector<int> samples;
+  std::vector<char> seen(rig_.targets.size(), 0);
+  for (size_t i = 0; i < samples_.size(); ++i)
+    if (fold < 0 || fold_of_unit_[unit_[i]] != fold) {
+      samples.push_back(static_cast<int>(i));
+      for (const View& v : samples_[i].views) seen[v.target] = 1;
+    }
+  EstimationSetup setup;
+  setup.noise = options_.noise;
+  setup.sensors = range(rig_.sensors.size());
+  for (const Freed& f : freed(kept)) {
+    const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
+    if (target == table_.target_pose.end() || seen[target - table_.target_pose.begin()]) setup.free.push_back(f);
+  }
+  for (size_t g = 0; g < groups_.size(); ++g)
+    if (kept[g])
+      for (const Prior& p : groups_[g].priors)
+        if (has(setup.free, p.parameter, p.component)) setup.priors.push_back(p);
+  Estimation problem(rig_, table_, samples_, samples, setup);
+  Values values = from;
+  try {
+    start_targets(rig_, table_, samples_, samples, setup.sensors, Loss(), values);
+  } catch (const std::runtime_error&) {
+    return std::nullopt;
+  }
+  VectorXd state = problem.pack(values);
+  SolverOptions solver;
+  solver.threads = options_.threads;
+  solver.max_iterations = 60;
+  solver.relative_decrease = 1e-7;
+  if (LevenbergMarquardt(problem, solver).solve(state).outcome == Outcome::undefined_start) return std::nullopt;
+  problem.unpack(state, values);
+  return values;
+}
+
+/// chi2 and numbers of a fold's units at given shared values.
+void Search::judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const {
+  std::vector<int> samples;
+  std::vector<char> seen(rig_.targets.size(), 0);
+  for (size_t i = 0; i < samples_.size(); ++i)
+    if (fold_of_unit_[unit_[i]] == fold) {
+      samples.push_back(static_cast<int>(i));
+      for (const View& v : samples_[i].views) seen[v.target] = 1;
+    }
+  EstimationSetup setup;
+  setup.noise = options_.noise;
+  setup.sensors = range(rig_.sensors.size());
+  if (by_target_)
+    for (const Freed& f : groups_[0].free) {
+      const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
+      if (target != table_.target_pose.end() && seen[target - table_.target_pose.begin()]) setup.free.push_back(f);
+    }
+  const auto numbers = [&](int sample) {
+    double n = 0;
+    for (const View& v : samples_[sample].views) {
+      const SensorModel& model = *rig_.sensors[v.sensor].model;
+      n += model.whole_pose() ? 6.0 : static_cast<double>(model.rows()) * (v.ids.empty() ? 1.0 : static_cast<double>(v.ids.size()));
+    }
+    return n;
+  };
+  const auto missing = [&](int sample) {
+    chi2[unit_[sample]] += kMissing * numbers(sample);
+    count[unit_[sample]] += numbers(sample);
+  };
+  while (!samples.empty()) {
+    Values local = values;
+    std::vector<int> defined;
+    for (int i : samples) {
+      try {
+        start_targets(rig_, table_, samples_, {i}, setup.sensors, Loss(), local);
+        defined.push_back(i);
+      } catch (const std::runtime_error&) {
+        missing(i);
+      }
+    }
+    if (defined.empty()) return;
+    Estimation problem(rig_, table_, samples_, defined, setup);
+    VectorXd state = problem.pack(local);
+    SolverOptions solver;
+    solver.threads = options_.threads;
+    solver.max_iterations = 60;
+    solver.relative_decrease = 1e-7;
+    LevenbergMarquardt levenberg(problem, solver);
+    const SolveSummary& summary = levenberg.solve(state);
+    if (summary.outcome == Outcome::undefined_start) {
+      const int bad = problem.sample_of(summary.undefined_group);
+      missing(bad);
+      samples = defined;
+      samples.erase(std::find(samples.begin(), samples.end(), bad));
+      continue;
+    }
+    for (size_t g = 0; g < problem.groups().size(); ++g) {
+      const int sample = problem.sample_of(static_cast<int>(g));
+      if (sample < 0) continue;
+      Cost cost;
+      if (problem.evaluate(static_cast<int>(g), state, 0, cost)) {
+        chi2[unit_[sample]] += cost.chi2;
+        count[unit_[sample]] += numbers(sample);
+      } else {
+        missing(sample);
+      }
+    }
+    return;
+  }
+}
+
+/// On every fold, fitted to the others (or, not `fitted`, at `from`).
+Search::Score Search::score(const std::vector<char>& kept, const Values& from, bool fitted) const {
+  const size_t units = fold_of_unit_.size();
+  std::vector<double> chi2(units, 0.0), count(units, 0.0);
+  for (int fold = 0; fold < folds_; ++fold) {
+    std::optional<Values> values = from;
+    if (fitted) values = fit(kept, from, fold);
+    if (!values) return {std::vector<double>(units, kMissing), kNan};
+    judge(*values, fold, chi2, count);
+  }
+  Score out;
+  double sum = 0;
+  for (size_t u = 0; u < units; ++u) {
+    out.relative.push_back(chi2[u] / std::max(1.0, count[u]));
+    sum += std::log1p(out.relative.back());
+  }
+  out.error = std::sqrt(std::expm1(sum / static_cast<double>(units)));
+  return out;
+}
+
+bool Search::better(const Score& before, const Score& after) const {
+  const size_t units = before.relative.size();
+  std::vector<double> by_fold(folds_, 0.0);
+  double mean = 0, squares = 0;
+  for (size_t u = 0; u < units; ++u) {
+    const double d = std::log1p(before.relative[u]) - std::log1p(after.relative[u]);
+    by_fold[fold_of_unit_[u]] += d;
+    mean += d / static_cast<double>(units);
+  }
+  for (size_t u = 0; u < units; ++u) {
+    const double d = std::log1p(before.relative[u]) - std::log1p(after.relative[u]) - mean;
+    squares += d * d;
+  }
+  const double error = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, units - 1)) / static_cast<double>(units));
+  const auto folds = std::count_if(by_fold.begin(), by_fold.end(), [](double d) { return d > 0; });
+  return mean > kUnlikely * error && after.error < (1 - kWorthwhile) * before.error && 2 * folds > folds_;
+}
+
+std::optional<Staging> Search::run() {
+  const auto go_on = [&](const std::string& what) { return !options_.progress || options_.progress(what); };
+  if (!go_on("mounts")) return std::nullopt;
+  make_folds();
+  start();
+  Staging out;
+  out.folds = folds_;
+  out.by_target = by_target_;
+  out.units = static_cast<int>(fold_of_unit_.size());
+  const auto record = [&](size_t g, bool removal, bool kept, double before, double after) {
+    out.trials.push_back({groups_[g].name, removal, kept, before, after, names_of(table_, groups_[g].free), 0});
+    for (const Freed& f : groups_[g].free) out.trials.back().numbers += static_cast<int>(f.components.size());
+  };
+
+  // The mounts: for the record, what they do.
+  std::vector<char> kept(groups_.size(), 0);
+  std::vector<int> order;
+  Values now = start_, at_rig = start_;
+  at_rig.shared = table_.initial;
+  Score score_now = score(kept, at_rig, false);
+  if (!groups_[0].free.empty()) {
+    kept[0] = 1;
+    order.push_back(0);
+    if (std::optional<Values> fitted = fit(kept, now, -1)) now = *fitted;
+    const bool given = std::none_of(rig_.sensors.begin(), rig_.sensors.end(), [](const Sensor& s) { return !s.pose_given; });
+    const double before = given ? score_now.error : kNan;
+    score_now = score(kept, now, true);
+    record(0, false, true, before, score_now.error);
+  }
+
+  const std::vector<Group> whole_groups = groups_;
+  std::vector<int> tried_beside(groups_.size(), -1);  // how many were kept when this one was tried
+  bool news = true;
+  for (int pass = 0; pass < 3 && news; ++pass) {
+    news = false;
+    for (size_t g = 1; g < groups_.size(); ++g) {
+      if (kept[g] || tried_beside[g] == static_cast<int>(order.size())) continue;
+      tried_beside[g] = static_cast<int>(order.size());
+      groups_[g] = whole_groups[g];
+      drop_unobservable(groups_[g], kept, now.shared);
+      if (groups_[g].free.empty()) {
+        if (pass == 0) record(g, false, false, kNan, kNan);
+        continue;
+      }
+      if (!go_on(groups_[g].name)) return std::nullopt;
+      std::vector<char> trial = kept;
+      trial[g] = 1;
+      const std::optional<Values> fitted = fit(trial, now, -1);
+      const Score with = fitted ? score(trial, *fitted, true) : Score{std::vector<double>(fold_of_unit_.size(), kMissing), kNan};
+      const bool keep = better(score_now, with);
+      record(g, false, keep, score_now.error, with.error);
+      if (!keep) continue;
+      news = true;
+      kept = trial;
+      now = *fitted;
+      score_now = with;
+      order.push_back(static_cast<int>(g));
+    }
+  }
+
+  for (size_t at = order.size() < 2 ? 0 : order.size() - 1; at-- > 1;) {  // the last one has just stood this very test
+    const int g = order[at];
+    std::vector<char> trial = kept;
+    trial[g] = 0;
+    const std::vector<Freed> free = freed(kept);
+    if (std::none_of(groups_[g].free.begin(), groups_[g].free.end(),
+                     [&](const Freed& f) { return has(free, f.parameter, f.components[0]); }))
+      continue;  // offsets that geometry contains
+    if (!go_on("without " + groups_[g].name)) return std::nullopt;
+    Values from = now;
+    from.shared = reset(now.shared, trial);
+    const std::optional<Values> fitted = fit(trial, from, -1);
+    if (!fitted) continue;
+    const Score less = score(trial, *fitted, true);
+    const bool stays = better(less, score_now);
+    record(g, true, stays, less.error, score_now.error);
+    if (stays) continue;
+    kept = trial;
+    now = *fitted;
+    score_now = less;
+    order.erase(order.begin() + static_cast<long>(at));
+  }
+  out.steps = explicit_steps(kept, order);
+  if (out.steps.empty()) throw std::invalid_argument("automatic staging: the data determine nothing that could be freed");
+  return out;
+}
+
+std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, const std::vector<int>& order) const {
+  std::vector<Step> out;
+  const std::vector<int> sensors = range(rig_.sensors.size());
+  // Targets that only held-out samples see: named like those of their kind, estimated when they are judged.
+  std::vector<Freed> held_out;
+  for (const Freed& h : of_held_out_) {
+    const int t =
+        static_cast<int>(std::find(table_.target_pose.begin(), table_.target_pose.end(), h.parameter) - table_.target_pose.begin());
+    Freed like = h;
+    for (const Freed& f : groups_.empty() ? std::vector<Freed>() : groups_[0].free) {
+      const auto u = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
+      if (u == table_.target_pose.end()) continue;
+      const Target &a = rig_.targets[t], &b = rig_.targets[u - table_.target_pose.begin()];
+      if (a.type == b.type && a.count() == b.count()) like = {h.parameter, f.components};
+    }
+    held_out.push_back(like);
+  }
+  if (absent_in_part_) {
+    Step step;
+    step.name = "start";
+    step.sensors = sensors;
+    std::vector<Freed> poses;
+    for (const Freed& f : groups_[0].free) poses.push_back(whole(table_, f.parameter));
+    step.free = names_of(table_, poses);
+    out.push_back(step);
+  }
+  std::vector<char> kept(all_kept.size(), 0);
+  for (int g : order) {
+    kept[g] = 1;
+    Step step;
+    step.name = groups_[g].name;
+    step.sensors = sensors;
+    std::vector<Freed> free = freed(kept);
+    merge(free, held_out);
+    for (size_t h = 0; h < groups_.size(); ++h) {
+      if (!kept[h]) continue;
+      std::vector<Freed> mine;
+      for (const Freed& f : groups_[h].free)
+        for (int c : f.components)
+          if (has(free, f.parameter, c)) merge(mine, {{f.parameter, {c}}});
+      if (h == 0) merge(mine, held_out);
+      std::vector<Freed> said = table_.select(groups_[h].name);  // of a geometry/BASE..TIP
+      const bool same = !mine.empty() && without(said, mine).empty() && without(mine, said).empty();
+      const std::vector<std::string> names = same ? std::vector<std::string>{groups_[h].name} : names_of(table_, mine);
+      step.free.insert(step.free.end(), names.begin(), names.end());
+      for (const std::string& name : names) {
+        PriorSetting prior;
+        prior.pattern = name;
+        for (const Freed& f : table_.select(name))
+          for (const Prior& p : groups_[h].priors)
+            if (p.parameter == f.parameter && p.component == f.components[0]) prior.translation = prior.rotation = p.sigma;
+        if (prior.translation > 0) step.priors.push_back(prior);
+      }
+    }
+    out.push_back(step);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::pair<std::string, std::vector<std::string>>> staging_groups(const Rig& rig, const std::vector<Sample>& samples) {
+  const Search search(rig, samples, {});
+  std::vector<std::pair<std::string, std::vector<std::string>>> out;
+  for (const Group& g : search.groups()) out.push_back({g.name, names_of(search.table(), g.free)});
+  return out;
+}
+
+std::optional<Staging> stage(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options) {
+  return Search(rig, samples, options).run();
+}
+
+}  // namespace kincal
