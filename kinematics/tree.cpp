@@ -95,6 +95,12 @@ Path find_path(const Tree& tree, int from, int to) {
   return path;
 }
 
+std::pair<double, double> usual_range(const Joint& joint) {
+  const double without = joint.type == JointType::prismatic ? 0.5 : 3.14159265358979323846;
+  if (joint.type == JointType::continuous || !(joint.lower < joint.upper)) return {-without, without};
+  return {joint.lower, joint.upper};
+}
+
 Pose joint_motion(const Joint& joint, double position) {
   Pose motion;
   if (joint.type == JointType::prismatic)

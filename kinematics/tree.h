@@ -17,6 +17,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "transform.h"
@@ -84,6 +85,9 @@ using Path = std::vector<PathStep>;
 /// Joints met on the way from link `from` to link `to`; those above the common ancestor are not among them.
 /// @throws std::invalid_argument if a floating or planar joint lies on the way.
 Path find_path(const Tree& tree, int from, int to);
+
+/// Positions that a joint may be asked to take: its limits; without such, and of continuous joints, +-pi or +-0.5 m.
+std::pair<double, double> usual_range(const Joint& joint);
 
 /// Motion of a joint at a position (rad or m); identity for joints that do not move.
 Pose joint_motion(const Joint& joint, double position);

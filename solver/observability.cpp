@@ -1,14 +1,14 @@
 #include "observability.h"
 
-#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
+#include "decompositions.h"
+
 namespace kincal {
 namespace {
 
-constexpr double kPrivateRank = 1e-9;  // singular value of a private block with unit columns, relative
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
 
@@ -16,19 +16,11 @@ constexpr double kNullEigenvalue = 1e-9;
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   const Eigen::Index m = rows.cols() - private_size;
   if (private_size == 0) return rows;
-  MatrixXd block = rows.leftCols(private_size);
-  for (int i = 0; i < private_size; ++i) {
-    const double norm = block.col(i).norm();
-    if (norm > 0) block.col(i) /= norm;
-  }
-  Eigen::ColPivHouseholderQR<MatrixXd> qr;
-  qr.setThreshold(kPrivateRank);
-  qr.compute(block);
-  rank += qr.rank();
+  const Elimination own(rows.leftCols(private_size));
+  rank += own.rank();
   MatrixXd shared = rows.middleCols(private_size, m);
-  // Only the first rank() reflections: what is beyond them is determined by nothing here and must not eat shared information.
-  shared.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
-  return shared.bottomRows(shared.rows() - qr.rank());
+  own.rotate(shared);
+  return shared.bottomRows(shared.rows() - own.rank());
 }
 
 /// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit length.
@@ -58,7 +50,7 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
   const auto compress = [&] {
     if (used <= n) return;
     Eigen::Ref<MatrixXd> filled(stack.topRows(used));
-    Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(filled);  // in place: R above the diagonal
+    triangularise(filled);
     for (int i = 0; i < n; ++i) stack.col(i).segment(i + 1, used - i - 1).setZero();
     used = n;
   };

@@ -108,11 +108,11 @@ struct ExpandScratch {
   std::vector<int> column;             // shared column of each column of M
   int stride = 0;
 
-  /// width: columns of L; columns: of M.
-  void reserve(int width, int columns) {
+  /// width: columns of L; depth: rows of M; columns: of M.
+  void reserve(int width, int depth, int columns) {
     gram.resize(width + 1, width + 1);
     stride = padded(columns) + kSlack;
-    m.setZero(14, stride);
+    m.setZero(depth, stride);
     product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
     block.assign(static_cast<size_t>(columns) * stride, 0.0);
     column.resize(columns);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../../models/rig/rig.h"
+#include "../../models/rig/samples.h"
 #include "../document/document.h"
 #include "../urdf/urdf.h"
 

@@ -1,7 +1,5 @@
 #include "explain.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -9,36 +7,22 @@
 #include <map>
 #include <set>
 
+#include "../../solver/decompositions.h"
 #include "../../solver/observability.h"
 #include "../calibration/calibration.h"
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+#include "../rig/configuration.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kCancel = 0.03;  // what is left of the parts, relative: they cancel
 constexpr double kListed = 0.02;  // part of a direction, in yardsticks
 constexpr double kStrong = 0.99;  // correlation
 constexpr double kPriorShare = 0.9;
 constexpr int kMostViews = 60;  // that are looked at for a reason
-
-std::string text(const char* format, double a, double b = 0) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, a, b);
-  return buffer;
-}
-
-std::string angle(double rad) { return text("%.3g degrees", rad * 180 / M_PI); }
-std::string length(double m) { return text("%.3g mm", m * 1e3); }
-
-/// "a", "a and b", "a, b and c", "a, b, c and 4 more"
-std::string listed(const std::vector<std::string>& names, size_t most = 3) {
-  std::string out;
-  const size_t shown = names.size() <= most + 1 ? names.size() : most;
-  for (size_t i = 0; i < shown; ++i) out += (i == 0 ? "" : i + 1 == names.size() ? " and " : ", ") + names[i];
-  if (shown < names.size()) out += " and " + std::to_string(names.size() - shown) + " more";
-  return out;
-}
 
 /// The last step's problem without its priors, at the solution, and its geometry written plainly.
 struct Scene {
@@ -114,20 +98,18 @@ struct Scene {
 
   /// Joint `moved` stands `by` further than it does in the sample.
   double position(const VectorXd& values, const Seen& s, int joint, int moved, double by) const {
-    const Driver d = driver(rig.tree, joint);
     const Sample& sample = calibration.samples()[s.sample];
-    double reading = sample.readings[d.joint];
+    const int own = driver(rig.tree, joint).joint;
+    double reading = sample.readings[own];
     const Sensor& sensor = rig.sensors[s.view->sensor];
-    if (sensor.scanning_joint == d.joint && !s.view->z.empty()) {  // in the middle of the scan
+    if (sensor.scanning_joint == own && !s.view->z.empty()) {  // in the middle of the scan
       reading = 0;
       for (size_t i = 0; i < s.view->z.size(); i += 3) reading += s.view->z[i] * 3 / static_cast<double>(s.view->z.size());
     }
-    const auto error = result.values.errors.find({s.sample, d.joint});
+    const auto error = result.values.errors.find({s.sample, own});
     if (error != result.values.errors.end()) reading += error->second;
-    if (d.joint == moved) reading += by;
-    return d.factor *
-               (values(table.all[table.joint_scale[d.joint]].start) * reading + values(table.all[table.joint_offset[d.joint]].start)) +
-           d.offset;
+    if (own == moved) reading += by;
+    return Configuration(rig, table, values, sample.readings).with(own, reading).position(joint);
   }
 
   Pose along(const Path& path, const VectorXd& values, const Seen& s, int moved, double by) const {
@@ -227,13 +209,8 @@ std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& direc
     scene.problem.noise_rows(static_cast<int>(g), scene.state, rows, whose);
     const int k = shape.private_size;
     const int poses = k - static_cast<int>(std::count_if(whose.begin(), whose.end(), [](const NoiseRows& w) { return w.joint >= 0; }));
-    Eigen::ColPivHouseholderQR<MatrixXd> qr;
-    if (poses > 0) {
-      MatrixXd block = rows.leftCols(poses);
-      for (int i = 0; i < poses; ++i) block.col(i) /= std::max(1e-300, block.col(i).norm());
-      qr.setThreshold(1e-9);
-      qr.compute(block);
-    }
+    std::optional<Elimination> own;
+    if (poses > 0) own.emplace(rows.leftCols(poses));
     for (size_t d = 0; d < directions.size(); ++d) {
       VectorXd all = VectorXd::Zero(rows.rows());
       for (size_t i = 0; i < shape.columns.size(); ++i) {
@@ -246,9 +223,9 @@ std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& direc
         all += column;
       }
       out[d].together += all.squaredNorm();
-      if (poses > 0) {
-        all.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
-        out[d].left += all.tail(all.size() - qr.rank()).squaredNorm();
+      if (own) {
+        own->rotate(all);
+        out[d].left += all.tail(all.size() - own->rank()).squaredNorm();
       } else {
         out[d].left += all.squaredNorm();
       }
@@ -276,7 +253,7 @@ std::string spread_text(const Scene& scene, int joint) {
   const double span = range.second - range.first;
   const std::string name = scene.rig.tree.joints[joint].name;
   if (!(span > 1e-3)) return name + text(" never moved: its reading is %.4g in all samples", range.first);
-  return name + " moved within " + (slides(scene, joint) ? length(span) : angle(span)) + " only";
+  return name + " moved within " + (slides(scene, joint) ? length_text(span) : angle_text(span)) + " only";
 }
 
 /// Joints whose motion would break a cancellation of `a` with `b` as the seen points show it, the best first.
@@ -510,7 +487,7 @@ class Reason {
       if (!(distance.first < 0.03 * distance.second)) return false;
       const std::string name = scene_.rig.tree.joints[j].name;
       to_.reason = "on_axis";
-      to_.why = "all that is seen lies on the axis of " + name + " (within " + length(distance.first) + ", " + length(distance.second) +
+      to_.why = "all that is seen lies on the axis of " + name + " (within " + length_text(distance.first) + ", " + length_text(distance.second) +
                 " from its origin): shifting the axis sideways and tilting it (" + names() + ") move it alike";
       to_.cure = "no posture helps: hold " + first() + " or give it a prior, or mount what is seen beside this axis";
       return true;
@@ -534,7 +511,7 @@ class Reason {
     if (lens() && turned.second < 10 * M_PI / 180) {
       to_.reason = "one_orientation";
       to_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
-                ": the lens against where things are; targets turn by no more than " + angle(turned.second) +
+                ": the lens against where things are; targets turn by no more than " + angle_text(turned.second) +
                 (turned.first < 10 * M_PI / 180 ? " before the camera (one orientation)" : " about a second axis before the camera");
       to_.cure = "record views with the target tilted by 20 to 40 degrees about different axes, or hold " + first();
     } else if (lens()) {
@@ -614,13 +591,8 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
   for (int i = 0; i < n; ++i) {
     for (const Prior& p : result.setup.priors)
       if (p.parameter == columns[i].first && p.component == columns[i].second) prior(i) = p.sigma;
-    const Parameter& parameter = table.all[columns[i].first];
-    const std::string& unit = parameter.units[columns[i].second];
-    const std::string kind = parameter.name.substr(parameter.name.rfind('/') + 1);
-    const double value = result.values.shared(parameter.start + (parameter.pose ? 0 : columns[i].second));
-    yardstick(i) = unit == "m" ? 0.01 : unit == "rad" ? M_PI / 180 : unit == "px" ? 10 : kind == "distortion" ? 0.1 : 0.01;
-    if (kind == "square") yardstick(i) = 0.01 * std::abs(value);
-    if (kind == "intrinsics") yardstick(i) = 0.01 * std::abs(result.values.shared(parameter.start));
+    const std::string& unit = table.all[columns[i].first].units[columns[i].second];
+    yardstick(i) = kincal::yardstick(table, {columns[i].first, columns[i].second}, result.values.shared);
     if (prior(i) > 0) yardstick(i) = std::min(yardstick(i), prior(i));
     sigma(i) = std::sqrt(std::max(0.0, result.covariance(i, i)));
     if (prior(i) > 0 && sigma(i) > kPriorShare * prior(i)) out.prior_decides.push_back({names[i], unit, prior(i), sigma(i)});
@@ -711,7 +683,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     MatrixXd columns_of(n, k), among(k, k);
     for (int a = 0; a < k; ++a) columns_of.col(a) = covariance.col(pivots[a]);
     for (int a = 0; a < k; ++a) among.row(a) = columns_of.row(pivots[a]);
-    const MatrixXd regression = among.ldlt().solve(columns_of.transpose()).transpose();
+    const MatrixXd regression = solve_symmetric(among, columns_of.transpose()).transpose();
     for (int a = 0; a < k; ++a) add(regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])), sigma(pivots[a]));
   }
   if (directions.empty()) return out;
@@ -741,8 +713,8 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
                (weak.reason == "free_targets" ? ", and free targets go along" : "") +
                ": what would tell it is hidden by the noise of the joint readings. With exact readings " + involved[0] +
                " would be known to " +
-               (weak.unit == "m"     ? length(without)
-                : weak.unit == "rad" ? angle(without)
+               (weak.unit == "m"     ? length_text(without)
+                : weak.unit == "rad" ? angle_text(without)
                                      : text("%.2g", without));
     weak.cure =
         "more samples and more varied postures, a sensor or mounted target that is held, joint sigmas no larger than they have to be; "

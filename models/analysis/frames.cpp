@@ -3,17 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <random>
 #include <stdexcept>
 
 #include "../../solver/observability.h"
 #include "../calibration/calibration.h"
+#include "../rig/configuration.h"
+#include "../rig/draws.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kPostures = 1000;
 constexpr std::uint64_t kSeed = 1;
 constexpr double kMoves = 1e-4;  // of what the parts of a direction move by themselves
@@ -25,15 +24,6 @@ bool reachable(const Rig& rig, int link) {
   } catch (const std::invalid_argument&) {
     return false;
   }
-}
-
-/// Position of a joint, followers too; 0 where it does not move.
-double position_of(const Rig& rig, const ParameterTable& table, const VectorXd& values, int joint, const Readings& readings) {
-  if (!rig.tree.joints[joint].moves()) return 0;
-  const Driver d = driver(rig.tree, joint);
-  const double own =
-      values(table.all[table.joint_scale[d.joint]].start) * readings[d.joint] + values(table.all[table.joint_offset[d.joint]].start);
-  return d.factor * own + d.offset;
 }
 
 SigmaStatistics statistics(std::vector<double> v) {
@@ -107,42 +97,28 @@ Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& 
   return out;
 }
 
-bool has_readings(const Rig& rig, const Frame& frame, const Readings& readings) {
-  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link))
-    if (rig.tree.joints[step.joint].moves() && !std::isfinite(readings[driver(rig.tree, step.joint).joint])) return false;
-  return true;
-}
-
 std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed) {
-  std::mt19937_64 engine(seed);
+  Draws draws(seed);
   std::vector<Readings> out(count, Readings(rig.tree.joints.size(), kNan));
   for (Readings& readings : out)
     for (size_t j = 0; j < readings.size(); ++j) {
       const Joint& joint = rig.tree.joints[j];
       if (!joint.has_reading()) continue;
-      const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
-      const bool limits = joint.type != JointType::continuous && joint.lower < joint.upper;
-      const double low = limits ? joint.lower : -without, high = limits ? joint.upper : without;
-      readings[j] = low + (high - low) * (static_cast<double>(engine() >> 11) * 0x1p-53);
+      const auto [low, high] = usual_range(joint);
+      readings[j] = draws.uniform(low, high);
     }
   return out;
 }
 
 Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Frame& frame, const Readings& readings) {
-  Pose here;
-  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
-    Pose joint, there;
-    walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start),
-         joint_motion(rig.tree.joints[step.joint], position_of(rig, table, values, step.joint, readings)), here, joint, there);
-    here = there;
-  }
-  return frame.pose < 0 ? here : here * get_pose(values, table.all[frame.pose].start);
+  const Pose base_T_link = Configuration(rig, table, values, readings).base_T_link(frame.link);
+  return frame.pose < 0 ? base_T_link : base_T_link * get_pose(values, table.all[frame.pose].start);
 }
 
 FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Unknowns& unknowns,
                                  const Frame& frame, const Readings& readings) {
   FrameDerivative out;
-  const auto value = [&](int parameter) { return values(table.all[parameter].start); };
+  const Configuration robot(rig, table, values, readings);
   std::map<int, std::vector<std::pair<int, int>>> columns;  // parameter -> (component, column)
   for (size_t c = 0; c < unknowns.columns.size(); ++c)
     columns[unknowns.columns[c].first].push_back({unknowns.columns[c].second, static_cast<int>(c)});
@@ -163,16 +139,17 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
     const Joint& joint = rig.tree.joints[step.joint];
     Pose base_T_joint, there;
-    walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start),
-         joint_motion(joint, position_of(rig, table, values, step.joint, readings)), here, base_T_joint, there);
+    walk(step, robot.origin(step.joint), robot.motion(step.joint), here, base_T_joint, there);
     add_pose(table.joint_origin[step.joint], step.direction, base_T_joint);
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
       const Vector6d twist = d.factor * position_twist(joint, step.direction, base_T_joint);
-      add_twist(table.joint_offset[d.joint], twist);
-      add_twist(table.joint_scale[d.joint], readings[d.joint] * twist);
+      const JointModel& model = *rig.joints[d.joint].model;
+      const double* own = robot.own_numbers(d.joint);
+      const double reading = readings[d.joint];
+      for (int k = 0; k < model.size(); ++k) add_twist(table.joint_offset[d.joint] + k, model.by_own(k, reading, own) * twist);
       const double sigma = rig.joints[d.joint].sigma;
-      if (sigma > 0) by_reading.emplace(d.joint, Vector6d::Zero()).first->second += value(table.joint_scale[d.joint]) * sigma * twist;
+      if (sigma > 0) by_reading.emplace(d.joint, Vector6d::Zero()).first->second += model.by_reading(reading, own) * sigma * twist;
     }
     here = there;
   }
@@ -197,7 +174,7 @@ FrameReport report_frame(const Calibration& calibration, const CalibrationResult
   out.base = rig.tree.links[rig.base];
   std::vector<Readings> samples;
   for (const Sample& s : calibration.samples())
-    if (has_readings(rig, frame, s.readings)) samples.push_back(s.readings);
+    if (has_readings(rig, frame.link, s.readings)) samples.push_back(s.readings);
   const std::vector<std::pair<std::string, std::vector<Readings>>> workspaces = {{"samples", samples},
                                                                                  {"limits", random_postures(rig, kPostures, kSeed)}};
   for (const auto& workspace : workspaces) {
@@ -219,8 +196,7 @@ FrameReport report_frame(const Calibration& calibration, const CalibrationResult
     on_the_way.push_back(table.joint_origin[step.joint]);
     if (!rig.tree.joints[step.joint].moves()) continue;
     const int d = driver(rig.tree, step.joint).joint;
-    on_the_way.push_back(table.joint_offset[d]);
-    on_the_way.push_back(table.joint_scale[d]);
+    for (int k = 0; k < rig.joints[d].model->size(); ++k) on_the_way.push_back(table.joint_offset[d] + k);
   }
   if (frame.pose >= 0) on_the_way.push_back(frame.pose);
   const std::string& last = result.steps.back().name;
@@ -245,7 +221,7 @@ FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b
   const Side sides[] = {{a, in_a, postures_a}, {b, in_b, postures_b}};
   FrameDifference out{in_a.name, 0, 0, 0, 0, 0, 0, 0};
   for (size_t i = 0; i < postures_a.size(); ++i) {
-    if (!has_readings(*a.rig, in_a, postures_a[i])) continue;
+    if (!has_readings(*a.rig, in_a.link, postures_a[i])) continue;
     ++out.postures;
     Pose pose[2];
     for (int k = 0; k < 2; ++k) {

@@ -20,7 +20,7 @@
 #include <utility>
 #include <vector>
 
-#include "../rig/parameters.h"
+#include "../rig/recording.h"
 
 namespace kincal {
 
@@ -50,8 +50,6 @@ Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& 
 
 using Readings = std::vector<double>;  // by joint index; NaN: absent
 
-/// Whether there is a reading of every joint that the frame's pose depends on.
-bool has_readings(const Rig& rig, const Frame& frame, const Readings& readings);
 /// Uniform within the joints' limits (without: +-pi, +-0.5 m); the same for a seed.
 std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed);
 

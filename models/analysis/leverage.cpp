@@ -1,9 +1,9 @@
 #include "leverage.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "../../solver/decompositions.h"
 
 namespace kincal {
 
@@ -24,16 +24,16 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups, const s
     MatrixXd rest = MatrixXd::Identity(n, n) - b.transpose() * b;
     VectorXd moved = VectorXd::Zero(n);
     MatrixXd lost(n, 0);
-    const Eigen::LLT<MatrixXd> llt(rest);
-    if (llt.info() == Eigen::Success && llt.matrixLLT().diagonal().minCoeff() > 1e-3) {
-      moved = llt.solve(right);
+    const Cholesky cholesky(rest);
+    if (cholesky.good() && cholesky.diagonal().minCoeff() > 1e-3) {
+      moved = cholesky.solve(right);
     } else {
-      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(rest);
+      const SymmetricEigen eigen = symmetric_eigen(rest);
       Eigen::Index none = 0;
-      while (none < n && eigen.eigenvalues()(none) < kAlone) ++none;
-      lost = w * eigen.eigenvectors().leftCols(none);
-      const auto kept = eigen.eigenvectors().rightCols(n - none);
-      moved = kept * (kept.transpose() * right).cwiseQuotient(eigen.eigenvalues().tail(n - none));
+      while (none < n && eigen.values(none) < kAlone) ++none;
+      lost = w * eigen.vectors.leftCols(none);
+      const auto kept = eigen.vectors.rightCols(n - none);
+      moved = kept * (kept.transpose() * right).cwiseQuotient(eigen.values.tail(n - none));
     }
     const VectorXd delta = w * moved;
     for (Eigen::Index c = 0; c < w.rows(); ++c) {

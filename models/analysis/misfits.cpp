@@ -6,30 +6,12 @@
 #include <map>
 
 #include "../fitting/robust.h"
+#include "../rig/numbers.h"
+#include "../rig/words.h"
 
 namespace kincal {
-namespace {
-
-std::string text(const char* format, double a) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, a);
-  return buffer;
-}
-
-}  // namespace
-
 std::vector<Warning> misfits(const Calibration& calibration, const CalibrationResult& result) {
   const Rig& rig = calibration.rig();
-  struct Mean {
-    double sum = 0;
-    long count = 0;
-    double value() const { return count ? sum / static_cast<double>(count) : 0; }
-  };
-  const auto median = [](std::vector<double> v) {
-    if (v.empty()) return 0.0;
-    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
-    return v[v.size() / 2];
-  };
   const auto sticks_out = [](double ratio, long count) { return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count)); };
 
   std::map<const View*, Mean> views;
@@ -45,7 +27,7 @@ std::vector<Warning> misfits(const Calibration& calibration, const CalibrationRe
   }
   std::vector<double> joint_means;
   for (const auto& j : joints) joint_means.push_back(j.second.value());
-  const double usual_joints = std::max(1.0, median(joint_means));
+  const double usual_joints = std::max(1.0, median(joint_means, 0));
 
   // What is usual of a sensor's views, in training and held out.
   std::map<std::pair<int, bool>, double> usual;
@@ -56,7 +38,7 @@ std::vector<Warning> misfits(const Calibration& calibration, const CalibrationRe
       for (const Sample& sample : calibration.samples())
         for (const View& v : sample.views)
           if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v)) means.push_back(views[&v].value());
-      least = usual[{static_cast<int>(s), train}] = std::max(least, median(means));
+      least = usual[{static_cast<int>(s), train}] = std::max(least, median(means, 0));
     }
   }
 

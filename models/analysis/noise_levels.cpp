@@ -1,16 +1,15 @@
 #include "noise_levels.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "../../solver/decompositions.h"
+#include "../rig/numbers.h"
+
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kLeastRedundancy = 5, kLeastShare = 0.02, kMostUncertain = 0.5;
 constexpr double kLeastFactor = 1e-4;  // of a variance
 
@@ -99,9 +98,7 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
   const int n = problem.shared_size(), groups = static_cast<int>(levels.size()) + 1;
   MatrixXd root(n, n);
   if (n > 0) {
-    const VectorXd scale = covariance.diagonal().cwiseMax(1e-300).cwiseSqrt();
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal());
-    root = scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+    root = root_of_covariance(covariance);
   }
 
   // Weights of the residuals.
@@ -143,16 +140,7 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
     for (int i = 0; i < m; ++i) t.row(i) = root.row(shape.columns[i]);
     MatrixXd b = rows.middleCols(k, m) * t, u(rows.rows(), 0);
     if (k > 0) {
-      MatrixXd block = rows.leftCols(k);
-      for (int i = 0; i < k; ++i) {
-        const double norm = block.col(i).norm();
-        if (norm > 0) block.col(i) /= norm;
-      }
-      Eigen::ColPivHouseholderQR<MatrixXd> qr;
-      qr.setThreshold(1e-9);  // as observe()
-      qr.compute(block);
-      u = MatrixXd::Identity(rows.rows(), qr.rank());
-      u.applyOnTheLeft(qr.householderQ().setLength(qr.rank()));
+      u = Elimination(rows.leftCols(k)).basis();
       b -= u * (u.transpose() * b);
     }
     // Rows of one level together.
@@ -218,7 +206,7 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
       }
       if (change < 1e-12) break;
     }
-    const MatrixXd inverse = part.ldlt().solve(MatrixXd::Identity(a, a));
+    const MatrixXd inverse = solve_symmetric(part, MatrixXd::Identity(a, a));
     const VectorXd variance = (inverse * noise * inverse.transpose()).diagonal();
     int worst = 0;
     VectorXd relative(a);

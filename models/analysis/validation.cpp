@@ -9,11 +9,12 @@
 #include <stdexcept>
 
 #include "../calibration/calibration.h"
+#include "../rig/numbers.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 /// FNV-1a, its bits then mixed by the finaliser of splitmix64: the same everywhere.
 std::uint64_t hash(const std::string& text) {

@@ -11,28 +11,18 @@
 #include "../analysis/misfits.h"
 #include "../fitting/robust.h"
 #include "../fitting/starts.h"
+#include "../rig/selection.h"
+#include "../rig/words.h"
+#include "../rig/numbers.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<int> all_sensors(const Rig& rig) {
   std::vector<int> out;
   for (size_t i = 0; i < rig.sensors.size(); ++i) out.push_back(static_cast<int>(i));
   return out;
-}
-
-const Freed* find_freed(const std::vector<Freed>& free, int parameter) {
-  for (const Freed& f : free)
-    if (f.parameter == parameter) return &f;
-  return nullptr;
-}
-
-std::string text(const char* format, double a, double b = 0, double c = 0) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, a, b, c);
-  return buffer;
 }
 
 std::string excess_text(double ratio) {

@@ -15,6 +15,7 @@
 #include "../../solver/levenberg_marquardt.h"
 #include "../doctor/doctor.h"
 #include "../estimation/estimation.h"
+#include "../rig/selection.h"
 #include "../analysis/explain.h"
 #include "../analysis/noise_levels.h"
 #include "../analysis/loops.h"

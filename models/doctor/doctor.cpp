@@ -12,13 +12,14 @@
 #include "../calibration/calibration.h"
 #include "hypotheses.h"
 #include "../fitting/starts.h"
+#include "../rig/numbers.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
 
 using Samples = std::vector<Sample>;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kGood = 1.5;         // chi2/dof that needs no explanation, of the whole and of each sensor
 constexpr double kNoise = 3;          // chi2/dof that is noise, sigmas being guesses
 constexpr double kClean = 1.3;        // chi2/dof that proves the sigmas,
@@ -33,26 +34,10 @@ constexpr int kMostRounds = 4;
 
 struct Cancelled {};
 
-std::string text(const char* format, double a = 0, double b = 0, double c = 0, double d = 0) {
-  char buffer[300];
-  std::snprintf(buffer, sizeof buffer, format, a, b, c, d);
-  return buffer;
-}
-
-std::string joined(const std::vector<std::string>& names, size_t most = 12) {
-  std::string out;
-  for (size_t i = 0; i < names.size() && i < most; ++i) out += (i ? ", '" : "'") + names[i] + "'";
-  if (names.size() > most) out += " and " + std::to_string(names.size() - most) + " more";
-  return out;
-}
-
-/// Of the finite numbers; NaN: there is none.
-double median(std::vector<double> numbers) {
+/// Median of the finite numbers; NaN: there is none.
+double median_of_finite(std::vector<double> numbers) {
   numbers.erase(std::remove_if(numbers.begin(), numbers.end(), [](double x) { return !std::isfinite(x); }), numbers.end());
-  if (numbers.empty()) return std::nan("");
-  const auto middle = numbers.begin() + static_cast<std::ptrdiff_t>(numbers.size() / 2);
-  std::nth_element(numbers.begin(), middle, numbers.end());
-  return *middle;
+  return median(std::move(numbers));
 }
 
 // ------------------------------------------------------------------------------------------------ fits
@@ -462,7 +447,7 @@ Fit Doctor::robust_fit() const {
     start.iterations = 0;
     start.closed_form = closed_form;
     Fit trial = fit(rig_, samples_, {all_}, start);
-    const double typical = std::sqrt(median(trial.sample));
+    const double typical = std::sqrt(median_of_finite(trial.sample));
     if (std::isnan(typical) || (scale > 0 && typical > scale)) continue;
     scale = typical;
     now = std::move(trial);
@@ -473,7 +458,7 @@ Fit Doctor::robust_fit() const {
     const Values start = now.values;
     o.start = &start;
     now = fit(rig_, samples_, {all_}, o);
-    const double typical = std::sqrt(median(now.sample));
+    const double typical = std::sqrt(median_of_finite(now.sample));
     if (std::isnan(typical)) break;
     const bool settled = typical > 0.8 * scale;
     scale = typical;
@@ -484,7 +469,7 @@ Fit Doctor::robust_fit() const {
 
 std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
   if (samples_.size() < 4 || robust.sample.empty()) return std::nullopt;
-  const double typical = median(robust.sample);
+  const double typical = median_of_finite(robust.sample);
   if (!std::isfinite(typical)) return std::nullopt;
   const double limit = kSampleExcess * std::max(1.0, typical);
   std::set<std::string> bad;
@@ -545,7 +530,7 @@ std::optional<Hypothesis> Doctor::bad_samples(const Fit& robust) const {
 
 /// Half a turn of single views of a grid: those that it makes fit far better while everything shared stays.
 std::vector<Hypothesis> Doctor::turned_views(const Fit& robust) const {
-  if (!(median(robust.sample) < kSampleExcess)) return {};  // most samples fit nothing: there is no consensus to ask
+  if (!(median_of_finite(robust.sample) < kSampleExcess)) return {};  // most samples fit nothing: there is no consensus to ask
   const ParameterTable table(rig_);
   std::vector<int> sensors(rig_.sensors.size());
   std::iota(sensors.begin(), sensors.end(), 0);

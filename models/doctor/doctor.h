@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "../rig/rig.h"
+#include "../rig/samples.h"
 
 namespace kincal {
 

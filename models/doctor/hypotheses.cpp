@@ -1,12 +1,12 @@
 #include "hypotheses.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <set>
 
+#include "../../solver/decompositions.h"
 #include "../sensors/sensors.h"
 
 namespace kincal {
@@ -15,7 +15,6 @@ namespace {
 using Samples = std::vector<Sample>;
 using Eigen::Matrix2d;
 
-std::string quoted(const std::string& name) { return "'" + name + "'"; }
 
 bool is_camera(const Sensor& sensor) { return sensor.model->sight() == Sight::rays; }
 
@@ -266,7 +265,7 @@ void add_mirrored_points(const Rig& rig, const Survey& there, std::vector<Hypoth
     const Target& target = rig.targets[t];
     if (target.grid || target.count() < 4) continue;
     const Eigen::Matrix3Xd centred = target.points.colwise() - Vector3d(target.points.rowwise().mean());
-    const Vector3d extents = Eigen::SelfAdjointEigenSolver<Matrix3d>(centred * centred.transpose()).eigenvalues();
+    const Vector3d extents = symmetric_eigenvalues(centred * centred.transpose());
     if (extents(0) < 1e-6 * extents(2)) continue;
     for (int axis : {0, 1, 2}) {
       Hypothesis h;
@@ -511,17 +510,6 @@ void add_bearings(const Rig& rig, const Samples& samples, const Survey& there, s
 }
 
 }  // namespace
-
-std::vector<int> joints_between(const Rig& rig, const View& view) {
-  const Target& target = rig.targets[view.target];
-  std::vector<int> out;
-  for (const PathStep& step : find_path(rig.tree, rig.sensors[view.sensor].link, target.link < 0 ? rig.base : target.link)) {
-    if (!rig.tree.joints[step.joint].moves()) continue;
-    const int joint = driver(rig.tree, step.joint).joint;
-    if (std::find(out.begin(), out.end(), joint) == out.end()) out.push_back(joint);
-  }
-  return out;
-}
 
 std::vector<int> relabeling(const Target& target, const Matrix2d& m) {
   const Eigen::Matrix3Xd& layout = target.layout;

@@ -10,7 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "../rig/parameters.h"
+#include "../rig/configuration.h"
+#include "../rig/targets.h"
+#include "../rig/words.h"
 
 namespace kincal {
 
@@ -43,8 +45,5 @@ std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m);
 
 /// Replaces ids of a view (all points in order if it has none) by `places` of them.
 void relabel(View& view, const Target& target, const std::vector<int>& places);
-
-/// Joints with a reading between a view's sensor and its target (the base, of a free one); a scanning joint is among them.
-std::vector<int> joints_between(const Rig& rig, const View& view);
 
 }  // namespace kincal

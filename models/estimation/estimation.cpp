@@ -1,19 +1,19 @@
 #include "estimation.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
+
 namespace kincal {
 namespace {
 
 /// What fills columns of M.
-enum class Source { offset, scale, error, origin, sensor_pose, target_pose };
+enum class Source { joint_number, error, origin, sensor_pose, target_pose };
 
 }  // namespace
 
@@ -23,7 +23,8 @@ struct Estimation::MotionColumns {
   Source source;
   int step = -1;       // in the path, for joints
   double factor = 1;   // d position / d position of the driver
-  int joint = -1;      // the driver, whose reading and scale count
+  int joint = -1;      // the driver, whose reading and numbers count
+  int number = -1;     // which of them
   int parameter = -1;  // of a partly freed pose, for its chart
   int first = 0;       // column
   int count = 1;
@@ -83,12 +84,13 @@ struct Estimation::Way {
   int from = -1, to = -1, scanning_joint = -1;
   Path path;
   int scan_step = -1;                 // step of the scanning joint
+  int scan_numbers = 0;               // own numbers of its model
   std::vector<MotionColumns> motion;  // M's columns of joints
   std::vector<int> places;            // place in the group of each of these columns
   std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
   std::vector<double> noise_sigma;
 
-  int rows() const { return scan_step >= 0 ? 14 : 6; }
+  int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
 };
 
 /// What all views of a sensor and a target with the same points have in common, whatever they measured.
@@ -277,6 +279,7 @@ int Estimation::place_way(SamplePlan& s, const ViewPlan& v) const {
     if (s.ways[i].from == way.from && s.ways[i].to == way.to && s.ways[i].scanning_joint == way.scanning_joint) return static_cast<int>(i);
   way.path = find_path(rig_.tree, way.from, way.to);
   if (v.model->scans()) {
+    way.scan_numbers = rig_.joints[way.scanning_joint].model->size();
     const auto scan_step = [&] {
       for (size_t k = 0; k < way.path.size(); ++k)
         if (way.path[k].joint == way.scanning_joint) return static_cast<int>(k);
@@ -370,11 +373,12 @@ void Estimation::place_joints(Way& way, const std::map<int, int>& places, const 
     }
     if (!rig_.tree.joints[j].moves()) continue;
     const Driver drv = driver(rig_.tree, j);
-    const int offset = table_.joint_offset[drv.joint], scale = table_.joint_scale[drv.joint];
-    MotionColumns m{Source::offset, k, drv.factor, drv.joint};
-    if (freed_[offset]) add(m, place_of(places, first_column_[offset]));
-    m.source = Source::scale;
-    if (freed_[scale]) add(m, place_of(places, first_column_[scale]));
+    MotionColumns m{Source::joint_number, k, drv.factor, drv.joint};
+    for (int n = 0; n < rig_.joints[drv.joint].model->size(); ++n) {
+      const int parameter = table_.joint_offset[drv.joint] + n;
+      m.number = n;
+      if (freed_[parameter]) add(m, place_of(places, first_column_[parameter]));
+    }
     if (k == way.scan_step || !(rig_.joints[drv.joint].sigma > 0)) continue;
     m.source = Source::error;
     if (setup_.noise == NoiseMode::latent) {
@@ -436,7 +440,7 @@ void Estimation::place_view(ViewPlan& v, const std::map<int, int>& places, const
   if (way.scan_step >= 0) {
     c.sensor_side = 6;
     c.joint = 12;
-    c.total = 14;
+    c.total = way.rows();
   }
   std::fill(std::begin(v.own), std::end(v.own), -1);
   if (table_.sensor_block[v.sensor_index] >= 0) {
@@ -506,12 +510,13 @@ void Estimation::reload() {
 }
 
 void Estimation::set_workers(int count) {
-  size_t rows = 8, width = 0, columns = 6, ways = 0, steps = 0, way_columns = 0, noisy = 0;  // of the largest view and way
+  size_t rows = 8, width = 0, columns = 6, ways = 0, steps = 0, way_columns = 0, noisy = 0, depth = 6;  // of the largest view and way
   for (const auto& entry : plans_) {
     const SamplePlan& plan = *entry.second;
     ways = std::max(ways, plan.ways.size());
     for (const Way& way : plan.ways) {
       steps = std::max(steps, way.path.size());
+      depth = std::max(depth, static_cast<size_t>(way.rows()));
       way_columns = std::max({way_columns, way.places.size(), way.noise_sigma.size()});
       noisy = std::max(noisy, way.noise_sigma.size());
     }
@@ -532,14 +537,14 @@ void Estimation::set_workers(int count) {
     s.gathered.resize(3 * rows);
     s.projected.resize(noisy, width + 1);
     s.rooted.resize(noisy, width + 1);
-    s.expand.reserve(static_cast<int>(width), static_cast<int>(std::max(columns, way_columns)));
+    s.expand.reserve(static_cast<int>(width), static_cast<int>(depth), static_cast<int>(std::max(columns, way_columns)));
     s.motion.resize(rig_.tree.joints.size());
     s.moved.resize(rig_.tree.joints.size());
     s.reading.resize(rig_.tree.joints.size());
     s.ways.resize(ways);
     for (WalkedWay& way : s.ways) {
       way.frames.resize(steps);
-      way.twists.resize(14, way_columns);
+      way.twists.resize(depth, way_columns);
     }
   }
 }
@@ -602,8 +607,7 @@ std::vector<char> Estimation::influencing() const {
         use(table_.joint_origin[step.joint]);
         if (!rig_.tree.joints[step.joint].moves()) continue;
         const int drv = driver(rig_.tree, step.joint).joint;
-        use(table_.joint_offset[drv]);
-        use(table_.joint_scale[drv]);
+        for (int n = 0; n < rig_.joints[drv].model->size(); ++n) use(table_.joint_offset[drv] + n);
       }
     }
   return used;
@@ -618,7 +622,7 @@ void Estimation::motions(const PlacedSample& s, const VectorXd& state, Scratch& 
       const auto it = std::find(s.plan->noisy.begin(), s.plan->noisy.end(), j);
       if (it != s.plan->noisy.end()) scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.plan->noisy.begin()));
     }
-    return state(table_.all[table_.joint_scale[j]].start) * scratch.reading[j] + state(table_.all[table_.joint_offset[j]].start);
+    return rig_.joints[j].model->position(scratch.reading[j], state.data() + table_.all[table_.joint_offset[j]].start);
   };
   for (int j : s.plan->joints) {
     const Driver d = driver(rig_.tree, j);
@@ -657,7 +661,7 @@ void Estimation::walk_ways(const PlacedSample& s, const VectorXd& state, Scratch
   }
 }
 
-/// Columns of a way, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11, behind it 0-5, its own numbers 12-13).
+/// Columns of a way, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11, behind it 0-5, its own numbers from 12 on).
 void Estimation::way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
                              WalkedWay& walked) const {
   auto m = walked.twists.topLeftCorner(way.rows(), count);
@@ -675,12 +679,14 @@ void Estimation::way_columns(const Way& way, const std::vector<MotionColumns>& p
       continue;
     }
     if (column.step == way.scan_step) {  // the scanning joint's own columns of L
-      m(column.source == Source::offset ? 12 : 13, column.first) += 1;
+      m(12 + column.number, column.first) += 1;
       continue;
     }
-    const double by = column.factor * (column.source == Source::offset  ? 1
-                                       : column.source == Source::scale ? scratch.reading[column.joint]
-                                                                        : state(table_.all[table_.joint_scale[column.joint]].start));
+    const JointModel& model = *rig_.joints[column.joint].model;
+    const double* own = state.data() + table_.all[table_.joint_offset[column.joint]].start;
+    const double reading = scratch.reading[column.joint];
+    const double by =
+        column.factor * (column.source == Source::joint_number ? model.by_own(column.number, reading, own) : model.by_reading(reading, own));
     m.block<6, 1>(row, column.first) += by * position_twist(rig_.tree.joints[step.joint], step.direction, walked.frames[column.step]);
   }
 }
@@ -711,8 +717,8 @@ void Estimation::view_poses(const PlacedView& v, const PlacedSample& s, const Ve
   scan.axis = rig_.tree.joints[j].axis;
   scan.prismatic = rig_.tree.joints[j].type == JointType::prismatic;
   scan.direction = way.path[way.scan_step].direction;
-  scan.offset = state(table_.all[table_.joint_offset[j]].start);
-  scan.scale = state(table_.all[table_.joint_scale[j]].start);
+  scan.model = rig_.joints[j].model.get();
+  scan.own = state.data() + table_.all[table_.joint_offset[j]].start;
   in.scan = &scan;
 }
 
@@ -747,7 +753,7 @@ void Estimation::seen_from_sensor(const PlacedView& v, const PlacedSample& s, co
     const Vector3d w = twists.block<3, 1>(moved + 3, c), x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
     if (moved) {
       m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
-      m.block<2, 1>(12, at[c]) = twists.block<2, 1>(12, c);
+      for (int row = 12; row < way.rows(); ++row) m(row, at[c]) = twists(row, c);
     }
     m.block<3, 1>(moved, at[c]).noalias() = sensor_R_link * x;
     m.block<3, 1>(moved + 3, at[c]).noalias() = sensor_R_link * w;
@@ -993,7 +999,7 @@ namespace {
 /// An upper triangle with the same Gram matrix, where that has fewer rows.
 MatrixXd compressed(MatrixXd rows) {
   if (rows.rows() <= rows.cols()) return rows;
-  Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows);
+  triangularise(rows);
   return MatrixXd(rows.topRows(rows.cols()).triangularView<Eigen::Upper>());
 }
 
@@ -1179,9 +1185,9 @@ bool Estimation::renew(const VectorXd& state) {
           jq.middleRows(i * k, k) = white.block.empty() ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
                                                         : MatrixXd(white.block[i] * jq.middleRows(i * k, k));
         white.noise = jq;
-        const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(jq.transpose() * jq);
-        const VectorXd w = eigen.eigenvalues().cwiseMax(0.0);
-        const MatrixXd& q = eigen.eigenvectors();
+        const SymmetricEigen eigen = symmetric_eigen(jq.transpose() * jq);
+        const VectorXd w = eigen.values.cwiseMax(0.0);
+        const MatrixXd& q = eigen.vectors;
         // 1 - 1 / sqrt(1 + w) over w, without cancellation for small w.
         const VectorXd root = w.unaryExpr([](double x) { return 1 / (std::sqrt(1 + x) * (1 + std::sqrt(1 + x))); });
         white.root = q * root.asDiagonal() * q.transpose();

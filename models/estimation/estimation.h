@@ -24,7 +24,7 @@
 #include <vector>
 
 #include "../../solver/problem.h"
-#include "../rig/parameters.h"
+#include "../rig/recording.h"
 
 namespace kincal {
 

@@ -1,15 +1,13 @@
 #include "starts.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <random>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "../../solver/levenberg_marquardt.h"
 #include "../sensors/tilting_laser.h"
 
@@ -19,9 +17,9 @@ namespace {
 using Eigen::Matrix3Xd;
 
 Matrix3d nearest_rotation(const Matrix3d& m) {
-  const Eigen::JacobiSVD<Matrix3d> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-  return svd.matrixU() * Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
+  const SingularValues3 svd = singular_values(m);
+  const double sign = (svd.u * svd.v.transpose()).determinant() < 0 ? -1 : 1;
+  return svd.u * Vector3d(1, 1, sign).asDiagonal() * svd.v.transpose();
 }
 
 Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
@@ -76,10 +74,10 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   if (n == 0) return out;
   const Vector3d mean = c.rowwise().mean(), sight = xy1.rowwise().mean();
   const Matrix3Xd centred = c.colwise() - mean;
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(centred, Eigen::ComputeFullU);
+  const SingularValues svd = singular_values(centred, Eigen::ComputeFullU);
   Vector3d spread = Vector3d::Zero();
-  spread.head(svd.singularValues().size()) = svd.singularValues();
-  Matrix3d axes = svd.matrixU();  // columns: principal axes in the target's frame
+  spread.head(svd.values.size()) = svd.values;
+  Matrix3d axes = svd.u;  // columns: principal axes in the target's frame
   if (axes.determinant() < 0) axes.col(2) *= -1;
   const double size = std::max(centred.colwise().norm().maxCoeff(), 1e-6);
   const bool flat = spread(2) <= 1e-6 * spread(0);
@@ -100,9 +98,9 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       a.row(2 * i + 1).segment(k, k) = h.transpose();
       a.row(2 * i + 1).tail(k) = -s.y() * h.transpose();
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solution(a.transpose() * a);
+    const SymmetricEigen solution = symmetric_eigen(a.transpose() * a);
     Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
-        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(VectorXd(solution.eigenvectors().col(0)).data(), 3, k);
+        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(VectorXd(solution.vectors.col(0)).data(), 3, k);
     m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
     const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
     m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
@@ -169,11 +167,11 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
   const Eigen::Index n = p.cols();
   if (n < 4 || on_a_line(p)) return false;
   const Vector3d mean = p.rowwise().mean();
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(p.colwise() - mean, Eigen::ComputeFullU);
-  Matrix3d axes = svd.matrixU();
+  const SingularValues svd = singular_values(p.colwise() - mean, Eigen::ComputeFullU);
+  Matrix3d axes = svd.u;
   if (axes.determinant() < 0) axes.col(2) *= -1;
   const Matrix3Xd q = axes.transpose() * (p.colwise() - mean);
-  const int k = svd.singularValues()(2) <= 1e-6 * svd.singularValues()(0) ? 2 : 3;
+  const int k = svd.values(2) <= 1e-6 * svd.values(0) ? 2 : 3;
   Eigen::MatrixXd a(3 * n, 3 * k + 3);
   VectorXd right(3 * n);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -182,10 +180,8 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
     a.block<3, 3>(3 * i, 3 * k) = cross;
     right.segment<3>(3 * i) = cross * o.col(i);
   }
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(a);
-  qr.setThreshold(1e-6);
-  if (qr.rank() < a.cols()) return false;
-  const VectorXd x = qr.solve(right);
+  VectorXd x;
+  if (!least_squares(a, right, 1e-6, x)) return false;
   Matrix3d r;
   r.col(0) = x.segment<3>(0);
   r.col(1) = x.segment<3>(3);
@@ -195,7 +191,7 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
     r.col(2) = r.col(0).cross(r.col(1)) / std::max(r.col(0).norm(), 1e-12);
   r = nearest_rotation(r);
   for (Eigen::Index i = 0; i < n; ++i) right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
-  const Vector3d t = a.rightCols<3>().colPivHouseholderQr().solve(right);
+  const Vector3d t = least_squares(Eigen::Matrix<double, Eigen::Dynamic, 3>(a.rightCols<3>()), right);
   frame_T_target.rotation = r * axes.transpose();
   frame_T_target.translation = t - frame_T_target.rotation * mean;
   return true;
@@ -291,9 +287,9 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
   for (Eigen::Index i = 0; i < n; ++i)
     for (int r = 0; r < 3; ++r)
       for (int c = 0; c < 3; ++c) t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
-  const Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(t, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  if (svd.singularValues()(0) - svd.singularValues()(1) < 1e-4 * n) return false;
-  Eigen::Matrix<double, 9, 1> vx = svd.matrixV().col(0), vy = svd.matrixU().col(0);
+  const SingularValues9 svd = singular_values(t);
+  if (svd.values(0) - svd.values(1) < 1e-4 * n) return false;
+  Eigen::Matrix<double, 9, 1> vx = svd.v.col(0), vy = svd.u.col(0);
   Matrix3d rx = Eigen::Map<Matrix3d>(vx.data()), ry = Eigen::Map<Matrix3d>(vy.data());
   if (rx.determinant() < 0) rx = -rx;
   if (ry.determinant() < 0) ry = -ry;
@@ -306,7 +302,7 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
     m.block<3, 3>(3 * i, 3) = -Matrix3d::Identity();
     right.segment<3>(3 * i) = y.rotation * b[i].translation - a[i].translation;
   }
-  const VectorXd solution = m.completeOrthogonalDecomposition().solve(right);
+  const VectorXd solution = shortest_least_squares(m, right);
   x.translation = solution.head<3>();
   y.translation = solution.tail<3>();
   return true;
@@ -364,37 +360,10 @@ Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
   return out;
 }
 
-bool on_a_line(const Matrix3Xd& points) {
-  if (points.cols() < 3) return true;
-  const Matrix3Xd centred = points.colwise() - points.rowwise().mean();
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(centred);
-  return svd.singularValues()(1) <= 1e-6 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
-}
-
-Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, int target) {
-  const Target& t = rig.targets[target];
-  if (t.grid) return values(table.all[table.target_square[target]].start) * t.layout;
-  return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start, 3, t.count());
-}
-
 Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint,
                  double reading) {
-  Pose here;
-  for (const PathStep& step : find_path(rig.tree, rig.base, link)) {
-    const Joint& j = rig.tree.joints[step.joint];
-    double position = 0;
-    if (j.moves()) {
-      const Driver d = driver(rig.tree, step.joint);
-      const double read = d.joint == joint ? reading : sample.readings[d.joint];
-      position =
-          d.factor * (values(table.all[table.joint_scale[d.joint]].start) * read + values(table.all[table.joint_offset[d.joint]].start)) +
-          d.offset;
-    }
-    Pose frame, there;
-    walk(step, get_pose(values, table.all[table.joint_origin[step.joint]].start), joint_motion(j, position), here, frame, there);
-    here = there;
-  }
-  return here;
+  const Configuration robot(rig, table, values, sample.readings);
+  return (joint < 0 ? robot : robot.with(joint, reading)).base_T_link(link);
 }
 
 void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
@@ -462,12 +431,6 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
       values.targets[{index, target}] = best;
     }
   }
-}
-
-std::vector<int> view_ids(const View& view, const Target& target) {
-  std::vector<int> ids = view.ids;
-  for (int i = 0; view.ids.empty() && i < target.count(); ++i) ids.push_back(i);
-  return ids;
 }
 
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {

@@ -17,17 +17,13 @@
 #include <vector>
 
 #include "../estimation/estimation.h"
+#include "../rig/configuration.h"
+#include "../rig/targets.h"
 
 namespace kincal {
 
 /// Kabsch: the rigid motion with b ~ T a for points in columns; fewer than three points or all on a line: what they tell.
 Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
-
-/// True if fewer than three points, or all within a millionth of their extent of one line.
-bool on_a_line(const Eigen::Matrix3Xd& points);
-
-/// The target's points in its own frame at these values.
-Eigen::Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, int target);
 
 /// base_T_link at a sample's readings; `joint`, if given, has the reading `reading` instead. Readings that the path needs must be there.
 Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint = -1,
@@ -36,9 +32,6 @@ Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& va
 /// sensor_T_target as one view by itself says it: a chain's (the identity), a measured one, a rigid fit of points, a camera's perspective
 /// pose with its residuals minimised. nullopt where it does not tell (fewer than four pixels or three points, points on a line, a scan).
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
-
-/// The target's points that a view shows: its ids, or all.
-std::vector<int> view_ids(const View& view, const Target& target);
 
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A pose that is there already
 /// stays if it can be evaluated. `refine`: false leaves the best proposal as it is (cheap). @throws std::runtime_error naming sample and target where no proposal can be evaluated.

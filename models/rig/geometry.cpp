@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
+
+#include "draws.h"
 
 namespace kincal {
 namespace {
@@ -12,20 +13,16 @@ using Eigen::VectorXd;
 constexpr int kPostures = 40;
 constexpr double kNegligible = 5e-3;  // of a column's length
 
-double uniform(std::mt19937_64& generator) { return static_cast<double>(generator() >> 11) * 0x1p-53; }
-
 /// Positions of all joints, followers included, drawn within the limits.
 std::vector<std::vector<double>> draw_postures(const Tree& tree) {
-  std::mt19937_64 generator(1);
+  Draws draws(1);
   std::vector<std::vector<double>> out(kPostures, std::vector<double>(tree.joints.size(), 0.0));
   for (std::vector<double>& positions : out) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const Joint& joint = tree.joints[j];
       if (!joint.has_reading()) continue;
-      const double free = joint.type == JointType::prismatic ? 0.5 : M_PI;
-      const bool limited = joint.type != JointType::continuous && joint.lower < joint.upper;
-      const double lower = limited ? joint.lower : -free, upper = limited ? joint.upper : free;
-      positions[j] = lower + (upper - lower) * uniform(generator);
+      const auto [lower, upper] = usual_range(joint);
+      positions[j] = draws.uniform(lower, upper);
     }
     follow_mimics(tree, positions);
   }

@@ -1,17 +1,22 @@
 #include "parameters.h"
 
-#include <fnmatch.h>
+#include <cmath>
 
-#include <algorithm>
-
-#include "geometry.h"
+#include "numbers.h"
 
 namespace kincal {
 namespace {
 
 const std::vector<std::string> kPoseComponents = {"x", "y", "z", "rx", "ry", "rz"};
-const std::string kGeometry = "geometry/";
 const std::vector<std::string> kPoseUnits = {"m", "m", "m", "rad", "rad", "rad"};
+
+/// What a sensor's own block is, by the name that the sensor gives it.
+ParameterKind kind_of_block(const std::string& name) {
+  if (name == "intrinsics") return ParameterKind::intrinsics;
+  if (name == "distortion") return ParameterKind::distortion;
+  if (name == "baseline") return ParameterKind::baseline;
+  return ParameterKind::own_number;
+}
 
 }  // namespace
 
@@ -26,14 +31,14 @@ void set_pose(VectorXd& values, int start, const Pose& pose) {
 
 ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.tree.links.size(), 0) {
   std::vector<double> values;
-  const auto add = [&](const std::string& name, std::vector<std::string> components, std::vector<std::string> units,
-                       const std::vector<double>& v) {
-    all.push_back({name, std::move(components), std::move(units), false, static_cast<int>(values.size())});
+  const auto add = [&](ParameterKind kind, size_t owner, const std::string& name, std::vector<std::string> components,
+                       std::vector<std::string> units, const std::vector<double>& v) {
+    all.push_back({name, std::move(components), std::move(units), false, static_cast<int>(values.size()), kind, static_cast<int>(owner)});
     values.insert(values.end(), v.begin(), v.end());
     return static_cast<int>(all.size()) - 1;
   };
-  const auto add_pose = [&](const std::string& name, const Pose& pose) {
-    all.push_back({name, kPoseComponents, kPoseUnits, true, static_cast<int>(values.size())});
+  const auto add_pose = [&](ParameterKind kind, size_t owner, const std::string& name, const Pose& pose) {
+    all.push_back({name, kPoseComponents, kPoseUnits, true, static_cast<int>(values.size()), kind, static_cast<int>(owner)});
     values.insert(values.end(), pose.rotation.data(), pose.rotation.data() + 9);
     values.insert(values.end(), pose.translation.data(), pose.translation.data() + 3);
     return static_cast<int>(all.size()) - 1;
@@ -44,30 +49,35 @@ ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.
   joint_origin.assign(joints, -1);
   for (size_t j = 0; j < joints; ++j) {
     const Joint& joint = rig.tree.joints[j];
-    const std::string prefix = "joint/" + joint.name + "/";
+    const std::string prefix = "joint/" + joint.name + "/", unit = joint.type == JointType::prismatic ? "m" : "rad";
     if (joint.has_reading()) {
-      joint_offset[j] = add(prefix + "offset", {""}, {joint.type == JointType::prismatic ? "m" : "rad"}, {rig.joints[j].offset});
-      joint_scale[j] = add(prefix + "scale", {""}, {""}, {rig.joints[j].scale});
+      const JointSettings& settings = rig.joints[j];
+      joint_offset[j] = add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
+      joint_scale[j] = add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
+      for (const JointNumber& n : settings.model->further())
+        add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value});
     }
-    joint_origin[j] = add_pose(prefix + "origin", joint.parent_T_joint);
+    joint_origin[j] = add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
   }
-  for (const Sensor& sensor : rig.sensors) {
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    const Sensor& sensor = rig.sensors[s];
     const std::string prefix = "sensor/" + sensor.name + "/";
-    sensor_pose.push_back(add_pose(prefix + "pose", sensor.link_T_sensor));
+    sensor_pose.push_back(add_pose(ParameterKind::sensor_pose, s, prefix + "pose", sensor.link_T_sensor));
     sensor_block.push_back(sensor.parameters.empty() ? -1 : static_cast<int>(all.size()));
-    for (const ParameterBlock& b : sensor.parameters) add(prefix + b.name, b.components, b.units, b.values);
+    for (const ParameterBlock& b : sensor.parameters) add(kind_of_block(b.name), s, prefix + b.name, b.components, b.units, b.values);
   }
-  for (const Target& target : rig.targets) {
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    const Target& target = rig.targets[t];
     const std::string prefix = "target/" + target.name + "/";
-    target_pose.push_back(target.link >= 0 ? add_pose(prefix + "pose", target.link_T_target) : -1);
-    target_square.push_back(target.grid ? add(prefix + "square", {""}, {"m"}, {target.square}) : -1);
+    target_pose.push_back(target.link >= 0 ? add_pose(ParameterKind::target_pose, t, prefix + "pose", target.link_T_target) : -1);
+    target_square.push_back(target.grid ? add(ParameterKind::square, t, prefix + "square", {""}, {"m"}, {target.square}) : -1);
     int points = -1;
     if (!target.grid) {
       std::vector<std::string> components;
       for (int i = 0; i < target.count(); ++i)
         for (const char* c : {".x", ".y", ".z"}) components.push_back(std::to_string(i) + c);
       std::vector<std::string> units(components.size(), "m");
-      points = add(prefix + "points", std::move(components), std::move(units),
+      points = add(ParameterKind::points, t, prefix + "points", std::move(components), std::move(units),
                    {target.points.data(), target.points.data() + target.points.size()});
     }
     target_points.push_back(points);
@@ -78,109 +88,50 @@ ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.
   initial = Eigen::Map<VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
-std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
-  std::vector<Freed> out;
-  for (size_t p = 0; p < all.size(); ++p) {
-    if (name.compare(0, all[p].name.size(), all[p].name) != 0) continue;  // component names begin with the parameter's
-    const bool whole = name.size() == all[p].name.size();
-    Freed freed{static_cast<int>(p), {}};
-    for (int c = 0; c < all[p].size(); ++c)
-      if (whole || name == all[p].component_name(c)) freed.components.push_back(c);
-    if (!freed.components.empty()) out.push_back(std::move(freed));
-  }
-  return out;
-}
-
-std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern, const std::string& where) const {
-  // Names of links may hold dots: the first pair of dots with a link on both sides, else the first one.
-  int links[2] = {-1, -1};
-  size_t dots = std::string::npos;
-  for (size_t at = pattern.find("..", kGeometry.size()); at != std::string::npos; at = pattern.find("..", at + 1)) {
-    const int base = tree_.find_link(pattern.substr(kGeometry.size(), at - kGeometry.size())),
-              tip = tree_.find_link(pattern.substr(at + 2));
-    if (dots == std::string::npos || (base >= 0 && tip >= 0)) dots = at, links[0] = base, links[1] = tip;
-    if (base >= 0 && tip >= 0) break;
-  }
-  if (dots == std::string::npos)
-    throw std::invalid_argument(where + ": '" + pattern + "': geometry/BASE..TIP is expected, two links with two dots between");
-  const std::string names[2] = {pattern.substr(kGeometry.size(), dots - kGeometry.size()), pattern.substr(dots + 2)};
-  for (int end = 0; end < 2; ++end)
-    if (links[end] < 0) throw NameError::link(where, pattern, names[end], tree_.links);
-  std::vector<Freed> out;
-  std::vector<OriginComponents> found;
-  try {
-    found = independent_geometry(tree_, {{links[0], links[1]}}, has_pose_);
-  } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(where + ": '" + pattern + "': " + error.what());
-  }
-  for (OriginComponents& o : found) out.push_back({joint_origin[o.joint], std::move(o.components)});
-  if (out.empty())
-    throw std::invalid_argument(where + ": '" + pattern + "' has no number of its own: fewer than two joints move between these links, " +
-                                "and the poses of what stands at its ends hold the rest");
-  return out;
-}
-
-std::vector<Freed> ParameterTable::find(const std::string& pattern, const std::string& where) const {
-  if (pattern.rfind(kGeometry, 0) == 0) return select_geometry(pattern, where);
-  std::vector<Freed> out = select(pattern);
-  if (out.empty()) throw NameError(where, pattern, names());
-  return out;
-}
-
-std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
-  if (pattern.rfind(kGeometry, 0) == 0) {
-    try {
-      return select_geometry(pattern, "");
-    } catch (const std::invalid_argument&) {
-      return {};
+double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values) {
+  const Parameter& p = table.all[component.parameter];
+  switch (p.kind) {
+    case ParameterKind::square:
+      return 0.01 * std::abs(values(p.start));
+    case ParameterKind::intrinsics:
+      return 0.01 * std::abs(values(p.start));
+    case ParameterKind::distortion:
+      return 0.1;
+    default: {
+      const std::string& unit = p.units[component.index];
+      return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : unit == "px" ? 10 : 0.01;
     }
   }
-  std::vector<Freed> out = select_exact(pattern);
-  const size_t head = pattern.find_first_of("*?["), tail = pattern.find_last_of("*?[]") + 1;
-  if (!out.empty() || head == std::string::npos) return out;
-  // What stands before the first and behind the last special character is taken by the letter, and quick to compare.
-  const size_t behind = pattern.size() - tail;
-  const auto matches = [&](const std::string& name) {
-    return name.size() >= behind && name.compare(name.size() - behind, behind, pattern, tail) == 0 &&
-           fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0;
-  };
-  std::string component;
-  for (size_t p = 0; p < all.size(); ++p) {
-    const std::string& name = all[p].name;
-    const size_t common = std::min(head, name.size());
-    if (pattern.compare(0, common, name, 0, common) != 0) continue;  // neither this name nor those of its components
-    const bool whole = matches(name);
-    Freed freed{static_cast<int>(p), {}};
-    for (int c = 0; c < all[p].size(); ++c) {
-      if (!whole) component.assign(name).append(all[p].components[c].empty() ? "" : ".").append(all[p].components[c]);
-      if (whole || matches(component)) freed.components.push_back(c);
-    }
-    if (!freed.components.empty()) out.push_back(std::move(freed));
-  }
-  return out;
 }
 
-std::vector<std::string> ParameterTable::names() const {
-  std::vector<std::string> out;
-  for (const Parameter& p : all) {
-    out.push_back(p.name);
-    for (int c = 0; c < p.size(); ++c)
-      if (!p.components[c].empty()) out.push_back(p.component_name(c));
+double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values) {
+  const Parameter& p = table.all[component.parameter];
+  if (p.pose) return p.units[component.index] == "rad" ? 5 * kPi / 180 : 0.05;
+  const double value = values(p.start + component.index);
+  switch (p.kind) {
+    case ParameterKind::joint_scale:
+      return 0.01 * std::abs(value);
+    case ParameterKind::intrinsics:
+      return 0.05 * std::abs(values(p.start + component.index % 2));
+    case ParameterKind::baseline:
+      return 0.01;
+    case ParameterKind::square:
+      return 0.05 * value;
+    case ParameterKind::points: {
+      const Eigen::Map<const Eigen::Matrix3Xd> points(values.data() + p.start, 3, p.size() / 3);
+      return 0.05 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
+    }
+    default:
+      return 0.05;  // offsets, distortion
   }
-  return out;
 }
 
-void merge(std::vector<Freed>& into, const std::vector<Freed>& more) {
-  for (const Freed& f : more) {
-    const auto same = std::find_if(into.begin(), into.end(), [&](const Freed& g) { return g.parameter == f.parameter; });
-    if (same == into.end()) {
-      into.push_back(f);
-      continue;
-    }
-    std::vector<int> both;
-    std::set_union(same->components.begin(), same->components.end(), f.components.begin(), f.components.end(), std::back_inserter(both));
-    same->components = both;
-  }
+const char* improper_value(const Parameter& parameter, int component, double value) {
+  const std::string& part = parameter.components[component];
+  if (!std::isfinite(value)) return "a finite number is expected";
+  if (parameter.kind == ParameterKind::joint_scale && value == 0) return "a scale is not 0";
+  if ((parameter.kind == ParameterKind::square || part == "fx" || part == "fy") && value <= 0) return "a number greater than 0 is expected";
+  return nullptr;
 }
 
 }  // namespace kincal

@@ -1,9 +1,7 @@
-// Every number that can be freed: its name, components, units, and where it stands in the vector of values.
+// Every number that can be freed: what it is, its name, components, units, and where it stands in the vector of values.
 #pragma once
 
-#include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "rig.h"
@@ -13,6 +11,22 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+/// What a parameter is. `own_number`: a sensor's that is none of these.
+enum class ParameterKind {
+  joint_offset,
+  joint_scale,
+  joint_shape,  // what a joint model adds to offset and scale
+  joint_origin,
+  sensor_pose,
+  intrinsics,
+  distortion,
+  baseline,
+  own_number,
+  target_pose,
+  square,
+  points
+};
+
 /// A parameter of the formats' table. Values stand in one vector: a pose as 12 numbers (rotation column by column, translation),
 /// anything else as its numbers. The unknowns of a pose are its 6 components, increments from the initial value.
 struct Parameter {
@@ -21,9 +35,19 @@ struct Parameter {
   std::vector<std::string> units;       // one a component
   bool pose = false;
   int start = 0;  // in the vector of values
+  ParameterKind kind = ParameterKind::own_number;
+  int owner = -1;  // index of the joint, sensor or target that it belongs to
 
   int size() const { return static_cast<int>(components.size()); }
   std::string component_name(int c) const { return components[c].empty() ? name : name + "." + components[c]; }
+};
+
+/// One component of one parameter: what an unknown is.
+struct Component {
+  int parameter = -1, index = 0;
+  bool operator==(const Component& o) const { return parameter == o.parameter && index == o.index; }
+  bool operator!=(const Component& o) const { return !(*this == o); }
+  bool operator<(const Component& o) const { return parameter != o.parameter ? parameter < o.parameter : index < o.index; }
 };
 
 /// Some components of a parameter.
@@ -34,39 +58,24 @@ struct Freed {
   bool whole(const Parameter& p) const { return static_cast<int>(components.size()) == p.size(); }
 };
 
-/// A name or glob of parameters that matches nothing; `name` is what is unknown and `valid` what it could be, so that callers can add
-/// the nearest ones.
-class NameError : public std::invalid_argument {
- public:
-  NameError(const std::string& where, const std::string& n, std::vector<std::string> v = {})
-      : NameError(where + ": '" + n + "' matches no parameter", n, std::move(v), 0) {}
-  /// A geometry/BASE..TIP whose link does not exist.
-  static NameError link(const std::string& where, const std::string& pattern, const std::string& n, std::vector<std::string> v) {
-    return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v), 0);
-  }
-  std::string name;
-  std::vector<std::string> valid;
-
- private:
-  NameError(const std::string& what, std::string n, std::vector<std::string> v, int)
-      : std::invalid_argument(what), name(std::move(n)), valid(std::move(v)) {}
-};
-
 struct ParameterTable {
   std::vector<Parameter> all;
   VectorXd initial;  // the rig's values
   // Indices into `all`, -1 where there is none.
-  std::vector<int> joint_offset, joint_scale, joint_origin;    // by joint
+  std::vector<int> joint_offset, joint_scale, joint_origin;    // by joint; the numbers of a joint's model follow each other from the offset on
   std::vector<int> sensor_pose;                                // by sensor
   std::vector<int> sensor_block;                               // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_points;  // by target
 
   explicit ParameterTable(const Rig& rig);
 
-  /// What a name, component name, glob or geometry/BASE..TIP (models/rig/geometry.h) means. Exact names go before globs. Nothing found: empty.
+  std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
+  const std::string& unit(const Component& c) const { return all[c.parameter].units[c.index]; }
+
+  /// What a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact names go before globs. Nothing found: empty.
   std::vector<Freed> select(const std::string& pattern) const;
-  /// The same, with something found. @throws NameError beginning with `where`; std::invalid_argument where a geometry/BASE..TIP is not
-  /// written so, has nothing to free, or a floating or planar joint on its way.
+  /// The same, with something found. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
+  /// geometry/BASE..TIP is not written so, has nothing to free, or a floating or planar joint on its way.
   std::vector<Freed> find(const std::string& pattern, const std::string& where) const;
   /// The name of a whole parameter or of one component, as written: no glob.
   bool is_plain_name(const std::string& pattern) const { return !select_exact(pattern).empty(); }
@@ -84,7 +93,14 @@ struct ParameterTable {
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
-/// Adds components to those already there, parameter by parameter; new parameters go to the end.
-void merge(std::vector<Freed>& into, const std::vector<Freed>& more);
+/// The sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1 % (of a focal length, a size, a gear), 0.1 for
+/// lens coefficients.
+double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values);
+/// How far a component may be off in a robot that nobody has calibrated, as a standard deviation: poses and origins 0.05 m and 5 degrees,
+/// joint offsets 0.05 rad or m, gear scales 1 %, fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board sizes 5 %,
+/// target points 5 % of the target's extent.
+double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values);
+/// What is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
+const char* improper_value(const Parameter& parameter, int component, double value);
 
 }  // namespace kincal

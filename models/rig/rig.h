@@ -1,4 +1,4 @@
-// What a calibration is about, as plain data: the robot, its sensors and targets, the steps, and the samples.
+// What a calibration is about, as plain data: the robot, its sensors and targets, and the steps; samples.h has what was logged.
 // Files are read into these by io; a program may as well fill them in itself.
 #pragma once
 
@@ -11,13 +11,15 @@
 
 #include "../../kinematics/tree.h"
 #include "../../solver/loss.h"
+#include "../joints/joint_model.h"
 #include "../sensors/sensor.h"
 
 namespace kincal {
 
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
-  double offset = 0, scale = 1;  // initial values; position = scale * reading + offset
+  double offset = 0, scale = 1;  // initial values of the model's first two numbers
+  std::shared_ptr<const JointModel> model = linear_joint();
 };
 
 struct Target {
@@ -69,25 +71,6 @@ struct Rig {
   std::vector<Target> targets;
   std::vector<Sensor> sensors;
   std::vector<Step> steps;
-};
-
-/// One sensor's view of one target in one sample.
-struct View {
-  int sensor = -1, target = -1;  // indices
-  std::vector<int> ids;          // target points; of a whole-pose sensor empty
-  std::vector<double> z;         // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
-  std::vector<double> sigma;     // as the sensor's, or the view's own
-  std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
-  std::string where;             // file:line: field, for messages
-};
-
-/// One posture of the robot and everything seen in it.
-struct Sample {
-  std::string id;
-  std::optional<double> time;
-  std::vector<double> readings;  // by joint index, NaN: not in the sample
-  std::vector<View> views;
-  bool train = true;             // else held out
 };
 
 enum class NoiseMode { latent, marginal, point, none };

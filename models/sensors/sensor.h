@@ -23,6 +23,7 @@
 
 #include "../../kinematics/transform.h"
 #include "../../solver/problem.h"
+#include "../joints/joint_model.h"
 #include "view_kernels.h"
 
 namespace kincal {
@@ -36,14 +37,17 @@ struct ParameterBlock {
 };
 
 /// The scanning joint of a sensor whose one joint moves within a view:
-/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = scale * z[0] + offset.
+/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = the joint's position at the reading z[0].
 struct Scan {
   Pose sensor_T_before;    // from the sensor's frame to the joint, on the sensor's side of it
   Pose behind_T_target;    // from the joint's other side to the target
   Vector3d axis;           // unit, the same seen from both sides
   bool prismatic = false;
   int direction = -1;      // sign with which the way from sensor to target walks the joint
-  double offset = 0, scale = 1;
+  const JointModel* model = nullptr;  // of the joint
+  const double* own = nullptr;        // its numbers
+
+  double position(double reading) const { return model->position(reading, own); }
 };
 
 /// What a view shows its sensor. Points to data of others; lives for one evaluation.
@@ -61,7 +65,7 @@ struct ViewInput {
 /// Where the columns of L are. A column group that nobody wants is absent (-1).
 struct Columns {
   int pose = 0;          // 6: twist of the target seen from the sensor; scanning: of the target in front of the joint's
-                         // far side ("behind"), then 6 of the sensor's side at `sensor_side`, then offset and scale at `joint`
+                         // far side ("behind"), then 6 of the sensor's side at `sensor_side`, then the joint's own numbers at `joint`
   int sensor_side = -1, joint = -1;
   int parameters = -1;   // own numbers
   int square = -1;       // spacing of a grid target

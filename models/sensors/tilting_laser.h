@@ -1,16 +1,16 @@
 // Tilting laser: a planar scanner on a joint that moves while it scans, so every ray has its own reading of that joint.
 //
 // Numbers of a ray: joint reading t, bearing b, range d. The measured point in the sensor's frame, at the ray's own tilt, is
-// m = d (cos b, sin b, 0); residual = predicted - m, m. With q = scale t + offset and s the sign with which the way from sensor
-// to target walks the joint (see Scan):
+// m = d (cos b, sin b, 0); residual = predicted - m, m. With q the joint's position at the reading t (models/joints) and s the sign with
+// which the path from sensor to target walks the joint (see Scan):
 //     p_behind = behind_T_target p,   p_joint = motion(s q) p_behind,   p_sensor = sensor_T_before p_joint.
 // Derivatives of p_sensor, R = rotation of sensor_T_before, M = rotation of motion(s q), axis a:
 //     twist [v | w] behind the joint:        R M (v + w x p_behind)
 //     twist on the sensor's side:            v + w x p_sensor
-//     q: rotation  s R (a x p_joint),  translation  s R a;   offset: times 1, scale: times t.
+//     q: rotation  s R (a x p_joint),  translation  s R a;   the joint's own numbers: times d q / d number.
 // Own noise: derivative of the measured point, taken as fixed in the world, by (joint, bearing, range) times their sigmas. An error
 // of the joint moves the sensor, so m as seen from the far side turns by the joint's motion; back in the sensor's frame that is
-// -(d p_sensor / d q) at p_sensor = m, times scale.
+// -(d p_sensor / d q) at p_sensor = m, times d q / d t.
 #pragma once
 
 #include <cmath>
@@ -35,7 +35,7 @@ class TiltingLaser final : public SensorModel {
     const Matrix3d& side = scan.sensor_T_before.rotation;
     for (int i = 0; i < view.count; ++i) {
       const double* z = view.z + 3 * i;
-      const double q = scan.direction * (scan.scale * z[0] + scan.offset);
+      const double q = scan.direction * scan.position(z[0]);
       const Vector3d behind = scan.behind_T_target * Vector3d(view.points->col(view.ids[i]));
       const Matrix3d turn = scan.prismatic ? Matrix3d::Identity() : rotation_about(scan.axis, q);
       const Vector3d at_joint = scan.prismatic ? Vector3d(behind + q * scan.axis) : Vector3d(turn * behind);
@@ -51,8 +51,8 @@ class TiltingLaser final : public SensorModel {
       }
       if (c.joint >= 0) {
         const Vector3d by_q = scan.direction * (side * (scan.prismatic ? scan.axis : Vector3d(scan.axis.cross(at_joint))));
-        L->block<3, 1>(3 * i, c.joint) = by_q;
-        L->block<3, 1>(3 * i, c.joint + 1) = z[0] * by_q;
+        for (int k = 0; k < scan.model->size(); ++k)
+          L->block<3, 1>(3 * i, c.joint + k) = scan.model->by_own(k, z[0], scan.own) * by_q;
       }
       if (c.square >= 0 || c.points >= 0) {
         static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -69,7 +69,7 @@ class TiltingLaser final : public SensorModel {
     const Vector3d by_q = -scan.direction * (scan.sensor_T_before.rotation *
                                              (scan.prismatic ? scan.axis : Vector3d(scan.axis.cross(at_joint))));
     b.resize(3, 3);
-    b.col(0) = scan.scale * by_q;
+    b.col(0) = scan.model->by_reading(z[0], scan.own) * by_q;
     b.col(1) << -m.y(), m.x(), 0;
     b.col(2) << std::cos(z[1]), std::sin(z[1]), 0;
   }

@@ -3,14 +3,16 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
-#include <random>
 #include <set>
 #include <stdexcept>
 
-#include "../calibration/calibration.h"
 #include "../fitting/starts.h"
+#include "../rig/configuration.h"
+#include "../rig/draws.h"
+#include "../rig/selection.h"
+#include "../rig/targets.h"
+#include "../rig/words.h"
 #include "../sensors/tilting_laser.h"
 
 namespace kincal {
@@ -19,8 +21,6 @@ namespace {
 using Eigen::Matrix3Xd;
 using Pair = std::pair<int, int>;  // (sensor, target)
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 constexpr double kWidestBearing = 135 * kPi / 180, kShortestRange = 0.1;
 constexpr double kLeastFront = 0.17364817766693036;  // cos 80 degrees
 constexpr double kHandHeld = 0.5;                    // m
@@ -30,70 +30,14 @@ constexpr int kArc = 8;                              // directions between the a
 // ------------------------------------------------------------------------------------------------ draws
 enum Stream : std::uint64_t { kTruthStream, kPostureStream, kFirstSampleStream };
 
-/// Steele, Lea, Flood 2014: turns neighbouring seeds into unrelated ones.
-std::uint64_t splitmix64(std::uint64_t x) {
-  x += 0x9e3779b97f4a7c15u;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
-  return x ^ (x >> 31);
-}
-
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : engine_(splitmix64(splitmix64(seed) + stream)) {}
-
-  double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }  // [0, 1)
-  double uniform(double low, double high) { return low + (high - low) * uniform(); }
-  int index(size_t count) { return std::min(static_cast<int>(uniform() * static_cast<double>(count)), static_cast<int>(count) - 1); }
-  double normal() {
-    const double u = 1 - uniform(), v = uniform();
-    return std::sqrt(-2 * std::log(u)) * std::cos(2 * kPi * v);
-  }
-  Vector3d normals() {
-    Vector3d v;
-    for (int i = 0; i < 3; ++i) v(i) = normal();
-    return v;
-  }
-  /// E with translation and Log of the rotation N(0, diag sigma^2).
-  Pose error(const std::vector<double>& sigma) {
-    const Eigen::Map<const Vector6d> s(sigma.data());
-    Pose e;
-    e.translation = s.head<3>().cwiseProduct(normals());
-    e.rotation = exp_so3(s.tail<3>().cwiseProduct(normals()));
-    return e;
-  }
-  Matrix3d rotation() {
-    Eigen::Vector4d q;
-    for (int i = 0; i < 4; ++i) q(i) = normal();
-    return rotation_from_quaternion(q);
-  }
-
- private:
-  std::mt19937_64 engine_;
-};
-
 // ------------------------------------------------------------------------------------------------ rigs
-double extent(const Matrix3Xd& points) { return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm(); }
-
-Matrix3Xd rig_points(const Target& target) { return target.grid ? Matrix3Xd(target.square * target.layout) : target.points; }
-
 bool is_chain(const Sensor& sensor) { return sensor.model->sight() == Sight::chain; }
 
 /// Does the posture move the target relative to the sensor? A scanning joint is no part of the posture.
-bool joints_between(const Rig& rig, int sensor, int target) {
+bool moves_between(const Rig& rig, int sensor, int target) {
   const Sensor& s = rig.sensors[sensor];
   const int link = rig.targets[target].link >= 0 ? rig.targets[target].link : rig.base;
-  for (const PathStep& step : find_path(rig.tree, s.link, link))
-    if (rig.tree.joints[step.joint].moves() && driver(rig.tree, step.joint).joint != s.scanning_joint) return true;
-  return false;
-}
-
-std::string quoted(const std::string& name) { return "'" + name + "'"; }
-
-std::pair<double, double> range_of(const Joint& joint) {
-  const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
-  if (joint.type == JointType::continuous || !(joint.lower < joint.upper)) return {-without, without};
-  return {joint.lower, joint.upper};
+  return !joints_between(rig, s.link, link, s.scanning_joint).empty();
 }
 
 /// What random postures are about: a free target in a chain's hand or placed (holder -1), or all mounted ones (target -1).
@@ -160,7 +104,6 @@ class World {
     return base_T_link(rig_, table_, truth_, robot, s.link, s.scanning_joint, scan_reading) *
            get_pose(truth_, table_.all[table_.sensor_pose[sensor]].start);
   }
-  double value(int parameter) const { return truth_(table_.all[parameter].start); }
   const double* own_numbers(int sensor) const {
     const int block = table_.sensor_block[sensor];
     return block >= 0 ? truth_.data() + table_.all[block].start : nullptr;
@@ -262,7 +205,7 @@ bool World::scan(const Sample& robot, const Pair& view, const Pose& base_T_targe
   const Joint& joint = rig_.tree.joints[j];
   const Path path = find_path(rig_.tree, rig_.base, s.link);
   const auto step = std::find_if(path.begin(), path.end(), [&](const PathStep& p) { return p.joint == j; });
-  const double offset = value(table_.joint_offset[j]), scale = value(table_.joint_scale[j]);
+  const double* own = truth_.data() + table_.all[table_.joint_offset[j]].start;
   const Pose origin = get_pose(truth_, table_.all[table_.joint_origin[j]].start);
   const Pose base_T_parent = base_T_link(rig_, table_, truth_, robot, joint.parent, j, 0);
   const Pose base_T_child = base_T_link(rig_, table_, truth_, robot, joint.child, j, 0);
@@ -273,7 +216,7 @@ bool World::scan(const Sample& robot, const Pair& view, const Pose& base_T_targe
   const double direction = down ? -1 : 1;
   const Vector3d n = sensor_T_joint.rotation.row(2), &u = joint.axis;
   const double c = sensor_T_joint.translation.z();
-  const auto [low, high] = range_of(joint);
+  const auto [low, high] = usual_range(joint);
 
   const Matrix3Xd& points = points_[view.second];
   z.clear();
@@ -291,7 +234,7 @@ bool World::scan(const Sample& robot, const Pair& view, const Pose& base_T_targe
     double best[3], least = kWidestBearing;
     bool hit = false;
     for (double q : angles) {
-      const double t = (direction * q - offset) / scale;
+      const double t = rig_.joints[j].model->reading(direction * q, own);
       if (!(t >= low && t <= high)) continue;  // NaN too: never in the plane
       const Vector3d p = sensor_T_joint * (joint_motion(joint, q) * x);
       const double bearing = std::atan2(p.y(), p.x()), range = p.norm();
@@ -409,7 +352,7 @@ Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) con
     ahead = Vector3d((u - image->cx) / image->focal, (v - image->cy) / image->focal, 1).normalized();
     distance = size > 0 ? std::max(0.4, image->focal * size / (fill * std::min(image->width, image->height))) : draws.uniform(0.4, 2);
   } else if (scans) {
-    const auto [low, high] = range_of(rig_.tree.joints[s.scanning_joint]);
+    const auto [low, high] = usual_range(rig_.tree.joints[s.scanning_joint]);
     reading = draws.uniform(low, high);
     const double bearing = draws.uniform(-kPi / 3, kPi / 3);
     ahead = {std::cos(bearing), std::sin(bearing), 0};
@@ -444,7 +387,7 @@ class RandomPostures {
       for (int j : needed_readings(rig, p.first, p.second)) joints.insert(j);
     joints_.assign(joints.begin(), joints.end());
     for (const Pair& p : pairs)
-      if (rig.targets[p.second].link >= 0 && joints_between(rig, p.first, p.second)) moving_.insert(p);
+      if (rig.targets[p.second].link >= 0 && moves_between(rig, p.first, p.second)) moving_.insert(p);
   }
 
   Draft next(int k) {
@@ -470,9 +413,9 @@ class RandomPostures {
     Posture posture;
     posture.id = std::to_string(k);
     posture.id = "sample_" + std::string(posture.id.size() < 4 ? 4 - posture.id.size() : 0, '0') + posture.id;
-    posture.readings.assign(rig_.tree.joints.size(), kNoReading);
+    posture.readings.assign(rig_.tree.joints.size(), kNan);
     for (int j : joints_) {
-      const auto [low, high] = range_of(rig_.tree.joints[j]);
+      const auto [low, high] = usual_range(rig_.tree.joints[j]);
       posture.readings[j] = draws_.uniform(low, high);
     }
     std::vector<Pair> views;
@@ -614,32 +557,10 @@ VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spre
   return truth;
 }
 
-const char* improper_value(const Parameter& parameter, int component, double value) {
-  const std::string end = parameter.name.substr(parameter.name.rfind('/') + 1), &part = parameter.components[component];
-  if (!std::isfinite(value)) return "a finite number is expected";
-  if (end == "scale" && value == 0) return "a scale is not 0";
-  if ((end == "square" || part == "fx" || part == "fy") && value <= 0) return "a number greater than 0 is expected";
-  return nullptr;
-}
-
-std::vector<int> needed_readings(const Rig& rig, int sensor, int target) {
-  std::vector<int> needed;
-  const auto add = [&](int link, int except) {
-    for (const PathStep& step : find_path(rig.tree, rig.base, link)) {
-      if (!rig.tree.joints[step.joint].moves()) continue;
-      const int joint = driver(rig.tree, step.joint).joint;
-      if (joint != except && std::find(needed.begin(), needed.end(), joint) == needed.end()) needed.push_back(joint);
-    }
-  };
-  if (sensor >= 0) add(rig.sensors[sensor].link, rig.sensors[sensor].scanning_joint);
-  if (target >= 0 && rig.targets[target].link >= 0) add(rig.targets[target].link, -1);
-  return needed;
-}
-
 std::vector<std::pair<int, int>> usual_pairs(const Rig& rig) {
   bool boards = false, points = false, small = false;
-  const auto holdable = [](const Target& t) { return t.link < 0 && !on_a_line(rig_points(t)); };
-  const auto is_small = [](const Target& t) { return extent(rig_points(t)) <= kHandHeld; };
+  const auto holdable = [](const Target& t) { return t.link < 0 && !on_a_line(target_points(t)); };
+  const auto is_small = [](const Target& t) { return extent(target_points(t)) <= kHandHeld; };
   for (const Target& t : rig.targets) {
     boards = boards || t.grid;
     points = points || !t.grid;

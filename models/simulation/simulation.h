@@ -25,7 +25,7 @@
 #include <utility>
 #include <vector>
 
-#include "../rig/parameters.h"
+#include "../rig/recording.h"
 
 namespace kincal {
 
@@ -72,13 +72,6 @@ struct Spread {
 /// The rig's values plus N(0, sigma), for poses as increments on the right, component by component in the table's order.
 /// @throws NameError (models/rig/parameters.h); std::invalid_argument where a value comes out improper.
 VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed);
-
-/// What is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
-const char* improper_value(const Parameter& parameter, int component, double value);
-
-/// Joints whose readings place a sensor (-1: none) and a target (-1: none; free ones need none) relative to the base, without the
-/// sensor's scanning joint unless the target needs it.
-std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
 
 /// Cameras and lasers look at boards (without any: at points), `point` sensors at points (without any: at boards), `pose` sensors at all.
 /// Chains hold free targets of at most 0.5 m (without any: all) that have three points not on a line.

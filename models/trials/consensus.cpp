@@ -1,6 +1,5 @@
 #include "consensus.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -8,8 +7,10 @@
 #include <map>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "../fitting/robust.h"
 #include "../fitting/starts.h"
+#include "../rig/words.h"
 
 namespace kincal {
 namespace {
@@ -93,7 +94,7 @@ void take_part(const Bench& bench, const GroupShape& shape, const MatrixXd& rows
   VectorXd left = right, weight = VectorXd::Ones(a.rows());
   double scale = std::numeric_limits<double>::infinity();
   for (int round = 0; round < (robust ? 30 : 1); ++round) {
-    left = right - a * (weight.asDiagonal() * a).colPivHouseholderQr().solve(weight.cwiseProduct(right));
+    left = right - a * least_squares(MatrixXd(weight.asDiagonal() * a), VectorXd(weight.cwiseProduct(right)));
     Eigen::Index at = 0;
     std::vector<double> sizes;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
@@ -187,12 +188,6 @@ const std::pair<int, double>* wrong_joint(const Alone& fit) {
   for (const auto& j : fit.joints)
     if (std::abs(j.second) > kJointSigmas && (!worst || std::abs(j.second) > std::abs(worst->second))) worst = &j;
   return worst;
-}
-
-std::string text(const char* format, double a) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, a);
-  return buffer;
 }
 
 /// How a sample misses, for people: its worst view against what is usual, or its worst joint error.

@@ -1,24 +1,23 @@
 #include "local.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "../../solver/decompositions.h"
 #include "../../solver/levenberg_marquardt.h"
 #include "../simulation/simulation.h"
 #include "../fitting/starts.h"
+#include "../rig/configuration.h"
+#include "../rig/numbers.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kPrivateRank = 1e-9, kRank = 1e-9;  // singular values of unit columns, relative
+constexpr double kRank = 1e-9;  // singular values, relative
 constexpr double kGrowth = 1.3;                      // of bandwidths
 constexpr double kClaim = 2, kSignificance = 3.5;    // standard errors of a gain; of the offsets
 constexpr double kWidest = -1.5;                     // of the widest prior, rad or m: logarithm to the base of 10
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 /// A sample near the posture: z = F delta + noise.
 struct Near {
@@ -28,15 +27,12 @@ struct Near {
   VectorXd z;
 };
 
-double position(const Rig& rig, const Sample& sample, int joint) {
-  return rig.joints[joint].scale * sample.readings[joint] + rig.joints[joint].offset;
-}
-
 /// NaN: the sample lacks one of the joints.
-double distance(const Rig& rig, const Sample& sample, const LocalPosture& posture) {
+double distance(const Rig& rig, const ParameterTable& table, const Sample& sample, const LocalPosture& posture) {
+  const Configuration robot(rig, table, table.initial, sample.readings);
   double largest = 0;
   for (const auto& [joint, at] : posture) {
-    double difference = position(rig, sample, joint) - at;
+    double difference = robot.position(joint) - at;
     if (std::isnan(difference)) return kNan;
     if (rig.tree.joints[joint].type == JointType::continuous) difference = std::remainder(difference, 2 * M_PI);
     largest = std::max(largest, std::abs(difference));
@@ -79,14 +75,9 @@ void linearise(const Rig& rig, const ParameterTable& table, const std::vector<Sa
   const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size());
   MatrixXd rest = rows.rightCols(m + 1);  // [F r] without the sample's own unknowns
   if (k > 0) {
-    MatrixXd own = rows.leftCols(k);
-    for (Eigen::Index i = 0; i < k; ++i)
-      if (own.col(i).norm() > 0) own.col(i).normalize();
-    Eigen::ColPivHouseholderQR<MatrixXd> qr;
-    qr.setThreshold(kPrivateRank);
-    qr.compute(own);
-    rest.applyOnTheLeft(qr.householderQ().setLength(qr.rank()).adjoint());
-    rest = rest.bottomRows(rest.rows() - qr.rank()).eval();
+    const Elimination own(rows.leftCols(k));
+    own.rotate(rest);
+    rest = rest.bottomRows(rest.rows() - own.rank()).eval();
   }
   if (rest.rows() == 0 || m == 0) return;
   MatrixXd f = MatrixXd::Zero(rest.rows(), p);
@@ -96,12 +87,11 @@ void linearise(const Rig& rig, const ParameterTable& table, const std::vector<Sa
       if (table.joint_offset[joints[j]] == parameter) f.col(j) = rest.col(c);
   }
   const VectorXd z = f * offsets - rest.col(m);
-  const Eigen::JacobiSVD<MatrixXd> svd(f, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  const VectorXd& values_of_f = svd.singularValues();
+  const SingularValues svd = singular_values(f, Eigen::ComputeThinU | Eigen::ComputeThinV);
   Eigen::Index rank = 0;
-  while (rank < values_of_f.size() && values_of_f(rank) > kRank * values_of_f(0)) ++rank;
-  near.f = values_of_f.head(rank).asDiagonal() * svd.matrixV().leftCols(rank).transpose();
-  near.z = svd.matrixU().leftCols(rank).transpose() * z;
+  while (rank < svd.values.size() && svd.values(rank) > kRank * svd.values(0)) ++rank;
+  near.f = svd.values.head(rank).asDiagonal() * svd.v.leftCols(rank).transpose();
+  near.z = svd.u.leftCols(rank).transpose() * z;
 }
 
 double weight(double distance, double bandwidth) {
@@ -138,7 +128,7 @@ MatrixXd regular(const MatrixXd& w, double ridge) { return w + ridge * MatrixXd:
 
 VectorXd solve_without(const Sums& sums, const Near& n, double bandwidth, double ridge) {
   const double w = weight(n.distance, bandwidth);
-  return regular(sums.w - w * (n.f.transpose() * n.f), ridge).llt().solve(sums.g - w * (n.f.transpose() * n.z));
+  return Cholesky(regular(sums.w - w * (n.f.transpose() * n.f), ridge)).solve(sums.g - w * (n.f.transpose() * n.z));
 }
 
 /// What is chosen for one bandwidth.
@@ -151,7 +141,7 @@ struct Choice {
 Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth) {
   Choice out;
   out.bandwidth = bandwidth;
-  const MatrixXd inverse = regular(sums.w, std::pow(10, -2 * kWidest)).inverse();
+  const MatrixXd inverse = inverse_of(regular(sums.w, std::pow(10, -2 * kWidest)));
   const VectorXd offsets = inverse * sums.g;
   double scatter = 0;
   for (const Near& n : near) scatter += weight(n.distance, bandwidth) * chi2(n, offsets);
@@ -162,10 +152,11 @@ Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth)
   for (int step = 0; step < 8; ++step) {
     Choice tried = out;
     tried.prior = std::pow(10, kWidest - 0.5 * step);
-    const Eigen::LLT<MatrixXd> llt(regular(sums.w, tried.ridge()));
+    const Cholesky cholesky(regular(sums.w, tried.ridge()));
+    const VectorXd diagonal = cholesky.diagonal();
     double determinant = 0;  // log |A t^2 / s^2|
-    for (Eigen::Index i = 0; i < sums.g.size(); ++i) determinant += 2 * std::log(llt.matrixLLT()(i, i)) - std::log(tried.ridge());
-    const double evidence = sums.g.dot(llt.solve(sums.g)) / (out.noise * out.noise) - determinant;
+    for (Eigen::Index i = 0; i < sums.g.size(); ++i) determinant += 2 * std::log(diagonal(i)) - std::log(tried.ridge());
+    const double evidence = sums.g.dot(cholesky.solve(sums.g)) / (out.noise * out.noise) - determinant;
     if (evidence > best) best = evidence, out.prior = tried.prior;
   }
   return out;
@@ -208,7 +199,7 @@ VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, doubl
       if (w == 0) continue;
       MatrixXd a = precision * (n.f.transpose() * n.f);
       a.diagonal() += out.cwiseInverse();
-      const MatrixXd covariance = a.inverse();
+      const MatrixXd covariance = inverse_of(a);
       const VectorXd mean = precision * (covariance * (n.f.transpose() * (n.z - n.f * offsets)));
       next += w * (mean.cwiseAbs2() + covariance.diagonal());
     }
@@ -255,8 +246,10 @@ bool add_errors(Rig& rig, const Sample& sample, const std::vector<LocalOffset>& 
 
 LocalPosture posture_of(const Rig& rig, const Sample& sample) {
   LocalPosture out;
+  const ParameterTable table(rig);
+  const Configuration robot(rig, table, table.initial, sample.readings);
   for (const View& v : sample.views)
-    for (int j : needed_readings(rig, v.sensor, v.target)) out[j] = position(rig, sample, j);
+    for (int j : needed_readings(rig, v.sensor, v.target)) out[j] = robot.position(j);
   return out;
 }
 
@@ -276,7 +269,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   for (const auto& at : posture) joints.push_back(at.first);
   std::vector<Near> near;
   for (size_t i = 0; i < samples.size(); ++i) {
-    const double d = distance(rig, samples[i], posture);
+    const double d = distance(rig, table, samples[i], posture);
     if (std::isnan(d) || !samples[i].train) continue;
     out.distances.push_back(d);
     if (d > options.within) continue;
@@ -309,7 +302,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
     for (Near& n : near) linearise(rig, table, samples, joints, offsets, options.noise, n);
     choice = choose(near, options.within);
     sums = sum(near, choice.bandwidth);
-    offsets = regular(sums.w, choice.ridge()).llt().solve(sums.g);
+    offsets = Cholesky(regular(sums.w, choice.ridge())).solve(sums.g);
   }
   out.bandwidth = choice.bandwidth;
   out.prior = choice.prior;
@@ -326,7 +319,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
     const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
     if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
   }
-  const Eigen::CompleteOrthogonalDecomposition<MatrixXd> b(sums.b);
+  const PseudoInverse b(sums.b);
   const double rank = static_cast<double>(b.rank());
   if (choice.freedom > 0)
     out.significance = normal_of_f(sums.g.dot(b.solve(sums.g)) / rank / (choice.noise * choice.noise), rank, choice.freedom);
@@ -354,7 +347,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
       const MatrixXd gram = n.f.transpose() * n.f;
       middle += w * w * (gram * varies.asDiagonal() * gram);
     }
-    const MatrixXd inverse = regular(sums.w, choice.ridge()).inverse(), covariance = inverse * middle * inverse;
+    const MatrixXd inverse = inverse_of(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
     for (Eigen::Index j = 0; j < p; ++j) {
       out.offsets[j].offset = offsets(j);
       out.offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
@@ -383,7 +376,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   }
   std::vector<std::pair<std::string, const Sample*>> held_out;
   for (const Sample& s : samples)
-    if (!s.train && distance(rig, s, posture) <= out.radius) held_out.push_back({s.id, &s});
+    if (!s.train && distance(rig, table, s, posture) <= out.radius) held_out.push_back({s.id, &s});
   std::sort(held_out.begin(), held_out.end());
   for (const auto& s : held_out) judge(*s.second, offsets);
   for (const Sensor& sensor : rig.sensors) {

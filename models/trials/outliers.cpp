@@ -1,10 +1,10 @@
 #include "outliers.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "consensus.h"
 #include "../fitting/robust.h"
 
@@ -36,14 +36,6 @@ void describe(const Calibration& calibration, const std::vector<Verdict>& verdic
       if (verdict.view[v] || !r.ids.empty()) out.push_back(r);
     }
   }
-}
-
-/// Root of a covariance, C = W W', whose diagonal may span many orders.
-MatrixXd root_of(const MatrixXd& c) {
-  const VectorXd scale = c.diagonal().cwiseMax(0.0).cwiseSqrt();
-  const VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(inverse.asDiagonal() * c * inverse.asDiagonal());
-  return scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
 }
 
 }  // namespace
@@ -108,7 +100,7 @@ std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration
     bench.levels = robust_levels(rig, problem.residuals(state));
     bench.shared = fit->values.shared;
     bench.free = fit->setup.free;
-    bench.root = std::sqrt(fit->dof > 0 ? std::max(1.0, fit->chi2 / static_cast<double>(fit->dof)) : 1.0) * root_of(fit->covariance);
+    bench.root = std::sqrt(fit->dof > 0 ? std::max(1.0, fit->chi2 / static_cast<double>(fit->dof)) : 1.0) * root_of_covariance(fit->covariance);
   }
   Cleaned clean{Calibration(rig, left_of_all(calibration, verdicts)), {}};
   fit = clean.calibration.run(options);

@@ -3,54 +3,21 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <random>
 #include <stdexcept>
 
 #include "../calibration/calibration.h"
+#include "../rig/draws.h"
+#include "../rig/words.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kHalvings = 6;
 constexpr double kSameCost = 1e-6, kSameSigmas = 0.01;
 constexpr size_t kNamed = 10;
 
-class Normal {
- public:
-  explicit Normal(int seed) : engine_(static_cast<std::uint64_t>(seed)) {}
-  double operator()() {
-    const double u = 1 - uniform(), v = uniform();
-    return std::sqrt(-2 * std::log(u)) * std::cos(2 * kPi * v);
-  }
-
- private:
-  double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
-  std::mt19937_64 engine_;
-};
-
-/// How far a component without a prior is moved.
-double size_of(const Parameter& p, int component, const VectorXd& values) {
-  const bool turns = p.units[component] == "rad";
-  if (p.pose) return turns ? 5 * kPi / 180 : 0.05;
-  const auto ends_with = [&](const char* end) {
-    const std::string e = end;
-    return p.name.size() >= e.size() && p.name.compare(p.name.size() - e.size(), e.size(), e) == 0;
-  };
-  const double value = values(p.start + component);
-  if (ends_with("/scale")) return 0.01 * std::abs(value);
-  if (ends_with("/intrinsics")) return 0.05 * std::abs(values(p.start + component % 2));
-  if (ends_with("/baseline")) return 0.01;
-  if (ends_with("/square")) return 0.05 * value;
-  if (ends_with("/points")) {
-    const Eigen::Map<const Eigen::Matrix3Xd> points(values.data() + p.start, 3, p.size() / 3);
-    return 0.05 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
-  }
-  return 0.05;  // offsets, distortion
-}
-
 /// Moves what a step frees and `moved` does not have yet, which it gets.
-void scatter(const ParameterTable& table, const StepPlan& plan, double share, Normal& draw, std::vector<std::vector<char>>& moved,
+void scatter(const ParameterTable& table, const StepPlan& plan, double share, Draws& draws, std::vector<std::vector<char>>& moved,
              VectorXd& values) {
   const VectorXd from = values;
   for (const Freed& f : plan.free) {
@@ -60,10 +27,10 @@ void scatter(const ParameterTable& table, const StepPlan& plan, double share, No
     for (int c : f.components) {
       if (moved[f.parameter][c]) continue;
       moved[f.parameter][c] = 1;
-      double size = size_of(p, c, from);
+      double size = usual_error(table, {f.parameter, c}, from);
       for (const Prior& prior : plan.priors)
         if (prior.parameter == f.parameter && prior.component == c) size = prior.sigma;
-      by(c) = share * size * draw();
+      by(c) = share * size * draws.normal();
     }
     if (!p.pose) {
       values.segment(p.start, p.size()) += by;
@@ -100,12 +67,6 @@ bool same(const CalibrationResult& a, const CalibrationResult& b) {
   return same_cost(a.cost, b.cost) && (apart.empty() || std::abs(apart[0].second) <= kSameSigmas);
 }
 
-std::string text(const char* format, double a, double b) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, a, b);
-  return buffer;
-}
-
 }  // namespace
 
 bool add_restarts(const Calibration& calibration, const CalibrationOptions& options, int count, CalibrationResult& result) {
@@ -122,12 +83,12 @@ bool add_restarts(const Calibration& calibration, const CalibrationOptions& opti
     Calibration again = calibration;
     std::optional<CalibrationResult> end;
     for (int halving = 0; halving <= kHalvings && !end; ++halving) {
-      Normal draw(n);
+      Draws draws(static_cast<std::uint64_t>(n));
       std::vector<std::vector<char>> moved(again.table().all.size());
       CalibrationOptions other = options;
       other.judge = false;
       other.scatter = [&](const StepPlan& plan, VectorXd& values) {
-        scatter(again.table(), plan, std::ldexp(1.0, -halving), draw, moved, values);
+        scatter(again.table(), plan, std::ldexp(1.0, -halving), draws, moved, values);
       };
       bool cancelled = false;
       if (options.progress)

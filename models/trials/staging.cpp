@@ -12,11 +12,12 @@
 #include "../calibration/calibration.h"
 #include "../rig/geometry.h"
 #include "../fitting/starts.h"
+#include "../rig/numbers.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kFolds = 5, kFewestTargets = 3;
 constexpr double kUnlikely = 2, kWorthwhile = 0.01;  // standard errors; share of the error
 constexpr double kMissing = 1e12;                    // chi2 a number of a held-out sample that cannot be evaluated
@@ -41,14 +42,6 @@ double rounded(double v) {
   const double unit = std::pow(10.0, std::floor(std::log10(v)) - 1), whole = std::round(v / unit);
   return unit < 1 ? whole / std::round(1 / unit) : whole * unit;
 }
-
-std::vector<int> range(size_t n) {
-  std::vector<int> out(n);
-  for (size_t i = 0; i < n; ++i) out[i] = static_cast<int>(i);
-  return out;
-}
-
-Freed whole(const ParameterTable& table, int parameter) { return {parameter, range(table.all[parameter].components.size())}; }
 
 /// a without b.
 std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>& b) {
@@ -154,8 +147,8 @@ Search::Search(const Rig& rig, const std::vector<Sample>& samples, const Staging
   if (samples_.empty()) throw std::invalid_argument("automatic staging: no training sample has a view");
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
-  setup.sensors = range(rig_.sensors.size());
-  used_ = Estimation(rig_, table_, samples_, range(samples_.size()), setup).influencing();
+  setup.sensors = indices(rig_.sensors.size());
+  used_ = Estimation(rig_, table_, samples_, indices(samples_.size()), setup).influencing();
   make_mounts();
   make_groups();
 }
@@ -303,7 +296,7 @@ void Search::make_folds() {
     for (size_t u = 0; u < list.size(); ++u) fold_of_unit_.push_back(static_cast<int>(u) % folds_);
     return;
   }
-  unit_ = range(samples_.size());
+  unit_ = indices(samples_.size());
   folds_ = std::min<int>(kFolds, static_cast<int>(samples_.size()));
   // Samples that see the same with the same sensors are dealt out in turn, so that each fold has the same mixture.
   std::map<std::set<std::pair<int, int>>, std::vector<size_t>> alike;
@@ -323,7 +316,7 @@ void Search::start() {
   Rig with_step = rig_;
   Step step;
   step.name = "mounts";
-  step.sensors = range(rig_.sensors.size());
+  step.sensors = indices(rig_.sensors.size());
   step.free = names_of(table_, groups_[0].free);
   if (step.free.empty()) return;
   with_step.steps = {step};
@@ -364,7 +357,7 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
   for (int again = 0; again < 10 && !group.free.empty(); ++again) {
     EstimationSetup setup;
     setup.noise = options_.noise;
-    setup.sensors = range(rig_.sensors.size());
+    setup.sensors = indices(rig_.sensors.size());
     setup.free = freed(kept);
     if (!group.contained_offsets.empty()) {
       std::vector<Freed> offsets;
@@ -373,7 +366,7 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
     }
     setup.free = without(setup.free, group.free);
     merge(setup.free, group.free);
-    Estimation problem(rig_, table_, samples_, range(samples_.size()), setup);
+    Estimation problem(rig_, table_, samples_, indices(samples_.size()), setup);
     Values values = start_;
     values.shared = shared;
     VectorXd state = problem.pack(values);
@@ -432,7 +425,7 @@ std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& f
     }
   EstimationSetup setup;
   setup.noise = options_.noise;
-  setup.sensors = range(rig_.sensors.size());
+  setup.sensors = indices(rig_.sensors.size());
   for (const Freed& f : freed(kept)) {
     const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
     if (target == table_.target_pose.end() || seen[target - table_.target_pose.begin()]) setup.free.push_back(f);
@@ -469,7 +462,7 @@ void Search::judge(const Values& values, int fold, std::vector<double>& chi2, st
     }
   EstimationSetup setup;
   setup.noise = options_.noise;
-  setup.sensors = range(rig_.sensors.size());
+  setup.sensors = indices(rig_.sensors.size());
   if (by_target_)
     for (const Freed& f : groups_[0].free) {
       const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
@@ -656,7 +649,7 @@ std::optional<Staging> Search::run() {
 
 std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, const std::vector<int>& order) const {
   std::vector<Step> out;
-  const std::vector<int> sensors = range(rig_.sensors.size());
+  const std::vector<int> sensors = indices(rig_.sensors.size());
   // Targets that only held-out samples see: named like those of their kind, estimated when they are judged.
   std::vector<Freed> held_out;
   for (const Freed& h : of_held_out_) {

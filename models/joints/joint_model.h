@@ -1,0 +1,70 @@
+// What a joint's reading means: the contract of joint models, and the linear one that every joint has unless its rig says otherwise.
+//
+// A model turns a reading (what the encoder says, rad or m) into the position of the joint (rad or m) by own numbers that can be
+// calibrated. Every model begins with the same two,
+//     position = scale * reading + offset + what the model adds,   own = [offset, scale, further numbers ...],
+// because the offset is what a URDF's origin takes up and the scale is the gear. A model is stateless; its numbers stand one after the
+// other in the vector of values (models/rig/parameters.h), from its offset on. All else (columns of the Jacobian, starting values,
+// simulation, names of the parameters joint/NAME/...) follows from the functions below: nothing outside knows the formula.
+//
+// To add a model, derive from JointModel in a header here, give its numbers a row in the table of kinds in models/rig/parameters.cpp, and
+// name it where files name joint models (io/rig/types). Nothing here allocates but further().
+#pragma once
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace kincal {
+
+/// A number of a joint model beyond offset and scale.
+struct JointNumber {
+  std::string name, unit;  // parameter joint/NAME/<name>
+  double value = 0;        // initial
+};
+
+class JointModel {
+ public:
+  virtual ~JointModel() = default;
+  /// The numbers behind offset and scale, in the order of `own`.
+  virtual std::vector<JointNumber> further() const { return {}; }
+  /// How many own numbers there are, offset and scale included; at most kMaxJointNumbers.
+  virtual int size() const { return 2; }
+  /// Position (rad or m) at a reading.
+  virtual double position(double reading, const double* own) const = 0;
+  /// d position / d reading.
+  virtual double by_reading(double reading, const double* own) const = 0;
+  /// d position / d own number k.
+  virtual double by_own(int k, double reading, const double* own) const = 0;
+  /// The reading at which the joint has this position: what a simulated encoder says. By Newton's method from the linear part; NaN where
+  /// that does not converge.
+  virtual double reading(double position, const double* own) const {
+    double q = (position - own[0]) / own[1];
+    for (int i = 0; i < 50; ++i) {
+      const double step = (this->position(q, own) - position) / by_reading(q, own);
+      q -= step;
+      if (std::abs(step) <= 1e-15 * (1 + std::abs(q))) return q;
+    }
+    return std::nan("");
+  }
+};
+
+constexpr int kMaxJointNumbers = 8;
+
+/// position = scale * reading + offset.
+class LinearJoint final : public JointModel {
+ public:
+  double position(double reading, const double* own) const override { return own[1] * reading + own[0]; }
+  double by_reading(double, const double* own) const override { return own[1]; }
+  double by_own(int k, double reading, const double*) const override { return k == 0 ? 1 : reading; }
+  double reading(double position, const double* own) const override { return (position - own[0]) / own[1]; }
+};
+
+/// The one linear model: models have no state, so all joints share it.
+inline std::shared_ptr<const JointModel> linear_joint() {
+  static const std::shared_ptr<const JointModel> model = std::make_shared<LinearJoint>();
+  return model;
+}
+
+}  // namespace kincal

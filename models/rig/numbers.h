@@ -1,0 +1,38 @@
+// Constants and small statistics that many files need.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+namespace kincal {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kPi = 3.14159265358979323846;
+
+/// The upper median of numbers; `none` if there are none. NaN must not be among them.
+inline double median(std::vector<double> numbers, double none = kNan) {
+  if (numbers.empty()) return none;
+  const auto middle = numbers.begin() + static_cast<std::ptrdiff_t>(numbers.size() / 2);
+  std::nth_element(numbers.begin(), middle, numbers.end());
+  return *middle;
+}
+
+/// A mean in the making.
+struct Mean {
+  double sum = 0;
+  long count = 0;
+  double value() const { return count ? sum / static_cast<double>(count) : 0; }
+};
+
+/// 0, 1, ... n - 1.
+inline std::vector<int> indices(size_t n) {
+  std::vector<int> out(n);
+  for (size_t i = 0; i < n; ++i) out[i] = static_cast<int>(i);
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,44 @@
+// Names and globs of parameters: the selecting functions of ParameterTable (parameters.h), the error that they throw, sets of what was
+// selected.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "parameters.h"
+
+namespace kincal {
+
+/// A name or glob of parameters that matches nothing; `name` is what is unknown and `valid` what it could be, so that callers can add
+/// the nearest ones.
+class NameError : public std::invalid_argument {
+ public:
+  NameError(const std::string& where, const std::string& n, std::vector<std::string> v = {})
+      : NameError(where + ": '" + n + "' matches no parameter", n, std::move(v), 0) {}
+  /// A geometry/BASE..TIP whose link does not exist.
+  static NameError link(const std::string& where, const std::string& pattern, const std::string& n, std::vector<std::string> v) {
+    return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v), 0);
+  }
+  std::string name;
+  std::vector<std::string> valid;
+
+ private:
+  NameError(const std::string& what, std::string n, std::vector<std::string> v, int)
+      : std::invalid_argument(what), name(std::move(n)), valid(std::move(v)) {}
+};
+
+/// Adds components to those already there, parameter by parameter; new parameters go to the end.
+void merge(std::vector<Freed>& into, const std::vector<Freed>& more);
+
+/// The entry of a parameter, null if it is not among them.
+const Freed* find_freed(const std::vector<Freed>& free, int parameter);
+
+/// The whole parameter.
+Freed whole(const ParameterTable& table, int parameter);
+
+/// The components one by one, in order: the columns of a problem that frees them.
+std::vector<Component> components_of(const std::vector<Freed>& free);
+
+}  // namespace kincal

@@ -1,0 +1,52 @@
+#include "targets.h"
+
+
+#include "../../solver/decompositions.h"
+#include "numbers.h"
+
+namespace kincal {
+
+using Eigen::Matrix3Xd;
+
+Matrix3Xd grid_layout(const GridLayout& grid) {
+  std::vector<double> xyz;
+  const auto add = [&](double x, double y) { xyz.insert(xyz.end(), {x, y, 0}); };
+  const bool tags = grid.kind == GridLayout::Kind::tags;
+  const double pitch = tags ? 1 + grid.gap : 1;
+  const int skipped = grid.kind == GridLayout::Kind::charuco ? 1 : 0;  // its squares meet in inner corners
+  for (int r = skipped; r < grid.rows; ++r)
+    for (int c = skipped; c < grid.columns; ++c) {
+      if (!tags) {
+        add(grid.asymmetric ? 2 * c + r % 2 : c, r);
+        continue;
+      }
+      add(c * pitch, r * pitch);
+      add(c * pitch + 1, r * pitch);
+      add(c * pitch + 1, r * pitch + 1);
+      add(c * pitch, r * pitch + 1);
+    }
+  return Eigen::Map<const Matrix3Xd>(xyz.data(), 3, static_cast<Eigen::Index>(xyz.size() / 3));
+}
+
+Matrix3Xd target_points(const Target& target) { return target.grid ? Matrix3Xd(target.square * target.layout) : target.points; }
+
+Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, int target) {
+  const Target& t = rig.targets[target];
+  if (t.grid) return values(table.all[table.target_square[target]].start) * t.layout;
+  return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start, 3, t.count());
+}
+
+std::vector<int> view_ids(const View& view, const Target& target) {
+  return view.ids.empty() ? indices(static_cast<size_t>(target.count())) : view.ids;
+}
+
+bool on_a_line(const Matrix3Xd& points) {
+  if (points.cols() < 3) return true;
+  const Matrix3Xd centred = points.colwise() - points.rowwise().mean();
+  const VectorXd sizes = singular_values(MatrixXd(centred)).values;
+  return sizes(1) <= 1e-6 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
+}
+
+double extent(const Matrix3Xd& points) { return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm(); }
+
+}  // namespace kincal

@@ -1,0 +1,116 @@
+#include "decompositions.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+
+namespace kincal {
+namespace {
+
+constexpr double kRank = 1e-9;  // singular value of a block with unit columns, relative
+
+}  // namespace
+
+SymmetricEigen symmetric_eigen(const MatrixXd& matrix) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(matrix);
+  return {eigen.eigenvalues(), eigen.eigenvectors()};
+}
+
+Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(matrix).eigenvalues();
+}
+
+SingularValues singular_values(const MatrixXd& matrix, unsigned parts) {
+  const Eigen::JacobiSVD<MatrixXd> svd(matrix, parts);
+  SingularValues out;
+  out.values = svd.singularValues();
+  if (svd.computeU()) out.u = svd.matrixU();
+  if (svd.computeV()) out.v = svd.matrixV();
+  return out;
+}
+
+SingularValues3 singular_values(const Eigen::Matrix3d& matrix) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
+}
+
+SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix) {
+  const Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
+}
+
+VectorXd least_squares(const MatrixXd& a, const VectorXd& b) { return a.colPivHouseholderQr().solve(b); }
+
+Eigen::Vector3d least_squares(const Eigen::Matrix<double, Eigen::Dynamic, 3>& a, const VectorXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x) {
+  Eigen::ColPivHouseholderQR<MatrixXd> qr(a);
+  qr.setThreshold(threshold);
+  if (qr.rank() < a.cols()) return false;
+  x = qr.solve(b);
+  return true;
+}
+
+VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b) { return a.completeOrthogonalDecomposition().solve(b); }
+
+struct PseudoInverse::Parts {
+  Eigen::CompleteOrthogonalDecomposition<MatrixXd> decomposition;
+};
+PseudoInverse::PseudoInverse(const MatrixXd& a) : parts_(new Parts{Eigen::CompleteOrthogonalDecomposition<MatrixXd>(a)}) {}
+PseudoInverse::~PseudoInverse() = default;
+long PseudoInverse::rank() const { return parts_->decomposition.rank(); }
+VectorXd PseudoInverse::solve(const VectorXd& b) const { return parts_->decomposition.solve(b); }
+
+struct Cholesky::Parts {
+  Eigen::LLT<MatrixXd> llt;
+};
+Cholesky::Cholesky(const MatrixXd& a) : parts_(new Parts{Eigen::LLT<MatrixXd>(a)}) {}
+Cholesky::~Cholesky() = default;
+bool Cholesky::good() const { return parts_->llt.info() == Eigen::Success; }
+VectorXd Cholesky::diagonal() const { return parts_->llt.matrixLLT().diagonal(); }
+VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b); }
+
+MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
+
+MatrixXd inverse_of(const MatrixXd& a) { return a.inverse(); }
+
+void triangularise(Eigen::Ref<MatrixXd> rows) { Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows); }
+
+MatrixXd root_of_covariance(const MatrixXd& c) {
+  const VectorXd scale = c.diagonal().cwiseMax(0.0).cwiseSqrt();
+  const VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(inverse.asDiagonal() * c * inverse.asDiagonal());
+  return scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+}
+
+struct Elimination::Parts {
+  Eigen::ColPivHouseholderQR<MatrixXd> qr;
+};
+
+Elimination::Elimination(MatrixXd block) : parts_(new Parts) {
+  for (Eigen::Index i = 0; i < block.cols(); ++i) {
+    const double norm = block.col(i).norm();
+    if (norm > 0) block.col(i) /= norm;
+  }
+  parts_->qr.setThreshold(kRank);
+  parts_->qr.compute(block);
+}
+
+Elimination::~Elimination() = default;
+long Elimination::rank() const { return parts_->qr.rank(); }
+
+// Only the first rank() reflections: what is beyond them is determined by nothing here and must not eat shared information.
+void Elimination::rotate(MatrixXd& rows) const { rows.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint()); }
+void Elimination::rotate(VectorXd& column) const { column.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint()); }
+
+MatrixXd Elimination::basis() const {
+  MatrixXd out = MatrixXd::Identity(parts_->qr.rows(), rank());
+  out.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()));
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,104 @@
+// Dense decompositions behind plain functions. Eigen instantiates each of them anew in every source that names it, several seconds a
+// time; here each is compiled once. All of them allocate.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+
+namespace kincal {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix (its lower triangle counts).
+struct SymmetricEigen {
+  VectorXd values;
+  MatrixXd vectors;
+};
+SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
+Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix);
+
+/// Singular values, descending, and what `parts` asks for (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only), by Jacobi's method.
+struct SingularValues {
+  VectorXd values;
+  MatrixXd u, v;
+};
+SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
+/// The same with all of U and V.
+struct SingularValues3 {
+  Eigen::Vector3d values;
+  Eigen::Matrix3d u, v;
+};
+SingularValues3 singular_values(const Eigen::Matrix3d& matrix);
+struct SingularValues9 {
+  Eigen::Matrix<double, 9, 1> values;
+  Eigen::Matrix<double, 9, 9> u, v;
+};
+SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix);
+
+/// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come last get 0.
+VectorXd least_squares(const MatrixXd& a, const VectorXd& b);
+Eigen::Vector3d least_squares(const Eigen::Matrix<double, Eigen::Dynamic, 3>& a, const VectorXd& b);
+/// The same; false, x unchanged, where a pivot is at most `threshold` of the largest.
+bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x);
+/// Of all x with the least |a x - b|^2 the shortest, by a complete orthogonal decomposition.
+VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b);
+/// The same for squares a of which the pseudo-inverse is wanted: solve() and rank.
+class PseudoInverse {
+ public:
+  explicit PseudoInverse(const MatrixXd& a);
+  ~PseudoInverse();
+  long rank() const;
+  VectorXd solve(const VectorXd& b) const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
+/// Cholesky factorisation L L' of a symmetric matrix.
+class Cholesky {
+ public:
+  explicit Cholesky(const MatrixXd& a);
+  ~Cholesky();
+  /// False: the matrix is not positive definite.
+  bool good() const;
+  VectorXd diagonal() const;  // of L
+  VectorXd solve(const VectorXd& b) const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+/// a x = b for symmetric a, by L D L' with pivoting.
+MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
+/// By LU with partial pivoting.
+MatrixXd inverse_of(const MatrixXd& a);
+
+/// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the number of columns are left undefined, as is
+/// what is below the diagonal.
+void triangularise(Eigen::Ref<MatrixXd> rows);
+
+/// W with W W' = c for a covariance whose diagonal may span many orders; what is negative by rounding counts as 0.
+MatrixXd root_of_covariance(const MatrixXd& c);
+
+/// What is left of rows when the unknowns of some columns are eliminated: an orthogonal factorisation with column pivoting, by rank (columns
+/// scaled to unit length, singular values above 1e-9 of the largest), so that a block which its rows do not determine loses only what it has.
+class Elimination {
+ public:
+  /// `block`: the columns of the unknowns to eliminate.
+  explicit Elimination(MatrixXd block);
+  ~Elimination();
+  long rank() const;
+  /// Q' rows, of which the first rank() are what determines the eliminated unknowns and the others what is left.
+  void rotate(MatrixXd& rows) const;
+  void rotate(VectorXd& column) const;
+  /// Orthonormal basis of the block's range: rows x rank().
+  MatrixXd basis() const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace kincal
