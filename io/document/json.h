@@ -14,8 +14,8 @@ namespace kincal {
 /// @throws InputError with path:line:column on malformed text, on a key that stands twice, on NaN, Infinity and numbers beyond double.
 Node parse_json(const std::string& text, const std::string& path, int line = 1);
 
-/// The same for what machines write in one line, many times faster: numbers become Node::numbers, columns are unknown (0). False: the text is
-/// malformed or has something rare (escapes, other than ASCII, lists of unlike things): parse_json() tells.
+/// The same for what machines write in one line, many times faster: numbers become Node::numbers, columns are unknown (0).
+/// False: the text is malformed or has something rare (escapes, other than ASCII, lists of unlike things): parse_json() tells.
 bool parse_plain_json(std::string_view text, int line, Node& node);
 
 /// This visits the values of a JSON lines file, one a line, blank lines aside. `read` returns the value's id. It gets a line by

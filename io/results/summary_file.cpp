@@ -47,11 +47,12 @@ SetSummary read_set(const Json& json) {
   set.seconds = number_or_none(json.at("seconds"));
   set.warnings = json.at("warnings").get<std::vector<std::string>>();
   for (const auto& s : json.at("sensors").items())
-    set.sensors.push_back({s.key(), s.value().at("unit").get<std::string>(), number_or_none(s.value().at("train")), number_or_none(s.value().at("test"))});
+    set.sensors.push_back(
+        {s.key(), s.value().at("unit").get<std::string>(), number_or_none(s.value().at("train")), number_or_none(s.value().at("test"))});
   for (const auto& c : json.at("parameters").items()) {
     const Json& v = c.value();
-    set.changes.push_back(
-        {c.key(), v.at("unit").get<std::string>(), number_or_none(v.at("initial")), number_or_none(v.at("value")), number_or_none(v.at("sigma"))});
+    set.changes.push_back({c.key(), v.at("unit").get<std::string>(), number_or_none(v.at("initial")), number_or_none(v.at("value")),
+                           number_or_none(v.at("sigma"))});
   }
   return set;
 }

@@ -84,7 +84,8 @@ std::string target_text(const NewTarget& t) {
             : t.type == "circles"  ? "circles"
                                    : "tags") +
            "\n    columns: " + std::to_string(t.columns) + "\n";
-    out += std::string("    ") + find_type(target_types(), t.type)->size + ": " + shortest(t.size) + "                # m: measure it, over several squares\n";
+    out += std::string("    ") + find_type(target_types(), t.type)->size + ": " + shortest(t.size) +
+           "                # m: measure it, over several squares\n";
     if (t.type == "charuco")
       out += "    marker: " + shortest(t.second) + "\n    dictionary: DICT_6X6_250    # GUESS; only for the detection, not used here\n";
     if (t.type == "apriltag_grid")
@@ -95,7 +96,7 @@ std::string target_text(const NewTarget& t) {
   return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose + "   # link_T_target; left away: found from the data\n";
 }
 
-/// The names are complete and the options fit each other, or it fails.
+/// Every sensor and target gets a name. @throws InputError where options contradict each other.
 void complete(NewRig& rig) {
   if (rig.sensors.empty()) throw InputError(std::string("--sensor: at least one is needed: ") + kSensorForm);
   if (rig.targets.empty()) throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
@@ -125,7 +126,8 @@ std::string head_text(const Tree& tree, const std::string& robot) {
       "joints:\n"
       "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 mrad\n";
   for (const Joint& joint : tree.joints)
-    if (joint.has_reading() && joint.type == JointType::prismatic) out += "  " + yaml_text(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
+    if (joint.has_reading() && joint.type == JointType::prismatic)
+      out += "  " + yaml_text(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
   return out;
 }
 

@@ -42,7 +42,8 @@ std::vector<double> read_sigma(const Field& field, const std::string& type) {
     for (size_t i = 0; i < 3; ++i) field.item(i).positive();
     return sigma;
   }
-  if (field.node->kind != Node::Kind::mapping) field.fail("a " + type + " takes {" + comma_separated(names) + "}, each a number greater than 0");
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a " + type + " takes {" + comma_separated(names) + "}, each a number greater than 0");
   field.check_keys(names);
   std::vector<double> sigma;
   for (const std::string& name : names) sigma.insert(sigma.end(), names.size() == 2 ? 3 : 1, field[name].positive());
