@@ -5,7 +5,10 @@
 #include <cmath>
 #include <filesystem>
 
+#include "../io/document/names.h"
 #include "../io/results/comparison.h"
+#include "../io/rig/rig_text.h"
+#include "../io/rig/samples_file.h"
 #include "../models/trials/estimate_noise.h"
 #include "../models/trials/outliers.h"
 #include "require.h"

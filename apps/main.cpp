@@ -6,7 +6,8 @@
 #include <iostream>
 #include <vector>
 
-#include "../io/document/document.h"
+#include "../io/document/error.h"
+#include "../io/document/names.h"
 #include "commands/command.h"
 #include "job.h"
 

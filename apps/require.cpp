@@ -7,6 +7,7 @@
 
 #include "../io/results/comparison.h"
 #include "../io/document/document.h"
+#include "../io/document/names.h"
 
 namespace kincal {
 namespace {

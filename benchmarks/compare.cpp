@@ -18,6 +18,7 @@
 #include <stdexcept>
 
 #include "../io/rig/rig_file.h"
+#include "../io/rig/samples_file.h"
 #include "../models/calibration/calibration.h"
 #include "../solver/levenberg_marquardt.h"
 #include "bal.h"

@@ -128,4 +128,14 @@ std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
   return poses;
 }
 
+std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets) {
+  std::vector<Pose> folded = origins;
+  for (size_t j = 0; j < tree.joints.size(); ++j) {
+    const Driver d = driver(tree, static_cast<int>(j));
+    const double offset = tree.joints[d.joint].moves() ? d.factor * offsets[d.joint] : 0;
+    if (offset != 0) folded[j] = origins[j] * joint_motion(tree.joints[j], offset);
+  }
+  return folded;
+}
+
 }  // namespace kincal

@@ -119,4 +119,9 @@ inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_
 /// Floating and planar joints are taken at their origin.
 std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions);
 
+/// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a joint whose offset is d gets
+/// motion(axis, multiplier * d) in its own origin (through chains of mimics the product of multipliers).
+/// `origins`, `offsets`: one entry a joint.
+std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets);
+
 }  // namespace kincal

@@ -12,6 +12,7 @@
 
 #include "../io/results/results.h"
 #include "../io/rig/rig_file.h"
+#include "../io/rig/samples_file.h"
 #include "../io/rig/simulation_file.h"
 #include "../models/calibration/calibration.h"
 #include "../models/simulation/simulation.h"

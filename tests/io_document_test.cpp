@@ -1,7 +1,11 @@
 // The strict reader of YAML and JSON: values, places, refusals, and writing.
 // Proven: what kincal's own files need, under a decimal comma too. Not proven: conformance of yaml-cpp and nlohmann to their
 // standards.
-#include "../io/document/document.h"
+#include "../io/document/files.h"
+#include "../io/document/json.h"
+#include "../io/document/names.h"
+#include "../io/document/numbers.h"
+#include "../io/document/yaml.h"
 
 #include <catch2/catch.hpp>
 #include <charconv>

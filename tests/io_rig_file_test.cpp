@@ -1,7 +1,10 @@
 // Rigs and samples: what is read, what is refused and with which words, and that what is written reads back as the same numbers.
 // Proven for the grammar of rig.yaml and samples.jsonl and, where present, for the real data. Not proven: that the numbers are
 // used rightly afterwards (tests of the models), and names of parameters (resolved there, too).
-#include "../io/rig/rig_file.h"
+#include "../io/document/json.h"
+#include "../io/document/yaml.h"
+#include "../io/rig/rig_text.h"
+#include "../io/rig/samples_file.h"
 
 #include <unistd.h>
 

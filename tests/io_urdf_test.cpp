@@ -11,8 +11,11 @@
 #include <random>
 #include <set>
 
-#include "../io/document/document.h"
-#include "../io/urdf/urdf.h"
+#include "../io/document/error.h"
+#include "../io/document/files.h"
+#include "../io/document/numbers.h"
+#include "../io/urdf/edit.h"
+#include "../io/urdf/proof.h"
 
 using namespace kincal;
 using Catch::Matchers::Contains;
@@ -374,10 +377,10 @@ TEST_CASE("origins are written wherever they stand or do not stand") {
 
 TEST_CASE("an origin's own digits are told") {
   const Urdf urdf = parse_urdf(kHard, "r.urdf");
-  CHECK(origin_text(urdf, joint_index(urdf, "finger")).xyz == "0.1 0 +1e-1");
-  CHECK(origin_text(urdf, joint_index(urdf, "finger")).rpy == "-1.5707963267948966 -1.57079632679 3.141592653589793");
-  CHECK(origin_text(urdf, joint_index(urdf, "pole")).xyz == "0 0 0");
-  CHECK(origin_text(urdf, joint_index(urdf, "pan")).rpy == "0 0 0");
+  CHECK(urdf.origins.at(joint_index(urdf, "finger")).xyz == "0.1 0 +1e-1");
+  CHECK(urdf.origins.at(joint_index(urdf, "finger")).rpy == "-1.5707963267948966 -1.57079632679 3.141592653589793");
+  CHECK(urdf.origins.at(joint_index(urdf, "pole")).xyz == "0 0 0");
+  CHECK(urdf.origins.at(joint_index(urdf, "pan")).rpy == "0 0 0");
 }
 
 TEST_CASE("mechanical reductions are read where they are beyond doubt, and written in place") {
@@ -437,7 +440,7 @@ TEST_CASE("the proof fails if any number of any origin or mimic is off by 1e-6")
   REQUIRE_NOTHROW(prove_urdf(text, urdf, origins, offsets));
   for (const Joint& joint : urdf.tree.joints) {
     const int j = urdf.tree.find_joint(joint.name);
-    const OriginText written = origin_text(parse_urdf(text, "r.urdf"), j);
+    const OriginText written = parse_urdf(text, "r.urdf").origins.at(j);
     for (const std::string& numbers : {written.xyz, written.rpy})
       for (size_t begin = 0; begin < numbers.size();) {
         const size_t end = std::min(numbers.find(' ', begin), numbers.size());

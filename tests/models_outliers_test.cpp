@@ -12,6 +12,7 @@
 #include <random>
 
 #include "../io/rig/rig_file.h"
+#include "../io/rig/samples_file.h"
 #include "../io/rig/simulation_file.h"
 #include "../models/analysis/leverage.h"
 #include "../models/analysis/misfits.h"

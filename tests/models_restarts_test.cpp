@@ -12,6 +12,7 @@
 #include <cmath>
 
 #include "../io/rig/rig_file.h"
+#include "../io/rig/samples_file.h"
 #include "../models/calibration/calibration.h"
 #include "rig_fixture.h"
 

@@ -17,7 +17,9 @@
 #include <limits>
 #include <set>
 
+#include "../io/document/json.h"
 #include "../io/rig/rig_file.h"
+#include "../io/rig/samples_file.h"
 #include "../io/rig/simulation_file.h"
 #include "../models/calibration/calibration.h"
 #include "../models/sensors/sensors.h"

@@ -19,6 +19,8 @@
 #include <sstream>
 #include <thread>
 
+#include "../../io/document/files.h"
+#include "../../io/document/names.h"
 #include "../../io/results/summary_file.h"
 #include "../commands/command.h"
 #include "../job.h"

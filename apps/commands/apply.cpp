@@ -2,7 +2,9 @@
 #include <fstream>
 #include <iostream>
 
-#include "../../io/results/results.h"
+#include "../../io/document/error.h"
+#include "../../io/document/files.h"
+#include "../../io/results/apply.h"
 #include "command.h"
 #include "../job.h"
 

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <iostream>
 
+#include "../../io/document/files.h"
 #include "command.h"
 #include "../job.h"
 #include "../tables/tables.h"

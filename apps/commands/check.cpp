@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "../../io/results/result_json.h"
+#include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"
 #include "command.h"
 #include "../job.h"

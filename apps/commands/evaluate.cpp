@@ -3,6 +3,8 @@
 #include <cstdio>
 #include <iostream>
 
+#include "../../io/results/result_json.h"
+#include "../../io/rig/samples_file.h"
 #include "command.h"
 #include "../job.h"
 #include "../tables/tables.h"

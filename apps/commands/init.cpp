@@ -3,8 +3,9 @@
 #include <fstream>
 #include <iostream>
 
+#include "../../io/document/files.h"
+#include "../../io/document/yaml.h"
 #include "../../io/rig/new_rig.h"
-#include "../../io/results/results.h"
 #include "../../io/rig/rig_file.h"
 #include "command.h"
 #include "../job.h"

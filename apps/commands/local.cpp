@@ -4,7 +4,9 @@
 #include <filesystem>
 #include <iostream>
 
+#include "../../io/document/files.h"
 #include "../../io/results/local_file.h"
+#include "../../io/rig/samples_file.h"
 #include "command.h"
 #include "../job.h"
 #include "../tables/tables.h"

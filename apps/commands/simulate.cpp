@@ -1,8 +1,10 @@
 // `kincal simulate`: samples with known truth from a rig.
 #include <cstdio>
 
-#include "../../io/results/results.h"
+#include "../../io/document/files.h"
+#include "../../io/document/names.h"
 #include "../../io/rig/rig_file.h"
+#include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
 #include "command.h"
 #include "../job.h"

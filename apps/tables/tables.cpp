@@ -8,6 +8,8 @@
 #include <cstdio>
 #include <set>
 
+#include "../../io/document/numbers.h"
+
 namespace kincal {
 namespace {
 

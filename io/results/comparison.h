@@ -1,37 +1,15 @@
 // Two calibrations of one robot compared: parameter by parameter, and by where they put frames of the robot.
 //
-// A calibration is a result directory, its result.json, or a rig.yaml. With a result.json beside the rig, the joint offsets that were
-// folded into the written robot are taken out of its origins again, so that offsets stand against offsets; sigmas and covariance come from
-// there too. A rig.yaml alone has neither.
-//
 // Poses are compared as poses, E = a^-1 b, whatever they were started from: translation of E and Log of its rotation, in the frame itself.
 // Their sigmas belong to increments there (of partly freed poses: to xi, the same while that is small).
 #pragma once
 
-#include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "../../models/analysis/frames.h"
-#include "../rig/rig_file.h"
+#include "read_calibrated.h"
 
 namespace kincal {
-
-/// A calibration as its files have it.
-struct CalibratedFiles {
-  std::string path;  // as given
-  RigFile rig_file;
-  ParameterTable table;
-  VectorXd values;                                   // ParameterTable's layout; offsets taken out of the origins where they are known
-  std::string status;                                // as in result.json; empty: there is none
-  std::map<std::string, std::vector<double>> sigma;  // parameter that a step freed -> by component; NaN: not determined, 0: held
-  std::optional<Unknowns> unknowns;
-
-  CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
-};
-/// @throws InputError
-CalibratedFiles read_calibrated(const std::string& path);
 
 struct ParameterDifference {
   std::string name;

@@ -4,7 +4,11 @@
 #include <cmath>
 #include <filesystem>
 
-#include "result_json.h"
+#include "../document/files.h"
+#include "../document/json.h"
+#include "../document/names.h"
+#include "../document/yaml.h"
+#include "json_values.h"
 
 namespace kincal {
 namespace {
@@ -28,9 +32,7 @@ LocalPosture posture_of_list(const std::string& text, const Rig& rig) {
     const std::string part = text.substr(begin, end - begin);
     const size_t equals = part.find('=');
     if (equals == std::string::npos || equals == 0) throw InputError(where + ": joint=value,joint=value is expected, not '" + part + "'");
-    Node value;
-    value.kind = Node::Kind::scalar;
-    value.text = part.substr(equals + 1);
+    const Node value = scalar_node(part.substr(equals + 1));
     const int joint = find_joint(rig.tree, part.substr(0, equals), where);
     if (!out.emplace(joint, Field{&value, &where, part.substr(0, equals)}.number()).second)
       throw InputError(where + ": joint '" + part.substr(0, equals) + "' stands twice");

@@ -2,24 +2,23 @@
 // (they have CalibrationResult): it brings the JSON library along and is not installed.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "../../models/calibration/calibration.h"
 #include "../../models/doctor/doctor.h"
+#include "json_values.h"
 
 namespace kincal {
 
-using Json = nlohmann::ordered_json;
-
-/// null where not finite.
-Json number(double v);
-Json numbers(const std::vector<double>& v);
-Json vector3(const Vector3d& v);
-/// {xyz, quat}
-Json pose(const Pose& p);
+/// The status is named as result.json has it.
+std::string status_name(Status status);
 
 /// All of result.json but for the program's version, the inputs and the changes of the robot.
 Json result_json(const Calibration& calibration, const CalibrationResult& result);
+
+/// "sensors" of result.json as text; `before`: with rms_before.
+std::string evaluation_json(const Evaluation& evaluation);
 
 /// [{id, text, where, chi2_as_is, chi2_corrected}]
 Json findings_json(const std::vector<Finding>& findings);

@@ -1,5 +1,4 @@
-// What a calibration writes: a directory with the calibrated robot, the rig, and everything known about them; and the way back:
-// the changes of a result put into another copy of the robot.
+// What a calibration writes: a directory with the calibrated robot, the rig, and everything known about them. apply.h is the way back.
 #pragma once
 
 #include <string>
@@ -37,34 +36,7 @@ struct ResultOptions {
 ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration, const CalibrationResult& result,
                          const ResultOptions& options);
 
-/// SHA-256 in hex.
-std::string sha256(const std::string& text);
-/// As result.json has it.
-std::string status_name(Status status);
-/// Quoted where commas, quotes or line ends ask for it.
-std::string csv_field(const std::string& text);
-
-/// Refuses an existing path unless `force` and it is a result directory (has a result.json) or empty. @throws InputError
-void check_output(const std::string& directory, bool force);
-
-/// Writes the directory whole or not at all: under a temporary name beside it (or in `scratch`, a folder of the same file system), then
-/// a rename. `go_on` is asked before the rename; false leaves nothing. Returns false if it did. @throws InputError where the file system
-/// refuses.
+/// Writes the files of a result as write_directory (document/files.h) does.
 bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)(), const std::string& scratch = "");
-
-/// The same for any files (name, text).
-bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force,
-                     bool (*go_on)(), const std::string& scratch = "");
-
-/// Writes one file through a temporary name. @throws InputError
-void write_file(const std::string& path, const std::string& text);
-
-/// "sensors" of result.json as text; `before`: with rms_before.
-std::string evaluation_json(const Evaluation& evaluation);
-
-/// The text of `urdf` with the changes of a result (a result directory or its result.json).
-/// @throws InputError if the robot differs from the calibrated one where the result changes it, or holds the changes already; if the
-///         result's status is not `converged`, unless `force`.
-std::string apply_result(const std::string& result_path, const Urdf& urdf, bool force);
 
 }  // namespace kincal

@@ -4,20 +4,18 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
 
-#include "../document/document.h"
-#include "results.h"
+#include "../document/files.h"
+#include "../document/numbers.h"
+#include "csv.h"
+#include "result_json.h"
 
 namespace kincal {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
-double number(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
+double number_or_none(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
 
 /// Names and errors hold file names, which may be in any encoding.
 std::string text(const Json& json) { return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n"; }
@@ -44,16 +42,17 @@ SetSummary read_set(const Json& json) {
   set.status = json.at("status").get<std::string>();
   set.exit_code = json.at("exit_code").get<int>();
   set.error = json.at("error").get<std::string>();
-  set.chi2 = number(json.at("chi2"));
+  set.chi2 = number_or_none(json.at("chi2"));
   set.dof = json.at("dof").get<long>();
-  set.seconds = number(json.at("seconds"));
+  set.seconds = number_or_none(json.at("seconds"));
   set.warnings = json.at("warnings").get<std::vector<std::string>>();
   for (const auto& s : json.at("sensors").items())
-    set.sensors.push_back({s.key(), s.value().at("unit").get<std::string>(), number(s.value().at("train")), number(s.value().at("test"))});
+    set.sensors.push_back(
+        {s.key(), s.value().at("unit").get<std::string>(), number_or_none(s.value().at("train")), number_or_none(s.value().at("test"))});
   for (const auto& c : json.at("parameters").items()) {
     const Json& v = c.value();
-    set.changes.push_back(
-        {c.key(), v.at("unit").get<std::string>(), number(v.at("initial")), number(v.at("value")), number(v.at("sigma"))});
+    set.changes.push_back({c.key(), v.at("unit").get<std::string>(), number_or_none(v.at("initial")), number_or_none(v.at("value")),
+                           number_or_none(v.at("sigma"))});
   }
   return set;
 }

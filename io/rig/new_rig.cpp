@@ -4,7 +4,10 @@
 #include <cmath>
 #include <set>
 
-#include "../document/document.h"
+#include "../document/names.h"
+#include "../document/numbers.h"
+#include "../document/yaml.h"
+#include "types.h"
 
 namespace kincal {
 
@@ -15,9 +18,6 @@ const char* const kTargetForm =
     "pose in every sample) and :NAME; lengths in m";
 
 namespace {
-
-const std::vector<std::string> kSensorTypes = {"camera", "point", "pose", "chain", "tilting_laser"};
-const std::vector<std::string> kTargetTypes = {"chessboard", "circles", "charuco", "apriltag_grid", "points"};
 
 std::vector<std::string> split(const std::string& text, char at) {
   std::vector<std::string> out(1);
@@ -30,16 +30,8 @@ std::vector<std::string> split(const std::string& text, char at) {
   return out;
 }
 
-std::string joined(const std::vector<std::string>& names) {
-  std::string out;
-  for (const std::string& n : names) out += (out.empty() ? "" : ", ") + n;
-  return out;
-}
-
 double number(const std::string& text, const std::string& option, const std::string& what) {
-  Node node;
-  node.kind = Node::Kind::scalar;
-  node.text = text;
+  const Node node = scalar_node(text);
   return Field{&node, &option, what}.number();
 }
 
@@ -54,20 +46,12 @@ std::string known_link(const std::string& link, const Tree& tree, const std::str
   return link;
 }
 
-std::string known_type(const std::string& type, const std::vector<std::string>& types, const std::string& option) {
-  if (!std::count(types.begin(), types.end(), type))
-    throw InputError(option + ": unknown type '" + type + "'" + nearest_names(type, types) + "; valid: " + joined(types));
+template <class Keys>
+std::string known_type(const std::string& type, const std::vector<Keys>& types, const std::string& option) {
+  const Names names = names_of(types);
+  if (!find_type(types, type))
+    throw InputError(option + ": unknown type '" + type + "'" + nearest_names(type, names) + "; valid: " + comma_separated(names));
   return type;
-}
-
-/// As a YAML scalar, quoted where it must be.
-std::string yaml(const std::string& text) {
-  Node node;
-  node.kind = Node::Kind::scalar;
-  node.text = text;
-  std::string out = to_yaml(node);
-  while (!out.empty() && std::isspace(static_cast<unsigned char>(out.back()))) out.pop_back();
-  return out;
 }
 
 /// Gives names to what has none: `base`, `base_2`, ...
@@ -84,14 +68,10 @@ void give_names(std::vector<T>& things, const char* option, const F& base) {
   }
 }
 
-std::string list(const std::vector<double>& numbers) {
-  std::string out;
-  for (double v : numbers) out += (out.empty() ? "" : ", ") + shortest(v);
-  return "[" + out + "]";
-}
+std::string list(const std::vector<double>& numbers) { return list_text(numbers.data(), static_cast<int>(numbers.size())); }
 
 std::string target_text(const NewTarget& t) {
-  std::string out = "  " + yaml(t.name) + ":\n    type: " + t.type + "\n";
+  std::string out = "  " + yaml_text(t.name) + ":\n    type: " + t.type + "\n";
   const char* pose = "  # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}";
   if (t.type == "points") {
     out += "    points: [";
@@ -104,11 +84,8 @@ std::string target_text(const NewTarget& t) {
             : t.type == "circles"  ? "circles"
                                    : "tags") +
            "\n    columns: " + std::to_string(t.columns) + "\n";
-    out += std::string("    ") +
-           (t.type == "circles"         ? "spacing"
-            : t.type == "apriltag_grid" ? "tag"
-                                        : "square") +
-           ": " + shortest(t.size) + "                # m: measure it, over several squares\n";
+    out += std::string("    ") + find_type(target_types(), t.type)->size + ": " + shortest(t.size) +
+           "                # m: measure it, over several squares\n";
     if (t.type == "charuco")
       out += "    marker: " + shortest(t.second) + "\n    dictionary: DICT_6X6_250    # GUESS; only for the detection, not used here\n";
     if (t.type == "apriltag_grid")
@@ -116,7 +93,136 @@ std::string target_text(const NewTarget& t) {
              "               # gap / tag\n    family: tag36h11          # only for the detection, not used here\n";
   }
   if (t.link.empty()) return out + "    mount: free                  # its own pose in every sample\n";
-  return out + "    mount:\n      link: " + yaml(t.link) + "\n    " + pose + "   # link_T_target; left away: found from the data\n";
+  return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose + "   # link_T_target; left away: found from the data\n";
+}
+
+/// Every sensor and target gets a name. @throws InputError where options contradict each other.
+void complete(NewRig& rig) {
+  if (rig.sensors.empty()) throw InputError(std::string("--sensor: at least one is needed: ") + kSensorForm);
+  if (rig.targets.empty()) throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
+  give_names(rig.sensors, "--sensor", [](const NewSensor& s) { return s.type == "tilting_laser" ? std::string("laser") : s.type; });
+  give_names(rig.targets, "--target", [](const NewTarget& t) { return t.type == "points" ? std::string("points") : std::string("board"); });
+  const auto cameras =
+      static_cast<size_t>(std::count_if(rig.sensors.begin(), rig.sensors.end(), [](const NewSensor& s) { return s.type == "camera"; }));
+  for (const auto& given : {std::make_pair("--intrinsics", rig.intrinsics.size()), std::make_pair("--image-size", rig.image_sizes.size())})
+    if (given.second > 1 && given.second != cameras)
+      throw InputError(std::string(given.first) + ": stands " + std::to_string(given.second) + " times for " + std::to_string(cameras) +
+                       " cameras: once for all, or once for each in their order");
+}
+
+/// What stands above the targets: the robot and the noise of its joints.
+std::string head_text(const Tree& tree, const std::string& robot) {
+  std::string out =
+      "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
+      "format: kincal/1\n"
+      "robot: " +
+      yaml_text(robot) +
+      "\n"
+      "base: " +
+      yaml_text(tree.links[tree.root]) +
+      "                # frame of free targets\n\n"
+      "# Noise of one joint reading (repeatability, backlash), rad; 0: exact. It decides how residuals are shared between robot and\n"
+      "# sensors: chi2/dof near 1 and joint errors within 4 sigmas say that it is right.\n"
+      "joints:\n"
+      "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 mrad\n";
+  for (const Joint& joint : tree.joints)
+    if (joint.has_reading() && joint.type == JointType::prismatic)
+      out += "  " + yaml_text(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
+  return out;
+}
+
+/// What only a camera has; `camera`: its number among the cameras.
+std::string camera_text(const NewRig& rig, const NewSensor& s, size_t camera) {
+  std::string out;
+  const auto of_this = [&](const auto& all) { return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera]; };
+  const std::vector<double>* intrinsics = of_this(rig.intrinsics);
+  const std::vector<int>* size = of_this(rig.image_sizes);
+  if (!intrinsics && !size)
+    throw InputError("--sensor " + s.type + ":" + s.link +
+                     ": a camera needs --intrinsics FX,FY,CX,CY, or --image-size WIDTHxHEIGHT to guess them from");
+  out += "    model: brown_conrady         # or pinhole (images rectified), kannala_brandt (fisheye)\n";
+  if (size) out += "    image_size: [" + std::to_string((*size)[0]) + ", " + std::to_string((*size)[1]) + "]\n";
+  if (intrinsics)
+    out += "    intrinsics: " + list(*intrinsics) + "   # fx fy cx cy, px\n";
+  else
+    out += "    intrinsics: " + list({1.0 * (*size)[0], 1.0 * (*size)[0], ((*size)[0] - 1) / 2.0, ((*size)[1] - 1) / 2.0}) +
+           "   # GUESS: 53 degrees wide, centre of the image\n";
+  out +=
+      "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n"
+      "    sigma: 0.2                   # GUESS: px\n";
+  return out;
+}
+
+std::string laser_text(const Tree& tree, const NewSensor& s) {
+  int link = tree.find_link(s.link), joint = tree.joint_above[link];
+  while (joint >= 0 && !tree.joints[joint].has_reading()) joint = tree.joint_above[tree.joints[joint].parent];
+  if (joint < 0) throw InputError("--sensor " + s.type + ":" + s.link + ": no joint above this link moves: nothing tilts the laser");
+  return "    joint: " + yaml_text(tree.joints[joint].name) +
+         "   # that moves while it scans\n"
+         "    sigma: {joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m\n";
+}
+
+std::string sensor_text(const Tree& tree, const NewRig& rig, const NewSensor& s, size_t camera) {
+  const std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type + "\n    link: " + yaml_text(s.link) + "\n" +
+                          "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
+  if (s.type == "camera") return out + camera_text(rig, s, camera);
+  if (s.type == "point") return out + "    sigma: 0.0002                # GUESS: m\n";
+  if (s.type == "tilting_laser") return out + laser_text(tree, s);
+  return out + "    sigma: {translation: 0.0005, rotation: 0.001}   # GUESS: m, rad" + (s.type == "chain" ? "; of the grip\n" : "\n");
+}
+
+/// The first chain with several moving joints between the links that carry something, as a step names it; "" if there is none.
+std::string example_chain(const Tree& tree, const NewRig& rig) {
+  const auto moves_between = [&](const std::string& a, const std::string& b) {
+    try {
+      const Path path = find_path(tree, tree.find_link(a), tree.find_link(b));
+      return std::count_if(path.begin(), path.end(), [&](const PathStep& step) { return tree.joints[step.joint].moves(); }) > 1;
+    } catch (const std::invalid_argument&) {
+      return false;
+    }
+  };
+  std::vector<std::string> links;
+  for (const NewTarget& t : rig.targets)
+    if (!t.link.empty()) links.push_back(t.link);
+  for (const NewSensor& s : rig.sensors) links.push_back(s.link);
+  for (const std::string& base : links)
+    for (const std::string& tip : links)
+      if (moves_between(base, tip)) return "geometry/" + base + ".." + tip;
+  return "";
+}
+
+/// An example of steps, with names that exist.
+std::string steps_text(const Tree& tree, const NewRig& rig) {
+  std::string poses;
+  for (const NewSensor& s : rig.sensors) poses += (poses.empty() ? "" : ", ") + yaml_text("sensor/" + s.name + "/pose");
+  for (const NewTarget& t : rig.targets)
+    if (!t.link.empty()) poses += ", " + yaml_text("target/" + t.name + "/pose");
+  const std::string chain = example_chain(tree, rig);
+  std::string out =
+      "\n# Without `estimate`, `kincal calibrate` chooses by cross-validation what to free, and writes the steps it found into the "
+      "result's\n"
+      "# rig.yaml. To choose yourself, steps such as these (each starts where the one before ended; `kincal calibrate --dry-run` shows "
+      "what\n"
+      "# they free; offsets of the first and last joint are often the mounts' own: --fix them where they come out as unobservable):\n"
+      "# estimate:\n"
+      "#   - step: mounts\n"
+      "#     free: [" +
+      poses +
+      "]\n"
+      "#   - step: offsets\n"
+      "#     free: [" +
+      poses +
+      ", \"joint/*/offset\"]\n"
+      "#     priors: {\"joint/*/offset\": 0.05}\n";
+  if (!chain.empty())
+    out +=
+        "#   - step: geometry                # the independent numbers of the chain; they contain the offsets\n"
+        "#     free: [" +
+        poses + ", " + yaml_text(chain) +
+        "]\n"
+        "#     priors: {" +
+        yaml_text(chain) + ": 0.005}\n";
+  return out;
 }
 
 }  // namespace
@@ -124,7 +230,7 @@ std::string target_text(const NewTarget& t) {
 NewSensor parse_new_sensor(const std::string& text, const Tree& tree) {
   const std::string option = "--sensor " + text;
   const std::vector<std::string> parts = split(text, ':');
-  const std::string type = known_type(parts[0], kSensorTypes, option);
+  const std::string type = known_type(parts[0], sensor_types(), option);
   if (parts.size() < 2 || parts.size() > 3) throw InputError(option + ": " + kSensorForm + " is expected");
   return {type, known_link(parts[1], tree, option), parts.size() > 2 ? parts[2] : ""};
 }
@@ -134,7 +240,7 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   const size_t at = text.find('@');
   std::vector<std::string> what = split(text.substr(0, at), ':');
   NewTarget out;
-  out.type = known_type(what[0], kTargetTypes, option);
+  out.type = known_type(what[0], target_types(), option);
   const size_t numbers = out.type == "points" ? 2 : out.type == "charuco" || out.type == "apriltag_grid" ? 4 : 3;
   if (at != std::string::npos) {
     const std::vector<std::string> where = split(text.substr(at + 1), ':');
@@ -172,121 +278,18 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
 
 std::string new_rig_text(const Urdf& urdf, NewRig rig) {
   const Tree& tree = urdf.tree;
-  if (rig.sensors.empty()) throw InputError(std::string("--sensor: at least one is needed: ") + kSensorForm);
-  if (rig.targets.empty()) throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
-  give_names(rig.sensors, "--sensor", [](const NewSensor& s) { return s.type == "tilting_laser" ? std::string("laser") : s.type; });
-  give_names(rig.targets, "--target", [](const NewTarget& t) { return t.type == "points" ? std::string("points") : std::string("board"); });
-  const auto cameras =
-      static_cast<size_t>(std::count_if(rig.sensors.begin(), rig.sensors.end(), [](const NewSensor& s) { return s.type == "camera"; }));
-  for (const auto& given : {std::make_pair("--intrinsics", rig.intrinsics.size()), std::make_pair("--image-size", rig.image_sizes.size())})
-    if (given.second > 1 && given.second != cameras)
-      throw InputError(std::string(given.first) + ": stands " + std::to_string(given.second) + " times for " + std::to_string(cameras) +
-                       " cameras: once for all, or once for each in their order");
-
-  std::string out =
-      "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
-      "format: kincal/1\n"
-      "robot: " +
-      yaml(rig.robot) +
-      "\n"
-      "base: " +
-      yaml(tree.links[tree.root]) +
-      "                # frame of free targets\n\n"
-      "# Noise of one joint reading (repeatability, backlash), rad; 0: exact. It decides how residuals are shared between robot and\n"
-      "# sensors: chi2/dof near 1 and joint errors within 4 sigmas say that it is right.\n"
-      "joints:\n"
-      "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 mrad\n";
-  for (const Joint& joint : tree.joints)
-    if (joint.has_reading() && joint.type == JointType::prismatic) out += "  " + yaml(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
-
-  out += "\ntargets:\n";
+  complete(rig);
+  std::string out = head_text(tree, rig.robot) + "\ntargets:\n";
   for (const NewTarget& t : rig.targets) out += target_text(t);
-
   out +=
       "\n# Poses are link_T_sensor. One that is left away is found from the data where a step frees it wholly, else it is the identity.\n"
       "sensors:\n";
   size_t camera = 0;
   for (const NewSensor& s : rig.sensors) {
-    out += "  " + yaml(s.name) + ":\n    type: " + s.type + "\n    link: " + yaml(s.link) + "\n";
-    out += "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
-    if (s.type == "camera") {
-      const auto of_this = [&](const auto& all) { return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera]; };
-      const std::vector<double>* intrinsics = of_this(rig.intrinsics);
-      const std::vector<int>* size = of_this(rig.image_sizes);
-      if (!intrinsics && !size)
-        throw InputError("--sensor " + s.type + ":" + s.link +
-                         ": a camera needs --intrinsics FX,FY,CX,CY, or --image-size WIDTHxHEIGHT to guess them from");
-      out += "    model: brown_conrady         # or pinhole (images rectified), kannala_brandt (fisheye)\n";
-      if (size) out += "    image_size: [" + std::to_string((*size)[0]) + ", " + std::to_string((*size)[1]) + "]\n";
-      if (intrinsics)
-        out += "    intrinsics: " + list(*intrinsics) + "   # fx fy cx cy, px\n";
-      else
-        out += "    intrinsics: " + list({1.0 * (*size)[0], 1.0 * (*size)[0], ((*size)[0] - 1) / 2.0, ((*size)[1] - 1) / 2.0}) +
-               "   # GUESS: 53 degrees wide, centre of the image\n";
-      out +=
-          "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n"
-          "    sigma: 0.2                   # GUESS: px\n";
-      ++camera;
-    } else if (s.type == "point") {
-      out += "    sigma: 0.0002                # GUESS: m\n";
-    } else if (s.type == "tilting_laser") {
-      int link = tree.find_link(s.link), joint = tree.joint_above[link];
-      while (joint >= 0 && !tree.joints[joint].has_reading()) joint = tree.joint_above[tree.joints[joint].parent];
-      if (joint < 0) throw InputError("--sensor " + s.type + ":" + s.link + ": no joint above this link moves: nothing tilts the laser");
-      out += "    joint: " + yaml(tree.joints[joint].name) +
-             "   # that moves while it scans\n"
-             "    sigma: {joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m\n";
-    } else {
-      out += std::string("    sigma: {translation: 0.0005, rotation: 0.001}   # GUESS: m, rad") +
-             (s.type == "chain" ? "; of the grip\n" : "\n");
-    }
+    out += sensor_text(tree, rig, s, camera);
+    camera += s.type == "camera";
   }
-
-  // An example of steps, with names that exist.
-  std::string poses, priors, chain;
-  for (const NewSensor& s : rig.sensors) poses += (poses.empty() ? "" : ", ") + yaml("sensor/" + s.name + "/pose");
-  for (const NewTarget& t : rig.targets)
-    if (!t.link.empty()) poses += ", " + yaml("target/" + t.name + "/pose");
-  const auto moves_between = [&](const std::string& a, const std::string& b) {
-    try {
-      const Path path = find_path(tree, tree.find_link(a), tree.find_link(b));
-      return std::count_if(path.begin(), path.end(), [&](const PathStep& step) { return tree.joints[step.joint].moves(); }) > 1;
-    } catch (const std::invalid_argument&) {
-      return false;
-    }
-  };
-  std::vector<std::string> links;
-  for (const NewTarget& t : rig.targets)
-    if (!t.link.empty()) links.push_back(t.link);
-  for (const NewSensor& s : rig.sensors) links.push_back(s.link);
-  for (const std::string& base : links)
-    for (const std::string& tip : links)
-      if (chain.empty() && moves_between(base, tip)) chain = "geometry/" + base + ".." + tip;
-  out +=
-      "\n# Without `estimate`, `kincal calibrate` chooses by cross-validation what to free, and writes the steps it found into the "
-      "result's\n"
-      "# rig.yaml. To choose yourself, steps such as these (each starts where the one before ended; `kincal calibrate --dry-run` shows "
-      "what\n"
-      "# they free; offsets of the first and last joint are often the mounts' own: --fix them where they come out as unobservable):\n"
-      "# estimate:\n"
-      "#   - step: mounts\n"
-      "#     free: [" +
-      poses +
-      "]\n"
-      "#   - step: offsets\n"
-      "#     free: [" +
-      poses +
-      ", \"joint/*/offset\"]\n"
-      "#     priors: {\"joint/*/offset\": 0.05}\n";
-  if (!chain.empty())
-    out +=
-        "#   - step: geometry                # the independent numbers of the chain; they contain the offsets\n"
-        "#     free: [" +
-        poses + ", " + yaml(chain) +
-        "]\n"
-        "#     priors: {" +
-        yaml(chain) + ": 0.005}\n";
-  return out;
+  return out + steps_text(tree, rig);
 }
 
 }  // namespace kincal

@@ -8,6 +8,10 @@
 #include <unordered_map>
 
 #include "../../models/fitting/starts.h"
+#include "../document/files.h"
+#include "../document/json.h"
+#include "../document/names.h"
+#include "../document/numbers.h"
 
 namespace kincal {
 namespace {
@@ -104,21 +108,16 @@ std::vector<double> read_numbers(const Field& field, int size) {
   return numbers;
 }
 
-std::string json_string(const std::string& text) {
+/// Names may hold bytes that are no UTF-8; these are replaced.
+std::string json_name(const std::string& text) {
   return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
-std::string json_list(const double* values, int count) {
-  std::string out = "[";
-  for (int i = 0; i < count; ++i) out += (i ? ", " : "") + shortest(values[i]);
-  return out + "]";
 }
 
 /// Entries of a JSON mapping, one a line.
 class Lines {
  public:
   void add(const std::string& name, const std::string& value) {
-    text_ += (text_.empty() ? "\n  " : ",\n  ") + json_string(name) + ": " + value;
+    text_ += (text_.empty() ? "\n  " : ",\n  ") + json_name(name) + ": " + value;
   }
   std::string text() const { return "{" + text_ + (text_.empty() ? "}" : "\n }"); }
 
@@ -207,12 +206,12 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
     std::string joints, targets;
     for (size_t j = 0; j < simulation.true_readings[k].size(); ++j)
       if (!std::isnan(simulation.true_readings[k][j]))
-        joints += (joints.empty() ? "" : ", ") + json_string(rig.tree.joints[j].name) + ": " + shortest(simulation.true_readings[k][j]);
+        joints += (joints.empty() ? "" : ", ") + json_name(rig.tree.joints[j].name) + ": " + shortest(simulation.true_readings[k][j]);
     const int sample = static_cast<int>(k);
     for (auto t = simulation.targets.lower_bound({sample, 0}); t != simulation.targets.end() && t->first.first == sample; ++t) {
       const Eigen::Vector4d q = quaternion_from_rotation(t->second.rotation);
-      targets += (targets.empty() ? "" : ", ") + json_string(rig.targets[t->first.second].name) +
-                 ": {\"xyz\": " + json_list(t->second.translation.data(), 3) + ", \"quat\": " + json_list(q.data(), 4) + "}";
+      targets += (targets.empty() ? "" : ", ") + json_name(rig.targets[t->first.second].name) +
+                 ": {\"xyz\": " + list_text(t->second.translation.data(), 3) + ", \"quat\": " + list_text(q.data(), 4) + "}";
     }
     samples.add(simulation.samples[k].id, "{\"joints\": {" + joints + "}, \"targets\": {" + targets + "}}");
   }

@@ -1,5 +1,6 @@
 // kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml samples.jsonl
 #include <kincal/io/rig/rig_file.h>
+#include <kincal/io/rig/samples_file.h>
 #include <kincal/models/calibration/calibration.h>
 
 #include <cstdio>

@@ -1,0 +1,38 @@
+// A value of a YAML or JSON file as plain data: what stands there, and where.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace kincal {
+
+/// A value of a YAML or JSON file and where it stands.
+struct Node {
+  enum class Kind { null, scalar, sequence, mapping };
+  Kind kind = Kind::null;
+  std::string text;                                   // scalar: as written
+  bool quoted = false;                                // scalar: a string, never a number or true / false
+  std::vector<std::pair<std::string, Node>> members;  // mapping, in the file's order
+  std::vector<Node> items;                            // sequence
+  std::vector<double> numbers;                        // of parse_plain_json: in place of text or items, of a list of lists row after row
+  int columns = 0;                                    // of such rows; 0: a number or a list of numbers
+  int line = 0, column = 0;                           // from 1
+
+  /// This returns the member `key`, null if it is absent.
+  const Node* find(const std::string& key) const {
+    for (const auto& member : members)
+      if (member.first == key) return &member.second;
+    return nullptr;
+  }
+};
+
+/// This makes a scalar that stands in no file; it has no quotes.
+inline Node scalar_node(const std::string& text) {
+  Node node;
+  node.kind = Node::Kind::scalar;
+  node.text = text;
+  return node;
+}
+
+}  // namespace kincal

@@ -1,0 +1,37 @@
+#include "numbers.h"
+
+#include <charconv>
+#include <cmath>
+#include <system_error>
+
+namespace kincal {
+
+bool starts_with_zero(std::string_view digits) {
+  return digits.size() > 1 && digits[0] == '0' && digits[1] >= '0' && digits[1] <= '9';
+}
+
+bool read_number(std::string_view text, double& value) {
+  if (!text.empty() && text[0] == '+') {
+    text.remove_prefix(1);
+    if (!text.empty() && text[0] == '-') return false;
+  }
+  if (starts_with_zero(text.substr(!text.empty() && text[0] == '-'))) return false;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size() && std::isfinite(value);
+}
+
+std::string shortest(double value) {
+  if (value == 0) return "0";
+  char buffer[32];
+  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
+}
+
+std::string shortest(const Vector3d& v) { return shortest(v.x()) + " " + shortest(v.y()) + " " + shortest(v.z()); }
+
+std::string list_text(const double* values, int count) {
+  std::string out = "[";
+  for (int i = 0; i < count; ++i) out += (i ? ", " : "") + shortest(values[i]);
+  return out + "]";
+}
+
+}  // namespace kincal

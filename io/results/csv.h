@@ -1,0 +1,23 @@
+// The CSV files of a result: residuals and covariance written, and read again.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/calibration/calibration.h"
+
+namespace kincal {
+
+std::string residuals_csv(const Calibration& calibration, const CalibrationResult& result);
+std::string covariance_csv(const CalibrationResult& result);
+
+/// The field is quoted where commas, quotes or line ends ask for it.
+std::string csv_field(const std::string& text);
+
+/// The rows of a CSV file are read as this program writes them. @throws InputError
+std::vector<std::vector<std::string>> read_csv(const std::string& path);
+
+/// A field is read as a finite number; `place` (path:line) begins the message of the error. @throws InputError
+double csv_number(const std::string& text, const std::string& place);
+
+}  // namespace kincal

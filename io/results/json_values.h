@@ -1,0 +1,20 @@
+// Values as the JSON files of a result have them. Not for users of the library: it brings the JSON library along and is not installed.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "../../kinematics/transform.h"
+
+namespace kincal {
+
+using Json = nlohmann::ordered_json;
+
+/// null where not finite.
+Json number(double v);
+Json numbers(const std::vector<double>& v);
+Json vector3(const Vector3d& v);
+/// {xyz, quat}
+Json pose(const Pose& p);
+
+}  // namespace kincal

@@ -1,0 +1,46 @@
+#include "robot_record.h"
+
+#include "../document/numbers.h"
+#include "../urdf/urdf.h"
+
+namespace kincal {
+
+Json exact_pose(const Pose& p) {
+  Json rows = Json::array();
+  for (int i = 0; i < 3; ++i) rows.push_back(vector3(p.rotation.row(i)));
+  return {{"xyz", vector3(p.translation)}, {"rotation", rows}};
+}
+
+Pose read_exact_pose(const Field& field) {
+  field.check_keys({"xyz", "rotation"});
+  const std::vector<double> xyz = field["xyz"].vector(3), rows = field["rotation"].table(3);
+  if (rows.size() != 9) field["rotation"].fail("3 x 3 numbers are expected");
+  return {Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()), Eigen::Map<const Vector3d>(xyz.data())};
+}
+
+std::string motion_text(const Tree& tree, const Joint& joint) {
+  std::string out = type_name(joint.type);
+  if (joint.moves()) out += " " + shortest(joint.axis);
+  if (joint.mimic)
+    out += " mimics " + tree.joints[joint.mimic->master].name + " times " + shortest(joint.mimic->multiplier) + " plus " +
+           shortest(joint.mimic->offset);
+  return out;
+}
+
+RobotModel robot_model(const Calibration& calibration, const VectorXd& values) {
+  const ParameterTable& table = calibration.table();
+  RobotModel out;
+  for (size_t j = 0; j < calibration.rig().tree.joints.size(); ++j) {
+    const Joint& joint = calibration.rig().tree.joints[j];
+    const Parameter& origin = table.all[table.joint_origin[j]];
+    const Pose now = get_pose(values, origin.start), before = get_pose(table.initial, origin.start);
+    const bool same = now.rotation == before.rotation && now.translation == before.translation;
+    out.origins.push_back(same ? joint.parent_T_joint : now);
+    out.offsets.push_back(joint.has_reading() ? values(table.all[table.joint_offset[j]].start) : 0);
+  }
+  return out;
+}
+
+bool equal(const Pose& a, const Pose& b) { return a.rotation == b.rotation && a.translation == b.translation; }
+
+}  // namespace kincal

@@ -1,0 +1,31 @@
+// What result.json records of the robot, so that the changes of a result can be put into another copy of it. Not for users of the library:
+// it brings the JSON library along and is not installed.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/calibration/calibration.h"
+#include "../document/document.h"
+#include "json_values.h"
+
+namespace kincal {
+
+/// A pose is written with its rotation as a matrix, so that it comes back to the last bit.
+Json exact_pose(const Pose& p);
+Pose read_exact_pose(const Field& field);
+
+/// What else than its origin makes a joint what it is: type, axis and mimic, as one text to compare.
+std::string motion_text(const Tree& tree, const Joint& joint);
+
+/// Origins and offsets of the estimated model, by joint index.
+struct RobotModel {
+  std::vector<Pose> origins;
+  std::vector<double> offsets;
+};
+RobotModel robot_model(const Calibration& calibration, const VectorXd& values);
+
+/// The same to the last bit.
+bool equal(const Pose& a, const Pose& b);
+
+}  // namespace kincal

@@ -1,0 +1,231 @@
+#include "rig_text.h"
+
+#include <algorithm>
+
+#include "../document/numbers.h"
+#include "../document/yaml.h"
+#include "types.h"
+
+namespace kincal {
+namespace {
+
+// ------------------------------------------------------------------------------------------------ nodes
+Node number_node(double value) { return scalar_node(shortest(value)); }
+Node list_node(const double* values, int count) {
+  Node node;
+  node.kind = Node::Kind::sequence;
+  for (int i = 0; i < count; ++i) node.items.push_back(number_node(values[i]));
+  return node;
+}
+Node mapping_node() {
+  Node node;
+  node.kind = Node::Kind::mapping;
+  return node;
+}
+
+/// The member `key` of a mapping, made null behind the members `after` (at the end if none is there) if it is absent.
+Node& member(Node& mapping, const std::string& key, const Names& after = {}) {
+  size_t at = mapping.members.size(), behind = 0;
+  for (size_t i = 0; i < mapping.members.size(); ++i) {
+    if (mapping.members[i].first == key) return mapping.members[i].second;
+    if (std::find(after.begin(), after.end(), mapping.members[i].first) != after.end()) behind = i + 1;
+  }
+  if (behind > 0) at = behind;
+  return mapping.members.insert(mapping.members.begin() + static_cast<std::ptrdiff_t>(at), {key, Node()})->second;
+}
+
+void erase_member(Node& mapping, const std::string& key) {
+  auto& members = mapping.members;
+  members.erase(std::remove_if(members.begin(), members.end(), [&](const auto& m) { return m.first == key; }), members.end());
+}
+
+/// Numbers that changed into a list or a single number; the others keep their text.
+void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now, bool single) {
+  if (old == now) return;
+  Node& node = member(mapping, key);
+  if (single) {
+    node = number_node(now[0]);
+  } else if (node.items.size() != now.size()) {
+    node = list_node(now.data(), static_cast<int>(now.size()));
+  } else {
+    for (size_t i = 0; i < now.size(); ++i)
+      if (old[i] != now[i]) node.items[i] = number_node(now[i]);
+  }
+}
+
+// ------------------------------------------------------------------------------------------------ parts of a rig
+/// A changed translation or rotation goes into `pose` of a mapping; the rotation as a quaternion, which reads back exactly enough.
+void set_pose(Node& mapping, const Pose& old, const Pose& now) {
+  const bool moved = old.translation != now.translation, turned = old.rotation != now.rotation;
+  if (!moved && !turned) return;
+  Node& pose = member(mapping, "pose", {"link"});
+  if (pose.kind != Node::Kind::mapping) pose = mapping_node();
+  if (moved) {
+    if (!pose.find("xyz")) pose.members.insert(pose.members.begin(), {"xyz", Node()});
+    member(pose, "xyz") = list_node(now.translation.data(), 3);
+  }
+  if (!turned) return;
+  const Eigen::Vector4d q = quaternion_from_rotation(now.rotation);
+  erase_member(pose, "rpy");
+  member(pose, "quat") = list_node(q.data(), 4);
+}
+
+bool same(const JointSettings& a, const JointSettings& b) { return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale; }
+
+/// What changed of one joint into its own entry.
+void set_joint(Node& entry, const JointSettings& given, const JointSettings& now) {
+  if (entry.kind != Node::Kind::mapping) entry = mapping_node();
+  if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
+  if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
+  if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
+}
+
+Node joint_node(const JointSettings& settings) {
+  Node node = mapping_node();
+  member(node, "sigma") = number_node(settings.sigma);
+  member(node, "offset") = number_node(settings.offset);
+  member(node, "scale") = number_node(settings.scale);
+  return node;
+}
+
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
+void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
+  const Tree& tree = rig.rig.tree;
+  const bool there = root.find("joints") != nullptr;
+  Node& joints = member(root, "joints", {"robot", "base"});
+  for (const bool move : {false, true}) {
+    const std::vector<JointSettings> given = read_joint_settings({&joints, &rig.path, "joints"}, tree);
+    for (size_t j = 0; j < tree.joints.size(); ++j) {
+      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j]};
+      if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
+      if (joints.kind != Node::Kind::mapping) joints = mapping_node();
+      const std::string& name = tree.joints[j].name;
+      if (move) {
+        erase_member(joints, name);
+        member(joints, name) = joint_node(now);
+      } else {
+        set_joint(member(joints, name), given[j], now);
+      }
+    }
+  }
+  if (!there && joints.kind == Node::Kind::null) erase_member(root, "joints");
+}
+
+/// Inverse of read_sigma.
+void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigma) {
+  if (sigma == sensor.sigma) return;
+  const Names names = sigma_names(sensor.type);
+  const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
+  Node& written = member(node, "sigma");
+  if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
+  if (names.empty() && written.kind == Node::Kind::sequence) written = list_node(sigma.data(), static_cast<int>(sigma.size()));
+  for (size_t i = 0; i < names.size(); ++i)
+    if (sigma[i * stride] != sensor.sigma[i * stride]) member(written, names[i]) = number_node(sigma[i * stride]);
+}
+
+void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<double>& sigma,
+                const std::vector<std::vector<double>>& parameters) {
+  set_pose(node, sensor.link_T_sensor, pose);
+  set_sigma(node, sensor, sigma);
+  for (size_t b = 0; b < sensor.parameters.size(); ++b) {
+    const ParameterBlock& block = sensor.parameters[b];
+    set_numbers(node, block.name, block.values, parameters[b], block.components.size() == 1 && block.components[0].empty());
+  }
+}
+
+void set_target(Node& node, const Target& target, const Pose& pose, double square, const Eigen::Matrix3Xd& points) {
+  if (target.link >= 0) set_pose(member(node, "mount"), target.link_T_target, pose);
+  if (target.grid) {
+    if (square != target.square) member(node, find_type(target_types(), target.type)->size) = number_node(square);
+    return;
+  }
+  Node& rows = member(node, "points");
+  for (int i = 0; i < target.count(); ++i)
+    for (int k = 0; k < 3; ++k)
+      if (points(k, i) != target.points(k, i)) rows.items[i].items[k] = number_node(points(k, i));
+}
+
+
+}  // namespace
+
+RigValues values_of(const Rig& rig) {
+  RigValues values;
+  for (const JointSettings& joint : rig.joints) {
+    values.joint_offsets.push_back(joint.offset);
+    values.joint_scales.push_back(joint.scale);
+    values.joint_sigmas.push_back(joint.sigma);
+  }
+  for (const Sensor& sensor : rig.sensors) {
+    values.sensor_poses.push_back(sensor.link_T_sensor);
+    values.sensor_sigmas.push_back(sensor.sigma);
+    values.sensor_parameters.emplace_back();
+    for (const ParameterBlock& block : sensor.parameters) values.sensor_parameters.back().push_back(block.values);
+  }
+  for (const Target& target : rig.targets) {
+    values.target_poses.push_back(target.link_T_target);
+    values.target_squares.push_back(target.square);
+    values.target_points.push_back(target.points);
+  }
+  return values;
+}
+
+void set_steps(RigFile& rig, const std::vector<Step>& steps) {
+  static const char* const losses[] = {"none", "huber", "soft_l1", "cauchy", "tukey"};
+  const auto names_node = [](const Names& names) {
+    Node node;
+    node.kind = Node::Kind::sequence;
+    for (const std::string& name : names) node.items.push_back(scalar_node(name));
+    return node;
+  };
+  rig.rig.steps = steps;
+  Node list;
+  list.kind = Node::Kind::sequence;
+  for (const Step& step : steps) {
+    Node node = mapping_node();
+    member(node, "step") = scalar_node(step.name);
+    if (step.sensors.size() < rig.rig.sensors.size()) {
+      Names sensors;
+      for (int s : step.sensors) sensors.push_back(rig.rig.sensors[s].name);
+      member(node, "sensors") = names_node(sensors);
+    }
+    member(node, "free") = names_node(step.free);
+    if (step.loss && step.loss->kind != LossKind::none) {
+      Node loss = mapping_node();
+      member(loss, losses[static_cast<int>(step.loss->kind)]) = number_node(step.loss->scale);
+      member(node, "loss") = loss;
+    }
+    Node priors = mapping_node();
+    for (const PriorSetting& prior : step.priors) {
+      Node& sigma = member(priors, prior.pattern);
+      if (!prior.split) {
+        sigma = number_node(prior.translation);
+        continue;
+      }
+      sigma = mapping_node();
+      member(sigma, "translation") = number_node(prior.translation);
+      member(sigma, "rotation") = number_node(prior.rotation);
+    }
+    if (!step.priors.empty()) member(node, "priors") = priors;
+    list.items.push_back(node);
+  }
+  member(rig.node, "estimate") = list;
+}
+
+std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {
+  Node root = rig.node;
+  member(root, "robot") = scalar_node(robot);
+  set_joints(root, rig, values);
+  for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
+    const Sensor& sensor = rig.rig.sensors[s];
+    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_sigmas[s],
+               values.sensor_parameters[s]);
+  }
+  for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
+    const Target& target = rig.rig.targets[t];
+    set_target(member(member(root, "targets"), target.name), target, values.target_poses[t], values.target_squares[t],
+               values.target_points[t]);
+  }
+  return to_yaml(root);
+}
+
+}  // namespace kincal

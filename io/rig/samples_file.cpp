@@ -1,0 +1,301 @@
+#include "samples_file.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <unordered_map>
+
+#include "../../models/fitting/starts.h"
+#include "../document/json.h"
+#include "../document/names.h"
+#include "../document/numbers.h"
+#include "types.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
+
+// ------------------------------------------------------------------------------------------------ reading
+/// What reading a sample needs of a rig, looked up once.
+struct Lookup {
+  const Rig& rig;
+  std::unordered_map<std::string, int> joints, sensors, targets;
+  std::vector<std::vector<int>> sensor_needs, target_needs;  // joints with a reading on the way to the base
+  std::vector<char> spreads;                                 // by target: three points not on a line
+};
+
+template <class T>
+std::unordered_map<std::string, int> index_of(const std::vector<T>& things) {
+  std::unordered_map<std::string, int> index;
+  for (size_t i = 0; i < things.size(); ++i) index.emplace(things[i].name, static_cast<int>(i));
+  return index;
+}
+
+/// Joints whose readings place `link` relative to the base, without `except` (-1: none).
+std::vector<int> needed_joints(const Rig& rig, int link, int except) {
+  std::vector<int> needed;
+  for (const PathStep& step : find_path(rig.tree, rig.base, link)) {
+    if (!rig.tree.joints[step.joint].moves()) continue;
+    const int joint = driver(rig.tree, step.joint).joint;
+    if (joint != except && std::find(needed.begin(), needed.end(), joint) == needed.end()) needed.push_back(joint);
+  }
+  return needed;
+}
+
+Lookup lookup(const Rig& rig) {
+  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}, {}};
+  for (const Sensor& sensor : rig.sensors) look.sensor_needs.push_back(needed_joints(rig, sensor.link, sensor.scanning_joint));
+  for (const Target& target : rig.targets) {
+    look.target_needs.push_back(target.link < 0 ? std::vector<int>() : needed_joints(rig, target.link, -1));
+    look.spreads.push_back(!on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
+  }
+  return look;
+}
+
+template <class T>
+int read_name(const Field& field, const std::unordered_map<std::string, int>& index, const std::vector<T>& things,
+              const std::string& what) {
+  const std::string name = field.string();
+  const auto found = index.find(name);
+  if (found != index.end()) return found->second;
+  const std::string near = nearest_names(name, names_of(things));
+  field.fail("unknown " + what + " '" + name + "'" + (near.empty() ? "; the rig has: " + comma_separated(names_of(things)) : near));
+}
+
+/// Readings of the robot's joints; other names (a gripper of another description) are checked and left.
+std::vector<double> read_readings(const Field& field, const Lookup& look, size_t joints) {
+  if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names to readings is expected");
+  std::vector<double> readings(joints, kNoReading);
+  for (const auto& [name, node] : field.node->members) {
+    const double reading = Field{&node, field.path, field.name + "." + name}.number();
+    const auto found = look.joints.find(name);
+    if (found != look.joints.end()) readings[found->second] = reading;
+  }
+  return readings;
+}
+
+/// The joints of a sample: as the file has them, and their readings by the tree's index.
+struct SampleJoints {
+  const Field& field;
+  const std::vector<double>& readings;
+};
+
+/// Fails if a joint between the view's sensor or target (`what`, `whose`) and the base has no reading; tells of a misspelt one.
+void check_readings(const Field& view, const SampleJoints& joints, const Lookup& look, const std::vector<int>& needed, const char* what,
+                    const std::string& whose) {
+  for (int j : needed) {
+    if (!std::isnan(joints.readings[j])) continue;
+    const std::string& name = look.rig.tree.joints[j].name;
+    std::string near;
+    for (const auto& member : joints.field.node->members)
+      if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
+        near = "; the sample has '" + member.first + "'";
+    view.fail(std::string(what) + " '" + whose + "' needs joint '" + name + "', which the sample lacks" + near);
+  }
+}
+
+/// x y z qx qy qz qw; a quaternion of the file keeps its digits.
+std::vector<double> read_pose_numbers(const Field& field) {
+  const Pose pose = field.pose();
+  Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  if (field.has("quat")) {
+    q = Eigen::Map<const Eigen::Vector4d>(field["quat"].vector(4).data());
+    if (std::abs(q.norm() - 1) > 1e-15) q.normalize();
+  }
+  const Vector3d& t = pose.translation;
+  return {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
+}
+
+/// Which of the target's points a view shows: its ids, or the first `count`.
+std::vector<int> read_ids(const Field& view, const Field& payload, const Target& target, int count) {
+  const int all = target.count();
+  if (count == 0) payload.fail("at least one point is expected");
+  std::vector<int> ids;
+  if (!view.has("ids")) {
+    if (count > all) payload.fail(std::to_string(count) + " points, but target '" + target.name + "' has " + std::to_string(all));
+    for (int i = 0; i < count; ++i) ids.push_back(i);
+    return ids;
+  }
+  const Field field = view["ids"];
+  if (field.node->kind != Node::Kind::sequence) field.fail("a list of the target's point indices is expected");
+  if (static_cast<int>(field.size()) != count) field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
+  std::vector<char> seen(all, 0);
+  for (size_t i = 0; i < field.size(); ++i) {
+    const int id = field.integer_item(i, 0, all - 1);
+    if (seen[id]) field.item(i).fail("point " + std::to_string(id) + " stands twice");
+    seen[id] = 1;
+    ids.push_back(id);
+  }
+  return ids;
+}
+
+Matrix3d read_covariance(const Field& field) {
+  const std::vector<double> numbers = field.table(3);
+  if (numbers.size() != 9) field.fail("3 rows of 3 numbers are expected");
+  const Matrix3d m = Eigen::Map<const Matrix3d>(numbers.data());
+  const Matrix3d skewness = (m - m.transpose()).cwiseAbs();
+  const bool symmetric = ((m.cwiseAbs() * 1e-6).array() + 1e-9 * m.cwiseAbs().maxCoeff() >= skewness.array()).all();
+  if (!symmetric) field.fail("a covariance is symmetric");
+  const Matrix3d mean = 0.5 * (m + m.transpose());
+  if (Eigen::LLT<Matrix3d>(mean).info() != Eigen::Success) field.fail("a covariance is positive definite");
+  return mean;
+}
+
+/// One 3 x 3 matrix for all points, or one a point.
+std::vector<Matrix3d> read_covariances(const Field& field, int count) {
+  const Node& node = *field.node;
+  const bool each = node.kind == Node::Kind::sequence && !node.items.empty() &&
+                    (node.items[0].columns > 0 || (!node.items[0].items.empty() && node.items[0].items[0].kind == Node::Kind::sequence));
+  if (!each) return std::vector<Matrix3d>(count, read_covariance(field));
+  if (static_cast<int>(field.size()) != count)
+    field.fail("one 3 x 3 matrix, or one for each of the " + std::to_string(count) + " points, is expected; not " +
+               std::to_string(field.size()));
+  std::vector<Matrix3d> out;
+  for (int i = 0; i < count; ++i) out.push_back(read_covariance(field.item(i)));
+  return out;
+}
+
+/// Fails on measured numbers of another type of sensor, and without those of its own.
+void check_payload(const Field& view, const std::string& type, const std::string& own) {
+  for (const SensorKeys& other : sensor_types()) {
+    const std::string key = other.payload;
+    if (!key.empty() && key != own && view.has(key))
+      view[key].fail("a " + type + " view has no '" + key + "'" +
+                     (own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'"));
+  }
+  if (!own.empty() && !view.has(own)) view.fail("a " + type + " view needs '" + own + "'");
+}
+
+View read_view(const Field& field, const SampleJoints& joints, const Lookup& look) {
+  const Rig& rig = look.rig;
+  static const Names required = {"sensor", "target"},
+                     optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
+  field.check_keys(required, optional);
+  View view;
+  view.where = field.where();
+  view.sensor = read_name(field["sensor"], look.sensors, rig.sensors, "sensor");
+  view.target = read_name(field["target"], look.targets, rig.targets, "target");
+  const Sensor& sensor = rig.sensors[view.sensor];
+  const Target& target = rig.targets[view.target];
+  const std::string payload = payload_of(sensor);
+  check_payload(field, sensor.type, payload);
+  if (sensor.model->whole_pose()) {
+    if (field.has("ids")) field["ids"].fail("a " + sensor.type + " view has no 'ids'");
+    if (!payload.empty()) view.z = read_pose_numbers(field[payload]);
+  } else {
+    const int numbers = sensor.model->numbers();
+    view.z = field[payload].table(numbers);
+    view.ids = read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
+  }
+  if (sensor.type == "chain" && !look.spreads[view.target])
+    field.fail("a chain needs a target with three points not on a line, '" + target.name +
+               "' has none; for a single point use a sensor of type point on link '" + rig.tree.links[sensor.link] + "'");
+  view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor.type) : sensor.sigma;
+  if (field.has("covariance")) {
+    if (sensor.type != "point") field["covariance"].fail("a " + sensor.type + " view has no 'covariance', only a point view has");
+    if (field.has("sigma")) field["covariance"].fail("either sigma or covariance, not both");
+    view.covariance = read_covariances(field["covariance"], static_cast<int>(view.ids.size()));
+  }
+  if (field.has("image")) field["image"].string();
+  check_readings(field, joints, look, look.sensor_needs[view.sensor], "sensor", sensor.name);
+  check_readings(field, joints, look, look.target_needs[view.target], "target", target.name);
+  return view;
+}
+
+Sample read_sample(const Field& field, const Lookup& look) {
+  static const Names required = {"id", "joints", "views"}, optional = {"time", "split"};
+  field.check_keys(required, optional);
+  Sample sample;
+  if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
+  sample.id = field["id"].string();
+  if (field.has("time")) sample.time = field["time"].number();
+  if (field.has("split")) {
+    const std::string split = field["split"].string();
+    if (split != "train" && split != "test") field["split"].fail("'train' or 'test' is expected, not '" + split + "'");
+    sample.train = split == "train";
+  }
+  const Field joints = field["joints"], views = field["views"];
+  sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
+  if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
+  for (size_t i = 0; i < views.size(); ++i) sample.views.push_back(read_view(views.item(i), {joints, sample.readings}, look));
+  return sample;
+}
+
+// ------------------------------------------------------------------------------------------------ writing
+/// A list of `count` lists of `columns` numbers.
+std::string json_table(const double* values, int count, int columns) {
+  std::string out = "[";
+  for (int i = 0; i < count; ++i) out += (i ? ", " : "") + list_text(values + i * columns, columns);
+  return out + "]";
+}
+
+/// Inverse of read_sigma.
+std::string json_sigma(const std::vector<double>& sigma, const std::string& type) {
+  const Names names = sigma_names(type);
+  if (names.empty()) {
+    const bool same = std::all_of(sigma.begin(), sigma.end(), [&](double s) { return s == sigma[0]; });
+    return type == "camera" || same ? shortest(sigma[0]) : list_text(sigma.data(), static_cast<int>(sigma.size()));
+  }
+  std::string out = "{";
+  const size_t stride = sigma.size() / names.size();
+  for (size_t i = 0; i < names.size(); ++i) out += (i ? ", " : "") + json_string(names[i]) + ": " + shortest(sigma[i * stride]);
+  return out + "}";
+}
+
+std::string json_view(const Rig& rig, const View& view) {
+  const Sensor& sensor = rig.sensors[view.sensor];
+  std::string out = "{\"sensor\": " + json_string(sensor.name) + ", \"target\": " + json_string(rig.targets[view.target].name);
+  const std::string payload = payload_of(sensor);
+  const int count = static_cast<int>(view.ids.size());
+  if (!sensor.model->whole_pose()) {
+    std::string ids;
+    for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
+    out += ", \"ids\": [" + ids + "], \"" + payload + "\": " + json_table(view.z.data(), count, sensor.model->numbers());
+  } else if (!payload.empty()) {
+    const double* z = view.z.data();
+    out += ", \"" + payload + "\": {\"xyz\": " + list_text(z, 3) + ", \"quat\": " + list_text(z + 3, 4) + "}";
+  }
+  if (!view.covariance.empty()) {
+    out += ", \"covariance\": [";
+    for (int i = 0; i < count; ++i) out += (i ? ", " : "") + json_table(view.covariance[i].data(), 3, 3);  // symmetric
+    out += "]";
+  } else if (view.sigma != sensor.sigma) {
+    out += ", \"sigma\": " + json_sigma(view.sigma, sensor.type);
+  }
+  return out + "}";
+}
+
+std::string json_sample(const Rig& rig, const Sample& sample) {
+  std::string out = "{\"id\": " + json_string(sample.id);
+  if (sample.time) out += ", \"time\": " + shortest(*sample.time);
+  std::string joints, views;
+  for (size_t j = 0; j < sample.readings.size(); ++j)
+    if (!std::isnan(sample.readings[j]))
+      joints += (joints.empty() ? "" : ", ") + json_string(rig.tree.joints[j].name) + ": " + shortest(sample.readings[j]);
+  for (const View& view : sample.views) views += (views.empty() ? "" : ", ") + json_view(rig, view);
+  const std::string split = sample.train ? "\"train\"" : "\"test\"";
+  return out + ", \"joints\": {" + joints + "}, \"views\": [" + views + "], \"split\": " + split + "}\n";
+}
+
+}  // namespace
+
+std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
+  const Lookup look = lookup(rig);
+  std::vector<Sample> samples;
+  for_each_json_line(path, [&](const Field& field) {
+    samples.push_back(read_sample(field, look));
+    return samples.back().id;
+  });
+  if (samples.empty()) throw InputError(path + ": no samples");
+  return samples;
+}
+
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples) {
+  std::string text;
+  for (const Sample& sample : samples) text += json_sample(rig, sample);
+  return text;
+}
+
+}  // namespace kincal

@@ -1,0 +1,204 @@
+#include "proof.h"
+
+#include <console_bridge/console.h>
+#include <urdf_parser/urdf_parser.h>
+
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <random>
+#include <stdexcept>
+
+namespace kincal {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+/// Keeps urdfdom's messages instead of printing them, as long as it lives.
+class Messages : public console_bridge::OutputHandler {
+ public:
+  Messages() { console_bridge::useOutputHandler(this); }
+  ~Messages() override { console_bridge::restorePreviousOutputHandler(); }
+  void log(const std::string& message, console_bridge::LogLevel level, const char*, int) override {
+    if (level >= console_bridge::CONSOLE_BRIDGE_LOG_ERROR) text += (text.empty() ? "" : "; ") + message;
+  }
+  std::string text;
+};
+
+/// A joint as another reader sees it; nothing here comes from kinematics/tree.cpp.
+struct WrittenJoint {
+  std::string name, parent, master;  // master: empty if it mimics nothing
+  JointType type = JointType::fixed;
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  Vector3d translation = Vector3d::Zero(), axis = Vector3d::UnitX();
+  double multiplier = 1, offset = 0;
+};
+using Written = std::map<std::string, WrittenJoint>;  // by child link
+
+JointType type_of(const urdf::Joint& joint) {
+  switch (joint.type) {
+    case urdf::Joint::REVOLUTE:
+      return JointType::revolute;
+    case urdf::Joint::CONTINUOUS:
+      return JointType::continuous;
+    case urdf::Joint::PRISMATIC:
+      return JointType::prismatic;
+    case urdf::Joint::FLOATING:
+      return JointType::floating;
+    case urdf::Joint::PLANAR:
+      return JointType::planar;
+    default:
+      return JointType::fixed;
+  }
+}
+
+Written joints_of(const urdf::ModelInterface& model) {
+  Written written;
+  for (const auto& entry : model.joints_) {
+    const urdf::Joint& from = *entry.second;
+    WrittenJoint joint;
+    joint.name = from.name;
+    joint.parent = from.parent_link_name;
+    joint.type = type_of(from);
+    const urdf::Pose& pose = from.parent_to_joint_origin_transform;
+    joint.rotation = Eigen::Quaterniond(pose.rotation.w, pose.rotation.x, pose.rotation.y, pose.rotation.z);
+    joint.translation = {pose.position.x, pose.position.y, pose.position.z};
+    joint.axis = Vector3d(from.axis.x, from.axis.y, from.axis.z).stableNormalized();
+    if (from.mimic) {
+      joint.master = from.mimic->joint_name;
+      joint.multiplier = from.mimic->multiplier;
+      joint.offset = from.mimic->offset;
+    }
+    written[from.child_link_name] = joint;
+  }
+  return written;
+}
+
+Written joints_of(const Tree& tree) {
+  Written written;
+  for (const Joint& from : tree.joints) {
+    WrittenJoint joint;
+    joint.name = from.name;
+    joint.parent = tree.links[from.parent];
+    joint.type = from.type;
+    joint.rotation = Eigen::Quaterniond(from.parent_T_joint.rotation);
+    joint.translation = from.parent_T_joint.translation;
+    joint.axis = from.axis;
+    if (from.mimic) {
+      joint.master = tree.joints[from.mimic->master].name;
+      joint.multiplier = from.mimic->multiplier;
+      joint.offset = from.mimic->offset;
+    }
+    written[tree.links[from.child]] = joint;
+  }
+  return written;
+}
+
+/// The written text as urdfdom reads it, or as we do where urdfdom takes exception to what stood in the input already.
+Written read_written(const std::string& text, const Urdf& input) {
+  Messages messages;
+  if (const auto model = urdf::parseURDF(text)) return joints_of(*model);
+  const std::string why = messages.text;
+  if (urdf::parseURDF(input.text)) throw std::runtime_error(input.path + ": the written URDF is refused by urdfdom: " + why);
+  return joints_of(parse_urdf(text, input.path + " (written)").tree);
+}
+
+/// The written robot, each joint beside the same joint of the input. Parents and masters are checked, so walking up ends.
+class WrittenRobot {
+ public:
+  WrittenRobot(const Written& written, const Tree& tree) : tree_(tree), joints_(tree.joints.size()) {
+    if (written.size() != tree.joints.size()) fail("another number of joints");
+    for (size_t j = 0; j < joints_.size(); ++j) {
+      const Joint& joint = tree.joints[j];
+      const auto it = written.find(tree.links[joint.child]);
+      if (it == written.end() || it->second.name != joint.name || it->second.parent != tree.links[joint.parent] ||
+          it->second.type != joint.type)
+        fail("another joint in place of '" + joint.name + "'");
+      joints_[j] = it->second;
+      if (joint.moves() && joints_[j].master != (joint.mimic ? tree.joints[joint.mimic->master].name : ""))
+        fail("another mimic in joint '" + joint.name + "'");
+    }
+  }
+
+  /// root_T_link for readings of all joints; followers and joints that do not move have none.
+  Eigen::Isometry3d pose(int link, const std::vector<double>& readings) const {
+    Eigen::Isometry3d root_T_link = Eigen::Isometry3d::Identity();
+    for (int j = tree_.joint_above[link]; j >= 0; j = tree_.joint_above[tree_.joints[j].parent])
+      root_T_link = parent_T_child(j, readings) * root_T_link;
+    return root_T_link;
+  }
+
+ private:
+  double position(int j, const std::vector<double>& readings) const {
+    if (!tree_.joints[j].moves()) return 0;
+    if (!tree_.joints[j].mimic) return readings[j];
+    return joints_[j].multiplier * position(tree_.joints[j].mimic->master, readings) + joints_[j].offset;
+  }
+
+  Eigen::Isometry3d parent_T_child(int j, const std::vector<double>& readings) const {
+    const WrittenJoint& joint = joints_[j];
+    Eigen::Isometry3d pose = Eigen::Translation3d(joint.translation) * joint.rotation;
+    if (joint.type == JointType::prismatic)
+      pose = pose * Eigen::Translation3d(position(j, readings) * joint.axis);
+    else if (joint.type == JointType::revolute || joint.type == JointType::continuous)
+      pose = pose * Eigen::AngleAxisd(position(j, readings), joint.axis);
+    return pose;
+  }
+
+  [[noreturn]] static void fail(const std::string& what) { throw std::runtime_error("the written URDF has " + what); }
+
+  const Tree& tree_;
+  std::vector<WrittenJoint> joints_;  // as in the tree
+};
+
+/// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16 occurs: all digits would be lost).
+/// Not std::uniform_real_distribution, whose numbers differ between standard libraries.
+double random_reading(const Joint& joint, std::mt19937_64& random) {
+  const bool usable = joint.lower < joint.upper && joint.lower > -4 * kPi && joint.upper < 4 * kPi;
+  const double low = usable ? joint.lower : -kPi, high = usable ? joint.upper : kPi;
+  return low + (high - low) * (static_cast<double>(random() >> 11) * 0x1p-53);
+}
+
+/// How far two poses are apart.
+struct Difference {
+  double metres, radians;
+  bool matters() const { return !(metres <= 1e-9 && radians <= 1e-9); }  // NaN matters
+};
+
+Difference difference(const Pose& a, const Eigen::Isometry3d& b) {
+  const Matrix3d r = a.rotation.transpose() * b.linear();
+  const Vector3d twice_sine(r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1));
+  return {(a.translation - b.translation()).norm(), std::atan2(twice_sine.norm(), r.trace() - 1)};
+}
+
+}  // namespace
+
+void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Pose>& origins, const std::vector<double>& offsets,
+                int postures) {
+  const Tree& tree = input.tree;
+  const WrittenRobot written(read_written(text, input), tree);
+  std::mt19937_64 random(20240229);
+  std::vector<double> readings(tree.joints.size(), 0), positions(tree.joints.size(), 0);
+  for (int posture = 0; posture < postures; ++posture) {
+    for (size_t j = 0; j < tree.joints.size(); ++j) {
+      const bool reads = tree.joints[j].has_reading();
+      readings[j] = reads ? random_reading(tree.joints[j], random) : 0;
+      positions[j] = reads ? readings[j] + offsets[j] : 0;
+    }
+    follow_mimics(tree, positions);
+    const std::vector<Pose> poses = link_poses(tree, origins, positions);
+    const auto compare = [&](int link) { return difference(poses[link], written.pose(link, readings)); };
+    for (size_t l = 0; l < tree.links.size(); ++l) {
+      int link = static_cast<int>(l);
+      if (!compare(link).matters()) continue;
+      for (int j; (j = tree.joint_above[link]) >= 0 && compare(tree.joints[j].parent).matters();) link = tree.joints[j].parent;
+      const Difference d = compare(link);
+      char numbers_text[80];
+      std::snprintf(numbers_text, sizeof numbers_text, "%.3g m and %.3g rad", d.metres, d.radians);
+      throw std::runtime_error("the written URDF does not mean the calibrated robot: link '" + tree.links[link] + "' is off by " +
+                               numbers_text);
+    }
+  }
+}
+
+}  // namespace kincal
