@@ -76,6 +76,8 @@ VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b);
 
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
 
+MatrixXd divide_by_symmetric(const MatrixXd& b, const MatrixXd& a) { return a.ldlt().solve(b.transpose()).transpose(); }
+
 MatrixXd inverse_of(const MatrixXd& a) { return a.inverse(); }
 
 void triangularise(Eigen::Ref<MatrixXd> rows) { Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows); }

@@ -72,6 +72,8 @@ class Cholesky {
 };
 /// a x = b for symmetric a, by L D L' with pivoting.
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
+/// b a^-1, likewise.
+MatrixXd divide_by_symmetric(const MatrixXd& b, const MatrixXd& a);
 /// By LU with partial pivoting.
 MatrixXd inverse_of(const MatrixXd& a);
 

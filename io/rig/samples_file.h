@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../../models/rig/rig.h"
+#include "../../models/rig/samples.h"
 
 namespace kincal {
 

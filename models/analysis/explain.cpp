@@ -683,7 +683,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     MatrixXd columns_of(n, k), among(k, k);
     for (int a = 0; a < k; ++a) columns_of.col(a) = covariance.col(pivots[a]);
     for (int a = 0; a < k; ++a) among.row(a) = columns_of.row(pivots[a]);
-    const MatrixXd regression = solve_symmetric(among, columns_of.transpose()).transpose();
+    const MatrixXd regression = divide_by_symmetric(columns_of, among);
     for (int a = 0; a < k; ++a) add(regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])), sigma(pivots[a]));
   }
   if (directions.empty()) return out;
