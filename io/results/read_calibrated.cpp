@@ -26,12 +26,12 @@ std::vector<double> numbers_or_null(const Field& field) {
   return out;
 }
 
-/// (parameter, component) of a name; (-1, -1): there is none.
-std::pair<int, int> find_component(const ParameterTable& table, const std::string& name) {
+/// The component of a name; without a parameter: there is none.
+Component find_component(const ParameterTable& table, const std::string& name) {
   for (size_t p = 0; p < table.all.size(); ++p)
     for (int c = 0; c < table.all[p].size(); ++c)
       if (table.all[p].component_name(c) == name) return {static_cast<int>(p), c};
-  return {-1, -1};
+  return {};
 }
 
 /// Offsets and reductions that a result put into its robot, taken out again.
@@ -74,10 +74,10 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
   std::map<std::string, int> column;
   std::map<int, int> components;
   for (Eigen::Index c = 0; c < n; ++c) {
-    const std::pair<int, int> found = find_component(table, rows[0][c]);
-    if (found.first < 0) throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
+    const Component found = find_component(table, rows[0][c]);
+    if (found.parameter < 0) throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
     out.columns.push_back(found);
-    ++components[found.first];
+    ++components[found.parameter];
     column[rows[0][c]] = static_cast<int>(c);
     if (rows[c + 1].size() != rows[0].size())
       throw InputError(path + ":" + std::to_string(c + 2) + ": a number for every name is expected");

@@ -51,7 +51,7 @@ struct Scene {
         result(r),
         rig(c.rig()),
         table(c.table()),
-        problem(c.rig(), c.table(), c.samples(), c.training(), without_priors(r.setup)) {
+        problem(c.recording(), c.training(), without_priors(r.setup)) {
     state = problem.pack(r.values);
     problem.renew(state);
     int privates = 0;
@@ -382,16 +382,16 @@ class Reason {
   /// Components, those of one parameter together: "joint/a/origin (x, ry)".
   std::vector<std::string> grouped(bool with_first) const {
     const ParameterTable& table = scene_.table;
-    const std::vector<std::pair<int, int>>& columns = scene_.problem.columns();
+    const std::vector<Component>& columns = scene_.problem.columns();
     std::vector<std::pair<int, std::string>> out;
     for (const auto& named : to_.parameters) {
       for (size_t c = 0; c < columns.size(); ++c) {
         if (scene_.problem.column_name(static_cast<int>(c)) != named.first) continue;
-        const Parameter& p = table.all[columns[c].first];
-        const std::string component = p.components[columns[c].second];
-        const auto it = std::find_if(out.begin(), out.end(), [&](const auto& o) { return o.first == columns[c].first; });
+        const Parameter& p = table.all[columns[c].parameter];
+        const std::string component = p.components[columns[c].index];
+        const auto it = std::find_if(out.begin(), out.end(), [&](const auto& o) { return o.first == columns[c].parameter; });
         if (it == out.end())
-          out.push_back({columns[c].first, component});
+          out.push_back({columns[c].parameter, component});
         else
           it->second += ", " + component;
       }
@@ -403,7 +403,7 @@ class Reason {
   }
   std::string names() const { return listed(grouped(true)); }
 
-  int parameter_of(size_t column) const { return scene_.problem.columns()[column].first; }
+  int parameter_of(size_t column) const { return scene_.problem.columns()[column].parameter; }
 
   /// The direction's part of the first parameter, or the rest.
   VectorXd part(bool of_first) const {
@@ -577,22 +577,18 @@ class Reason {
 Explanation explain(const Calibration& calibration, const CalibrationResult& result) {
   Explanation out;
   const ParameterTable& table = calibration.table();
-  std::vector<std::pair<int, int>> columns;  // as Estimation orders them
+  const std::vector<Component> columns = components_of(result.setup.free);
   std::vector<std::string> names;
-  for (const Freed& f : result.setup.free)
-    for (int c : f.components) {
-      columns.push_back({f.parameter, c});
-      names.push_back(table.all[f.parameter].component_name(c));
-    }
+  for (const Component& c : columns) names.push_back(table.name(c));
   const int n = static_cast<int>(columns.size());
   if (n == 0) return out;
 
   VectorXd prior = VectorXd::Zero(n), yardstick(n), sigma(n);
   for (int i = 0; i < n; ++i) {
     for (const Prior& p : result.setup.priors)
-      if (p.parameter == columns[i].first && p.component == columns[i].second) prior(i) = p.sigma;
-    const std::string& unit = table.all[columns[i].first].units[columns[i].second];
-    yardstick(i) = kincal::yardstick(table, {columns[i].first, columns[i].second}, result.values.shared);
+      if (p.parameter == columns[i].parameter && p.component == columns[i].index) prior(i) = p.sigma;
+    const std::string& unit = table.unit(columns[i]);
+    yardstick(i) = kincal::yardstick(table, columns[i], result.values.shared);
     if (prior(i) > 0) yardstick(i) = std::min(yardstick(i), prior(i));
     sigma(i) = std::sqrt(std::max(0.0, result.covariance(i, i)));
     if (prior(i) > 0 && sigma(i) > kPriorShare * prior(i)) out.prior_decides.push_back({names[i], unit, prior(i), sigma(i)});
@@ -610,7 +606,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     weak.sigma = its_sigma;
     weak.sigma_with_priors = with_priors;
     d /= d(first);
-    weak.unit = table.all[columns[first].first].units[columns[first].second];
+    weak.unit = table.unit(columns[first]);
     std::vector<std::pair<double, int>> order;
     for (int i = 0; i < n; ++i) {
       const double size = std::abs(d(i)) / yardstick(i) * yardstick(first);
@@ -635,7 +631,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
     }
   MatrixXd covariance = result.covariance;
   if (!result.setup.priors.empty()) {
-    Estimation problem(calibration.rig(), table, calibration.samples(), calibration.training(), Scene::without_priors(result.setup));
+    Estimation problem(calibration.recording(), calibration.training(), Scene::without_priors(result.setup));
     const VectorXd state = problem.pack(result.values);
     problem.renew(state);
     const Observability data = observe(problem, state);
@@ -695,7 +691,7 @@ Explanation explain(const Calibration& calibration, const CalibrationResult& res
   if (directions.size() > null_directions && result.setup.noise != NoiseMode::none) {
     EstimationSetup setup = Scene::without_priors(result.setup);
     setup.noise = NoiseMode::none;
-    Estimation problem(calibration.rig(), table, calibration.samples(), calibration.training(), setup);
+    Estimation problem(calibration.recording(), calibration.training(), setup);
     const VectorXd state = problem.pack(result.values);
     problem.renew(state);
     exact = observe(problem, state).covariance;

@@ -80,7 +80,7 @@ std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, con
 
 Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result) {
   const ParameterTable& table = calibration.table();
-  Estimation problem(calibration.rig(), table, calibration.samples(), calibration.training(), result.setup);
+  Estimation problem(calibration.recording(), calibration.training(), result.setup);
   const VectorXd state = problem.pack(result.values);
   problem.renew(state);
   const Observability observability = observe(problem, state);
@@ -92,7 +92,7 @@ Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& 
     const Parameter& p = table.all[f.parameter];
     if (p.pose && !f.whole(p))
       out.charts[f.parameter] =
-          right_jacobian_se3(log_se3(inverse(get_pose(table.initial, p.start)) * get_pose(result.values.shared, p.start)));
+          right_jacobian_se3(log_se3(inverse(get_pose(problem.initial(), p.start)) * get_pose(result.values.shared, p.start)));
   }
   return out;
 }
@@ -121,7 +121,7 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
   const Configuration robot(rig, table, values, readings);
   std::map<int, std::vector<std::pair<int, int>>> columns;  // parameter -> (component, column)
   for (size_t c = 0; c < unknowns.columns.size(); ++c)
-    columns[unknowns.columns[c].first].push_back({unknowns.columns[c].second, static_cast<int>(c)});
+    columns[unknowns.columns[c].parameter].push_back({unknowns.columns[c].index, static_cast<int>(c)});
   out.by_unknowns.setZero(6, static_cast<Eigen::Index>(unknowns.columns.size()));  // twists first
   const auto add_twist = [&](int parameter, const Vector6d& twist) {
     const auto found = columns.find(parameter);

@@ -40,7 +40,7 @@ std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, con
 
 /// What a step freed, as a covariance of unknowns.
 struct Unknowns {
-  std::vector<std::pair<int, int>> columns;  // (parameter, component)
+  std::vector<Component> columns;
   std::map<int, Matrix6d> charts;            // J_r(xi) of partly freed poses, by parameter
   MatrixXd covariance;                       // 0 along `undetermined`
   MatrixXd undetermined;                     // columns: directions, real units

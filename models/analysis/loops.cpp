@@ -27,8 +27,8 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   const int hub = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
   const auto hub_T_sensor = [&](int joint, double reading) {
-    return inverse(base_T_link(rig, table, values, sample, hub, joint, reading)) *
-           base_T_link(rig, table, values, sample, sensor.link, joint, reading) * link_T_sensor;
+    const Configuration robot = Configuration(rig, table, values, sample.readings).with(joint, reading);
+    return inverse(robot.base_T_link(hub)) * robot.base_T_link(sensor.link) * link_T_sensor;
   };
   Carried out{&view, view_ids(view, rig.targets[view.target]), {}, {}};
   const Eigen::Index n = static_cast<Eigen::Index>(out.ids.size());
@@ -116,7 +116,7 @@ std::vector<Loop> loops(const Calibration& calibration, const CalibrationResult&
   std::vector<Sum> sums(4 * n * n);  // by from, to, held out, after
   for (const Sample& sample : calibration.samples())
     for (const bool after : {false, true}) {
-      const VectorXd& values = after ? result.values.shared : table.initial;
+      const VectorXd& values = after ? result.values.shared : calibration.initial();
       std::vector<Carried> carried;
       for (const View& a : sample.views)
         if (std::any_of(sample.views.begin(), sample.views.end(),

@@ -74,38 +74,34 @@ struct Calibration::Judged {
   std::vector<std::string> undefined;  // samples without any evaluable start
 };
 
-Calibration::Calibration(Rig rig, std::vector<Sample> samples) : rig_(std::move(rig)), samples_(std::move(samples)), table_(rig_) {
-  if (samples_.empty()) throw std::invalid_argument("there are no samples");
-  const std::vector<int> train = split(true);
-  for (const Step& step : rig_.steps) {
+Calibration::Calibration(Rig rig, std::vector<Sample> samples)
+    : recording_(std::move(rig), std::move(samples)), initial_(recording_.table.initial) {
+  if (recording_.samples.empty()) throw std::invalid_argument("there are no samples");
+  const std::vector<int> train = recording_.split(true);
+  for (const Step& step : recording_.rig.steps) {
     EstimationSetup setup;
+    setup.initial = initial_;
     setup.noise = NoiseMode::none;
     setup.sensors = step.sensors;
-    const Estimation probe(rig_, table_, samples_, train, setup);
+    const Estimation probe(recording_, train, setup);
     used_.push_back(probe.groups().empty() ? std::vector<char>() : probe.influencing());
     resolve(used_.size() - 1, {}, {});
   }
 }
 
-std::vector<int> Calibration::split(bool train) const {
-  std::vector<int> out;
-  for (size_t i = 0; i < samples_.size(); ++i)
-    if (samples_[i].train == train) out.push_back(static_cast<int>(i));
-  return out;
-}
-
 /// Starts the free targets of the samples; those of them where that can be done and no residual is undefined then.
 std::vector<int> Calibration::that_can_start(const std::vector<int>& samples, const std::vector<int>& sensors, Values& values) const {
   EstimationSetup setup;
+  setup.initial = initial_;
   setup.noise = NoiseMode::none;
   setup.sensors = sensors;
   std::vector<int> out;
   for (int i : samples) {
-    Estimation one(rig_, table_, samples_, {i}, setup);
+    Estimation one(recording_, {i}, setup);
     Cost cost;
     bool defined = true;
     try {
-      start_targets(rig_, table_, samples_, {i}, sensors, {LossKind::soft_l1, 3}, values);
+      start_targets(recording_, {i}, sensors, {LossKind::soft_l1, 3}, values);
       const VectorXd state = one.pack(values);
       one.renew(state);
       defined = one.groups().empty() || (one.evaluate(0, state, 0, cost) && std::isfinite(cost.twice));
@@ -118,10 +114,10 @@ std::vector<int> Calibration::that_can_start(const std::vector<int>& samples, co
 }
 
 std::vector<const Step*> Calibration::steps_to_run(const CalibrationOptions& options) const {
-  if (rig_.steps.empty()) throw std::invalid_argument("the rig has no `estimate`: nothing is to be calibrated");
+  if (recording_.rig.steps.empty()) throw std::invalid_argument("the rig has no `estimate`: nothing is to be calibrated");
   std::vector<const Step*> out;
   std::string names;
-  for (const Step& step : rig_.steps) {
+  for (const Step& step : recording_.rig.steps) {
     out.push_back(&step);
     if (step.name == options.last_step) return out;
     names += (names.empty() ? "" : ", ") + step.name;
@@ -132,29 +128,29 @@ std::vector<const Step*> Calibration::steps_to_run(const CalibrationOptions& opt
 
 /// A step's plan but for its counts.
 StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free, const std::vector<std::string>& fix) const {
-  const Step& step = rig_.steps[index];
+  const Step& step = recording_.rig.steps[index];
   StepPlan plan;
   plan.name = step.name;
   std::vector<Freed> wanted;
-  std::vector<char> plain(table_.all.size(), 0);
+  std::vector<char> plain(recording_.table.all.size(), 0);
   const auto want = [&](const std::string& pattern, const std::string& where) {
-    const std::vector<Freed> found = table_.find(pattern, where);
-    if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
+    const std::vector<Freed> found = recording_.table.find(pattern, where);
+    if (recording_.table.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(wanted, found);
   };
   for (size_t i = 0; i < step.free.size(); ++i)
     want(step.free[i], i < step.free_where.size() ? step.free_where[i] : "step '" + step.name + "': free");
   for (const std::string& pattern : free) want(pattern, "--free");
 
-  std::vector<char> seen_in_training(rig_.targets.size(), 0), seen_held_out(rig_.targets.size(), 0);
-  for (const Sample& s : samples_)
+  std::vector<char> seen_in_training(recording_.rig.targets.size(), 0), seen_held_out(recording_.rig.targets.size(), 0);
+  for (const Sample& s : recording_.samples)
     for (const View& v : s.views) (s.train ? seen_in_training : seen_held_out)[v.target] = 1;
   const std::vector<char>& used = used_[index];
   if (used.empty()) throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
 
   std::vector<Freed> with_priors = wanted;  // priors are checked against what the step means to free
   for (const std::string& pattern : fix) {
-    const std::vector<Freed> found = table_.find(pattern, "--fix");
+    const std::vector<Freed> found = recording_.table.find(pattern, "--fix");
     for (const Freed& f : found)
       for (Freed& w : wanted)
         if (w.parameter == f.parameter) {
@@ -165,16 +161,16 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   }
   for (const Freed& f : wanted) {
     if (f.components.empty()) continue;
-    const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
-    if (target != table_.target_pose.end()) {
-      const size_t t = static_cast<size_t>(target - table_.target_pose.begin());
+    const auto target = std::find(recording_.table.target_pose.begin(), recording_.table.target_pose.end(), f.parameter);
+    if (target != recording_.table.target_pose.end()) {
+      const size_t t = static_cast<size_t>(target - recording_.table.target_pose.begin());
       if (seen_held_out[t] && !seen_in_training[t]) {
-        plan.held_out.push_back(table_.all[f.parameter].name);
+        plan.held_out.push_back(recording_.table.all[f.parameter].name);
         continue;
       }
     }
     if (!used[f.parameter] && !plain[f.parameter])
-      plan.unused.push_back(table_.all[f.parameter].name);
+      plan.unused.push_back(recording_.table.all[f.parameter].name);
     else
       plan.free.push_back(f);
   }
@@ -186,11 +182,11 @@ StepPlan Calibration::resolve(size_t index, const std::vector<std::string>& free
   }
 
   for (const PriorSetting& prior : step.priors) {
-    const std::vector<Freed> found = table_.find(prior.pattern, prior.where);
+    const std::vector<Freed> found = recording_.table.find(prior.pattern, prior.where);
     bool covers = false;
     for (const Freed& f : found) {
-      if (prior.split && !table_.all[f.parameter].pose)
-        throw std::invalid_argument(prior.where + ": '" + table_.all[f.parameter].name +
+      if (prior.split && !recording_.table.all[f.parameter].pose)
+        throw std::invalid_argument(prior.where + ": '" + recording_.table.all[f.parameter].name +
                                     "' is no pose: a number is expected, not {translation, rotation}");
       const Freed* meant = find_freed(with_priors, f.parameter);
       const Freed* freed = find_freed(plan.free, f.parameter);
@@ -236,8 +232,8 @@ std::vector<std::string> Calibration::without_effect(const CalibrationOptions& o
         continue;
       }
       bool free = false;
-      for (const Freed& f : table_.select(patterns[i])) free = free || all.count(f.parameter);
-      const std::string step = "step '" + rig_.steps[last].name + "'";
+      for (const Freed& f : recording_.table.select(patterns[i])) free = free || all.count(f.parameter);
+      const std::string step = "step '" + recording_.rig.steps[last].name + "'";
       out.push_back((fix ? "--fix '" : "--free '") + patterns[i] + "' changes nothing: " +
                     (fix    ? "it is not free in " + step + " anyway"
                      : free ? "it is free in " + step + " anyway"
@@ -250,15 +246,16 @@ std::vector<std::string> Calibration::without_effect(const CalibrationOptions& o
 std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const {
   std::vector<StepPlan> out = resolve_all(options);
   out.back().without_effect = without_effect(options);
-  const std::vector<int> train = split(true);
+  const std::vector<int> train = recording_.split(true);
   for (size_t i = 0; i < out.size(); ++i) {
     StepPlan& plan = out[i];
     EstimationSetup setup;
+    setup.initial = initial_;
     setup.noise = options.noise;
-    setup.sensors = rig_.steps[i].sensors;
+    setup.sensors = recording_.rig.steps[i].sensors;
     setup.free = plan.free;
     setup.priors = plan.priors;
-    const Estimation problem(rig_, table_, samples_, train, setup);
+    const Estimation problem(recording_, train, setup);
     plan.unknowns = problem.shared_size();
     for (size_t g = 0; g < problem.groups().size(); ++g) {
       plan.rows += problem.groups()[g].rows;
@@ -272,43 +269,43 @@ std::vector<StepPlan> Calibration::plan(const CalibrationOptions& options) const
 std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& options) {
   const std::vector<const Step*> steps = steps_to_run(options);
   const std::vector<StepPlan> plans = resolve_all(options);
-  const std::vector<int> train = split(true);
+  const std::vector<int> train = recording_.split(true);
   CalibrationResult result;
   result.noise = options.noise;
-  result.values.shared = table_.initial;
+  result.values.shared = initial_;
   for (const std::string& said : without_effect(options)) result.warnings.push_back({"no_effect", said});
 
   // Poses that the rig leaves open and the steps free wholly, without a prior: their T0 comes from the data.
   std::vector<int> unknown;
   std::vector<std::string> identity;  // freed in part or with a prior: absent means the identity
-  for (size_t p = 0; p < table_.all.size(); ++p) {
-    const auto sensor = std::find(table_.sensor_pose.begin(), table_.sensor_pose.end(), static_cast<int>(p));
-    const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), static_cast<int>(p));
-    const bool open = (sensor != table_.sensor_pose.end() && !rig_.sensors[sensor - table_.sensor_pose.begin()].pose_given) ||
-                      (target != table_.target_pose.end() && !rig_.targets[target - table_.target_pose.begin()].pose_given);
+  for (size_t p = 0; p < recording_.table.all.size(); ++p) {
+    const auto sensor = std::find(recording_.table.sensor_pose.begin(), recording_.table.sensor_pose.end(), static_cast<int>(p));
+    const auto target = std::find(recording_.table.target_pose.begin(), recording_.table.target_pose.end(), static_cast<int>(p));
+    const bool open = (sensor != recording_.table.sensor_pose.end() && !recording_.rig.sensors[sensor - recording_.table.sensor_pose.begin()].pose_given) ||
+                      (target != recording_.table.target_pose.end() && !recording_.rig.targets[target - recording_.table.target_pose.begin()].pose_given);
     if (!open) continue;
     bool whole = false, prior = false;
     for (const StepPlan& plan : plans) {
       const Freed* f = find_freed(plan.free, static_cast<int>(p));
-      whole = whole || (f && f->whole(table_.all[p]));
+      whole = whole || (f && f->whole(recording_.table.all[p]));
       for (const Prior& q : plan.priors) prior = prior || q.parameter == static_cast<int>(p);
     }
     if (whole && !prior)
       unknown.push_back(static_cast<int>(p));
     else if (std::any_of(plans.begin(), plans.end(), [&](const StepPlan& plan) { return find_freed(plan.free, static_cast<int>(p)); }))
-      identity.push_back(table_.all[p].name);
+      identity.push_back(recording_.table.all[p].name);
   }
   for (const std::string& name : identity)
     result.warnings.push_back(
         {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
-  for (int p : unknown) result.computed_starts.push_back(table_.all[p].name);
+  for (int p : unknown) result.computed_starts.push_back(recording_.table.all[p].name);
   if (!unknown.empty()) {
     Values started;
-    started.shared = table_.initial;
-    for (const std::string& name : start_unknown_poses(rig_, table_, samples_, train, unknown, started))
+    started.shared = initial_;
+    for (const std::string& name : start_unknown_poses(recording_, train, unknown, started))
       result.warnings.push_back(
           {"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
-    table_.initial = result.values.shared = started.shared;
+    initial_ = result.values.shared = started.shared;
   }
   if (options.start) result.values.shared = *options.start;
 
@@ -318,6 +315,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     const Step& step = *steps[i];
     const auto begin = std::chrono::steady_clock::now();
     EstimationSetup setup;
+    setup.initial = initial_;
     setup.noise = options.noise;
     setup.loss = options.robust ? Loss{LossKind::cauchy, 3, true} : step.loss.value_or(Loss());
     setup.sensors = step.sensors;
@@ -326,8 +324,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     if (options.scatter) options.scatter(plans[i], result.values.shared);
     const std::vector<int> taking_part = options.robust ? that_can_start(train, step.sensors, result.values) : train;
     if (taking_part.empty()) throw std::runtime_error("step '" + step.name + "': no sample can start: points lie behind their cameras");
-    Estimation problem(rig_, table_, samples_, taking_part, setup);
-    if (!options.robust) start_targets(rig_, table_, samples_, taking_part, step.sensors, setup.loss, result.values);
+    Estimation problem(recording_, taking_part, setup);
+    if (!options.robust) start_targets(recording_, taking_part, step.sensors, setup.loss, result.values);
     VectorXd state = problem.pack(result.values);
 
     StepResult out;
@@ -345,16 +343,16 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     }
     LevenbergMarquardt solver(problem, solver_options);
     SolveSummary summary;
-    if (setup.loss.from_data) summary = solve_graduated(problem, rig_, solver_options, state);
+    if (setup.loss.from_data) summary = solve_graduated(problem, recording_.rig, solver_options, state);
     if (!options.robust && summary.outcome != Outcome::undefined_start && summary.outcome != Outcome::cancelled)
       summary = solver.solve(state);
     if (summary.outcome == Outcome::cancelled) return std::nullopt;
     if (summary.outcome == Outcome::undefined_start) {
-      const Sample& sample = samples_[problem.sample_of(summary.undefined_group)];
+      const Sample& sample = recording_.samples[problem.sample_of(summary.undefined_group)];
       std::string views;
       for (const View& v : sample.views)
         if (std::count(step.sensors.begin(), step.sensors.end(), v.sensor))
-          views += (views.empty() ? "'" : ", '") + rig_.sensors[v.sensor].name + "' of '" + rig_.targets[v.target].name + "'";
+          views += (views.empty() ? "'" : ", '") + recording_.rig.sensors[v.sensor].name + "' of '" + recording_.rig.targets[v.target].name + "'";
       throw std::runtime_error(
           "step '" + step.name + "': in sample '" + sample.id +
           "' a residual is undefined at the start: a point lies behind a camera, or a number is not finite. Its views: " + views +
@@ -382,8 +380,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 
     for (size_t column = 0; column < problem.columns().size(); ++column) {
-      const int p = problem.columns()[column].first, component = problem.columns()[column].second;
-      const Parameter& parameter = table_.all[p];
+      const int p = problem.columns()[column].parameter, component = problem.columns()[column].index;
+      const Parameter& parameter = recording_.table.all[p];
       auto estimate = std::find_if(result.parameters.begin(), result.parameters.end(),
                                    [&](const ParameterEstimate& e) { return e.name == parameter.name; });
       if (estimate == result.parameters.end()) {
@@ -394,7 +392,7 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
         estimate->units = parameter.units;
         estimate->freed.assign(parameter.size(), 0);
       }
-      if (column == 0 || problem.columns()[column - 1].first != p) {
+      if (column == 0 || problem.columns()[column - 1].parameter != p) {
         estimate->step = step.name;
         estimate->sigma.assign(parameter.size(), 0.0);
         estimate->prior.assign(parameter.size(), 0.0);
@@ -407,8 +405,8 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     }
     result.steps.push_back(std::move(out));
     for (const std::string& pattern : step.free)  // what only held-out samples see is estimated when they are judged
-      for (const Freed& f : table_.select(pattern))
-        if (std::count(plans[i].held_out.begin(), plans[i].held_out.end(), table_.all[f.parameter].name)) merge(held_out, {f});
+      for (const Freed& f : recording_.table.select(pattern))
+        if (std::count(plans[i].held_out.begin(), plans[i].held_out.end(), recording_.table.all[f.parameter].name)) merge(held_out, {f});
     if (!last) continue;
 
     const StepResult& end = result.steps.back();
@@ -422,28 +420,28 @@ std::optional<CalibrationResult> Calibration::run(const CalibrationOptions& opti
     if (options.judge)
       for (const Influence& f : influences(problem.groups(), left, observability))
         if (problem.sample_of(f.group) >= 0)
-          result.leverage.push_back({samples_[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
+          result.leverage.push_back({recording_.samples[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
     for (int c = 0; c < problem.shared_size(); ++c) result.covariance_names.push_back(problem.column_name(c));
     for (ParameterEstimate& e : result.parameters) {
       const Parameter& parameter =
-          *std::find_if(table_.all.begin(), table_.all.end(), [&](const Parameter& q) { return q.name == e.name; });
+          *std::find_if(recording_.table.all.begin(), recording_.table.all.end(), [&](const Parameter& q) { return q.name == e.name; });
       const VectorXd& v = result.values.shared;
       if (parameter.pose) {
-        const Vector6d xi = log_se3(inverse(get_pose(table_.initial, parameter.start)) * get_pose(v, parameter.start));
+        const Vector6d xi = log_se3(inverse(get_pose(initial_, parameter.start)) * get_pose(v, parameter.start));
         e.initial.assign(6, 0.0);
         e.value.assign(xi.data(), xi.data() + 6);
         for (int c = 0; c < 6; ++c)
           if (!e.freed[c]) e.value[c] = 0;  // exactly: log and exp leave 1e-19
         e.pose = get_pose(v, parameter.start);
       } else {
-        e.initial.assign(table_.initial.data() + parameter.start, table_.initial.data() + parameter.start + parameter.size());
+        e.initial.assign(initial_.data() + parameter.start, initial_.data() + parameter.start + parameter.size());
         e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       }
     }
     if (options.robust) return result;
     if (!options.judge) continue;
     result.explanation = explain(*this, result);
-    result.noise_levels = noise_levels(problem, rig_, state, observability.covariance);
+    result.noise_levels = noise_levels(problem, recording_.rig, state, observability.covariance);
     collect(result, problem, state, step, held_out);
   }
   warn(result);
@@ -458,17 +456,18 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
                                        const std::vector<Freed>& free, const Values* start, bool with_dof,
                                        const std::vector<double>& levels) const {
   Judged out;
-  out.sums.resize(rig_.sensors.size());
+  out.sums.resize(recording_.rig.sensors.size());
   EstimationSetup setup;
+  setup.initial = initial_;
   setup.noise = noise;
   setup.loss = loss;
   setup.levels = levels;
-  setup.sensors = all_sensors(rig_);
+  setup.sensors = all_sensors(recording_.rig);
   std::vector<std::vector<int>> groups(1);
   for (int i : samples) {
     bool tied = false;
     if (!free.empty()) {
-      const std::vector<char> used = Estimation(rig_, table_, samples_, {i}, setup).influencing();
+      const std::vector<char> used = Estimation(recording_, {i}, setup).influencing();
       for (const Freed& f : free) tied = tied || used[f.parameter];
     }
     if (tied)
@@ -482,14 +481,14 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
       setup.free = free;
     else
       setup.free.clear();
-    Estimation problem(rig_, table_, samples_, group, setup);
+    Estimation problem(recording_, group, setup);
     if (problem.groups().empty()) continue;
     Values values;
     values.shared = shared;
     std::vector<int> to_start;
     for (int i : group)
-      for (const View& v : samples_[i].views) {
-        if (rig_.targets[v.target].link >= 0) continue;
+      for (const View& v : recording_.samples[i].views) {
+        if (recording_.rig.targets[v.target].link >= 0) continue;
         const auto known = start ? start->targets.find({i, v.target}) : std::map<std::pair<int, int>, Pose>::const_iterator();
         if (start && known != start->targets.end())
           values.targets[{i, v.target}] = known->second;
@@ -505,17 +504,17 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
     };
     bool defined = true;
     try {
-      start_targets(rig_, table_, samples_, to_start, setup.sensors, loss, values);
+      start_targets(recording_, to_start, setup.sensors, loss, values);
       if (!solve()) {  // the given poses are behind a camera at these values
         values.targets.clear();
-        start_targets(rig_, table_, samples_, group, setup.sensors, loss, values);
+        start_targets(recording_, group, setup.sensors, loss, values);
         defined = solve();
       }
     } catch (const std::runtime_error&) {
       defined = false;
     }
     if (!defined) {
-      for (int i : group) out.undefined.push_back(samples_[i].id);
+      for (int i : group) out.undefined.push_back(recording_.samples[i].id);
       continue;
     }
     out.converged = out.converged && summary.outcome == Outcome::converged;
@@ -525,7 +524,7 @@ Calibration::Judged Calibration::judge(const std::vector<int>& samples, const Ve
       out.dof += observe(problem, state).dof();
     }
     std::vector<ViewResiduals> residuals = problem.residuals(state);
-    add_sums(rig_, residuals, out.sums);
+    add_sums(recording_.rig, residuals, out.sums);
     std::move(residuals.begin(), residuals.end(), std::back_inserter(out.residuals));
   }
   return out;
@@ -536,18 +535,18 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
                           const std::vector<Freed>& held_out) const {
   const Loss loss = last_step.loss.value_or(Loss());
   const std::vector<double>& levels = last.setup().levels;
-  std::vector<char> sees(rig_.sensors.size(), 0);
+  std::vector<char> sees(recording_.rig.sensors.size(), 0);
   bool complete = true;  // the last step used every sensor that sees something in training
-  for (const Sample& s : samples_)
+  for (const Sample& s : recording_.samples)
     for (const View& v : s.views) {
       sees[v.sensor] = 1;
       if (s.train && !std::count(last_step.sensors.begin(), last_step.sensors.end(), v.sensor)) complete = false;
     }
-  std::vector<int> place(rig_.sensors.size(), -1);
-  for (size_t i = 0; i < rig_.sensors.size(); ++i)
+  std::vector<int> place(recording_.rig.sensors.size(), -1);
+  for (size_t i = 0; i < recording_.rig.sensors.size(); ++i)
     if (sees[i]) {
       place[i] = static_cast<int>(result.sensors.size());
-      result.sensors.push_back(unseen(rig_.sensors[i]));
+      result.sensors.push_back(unseen(recording_.rig.sensors[i]));
     }
   const auto order = [](std::vector<ViewResiduals>& residuals) {
     std::stable_sort(residuals.begin(), residuals.end(), [](const ViewResiduals& a, const ViewResiduals& b) {
@@ -555,20 +554,20 @@ void Calibration::collect(CalibrationResult& result, const Estimation& last, con
     });
   };
   for (bool train : {true, false}) {
-    const std::vector<int> samples = split(train);
+    const std::vector<int> samples = recording_.split(train);
     if (samples.empty()) continue;
     const std::vector<Freed> free = train ? std::vector<Freed>() : held_out;
     Judged now;
     if (train && complete) {
-      now.sums.resize(rig_.sensors.size());
+      now.sums.resize(recording_.rig.sensors.size());
       now.residuals = last.residuals(state);
-      add_sums(rig_, now.residuals, now.sums);
+      add_sums(recording_.rig, now.residuals, now.sums);
     } else {
       now = judge(samples, result.values.shared, result.noise, loss, free, &result.values, false, levels);
     }
     Judged read = judge(samples, result.values.shared, NoiseMode::none, loss, free, &result.values, false, levels);
-    Judged before = judge(samples, table_.initial, NoiseMode::none, loss, free, &result.values, false, levels);
-    for (size_t i = 0; i < rig_.sensors.size(); ++i) {
+    Judged before = judge(samples, initial_, NoiseMode::none, loss, free, &result.values, false, levels);
+    for (size_t i = 0; i < recording_.rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SplitStatistics& s = train ? result.sensors[place[i]].train : result.sensors[place[i]].test;
       const auto rms = [](double squared, long points) { return points ? std::sqrt(squared / points) : kNan; };
@@ -629,17 +628,17 @@ void Calibration::warn(CalibrationResult& result) const {
   };
   std::map<int, Excess> excess;  // by joint
   for (const auto& e : result.values.errors) {
-    const double sigmas = e.second / rig_.joints[e.first.second].sigma;
+    const double sigmas = e.second / recording_.rig.joints[e.first.second].sigma;
     if (result.noise != NoiseMode::latent || !(std::abs(sigmas) > 4)) continue;
     Excess& x = excess[e.first.second];
     ++x.count;
     if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
   }
   for (const auto& x : excess)
-    add("joint_error", "joint '" + rig_.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " + std::to_string(x.second.count) +
+    add("joint_error", "joint '" + recording_.rig.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " + std::to_string(x.second.count) +
                            (x.second.count == 1 ? " sample" : " samples") + ", at worst " +
-                           text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.worst * rig_.joints[x.first].sigma) +
-                           samples_[x.second.sample].id + "'");
+                           text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.worst * recording_.rig.joints[x.first].sigma) +
+                           recording_.samples[x.second.sample].id + "'");
   for (const ParameterEstimate& e : result.parameters) {
     const auto about_it = [&](const Warning& w) { return w.id == "identity" && w.text.rfind(e.name + " ", 0) == 0; };
     if (e.pose && std::none_of(result.warnings.begin(), result.warnings.end(), about_it)) {
@@ -661,38 +660,39 @@ void Calibration::warn(CalibrationResult& result) const {
 
 Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>& patterns) const {
   std::vector<Freed> free;
-  std::vector<char> plain(table_.all.size(), 0);
+  std::vector<char> plain(recording_.table.all.size(), 0);
   for (const std::string& pattern : patterns) {
-    const std::vector<Freed> found = table_.find(pattern, "--free");
-    if (table_.is_plain_name(pattern)) plain[found[0].parameter] = 1;
+    const std::vector<Freed> found = recording_.table.find(pattern, "--free");
+    if (recording_.table.is_plain_name(pattern)) plain[found[0].parameter] = 1;
     merge(free, found);
   }
   Evaluation out;
-  std::vector<char> influences(table_.all.size(), 0);  // some view depends on it
-  std::vector<int> place(rig_.sensors.size(), -1);
+  std::vector<char> influences(recording_.table.all.size(), 0);  // some view depends on it
+  std::vector<int> place(recording_.rig.sensors.size(), -1);
   for (bool train : {true, false}) {
-    const std::vector<int> samples = split(train);
+    const std::vector<int> samples = recording_.split(train);
     if (samples.empty()) continue;
     EstimationSetup setup;
-    setup.sensors = all_sensors(rig_);
-    const std::vector<char> used = Estimation(rig_, table_, samples_, samples, setup).influencing();
+    setup.initial = initial_;
+    setup.sensors = all_sensors(recording_.rig);
+    const std::vector<char> used = Estimation(recording_, samples, setup).influencing();
     std::vector<Freed> here;
     for (const Freed& f : free)
       if (used[f.parameter] || plain[f.parameter]) here.push_back(f);
     for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
-    const Judged now = judge(samples, table_.initial, noise, Loss(), here, nullptr, true);
-    const Judged read = judge(samples, table_.initial, NoiseMode::none, Loss(), here, nullptr, false);
+    const Judged now = judge(samples, initial_, noise, Loss(), here, nullptr, true);
+    const Judged read = judge(samples, initial_, NoiseMode::none, Loss(), here, nullptr, false);
     if (!now.undefined.empty())
       throw std::runtime_error("sample '" + now.undefined[0] +
                                "' cannot be evaluated: a point lies behind a camera wherever its target is put");
     out.converged = out.converged && now.converged;
     out.chi2 += now.chi2;
     out.dof += now.dof;
-    for (size_t i = 0; i < rig_.sensors.size(); ++i) {
+    for (size_t i = 0; i < recording_.rig.sensors.size(); ++i) {
       if (now.sums[i].points == 0) continue;
       if (place[i] < 0) {
         place[i] = static_cast<int>(out.sensors.size());
-        out.sensors.push_back(unseen(rig_.sensors[i]));
+        out.sensors.push_back(unseen(recording_.rig.sensors[i]));
       }
       SplitStatistics& s = train ? out.sensors[place[i]].train : out.sensors[place[i]].test;
       s.points = now.sums[i].points;
@@ -710,7 +710,7 @@ Evaluation Calibration::evaluate(NoiseMode noise, const std::vector<std::string>
   if (!out.converged) add("not_converged", "the estimation of targets or joint errors did not converge");
   if (out.dof > 0 && out.chi2 / out.dof > 1.5) add("chi2", excess_text(out.chi2 / out.dof));
   for (const std::string& pattern : patterns) {
-    const std::vector<Freed> found = table_.select(pattern);
+    const std::vector<Freed> found = recording_.table.select(pattern);
     if (std::none_of(found.begin(), found.end(), [&](const Freed& f) { return influences[f.parameter]; }))
       add("no_effect", "--free '" + pattern + "' changes nothing: no measurement depends on it");
   }

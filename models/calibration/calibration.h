@@ -156,12 +156,14 @@ class Calibration {
   /// nothing freed, a step that frees nothing or whose sensors see nothing.
   Calibration(Rig rig, std::vector<Sample> samples);
 
-  const Rig& rig() const { return rig_; }
-  const std::vector<Sample>& samples() const { return samples_; }
+  const Recording& recording() const { return recording_; }
+  const Rig& rig() const { return recording_.rig; }
+  const std::vector<Sample>& samples() const { return recording_.samples; }
+  const ParameterTable& table() const { return recording_.table; }
   /// Indices of the samples that are not held out.
-  std::vector<int> training() const { return split(true); }
-  /// After run(): with closed-form values of poses that the rig leaves open.
-  const ParameterTable& table() const { return table_; }
+  std::vector<int> training() const { return recording_.training(); }
+  /// Shared values that estimates count from: the rig's; after run() with closed-form values of poses that the rig leaves open.
+  const VectorXd& initial() const { return initial_; }
 
   /// What run() would do, step by step. @throws as run().
   std::vector<StepPlan> plan(const CalibrationOptions& options) const;
@@ -175,7 +177,6 @@ class Calibration {
 
  private:
   struct Judged;
-  std::vector<int> split(bool train) const;
   std::vector<int> that_can_start(const std::vector<int>& samples, const std::vector<int>& sensors, Values& values) const;
   StepPlan resolve(size_t step, const std::vector<std::string>& free, const std::vector<std::string>& fix) const;
   std::vector<StepPlan> resolve_all(const CalibrationOptions& options) const;
@@ -187,9 +188,8 @@ class Calibration {
                const std::vector<Freed>& held_out) const;
   void warn(CalibrationResult& result) const;
 
-  Rig rig_;
-  std::vector<Sample> samples_;
-  ParameterTable table_;
+  Recording recording_;
+  VectorXd initial_;
   std::vector<std::vector<char>> used_;  // by step: which parameters its measurements depend on
 };
 

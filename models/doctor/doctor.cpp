@@ -191,8 +191,10 @@ void Doctor::plan() {
 
 Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>& stages, const FitOptions& o) const {
   Fit out;
-  ParameterTable table(rig);
-  out.given = table.initial;
+  const Recording recording(rig, samples);
+  const ParameterTable& table = recording.table;
+  VectorXd initial = table.initial;
+  out.given = initial;
   Values values;
   std::vector<int> all(samples.size());
   std::iota(all.begin(), all.end(), 0);
@@ -220,8 +222,8 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     for (size_t t = 0; t < rig.targets.size(); ++t)
       if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
     if (!unknown.empty()) {
-      start_unknown_poses(rig, table, samples, all, unknown, values);
-      table.initial = values.shared;
+      start_unknown_poses(recording, all, unknown, values);
+      initial = values.shared;
     }
   }
   SolverOptions solver_options;
@@ -241,13 +243,14 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
     setup.sensors = stages[i].sensors;
     setup.loss = o.loss.value_or(stages[i].loss);
     setup.free = free[i];
+    setup.initial = initial;
     for (const auto& p : stages[i].priors) {
       const Freed f = table.select(p.first).at(0);
       setup.priors.push_back({f.parameter, f.components[0], p.second});
     }
     std::vector<int> there, undefined;
     for (int s : all) try {
-        start_targets(rig, table, samples, {s}, setup.sensors, setup.loss, values, o.refine);
+        start_targets(recording, {s}, setup.sensors, setup.loss, values, o.refine);
         there.push_back(s);
       } catch (const std::runtime_error&) {
         undefined.push_back(s);
@@ -263,7 +266,7 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
       return bad;
     };
     {
-      Estimation trial(rig, table, samples, there, setup);
+      Estimation trial(recording, there, setup);
       const std::set<int> bad = undefined_groups(trial);
       if (!bad.empty()) {
         there.erase(std::remove_if(there.begin(), there.end(), [&](int s) { return bad.count(s) > 0; }), there.end());
@@ -271,7 +274,7 @@ Fit Doctor::fit(const Rig& rig, const Samples& samples, const std::vector<Stage>
       }
       std::sort(undefined.begin(), undefined.end());
     }
-    Estimation problem(rig, table, samples, there, setup);
+    Estimation problem(recording, there, setup);
     if (last) out.undefined = undefined;
     if (problem.empty()) continue;
     VectorXd state = problem.pack(values);
@@ -540,16 +543,17 @@ std::vector<Hypothesis> Doctor::turned_views(const Fit& robust) const {
   setup.noise = NoiseMode::none;
   setup.sensors = sensors;
   setup.loss = {LossKind::soft_l1, 3};
+  Recording one(rig_, {});
   const auto cost_of = [&](const Sample& sample) {
-    const Samples one = {sample};
+    one.samples = {sample};
     Values values;
     values.shared = robust.values.shared;
     try {
-      start_targets(rig_, table, one, {0}, sensors, setup.loss, values);
+      start_targets(one, {0}, sensors, setup.loss, values);
     } catch (const std::runtime_error&) {
       return kInfinity;
     }
-    Estimation problem(rig_, table, one, {0}, setup);
+    Estimation problem(one, {0}, setup);
     const VectorXd state = problem.pack(values);
     problem.renew(state);
     Cost cost;
@@ -906,7 +910,8 @@ void Doctor::check_still_joints(std::vector<Finding>& out) const {
 }
 
 void Doctor::check_connections(std::vector<Finding>& out) const {
-  const ParameterTable table(rig_);
+  const Recording recording(rig_, samples_);
+  const ParameterTable& table = recording.table;
   const FreedNames freed = freed_names(table);
   const int sensors = static_cast<int>(rig_.sensors.size()), nodes = sensors + static_cast<int>(rig_.targets.size());
   std::vector<int> parent(nodes), seen(nodes, 0);
@@ -951,7 +956,7 @@ void Doctor::check_connections(std::vector<Finding>& out) const {
       if (seen[s] && wanted(s)) setup.sensors.push_back(s);
     std::vector<int> all(samples_.size());
     std::iota(all.begin(), all.end(), 0);
-    const Estimation probe(rig_, table, samples_, all, setup);
+    const Estimation probe(recording, all, setup);
     return probe.groups().empty() ? std::vector<char>(table.all.size(), 0) : probe.influencing();
   };
   std::map<int, std::vector<int>> components;

@@ -175,20 +175,22 @@ struct Estimation::Scratch {
 
 Estimation::~Estimation() = default;
 
-Estimation::Estimation(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-                       EstimationSetup setup)
-    : rig_(rig), table_(table), all_(all), setup_(std::move(setup)) {
+Estimation::Estimation(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup)
+    : rig_(recording.rig),
+      table_(recording.table),
+      all_(recording.samples),
+      setup_(std::move(setup)) {
   set_levels(std::vector<double>(setup_.levels));
-  first_column_.assign(table.all.size(), -1);
-  freed_.assign(table.all.size(), nullptr);
-  charts_.resize(table.all.size());
+  first_column_.assign(table_.all.size(), -1);
+  freed_.assign(table_.all.size(), nullptr);
+  charts_.resize(table_.all.size());
   for (const Freed& f : setup_.free) {
     first_column_[f.parameter] = static_cast<int>(columns_.size());
     freed_[f.parameter] = &f;
     for (int c : f.components) columns_.push_back({f.parameter, c});
-    if (table.all[f.parameter].pose && !f.whole(table.all[f.parameter])) charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
+    if (table_.all[f.parameter].pose && !f.whole(table_.all[f.parameter])) charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
   }
-  state_size_ = static_cast<int>(table.initial.size());
+  state_size_ = static_cast<int>(table_.initial.size());
   for (int index : samples) place_sample(index);
   place_data();
   if (!setup_.priors.empty()) {
@@ -553,7 +555,7 @@ void Estimation::prepare(const VectorXd& state) {
   for (size_t p = 0; p < charts_.size(); ++p) {
     if (charts_[p].size() == 0) continue;
     const int start = table_.all[p].start;
-    const Vector6d xi = log_se3(inverse(get_pose(table_.initial, start)) * get_pose(state, start));
+    const Vector6d xi = log_se3(inverse(get_pose(initial(), start)) * get_pose(state, start));
     const Matrix6d jacobian = right_jacobian_se3(xi);
     for (size_t i = 0; i < freed_[p]->components.size(); ++i) charts_[p].col(i) = jacobian.col(freed_[p]->components[i]);
   }
@@ -977,11 +979,11 @@ void Estimation::prior_row(size_t i, const VectorXd& state, bool derivatives, Pr
   const bool same = row.parameter == prior.parameter, whole = p.pose && freed_[prior.parameter]->whole(p);
   row.parameter = prior.parameter;
   if (p.pose) {
-    if (!same) row.log = log_se3(inverse(get_pose(table_.initial, p.start)) * get_pose(state, p.start));
+    if (!same) row.log = log_se3(inverse(get_pose(initial(), p.start)) * get_pose(state, p.start));
     if (!same && derivatives && whole) row.inverse_jacobian = right_jacobian_se3(row.log).inverse();
     row.r = row.log(prior.component) / prior.sigma;
   } else {
-    row.r = (state(p.start + prior.component) - table_.initial(p.start + prior.component)) / prior.sigma;
+    row.r = (state(p.start + prior.component) - initial()(p.start + prior.component)) / prior.sigma;
   }
   if (!derivatives) return;
   row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), first_column_[prior.parameter]) - touched.begin());
@@ -1097,10 +1099,10 @@ void Estimation::retract(const VectorXd& state, const VectorXd& shared_step, con
     } else if (f.whole(p)) {
       set_pose(moved, p.start, get_pose(state, p.start) * exp_se3(step));
     } else {
-      const Pose initial = get_pose(table_.initial, p.start);
-      Vector6d xi = log_se3(inverse(initial) * get_pose(state, p.start));
+      const Pose origin = get_pose(initial(), p.start);
+      Vector6d xi = log_se3(inverse(origin) * get_pose(state, p.start));
       for (size_t i = 0; i < f.components.size(); ++i) xi(f.components[i]) += step(static_cast<Eigen::Index>(i));
-      set_pose(moved, p.start, initial * exp_se3(xi));
+      set_pose(moved, p.start, origin * exp_se3(xi));
     }
   }
   Eigen::Index at = 0;

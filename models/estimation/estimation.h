@@ -41,6 +41,7 @@ struct EstimationSetup {
   std::vector<Freed> free;
   std::vector<Prior> priors;   // of freed components only
   int only_target = -1;        // views of this target only (to start it)
+  VectorXd initial;            // shared values that priors and partly freed poses count from; empty: the rig's
 };
 
 /// Everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
@@ -69,11 +70,10 @@ struct NoiseRows {
 
 class Estimation final : public Problem {
  public:
-  /// `samples`: indices into `all` of those that take part; samples without a view of the setup's sensors make no group.
-  /// The arguments' objects must outlive this one.
+  /// `samples`: indices of those that take part; samples without a view of the setup's sensors make no group. The recording must outlive
+  /// this problem.
   /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
-  Estimation(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-             EstimationSetup setup);
+  Estimation(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup);
   ~Estimation() override;
   Estimation(const Estimation&) = delete;
   Estimation& operator=(const Estimation&) = delete;
@@ -82,10 +82,12 @@ class Estimation final : public Problem {
   const EstimationSetup& setup() const { return setup_; }
   /// Sample behind a group, -1 for the group of priors.
   int sample_of(int group) const;
+  /// Shared values that priors and partly freed poses count from.
+  const VectorXd& initial() const { return setup_.initial.size() > 0 ? setup_.initial : table_.initial; }
   /// Name of a shared column, e.g. "joint/head_joint/origin.rz".
-  std::string column_name(int column) const { return table_.all[columns_[column].first].component_name(columns_[column].second); }
-  /// (parameter, component) of every shared column.
-  const std::vector<std::pair<int, int>>& columns() const { return columns_; }
+  std::string column_name(int column) const { return table_.name(columns_[column]); }
+  /// What every shared column is.
+  const std::vector<Component>& columns() const { return columns_; }
 
   /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
   VectorXd pack(const Values& values) const;
@@ -162,7 +164,7 @@ class Estimation final : public Problem {
   const std::vector<Sample>& all_;
   EstimationSetup setup_;
   std::vector<Loss> losses_;                      // by sensor
-  std::vector<std::pair<int, int>> columns_;      // (parameter, component)
+  std::vector<Component> columns_;
   std::vector<int> first_column_;                 // by parameter, -1: held
   std::vector<const Freed*> freed_;               // by parameter, null: held
   std::map<std::vector<int>, std::unique_ptr<SamplePlan>> plans_;  // by what samples show

@@ -233,7 +233,7 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const double* z = view.z.data() + 3 * i;
     out.col(i) =
-        base_T_link(rig, table, values, sample, sensor.link, sensor.scanning_joint, z[0]) * link_T_sensor * TiltingLaser::measured_point(z);
+        Configuration(rig, table, values, sample.readings).with(sensor.scanning_joint, z[0]).base_T_link(sensor.link) * link_T_sensor * TiltingLaser::measured_point(z);
   }
   return out;
 }
@@ -247,7 +247,7 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
         fit_points(select_columns(target_points(rig, table, values, view.target), ids), scanned_points(rig, table, values, sample, view))};
   }
   const Pose base_T_sensor =
-      base_T_link(rig, table, values, sample, sensor.link) * get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
+      Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) * get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   std::vector<Pose> out;
   for (const Pose& p : view_poses(rig, table, values, view)) out.push_back(base_T_sensor * p);
   return out;
@@ -360,14 +360,11 @@ Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
   return out;
 }
 
-Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint,
-                 double reading) {
-  const Configuration robot(rig, table, values, sample.readings);
-  return (joint < 0 ? robot : robot.with(joint, reading)).base_T_link(link);
-}
-
-void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-                   const std::vector<int>& sensors, const Loss& loss, Values& values, bool refined) {
+void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
+                   Values& values, bool refined) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  const std::vector<Sample>& all = recording.samples;
   std::vector<char> used(rig.sensors.size(), 0);
   for (int s : sensors) used[s] = 1;
   for (int index : samples) {
@@ -381,7 +378,7 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
       setup.sensors = sensors;
       setup.only_target = target;
       setup.loss = {LossKind::soft_l1, 1};
-      Estimation rank(rig, table, all, {index}, setup);
+      Estimation rank(recording, {index}, setup);
       Values trial;
       trial.shared = values.shared;
       const auto before = values.targets.find({index, target});
@@ -393,7 +390,7 @@ void start_targets(const Rig& rig, const ParameterTable& table, const std::vecto
         if (rank.evaluate(0, state, 0, cost) && std::isfinite(cost.twice)) continue;
       }
       setup.loss = loss;
-      Estimation refine(rig, table, all, {index}, setup);
+      Estimation refine(recording, {index}, setup);
       std::vector<Pose> found;
       for (const View& v : all[index].views)
         if (used[v.sensor] && v.target == target)
@@ -451,7 +448,8 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, 
   std::vector<Sample> one(1);
   one[0].views = {view};
   one[0].views[0].sensor = one[0].views[0].target = 0;
-  const ParameterTable small(alone);
+  const Recording recording(std::move(alone), std::move(one));
+  const ParameterTable& small = recording.table;
   Values result;
   result.shared = small.initial;
   const auto copy = [&](int to, int from) {
@@ -459,20 +457,23 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, 
     const Parameter& p = table.all[from];
     result.shared.segment(small.all[to].start, p.size()) = values.segment(p.start, p.size());
   };
-  for (size_t b = 0; b < alone.sensors[0].parameters.size(); ++b)
+  for (size_t b = 0; b < recording.rig.sensors[0].parameters.size(); ++b)
     copy(small.sensor_block[0] + static_cast<int>(b), table.sensor_block[view.sensor] + static_cast<int>(b));
   copy(small.target_square[0], table.target_square[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {
-    start_targets(alone, small, one, {0}, {0}, {LossKind::soft_l1, 3}, result);
+    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result);
   } catch (const std::runtime_error&) {  // at every pose some point lies behind the camera
     return std::nullopt;
   }
   return result.targets[{0, 0}];
 }
 
-std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all,
-                                             const std::vector<int>& samples, const std::vector<int>& unknown, Values& values) {
+std::vector<std::string> start_unknown_poses(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown,
+                                             Values& values) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  const std::vector<Sample>& all = recording.samples;
   std::vector<char> known(table.all.size(), 1);
   for (int p : unknown) known[p] = 0;
   const auto start_of = [&](int p) { return table.all[p].start; };
@@ -503,12 +504,12 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
     std::map<std::pair<int, int>, Pose> hub;
     for (int index : samples) {
       try {
-        start_targets(rig, table, all, {index}, known_sensors, {LossKind::soft_l1, 3}, with);
+        start_targets(recording, {index}, known_sensors, {LossKind::soft_l1, 3}, with);
       } catch (const std::runtime_error&) {
       }
       for (const View& v : all[index].views)
         if (rig.targets[v.target].link >= 0 && known[table.target_pose[v.target]])
-          hub[{index, v.target}] = base_T_link(rig, table, values.shared, all[index], rig.targets[v.target].link) *
+          hub[{index, v.target}] = Configuration(rig, table, values.shared, all[index].readings).base_T_link(rig.targets[v.target].link) *
                                    get_pose(values.shared, start_of(table.target_pose[v.target]));
     }
     for (const auto& t : with.targets) hub[t.first] = t.second;
@@ -538,29 +539,29 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
         const bool lone_rays = sensor.model->sight() == Sight::rays && !s.pose;
         if (table.sensor_pose[v.sensor] == parameter && hub.count({s.sample, v.target})) {
           const Pose g = hub[{s.sample, v.target}];
-          if (lone_rays) rays_of(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g, Pose());
+          if (lone_rays) rays_of(inverse(Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link)) * g, Pose());
           if (s.pose)
-            poses.push_back(inverse(base_T_link(rig, table, values.shared, all[s.sample], sensor.link)) * g * inverse(s.sensor_T_target));
+            poses.push_back(inverse(Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link)) * g * inverse(s.sensor_T_target));
           if (scan || sensor.model->sight() == Sight::points)
             for (Eigen::Index i = 0; i < points.cols(); ++i) {
               const double* z = v.z.data() + 3 * i;
-              const Pose link = scan ? base_T_link(rig, table, values.shared, all[s.sample], sensor.link, sensor.scanning_joint, z[0])
-                                     : base_T_link(rig, table, values.shared, all[s.sample], sensor.link);
+              const Pose link = scan ? Configuration(rig, table, values.shared, all[s.sample].readings).with(sensor.scanning_joint, z[0]).base_T_link(sensor.link)
+                                     : Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link);
               from.push_back(scan ? TiltingLaser::measured_point(z) : Vector3d(z[0], z[1], z[2]));
               to.push_back(inverse(link) * (g * Vector3d(points.col(i))));
             }
         }
         if (table.target_pose[v.target] == parameter && known[table.sensor_pose[v.sensor]]) {
-          const Pose target_link = base_T_link(rig, table, values.shared, all[s.sample], rig.targets[v.target].link);
+          const Pose target_link = Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(rig.targets[v.target].link);
           if (lone_rays)
-            rays_of(Pose(), inverse(target_link) * base_T_link(rig, table, values.shared, all[s.sample], sensor.link) *
+            rays_of(Pose(), inverse(target_link) * Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link) *
                                 get_pose(values.shared, start_of(table.sensor_pose[v.sensor])));
           if (scan || sensor.model->sight() == Sight::points) {
             Matrix3Xd in_base;
             if (scan) {
               in_base = scanned_points(rig, table, values.shared, all[s.sample], v);
             } else {
-              const Pose base_T_sensor = base_T_link(rig, table, values.shared, all[s.sample], sensor.link) *
+              const Pose base_T_sensor = Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link) *
                                          get_pose(values.shared, start_of(table.sensor_pose[v.sensor]));
               in_base.resize(3, points.cols());
               for (Eigen::Index i = 0; i < points.cols(); ++i)
@@ -571,7 +572,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
               to.push_back(inverse(target_link) * Vector3d(in_base.col(i)));
             }
           } else if (s.pose) {
-            poses.push_back(inverse(target_link) * base_T_link(rig, table, values.shared, all[s.sample], sensor.link) *
+            poses.push_back(inverse(target_link) * Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(sensor.link) *
                             get_pose(values.shared, start_of(table.sensor_pose[v.sensor])) * s.sensor_T_target);
           }
         }
@@ -608,7 +609,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
     std::map<std::pair<int, int>, Pair> pairs;
     const auto side = [&](const Seen& s, int& parameter, Pose& link) {
       parameter = table.sensor_pose[s.view->sensor];
-      link = base_T_link(rig, table, values.shared, all[s.sample], rig.sensors[s.view->sensor].link);
+      link = Configuration(rig, table, values.shared, all[s.sample].readings).base_T_link(rig.sensors[s.view->sensor].link);
     };
     for (size_t i = 0; i < seen.size(); ++i) {
       if (!seen[i].pose || known[table.sensor_pose[seen[i].view->sensor]]) continue;
@@ -619,7 +620,7 @@ std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTabl
       if (rig.targets[target].link >= 0) {
         pb = table.target_pose[target];
         if (known[pb]) continue;
-        lb = base_T_link(rig, table, values.shared, all[seen[i].sample], rig.targets[target].link);
+        lb = Configuration(rig, table, values.shared, all[seen[i].sample].readings).base_T_link(rig.targets[target].link);
         Pair& pair = pairs[{pa, pb}];
         pair.a.push_back(inverse(lb) * la);
         pair.b.push_back(inverse(seen[i].sensor_T_target));

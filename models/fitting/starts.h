@@ -25,22 +25,18 @@ namespace kincal {
 /// Kabsch: the rigid motion with b ~ T a for points in columns; fewer than three points or all on a line: what they tell.
 Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 
-/// base_T_link at a sample's readings; `joint`, if given, has the reading `reading` instead. Readings that the path needs must be there.
-Pose base_T_link(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, int link, int joint = -1,
-                 double reading = 0);
-
 /// sensor_T_target as one view by itself says it: a chain's (the identity), a measured one, a rigid fit of points, a camera's perspective
 /// pose with its residuals minimised. nullopt where it does not tell (fewer than four pixels or three points, points on a line, a scan).
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
 
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A pose that is there already
 /// stays if it can be evaluated. `refine`: false leaves the best proposal as it is (cheap). @throws std::runtime_error naming sample and target where no proposal can be evaluated.
-void start_targets(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all, const std::vector<int>& samples,
-                   const std::vector<int>& sensors, const Loss& loss, Values& values, bool refine = true);
+void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
+                   Values& values, bool refine = true);
 
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in values.shared.
 /// Returns the names of those that could not be found and stay at the identity.
-std::vector<std::string> start_unknown_poses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& all,
-                                             const std::vector<int>& samples, const std::vector<int>& unknown, Values& values);
+std::vector<std::string> start_unknown_poses(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown,
+                                             Values& values);
 
 }  // namespace kincal

@@ -99,10 +99,9 @@ class World {
   Pose place(const Sample& robot, int sensor, int target, Draws& draws) const;
 
  private:
+  Configuration at(const Sample& robot) const { return Configuration(rig_, table_, truth_, robot.readings); }
   Pose base_T_sensor(const Sample& robot, int sensor, double scan_reading = 0) const {
-    const Sensor& s = rig_.sensors[sensor];
-    return base_T_link(rig_, table_, truth_, robot, s.link, s.scanning_joint, scan_reading) *
-           get_pose(truth_, table_.all[table_.sensor_pose[sensor]].start);
+    return at(robot).with(rig_.sensors[sensor].scanning_joint, scan_reading).base_T_sensor(sensor);
   }
   const double* own_numbers(int sensor) const {
     const int block = table_.sensor_block[sensor];
@@ -207,8 +206,8 @@ bool World::scan(const Sample& robot, const Pair& view, const Pose& base_T_targe
   const auto step = std::find_if(path.begin(), path.end(), [&](const PathStep& p) { return p.joint == j; });
   const double* own = truth_.data() + table_.all[table_.joint_offset[j]].start;
   const Pose origin = get_pose(truth_, table_.all[table_.joint_origin[j]].start);
-  const Pose base_T_parent = base_T_link(rig_, table_, truth_, robot, joint.parent, j, 0);
-  const Pose base_T_child = base_T_link(rig_, table_, truth_, robot, joint.child, j, 0);
+  const Pose base_T_parent = at(robot).with(j, 0).base_T_link(joint.parent);
+  const Pose base_T_child = at(robot).with(j, 0).base_T_link(joint.child);
   const Pose sensor_T_base = inverse(base_T_sensor(robot, view.first, 0));
   const bool down = step->direction > 0;  // from the base; from the sensor it is the other way round
   const Pose sensor_T_joint = sensor_T_base * (down ? base_T_child : base_T_parent * origin);
@@ -321,8 +320,7 @@ Draft World::carry_out(const Posture& posture, const std::vector<Pair>& views, b
                                       : "it is placed, not held";
     } else {
       const Pose base_T_target = target.link < 0 ? draft.targets.at(v.second)
-                                                 : base_T_link(rig_, table_, truth_, robot, target.link) *
-                                                       get_pose(truth_, table_.all[table_.target_pose[v.second]].start);
+                                                 : at(robot).base_T_target(v.second);
       seen = look(robot, v, base_T_target, listed, view.z, why);
     }
     if (!seen) {

@@ -71,7 +71,7 @@ struct Alone {
   std::vector<std::pair<int, double>> joints;       // joint, error in sigmas
 };
 
-EstimationSetup setup_of(const Bench& bench) {
+EstimationSetup setup_of(Bench& bench) {
   EstimationSetup setup;
   setup.noise = NoiseMode::latent;
   setup.sensors = bench.sensors;
@@ -80,7 +80,7 @@ EstimationSetup setup_of(const Bench& bench) {
 
 /// The sample's residuals and joint errors after a Newton step of the shared parameters as well, whose estimate and covariance the others
 /// gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
-void take_part(const Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
+void take_part(Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
   const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = bench.root.cols(),
                      total = fit.residuals.size();
   MatrixXd root(m, n);
@@ -110,12 +110,12 @@ void take_part(const Bench& bench, const GroupShape& shape, const MatrixXd& rows
 
 /// Targets and joint errors estimated, graduated from the starts of the targets or by plain least squares. `taking_part`: what one Newton
 /// step of the free shared parameters as well would leave.
-Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool robust, bool taking_part) {
+Alone fit_alone(Bench& bench, const Sample& sample, Values& values, bool robust, bool taking_part) {
   Alone out;
-  const std::vector<Sample> one = {sample};
+  bench.one.samples = {sample};
   EstimationSetup setup = setup_of(bench);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
-  Estimation problem(bench.rig, bench.table, one, {0}, setup);
+  Estimation problem(bench.one, {0}, setup);
   if (problem.groups().empty()) {  // nothing of it is judged
     out.defined = true;
     return out;
@@ -127,11 +127,11 @@ Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool r
     problem.renew(state);
     Cost cost;
     if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return false;
-    if (robust) solve_graduated(problem, bench.rig, SolverOptions(), state, &bench.levels);
+    if (robust) solve_graduated(problem, bench.one.rig, SolverOptions(), state, &bench.levels);
     return LevenbergMarquardt(problem, SolverOptions()).solve(state).outcome != Outcome::undefined_start;
   };
   try {
-    start_targets(bench.rig, bench.table, one, {0}, bench.sensors, {LossKind::soft_l1, 3}, values);
+    start_targets(bench.one, {0}, bench.sensors, {LossKind::soft_l1, 3}, values);
     if (!solve()) return out;
   } catch (const std::runtime_error&) {
     return out;
@@ -147,18 +147,18 @@ Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool r
   for (const ViewResiduals& r : residuals) {
     out.residuals.segment(total, r.whitened.size()) = r.whitened;
     total += r.whitened.size();
-    const int count = blocks_of(bench.rig, *r.view);
+    const int count = blocks_of(bench.one.rig, *r.view);
     for (int b = 0; b < count; ++b) {
-      out.blocks.push_back({&sample.views[r.view - one[0].views.data()], b});
+      out.blocks.push_back({&sample.views[r.view - bench.one.samples[0].views.data()], b});
       out.rows.push_back(static_cast<int>(r.whitened.size()) / count);
     }
   }
-  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / bench.rig.joints[e.first.second].sigma});
+  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / bench.one.rig.joints[e.first.second].sigma});
   if (!taking_part || bench.root.size() == 0) return out;
 
   setup.free = bench.free;
   setup.loss = Loss();
-  Estimation together(bench.rig, bench.table, one, {0}, setup);
+  Estimation together(bench.one, {0}, setup);
   MatrixXd rows;
   const VectorXd at = together.pack(values);
   together.renew(at);
@@ -167,10 +167,10 @@ Alone fit_alone(const Bench& bench, const Sample& sample, Values& values, bool r
 }
 
 /// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
-bool outlying(const Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
+bool outlying(Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
   bool any = false;
   flags.assign(sample.views.size(), {});
-  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(bench.rig, sample.views[v]), 0);
+  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(bench.one.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
@@ -191,7 +191,7 @@ const std::pair<int, double>* wrong_joint(const Alone& fit) {
 }
 
 /// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
-std::string size_of(const Bench& bench, const Alone& fit) {
+std::string size_of(Bench& bench, const Alone& fit) {
   if (!fit.defined) return "a point lies behind a camera";
   std::map<const View*, std::pair<double, int>> views;
   Eigen::Index at = 0;
@@ -204,7 +204,7 @@ std::string size_of(const Bench& bench, const Alone& fit) {
   for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / bench.levels[v.first->sensor]);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
-    return text("it would take an error of %.3g sigmas in joint '", joint->second) + bench.rig.tree.joints[joint->first].name + "'";
+    return text("it would take an error of %.3g sigmas in joint '", joint->second) + bench.one.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 
@@ -220,7 +220,7 @@ enum class Fits { yes, but_for_points, no };
 
 /// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
 /// `plain`: the sample as it is, by plain least squares.
-Fits fits(const Bench& bench, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
+Fits fits(Bench& bench, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
           Alone& plain) {
   Values values = start;
   plain = fit_alone(bench, sample, values, false, taking_part);
@@ -234,9 +234,9 @@ Fits fits(const Bench& bench, const Sample& sample, const Values& start, bool ta
   };
   for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
     if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
-    Verdict points = all_in(bench.rig, sample);
+    Verdict points = all_in(bench.one.rig, sample);
     points.point = out;
-    const Sample rest = left_of(bench.rig, sample, points);
+    const Sample rest = left_of(bench.one.rig, sample, points);
     Values again = values;
     const Alone check = fit_alone(bench, rest, again, false, taking_part);
     std::vector<std::vector<char>> more;
@@ -253,8 +253,8 @@ Fits fits(const Bench& bench, const Sample& sample, const Values& start, bool ta
 
 }  // namespace
 
-Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& before, const Values& start) {
-  Verdict verdict = all_in(bench.rig, sample);
+Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, const Values& start) {
+  Verdict verdict = all_in(bench.one.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
   Alone plain;
@@ -272,13 +272,13 @@ Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& be
       if (!out[v]) rest.views.push_back(sample.views[v]);
     std::vector<std::vector<char>> found;
     Alone ignored;
-    if (!hangs_together(bench.rig, rest.views) || fits(bench, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
+    if (!hangs_together(bench.one.rig, rest.views) || fits(bench, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
     verdict.view = out;
     for (size_t v = 0, r = 0; v < n; ++v)
       if (!out[v]) verdict.point[v] = found[r++];
     return true;
   };
-  const auto is_chain = [&](size_t v) { return bench.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
+  const auto is_chain = [&](size_t v) { return bench.one.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
   int explanations = 0, chains = 0;
   for (size_t v = 0; v < n && n > 1; ++v) {
     std::vector<char> out(n, 0);

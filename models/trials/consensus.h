@@ -41,8 +41,7 @@ struct Verdict {
 
 /// What samples are judged by.
 struct Bench {
-  const Rig& rig;
-  const ParameterTable& table;
+  Recording one;             // the rig, and the one sample that is being judged
   std::vector<int> sensors;  // of the last step
   VectorXd shared;
   std::vector<double> levels;
@@ -57,6 +56,6 @@ Verdict all_in(const Rig& rig, const Sample& sample);
 Sample left_of(const Rig& rig, const Sample& sample, const Verdict& verdict);
 
 /// `before`: the verdict under which the bench's values were estimated. `start`: poses of free targets of sample 0 to start from.
-Verdict judge_sample(const Bench& bench, const Sample& sample, const Verdict& before, const Values& start);
+Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, const Values& start);
 
 }  // namespace kincal

@@ -41,30 +41,30 @@ double distance(const Rig& rig, const ParameterTable& table, const Sample& sampl
 }
 
 /// Rows [F | z] of one sample with the given offsets of the table's parameters in place; no rows where it cannot be evaluated.
-void linearise(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples, const std::vector<int>& joints,
-               const VectorXd& offsets, NoiseMode noise, Near& near) {
+void linearise(const Recording& recording, const std::vector<int>& joints, const VectorXd& offsets, NoiseMode noise, Near& near) {
+  const ParameterTable& table = recording.table;
   const Eigen::Index p = offsets.size();
   near.f.resize(0, p);
   near.z.resize(0);
   EstimationSetup setup;
   setup.noise = noise;
-  for (size_t i = 0; i < rig.sensors.size(); ++i) setup.sensors.push_back(static_cast<int>(i));
+  setup.sensors = indices(recording.rig.sensors.size());
   Values values;
   values.shared = table.initial;
   for (Eigen::Index j = 0; j < p; ++j) values.shared(table.all[table.joint_offset[joints[j]]].start) += offsets(j);
   try {
-    start_targets(rig, table, samples, {near.sample}, setup.sensors, Loss(), values);
+    start_targets(recording, {near.sample}, setup.sensors, Loss(), values);
   } catch (const std::runtime_error&) {
     return;
   }
   {
-    Estimation own(rig, table, samples, {near.sample}, setup);
+    Estimation own(recording, {near.sample}, setup);
     VectorXd state = own.pack(values);
     if (LevenbergMarquardt(own, SolverOptions()).solve(state).outcome == Outcome::undefined_start) return;
     own.unpack(state, values);
   }
   for (int j : joints) setup.free.push_back({table.joint_offset[j], {0}});
-  Estimation problem(rig, table, samples, {near.sample}, setup);
+  Estimation problem(recording, {near.sample}, setup);
   if (problem.groups().empty()) return;
   const VectorXd state = problem.pack(values);
   problem.renew(state);
@@ -82,7 +82,7 @@ void linearise(const Rig& rig, const ParameterTable& table, const std::vector<Sa
   if (rest.rows() == 0 || m == 0) return;
   MatrixXd f = MatrixXd::Zero(rest.rows(), p);
   for (Eigen::Index c = 0; c < m; ++c) {
-    const int parameter = problem.columns()[shape.columns[c]].first;
+    const int parameter = problem.columns()[shape.columns[c]].parameter;
     for (Eigen::Index j = 0; j < p; ++j)
       if (table.joint_offset[joints[j]] == parameter) f.col(j) = rest.col(c);
   }
@@ -220,9 +220,8 @@ struct Errors {
   long points = 0;
 };
 
-bool add_errors(Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values,
+bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values,
                 std::map<std::string, Errors>& errors) {
-  const std::vector<JointSettings> before = rig.joints;
   for (size_t j = 0; j < offsets.size(); ++j) rig.joints[offsets[j].joint].offset += values(static_cast<Eigen::Index>(j));
   Sample alone = sample;
   alone.train = true;
@@ -238,7 +237,6 @@ bool add_errors(Rig& rig, const Sample& sample, const std::vector<LocalOffset>& 
   } catch (const std::runtime_error&) {  // a point behind its camera
     defined = false;
   }
-  rig.joints = before;
   return defined;
 }
 
@@ -259,9 +257,11 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   for (const auto& [joint, at] : posture)
     if (std::none_of(samples.begin(), samples.end(), [&](const Sample& s) { return !std::isnan(s.readings[joint]); }))
       throw std::invalid_argument("no sample has a reading of joint '" + given.tree.joints[joint].name + "'");
-  Rig rig = given;
-  rig.steps.clear();
-  const ParameterTable table(rig);
+  Rig without_steps = given;
+  without_steps.steps.clear();
+  const Recording recording(std::move(without_steps), samples);
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
   LocalCalibration out;
 
   // The samples near, nearest first.
@@ -274,7 +274,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
     out.distances.push_back(d);
     if (d > options.within) continue;
     near.push_back({static_cast<int>(i), d, {}, {}});
-    linearise(rig, table, samples, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
+    linearise(recording, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
     if (near.back().z.size() == 0) near.pop_back();
   }
   std::sort(out.distances.begin(), out.distances.end());
@@ -299,7 +299,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   Choice choice;
   Sums sums;
   for (int pass = 0; pass < 3; ++pass) {
-    for (Near& n : near) linearise(rig, table, samples, joints, offsets, options.noise, n);
+    for (Near& n : near) linearise(recording, joints, offsets, options.noise, n);
     choice = choose(near, options.within);
     sums = sum(near, choice.bandwidth);
     offsets = Cholesky(regular(sums.w, choice.ridge())).solve(sums.g);

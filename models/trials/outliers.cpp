@@ -58,7 +58,7 @@ std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration
   std::optional<CalibrationResult> fit = all.run(quick);
   if (!fit) return std::nullopt;
   quick.robust = false;
-  Bench bench{rig, all.table(), fit->setup.sensors, fit->values.shared, fit->setup.levels, {}, {}};
+  Bench bench{Recording(rig, {}), fit->setup.sensors, fit->values.shared, fit->setup.levels, {}, {}};
   std::vector<Values> start(samples.size());
   for (const auto& t : fit->values.targets) start[t.first.first].targets[{0, t.first.second}] = t.second;
 
@@ -94,7 +94,7 @@ std::optional<Cleaned> calibrate_without_outliers(const Calibration& calibration
     Calibration left(rig, left_of_all(calibration, verdicts));
     fit = left.run(quick);
     if (!fit) return std::nullopt;
-    Estimation problem(left.rig(), left.table(), left.samples(), left.training(), fit->setup);
+    Estimation problem(left.recording(), left.training(), fit->setup);
     const VectorXd state = problem.pack(fit->values);
     problem.renew(state);
     bench.levels = robust_levels(rig, problem.residuals(state));

@@ -17,7 +17,7 @@ constexpr double kSameCost = 1e-6, kSameSigmas = 0.01;
 constexpr size_t kNamed = 10;
 
 /// Moves what a step frees and `moved` does not have yet, which it gets.
-void scatter(const ParameterTable& table, const StepPlan& plan, double share, Draws& draws, std::vector<std::vector<char>>& moved,
+void scatter(const ParameterTable& table, const VectorXd& initial_values, const StepPlan& plan, double share, Draws& draws, std::vector<std::vector<char>>& moved,
              VectorXd& values) {
   const VectorXd from = values;
   for (const Freed& f : plan.free) {
@@ -37,7 +37,7 @@ void scatter(const ParameterTable& table, const StepPlan& plan, double share, Dr
     } else if (f.whole(p)) {
       set_pose(values, p.start, get_pose(from, p.start) * exp_se3(by));
     } else {
-      const Pose initial = get_pose(table.initial, p.start);
+      const Pose initial = get_pose(initial_values, p.start);
       set_pose(values, p.start, initial * exp_se3(log_se3(inverse(initial) * get_pose(from, p.start)) + by));
     }
   }
@@ -88,7 +88,7 @@ bool add_restarts(const Calibration& calibration, const CalibrationOptions& opti
       CalibrationOptions other = options;
       other.judge = false;
       other.scatter = [&](const StepPlan& plan, VectorXd& values) {
-        scatter(again.table(), plan, std::ldexp(1.0, -halving), draws, moved, values);
+        scatter(again.table(), again.initial(), plan, std::ldexp(1.0, -halving), draws, moved, values);
       };
       bool cancelled = false;
       if (options.progress)

@@ -117,11 +117,13 @@ class Search {
   bool better(const Score& before, const Score& after) const;
   std::vector<Step> explicit_steps(const std::vector<char>& kept, const std::vector<int>& order) const;
 
-  Rig rig_;
-  std::vector<Sample> samples_;
+  Recording recording_;
   std::vector<Freed> of_held_out_;  // poses of targets that only held-out samples see, to be named with the others
   StagingOptions options_;
-  ParameterTable table_;
+  const Rig& rig_ = recording_.rig;
+  const ParameterTable& table_ = recording_.table;
+  const std::vector<Sample>& samples_ = recording_.samples;
+  VectorXd initial_ = table_.initial;     // with closed-form values of poses that the rig leaves open
   std::vector<char> used_;                // by parameter: some measurement depends on it
   std::vector<Group> groups_;             // the mounts first
   std::vector<int> unit_, fold_of_unit_;  // by sample; by unit
@@ -130,16 +132,25 @@ class Search {
   Values start_;
 };
 
+Rig without_steps(Rig rig) {
+  rig.steps.clear();
+  return rig;
+}
+
+/// Training samples with views, by id.
+std::vector<Sample> in_order(const std::vector<Sample>& samples) {
+  std::vector<Sample> out;
+  for (const Sample& s : samples)
+    if (s.train && !s.views.empty()) out.push_back(s);
+  std::sort(out.begin(), out.end(), [](const Sample& a, const Sample& b) { return a.id < b.id; });
+  return out;
+}
+
 Search::Search(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options)
-    : rig_(rig), options_(options), table_(rig) {
-  rig_.steps.clear();
+    : recording_(without_steps(rig), in_order(samples)), options_(options) {
   std::vector<char> seen(rig.targets.size(), 0);
-  for (const Sample& s : samples) {
-    if (!s.train || s.views.empty()) continue;
-    samples_.push_back(s);
+  for (const Sample& s : samples_)
     for (const View& v : s.views) seen[v.target] = 1;
-  }
-  std::sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.id < b.id; });
   for (const Sample& s : samples)
     for (const View& v : s.views)
       if (!s.train && !seen[v.target] && rig.targets[v.target].link >= 0)
@@ -148,7 +159,7 @@ Search::Search(const Rig& rig, const std::vector<Sample>& samples, const Staging
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = indices(rig_.sensors.size());
-  used_ = Estimation(rig_, table_, samples_, indices(samples_.size()), setup).influencing();
+  used_ = Estimation(recording_, indices(samples_.size()), setup).influencing();
   make_mounts();
   make_groups();
 }
@@ -327,7 +338,7 @@ void Search::start() {
   options.judge = false;
   const std::optional<CalibrationResult> result = calibration.run(options);
   start_ = result->values;
-  table_.initial = calibration.table().initial;
+  initial_ = calibration.initial();
   const std::vector<Freed> before = groups_[0].free;
   drop_unobservable(groups_[0], std::vector<char>(groups_.size(), 0), start_.shared);
   // Held components stand as they start: in the rig, or in closed form.
@@ -356,6 +367,7 @@ std::vector<Freed> Search::freed(const std::vector<char>& kept) const {
 void Search::drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared) {
   for (int again = 0; again < 10 && !group.free.empty(); ++again) {
     EstimationSetup setup;
+    setup.initial = initial_;
     setup.noise = options_.noise;
     setup.sensors = indices(rig_.sensors.size());
     setup.free = freed(kept);
@@ -366,7 +378,7 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
     }
     setup.free = without(setup.free, group.free);
     merge(setup.free, group.free);
-    Estimation problem(rig_, table_, samples_, indices(samples_.size()), setup);
+    Estimation problem(recording_, indices(samples_.size()), setup);
     Values values = start_;
     values.shared = shared;
     VectorXd state = problem.pack(values);
@@ -378,10 +390,10 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
       const std::pair<int, double>* largest = nullptr;
       for (const auto& c : direction) {
         const auto& column = problem.columns()[c.first];
-        if (has(group.free, column.first, column.second) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
+        if (has(group.free, column.parameter, column.index) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
           largest = &c;
       }
-      if (largest) merge(drop, {{problem.columns()[largest->first].first, {problem.columns()[largest->first].second}}});
+      if (largest) merge(drop, {{problem.columns()[largest->first].parameter, {problem.columns()[largest->first].index}}});
     }
     if (drop.empty()) return;
     group.free = without(group.free, drop);
@@ -396,13 +408,13 @@ VectorXd Search::reset(const VectorXd& shared, const std::vector<char>& kept) co
   std::vector<Freed> free;
   for (size_t g = 0; g < groups_.size(); ++g)
     if (kept[g]) merge(free, groups_[g].free);
-  VectorXd out = table_.initial;
+  VectorXd out = initial_;
   for (const Freed& f : free) {
     const Parameter& p = table_.all[f.parameter];
     if (f.whole(p)) {
       out.segment(p.start, p.pose ? 12 : p.size()) = shared.segment(p.start, p.pose ? 12 : p.size());
     } else if (p.pose) {
-      const Pose initial = get_pose(table_.initial, p.start);
+      const Pose initial = get_pose(initial_, p.start);
       const Vector6d xi = log_se3(inverse(initial) * get_pose(shared, p.start));
       Vector6d left = Vector6d::Zero();
       for (int c : f.components) left(c) = xi(c);
@@ -424,6 +436,7 @@ std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& f
       for (const View& v : samples_[i].views) seen[v.target] = 1;
     }
   EstimationSetup setup;
+  setup.initial = initial_;
   setup.noise = options_.noise;
   setup.sensors = indices(rig_.sensors.size());
   for (const Freed& f : freed(kept)) {
@@ -434,10 +447,10 @@ std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& f
     if (kept[g])
       for (const Prior& p : groups_[g].priors)
         if (has(setup.free, p.parameter, p.component)) setup.priors.push_back(p);
-  Estimation problem(rig_, table_, samples_, samples, setup);
+  Estimation problem(recording_, samples, setup);
   Values values = from;
   try {
-    start_targets(rig_, table_, samples_, samples, setup.sensors, Loss(), values);
+    start_targets(recording_, samples, setup.sensors, Loss(), values);
   } catch (const std::runtime_error&) {
     return std::nullopt;
   }
@@ -461,6 +474,7 @@ void Search::judge(const Values& values, int fold, std::vector<double>& chi2, st
       for (const View& v : samples_[i].views) seen[v.target] = 1;
     }
   EstimationSetup setup;
+  setup.initial = initial_;
   setup.noise = options_.noise;
   setup.sensors = indices(rig_.sensors.size());
   if (by_target_)
@@ -485,14 +499,14 @@ void Search::judge(const Values& values, int fold, std::vector<double>& chi2, st
     std::vector<int> defined;
     for (int i : samples) {
       try {
-        start_targets(rig_, table_, samples_, {i}, setup.sensors, Loss(), local);
+        start_targets(recording_, {i}, setup.sensors, Loss(), local);
         defined.push_back(i);
       } catch (const std::runtime_error&) {
         missing(i);
       }
     }
     if (defined.empty()) return;
-    Estimation problem(rig_, table_, samples_, defined, setup);
+    Estimation problem(recording_, defined, setup);
     VectorXd state = problem.pack(local);
     SolverOptions solver;
     solver.threads = options_.threads;
@@ -578,7 +592,7 @@ std::optional<Staging> Search::run() {
   std::vector<char> kept(groups_.size(), 0);
   std::vector<int> order;
   Values now = start_, at_rig = start_;
-  at_rig.shared = table_.initial;
+  at_rig.shared = initial_;
   Score score_now = score(kept, at_rig, false);
   if (!groups_[0].free.empty()) {
     kept[0] = 1;
