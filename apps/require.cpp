@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <map>
 
-#include "../io/results/comparison.h"
 #include "../io/document/document.h"
+#include "../io/results/comparison.h"
 
 namespace kincal {
 namespace {

@@ -3,8 +3,8 @@
 #include <iostream>
 
 #include "../../io/results/results.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

@@ -2,9 +2,11 @@
 #include <cstdio>
 #include <iostream>
 
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/plan_table.h"
+#include "../tables/progress.h"
+#include "../tables/report_table.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

@@ -6,9 +6,9 @@
 
 #include "../../io/results/result_json.h"
 #include "../../models/doctor/doctor.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/report_table.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

@@ -3,9 +3,9 @@
 #include <cstdio>
 #include <iostream>
 
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/report_table.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

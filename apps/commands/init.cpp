@@ -3,11 +3,11 @@
 #include <fstream>
 #include <iostream>
 
-#include "../../io/rig/new_rig.h"
 #include "../../io/results/results.h"
+#include "../../io/rig/new_rig.h"
 #include "../../io/rig/rig_file.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

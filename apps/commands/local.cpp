@@ -5,9 +5,9 @@
 #include <iostream>
 
 #include "../../io/results/local_file.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/local_report.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

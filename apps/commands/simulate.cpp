@@ -4,8 +4,8 @@
 #include "../../io/results/results.h"
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/simulation_file.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
 
 namespace kincal {
 namespace {
