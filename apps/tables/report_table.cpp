@@ -114,7 +114,7 @@ std::string weak_text(const Explanation& e) {
   for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + format(" (%+.4f)", c.correlation));
   line("the prior decides", priors);
   line("strong correlations", pairs);
-  return out.empty() ? out : "\nWhat the data hardly tell\n" + out;
+  return out.empty() ? out : "\nWeakly determined parameters\n" + out;
 }
 
 /// Sigmas that the data contradict, or what was estimated.
@@ -256,7 +256,7 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
-  if (!result.leverage.empty()) out += "\nWhat hangs on single samples\n" + leverage_table(result.leverage);
+  if (!result.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(result.leverage);
   if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
   if (result.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*result.diagnosis);
   if (!result.warnings.empty()) {

@@ -41,7 +41,7 @@ std::string validation_table(const CalibrationResult& result) {
       const CrossValidation::Fold& fold = c.folds[f];
       const char* wrong = !fold.error.empty() ? "no calibration: "
                           : !fold.converged   ? "not converged"
-                          : !fold.determined  ? "something freed is not determined without it"
+                          : !fold.determined  ? "the other folds do not determine every freed parameter"
                                               : nullptr;
       if (wrong) out += format("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
     }

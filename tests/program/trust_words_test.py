@@ -144,7 +144,7 @@ class Example(Case):
         warnings = [w["text"] for w in result["warnings"] if w["id"] == "unobservable"]
         self.assertEqual(len(warnings), 1)
         self.assertIn("same axis, whatever the posture", warnings[0])
-        self.assertIn("What the data hardly tell", text)
+        self.assertIn("Weakly determined parameters", text)
 
     def test_nothing_weak(self):
         rig, samples = (os.path.join(self.example, name) for name in ("rig.yaml", "samples.jsonl"))
