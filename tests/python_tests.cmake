@@ -79,3 +79,4 @@ kincal_python_test(reference.others.latent reference_test.py reference 1800 ${ki
 
 kincal_python_test(install install_test.py install 1800 ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR} ${CMAKE_COMMAND})
 kincal_python_test(documents docs_test.py cli 900 ${kincal_program})
+kincal_python_test(structure.Folders ../structure_test.py cli 60 ${PROJECT_SOURCE_DIR})  # who includes whom
