@@ -254,7 +254,7 @@ TEST_CASE("mimics follow through chains") {
   CHECK_FALSE(tree.joints[5].has_reading());
 }
 
-TEST_CASE("a floating or planar joint on a path is named; off the path it does not matter") {
+TEST_CASE("a floating or planar joint on a path is named, off the path it does not matter") {
   Tree tree = make_tree();
   const int base = tree.find_link("base"), above = tree.find_link("above"), floating = tree.find_link("float");
   CHECK_THROWS_WITH(find_path(tree, base, above), Contains("'float_joint'") && Contains("floating"));

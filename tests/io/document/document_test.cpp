@@ -160,7 +160,7 @@ TEST_CASE("hostile YAML and JSON end in an error, not in the memory", "[document
   CHECK_THAT(json_error(std::string(100'000, '[')), Contains("f.json:1:101: nested more than"));
 }
 
-TEST_CASE("JSON becomes a tree with places; its numbers keep their value", "[document]") {
+TEST_CASE("JSON becomes a tree with places, its numbers keep their value", "[document]") {
   const Node node = parse_json("{\"s\": \"a\\\"\\n\\u00e9\",\n \"n\": [1, -2.50, 1e-5,\n 18446744073709551615],\n\"t\": true, "
                                "\"o\": {\n\"z\": null}}", "f.json", 10);
   CHECK(node.find("s")->text == "a\"\n\xc3\xa9");

@@ -228,7 +228,7 @@ std::map<Pair, Reference> reference(const Rig& rig, const std::vector<Sample>& s
 
 }  // namespace
 
-TEST_CASE("loops: nothing at the truth without noise; a wrong mount shows in the loops of that camera, and only there", "[loops]") {
+TEST_CASE("loops: nothing at the truth without noise, a wrong mount shows in the loops of that camera, and only there", "[loops]") {
   const Rig rig = robot();
   const std::vector<Sample> samples = gripping_samples(rig, 24, 5, nullptr);
   const Calibration calibration(rig, samples);
@@ -298,7 +298,7 @@ TEST_CASE("loops: with noise and wrong values as the independent model has them"
   for (const auto& p : after) CHECK(pairs.count(p.first) == (p.second.points > 0));
 }
 
-TEST_CASE("loops: a point behind the camera makes the figure unknown; who never meets has none", "[loops]") {
+TEST_CASE("loops: a point behind the camera makes the figure unknown, who never meets has none", "[loops]") {
   const Rig rig = robot();
   std::vector<Sample> samples = gripping_samples(rig, 12, 9, nullptr);
   for (Sample& s : samples)  // the tracker and the motion capture never look at the same target

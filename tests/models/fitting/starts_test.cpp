@@ -369,7 +369,7 @@ TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") 
         }
 }
 
-TEST_CASE("start_targets: several targets and sensors in many samples, held out ones too; a bad sensor does not decide") {
+TEST_CASE("start_targets: several targets and sensors in many samples, held out ones too, a bad sensor does not decide") {
   Rig rig = nasty_robot();
   Random random(7);
   std::vector<TruePosture> postures;
@@ -470,7 +470,7 @@ TEST_CASE("unknown poses: camera and hand, with a free board") {
   }
 }
 
-TEST_CASE("unknown poses: two cameras, hand known; four cameras and the hand, nothing known") {
+TEST_CASE("unknown poses: two cameras, hand known, four cameras and the hand, nothing known") {
   for (unsigned long seed = 1; seed <= 8; ++seed) {
     INFO("seed " << seed);
     const auto stereo = hand_and_cameras(seed, 2, true, false).find();

@@ -165,7 +165,7 @@ TEST_CASE("restarts: moved as far as priors say, the same way every time", "[res
   }
 }
 
-TEST_CASE("restarts: cancelled; starts that cannot be evaluated", "[restarts]") {
+TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") {
   Rig rig = arm();
   const std::vector<Sample> samples = follow(rig, 0.01);
   Calibration calibration(rig, samples);
