@@ -194,10 +194,11 @@ def check_options(source, binary):
 def check_warnings(source):
     """The warnings' ids in docs/formats.md are those in the code."""
     code = ""
-    for name in sorted(os.listdir(os.path.join(source, "models"))):
-        if name.endswith(".cpp"):
-            with open(os.path.join(source, "models", name), encoding="utf-8") as file:
-                code += file.read()
+    for folder, _, names in sorted(os.walk(os.path.join(source, "models"))):
+        for name in sorted(names):
+            if name.endswith(".cpp"):
+                with open(os.path.join(folder, name), encoding="utf-8") as file:
+                    code += file.read()
     ids = set(re.findall(r'(?:add|say)\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
     path = os.path.join(source, "docs", "formats.md")
