@@ -12,6 +12,7 @@
 #include "../models/trials/estimate_noise.h"
 #include "../models/trials/outliers.h"
 #include "require.h"
+#include "../models/rig/selection.h"
 
 namespace kincal {
 

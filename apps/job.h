@@ -47,16 +47,18 @@ struct Job {
 /// A folder with a rig.yaml (a result) stands for that file.
 std::string rig_path(const std::string& path);
 
-/// @throws InputError
+/// The calibration of a rig with the samples of a file. @throws InputError
 Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path);
-/// With samples read from there already.
+/// The same with samples that were read from `samples_path` already. @throws InputError
 Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>& samples, const std::string& samples_path);
-/// `holdout`: so many folds, of which one is held out from the fit besides the samples that are so already; 0: none.
+/// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out from the fit besides the samples that
+/// are so already; 0: none. @throws InputError
 Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
 
-/// An unknown parameter name in terms that help: with the nearest ones.
+/// The error for the user: the unknown parameter name with the nearest ones that exist.
 InputError with_nearest(const NameError& error, const Calibration& calibration);
 
+/// What each step would free and count. @throws InputError
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 
 /// Checks --report-frame and --require against the rig. @throws InputError

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <map>
 
-#include "../io/results/comparison.h"
 #include "../io/document/document.h"
 #include "../io/document/names.h"
 

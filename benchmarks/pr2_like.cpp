@@ -4,6 +4,7 @@
 
 #include "../models/sensors/sensors.h"
 #include "random.h"
+#include "../models/rig/selection.h"
 
 namespace kincal::benchmarks {
 namespace {

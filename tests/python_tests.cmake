@@ -1,4 +1,4 @@
-# Tests in Python: the built program as a user meets it. Included by CMakeLists.txt beside this file.
+# Tests in Python (program/): the built program as a user meets it. Included by CMakeLists.txt beside this file.
 # Labels: cli (any clone), install, data and reference (skipped, code 77, where the data are not).
 find_program(PYTHON3 python3 PATHS /usr/bin NO_DEFAULT_PATH)
 if(NOT PYTHON3)
@@ -6,7 +6,7 @@ if(NOT PYTHON3)
 endif()
 
 function(kincal_python_test name script label timeout)
-  add_test(NAME ${name} COMMAND ${PYTHON3} ${CMAKE_CURRENT_SOURCE_DIR}/${script} ${ARGN})
+  add_test(NAME ${name} COMMAND ${PYTHON3} ${CMAKE_CURRENT_SOURCE_DIR}/program/${script} ${ARGN})
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT ${timeout} SKIP_RETURN_CODE 77 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 endfunction()
 
@@ -79,3 +79,4 @@ kincal_python_test(reference.others.latent reference_test.py reference 1800 ${ki
 
 kincal_python_test(install install_test.py install 1800 ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR} ${CMAKE_COMMAND})
 kincal_python_test(documents docs_test.py cli 900 ${kincal_program})
+kincal_python_test(structure.Folders ../structure_test.py cli 60 ${PROJECT_SOURCE_DIR})  # who includes whom

@@ -5,8 +5,8 @@
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
 #include "../../io/results/apply.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

@@ -3,9 +3,11 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/plan_table.h"
+#include "../tables/progress.h"
+#include "../tables/report_table.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

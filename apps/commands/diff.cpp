@@ -2,9 +2,9 @@
 #include <iostream>
 
 #include "../../io/results/comparison.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/comparison_table.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

@@ -5,9 +5,10 @@
 
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/report_table.h"
+#include "command.h"
+#include "../../models/rig/selection.h"
 
 namespace kincal {
 namespace {

@@ -7,8 +7,8 @@
 #include "../../io/document/yaml.h"
 #include "../../io/rig/new_rig.h"
 #include "../../io/rig/rig_file.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

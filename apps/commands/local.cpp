@@ -7,9 +7,9 @@
 #include "../../io/document/files.h"
 #include "../../io/results/local_file.h"
 #include "../../io/rig/samples_file.h"
-#include "command.h"
 #include "../job.h"
-#include "../tables/tables.h"
+#include "../tables/local_report.h"
+#include "command.h"
 
 namespace kincal {
 namespace {

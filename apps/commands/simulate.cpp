@@ -6,8 +6,9 @@
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
-#include "command.h"
 #include "../job.h"
+#include "command.h"
+#include "../../models/rig/selection.h"
 
 namespace kincal {
 namespace {

@@ -1,0 +1,22 @@
+// `kincal batch`: many sample sets, each calibrated in a process of its own into a result directory of its own.
+#pragma once
+
+#include <string>
+
+#include "../job.h"
+
+namespace kincal {
+
+struct BatchArguments {
+  std::string sets;  // a folder of sets, or a list file
+  std::string out;
+  int jobs = 1;
+  bool quiet = false, json = false;
+  CalibrateSettings settings;
+};
+
+/// Calibrates every set that has no result yet. Returns the exit code: 0 all converged, 1 some did not, 130 interrupted. @throws InputError
+/// where nothing can be started
+int batch(const BatchArguments& a);
+
+}  // namespace kincal

@@ -1,0 +1,34 @@
+// How far a batch is.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <string>
+
+namespace kincal {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start);
+
+/// How far it is, on standard error: one line that is written anew on a terminal, else a line every ten seconds.
+class BatchProgress {
+ public:
+  BatchProgress(bool quiet, size_t todo);
+
+  void update(size_t done, size_t failing);
+
+  /// Ends the line where it is.
+  void end();
+
+  /// A line of its own.
+  void say(const std::string& line);
+
+ private:
+  bool quiet_, terminal_, open_ = false;
+  size_t todo_;
+  Clock::time_point start_ = Clock::now();
+  double last_ = 0;
+};
+
+}  // namespace kincal

@@ -1,0 +1,81 @@
+#include "output.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+#include "../job.h"
+#include "../../io/document/files.h"
+
+namespace kincal {
+namespace {
+
+namespace fs = std::filesystem;
+
+}  // namespace
+
+void Output::clean() const {
+  std::error_code ignored;
+  for (const fs::directory_entry& entry : fs::directory_iterator(scratch, ignored))
+    if (entry.path().filename() != "lock") fs::remove_all(entry.path(), ignored);
+}
+
+Output open_output(const std::string& out) {
+  const Output output{out, fs::path(out) / ".batch"};
+  std::error_code error, ignored;
+  if (fs::exists(output.folder, ignored) && !fs::is_directory(output.scratch, ignored)) {
+    if (!fs::is_directory(output.folder, ignored)) throw InputError(out + ": is not a directory");
+    if (!fs::is_empty(output.folder, ignored)) throw InputError(out + ": exists already and is not of a batch: choose another --out");
+  }
+  for (const fs::path& path : {output.folder, output.scratch}) {
+    fs::create_directory(path, error);
+    if (error) throw InputError(path.string() + ": cannot be made: " + error.message());
+  }
+  const int lock = open((output.scratch / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+  if (lock < 0) throw InputError((output.scratch / "lock").string() + ": cannot be made: " + std::strerror(errno));
+  // Children of a batch that was just killed hold the lock for a moment. (A file system without locks goes without.)
+  for (int tries = 0; flock(lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK; ++tries) {
+    if (tries == 50) throw InputError(out + ": another batch is writing here");
+    usleep(100000);
+  }
+  output.clean();
+  return output;
+}
+
+std::optional<SetSummary> find_done(const Set& set, const Output& output, const std::string& options, std::string& why) {
+  std::error_code ignored;
+  const fs::path folder = output.result(set.name);
+  if (!fs::exists(folder / "batch.json", ignored)) return std::nullopt;
+  const std::optional<BatchRecord> record = read_record((folder / "batch.json").string());
+  if (!record || !fs::exists(folder / "result.json", ignored)) {
+    why = "result damaged";
+    return std::nullopt;
+  }
+  const auto same = [](const std::string& path, const std::string& hash) {
+    try {
+      return sha256(read_file(path)) == hash;
+    } catch (const InputError&) {
+      return false;  // the calibration will say what is wrong
+    }
+  };
+  const std::string rig = rig_path(set.rig);
+  if (record->version != KINCAL_VERSION)
+    why = "version of kincal changed";
+  else if (record->options != options)
+    why = "options changed";
+  else if (!same(rig, record->rig))
+    why = "rig changed";
+  else if (!same((fs::path(rig).parent_path() / record->robot).string(), record->urdf))
+    why = "robot changed";
+  else if (!same(set.samples, record->samples))
+    why = "samples changed";
+  if (!why.empty()) return std::nullopt;
+  SetSummary summary = record->set;
+  summary.name = set.name;
+  return summary;
+}
+
+}  // namespace kincal

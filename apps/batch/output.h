@@ -1,0 +1,30 @@
+// A batch's output folder, and which results in it still hold.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "../../io/results/summary_file.h"
+#include "sets.h"
+
+namespace kincal {
+
+/// OUT with a folder .batch, which marks it as a batch's and has what is being written. Locked as long as this process or one of its
+/// children lives.
+struct Output {
+  std::filesystem::path folder, scratch;
+
+  std::filesystem::path result(const std::string& name) const { return folder / name; }
+  std::filesystem::path error(const std::string& name) const { return scratch / (name + ".error"); }
+  /// Removes what is being written.
+  void clean() const;
+};
+
+/// Makes the folder, or takes up that of a batch, and locks it. @throws InputError
+Output open_output(const std::string& out);
+
+/// Whether a set's result is there and of these inputs and options: then its summary; else why not ("": never calibrated).
+std::optional<SetSummary> find_done(const Set& set, const Output& output, const std::string& options, std::string& why);
+
+}  // namespace kincal

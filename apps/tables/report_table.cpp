@@ -1,0 +1,270 @@
+#include "report_table.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "plan_table.h"
+#include "table.h"
+#include "validation_table.h"
+#include "../../io/document/numbers.h"
+
+namespace kincal {
+namespace {
+
+/// The `most` components of parameters that changed most, with sigmas.
+std::string parameter_table(const CalibrationResult& result, size_t most) {
+  std::vector<WeightedRow> lines;
+  for (const ParameterEstimate& e : result.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c) {
+      if (e.sigma[c] == 0) continue;
+      const Unit unit = shown(e.units[c]);
+      const double change = e.value[c] - e.initial[c];
+      lines.push_back({weight_of(change, e.units[c]),
+                       {component_name(e.name, e.components[c]), value(e.initial[c], unit.factor), value(e.value[c], unit.factor),
+                        format("%+.4g", change * unit.factor),
+                        std::isfinite(e.sigma[c]) ? "± " + format("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
+    }
+  sort_by_weight(lines);
+  // Where targets stand is seldom what one wants to know: a few of these behind the robot and its sensors.
+  std::vector<std::vector<std::string>> rows = {{"parameter", "before", "after", "change", "sigma", "unit"}};
+  for (bool target : {false, true}) {
+    size_t room = target ? most / 3 : most;
+    for (const WeightedRow& line : lines)
+      if ((line.cells[0].rfind("target/", 0) == 0) == target && room > 0) rows.push_back(line.cells), --room;
+  }
+  std::string out = align(rows, 1);
+  if (lines.size() + 1 > rows.size()) out += "  ... and " + std::to_string(lines.size() + 1 - rows.size()) + " more in result.json\n";
+  return out;
+}
+
+/// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
+std::string loop_table(const CalibrationResult& result) {
+  constexpr size_t kColumns = 6;  // at a time
+  const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
+    for (const Loop& loop : result.loops) {
+      if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
+      const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop.unit).factor) : "-"; };
+      return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
+    }
+    return "";
+  };
+  std::vector<const SensorResult*> seen, looking;  // columns, rows
+  for (const SensorResult& s : result.sensors) {
+    const auto trained = [](const Loop& loop) { return loop.train.points > 0; };
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
+      seen.push_back(&s);
+    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
+      looking.push_back(&s);
+  }
+  std::string out;
+  for (size_t first = 0; first < seen.size(); first += kColumns) {
+    const size_t last = std::min(seen.size(), first + kColumns);
+    std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
+    for (size_t c = first; c < last; ++c) rows[0].push_back(seen[c]->name + " " + shown(seen[c]->unit).name);
+    for (const SensorResult* from : looking) {
+      rows.push_back({from->name});
+      for (size_t c = first; c < last; ++c) rows.back().push_back(from == seen[c] ? "" : cell(from->name, seen[c]->name));
+    }
+    out += align(rows, 1);
+  }
+  return out;
+}
+
+/// The minima that restarts found.
+std::string restart_table(const Restarts& restarts) {
+  const int own = restarts.minima[0].count, failed = restarts.failed;
+  std::string out = format("  %d of %d end in this minimum", own, restarts.count);
+  if (failed) out += format(", %d failed", failed);
+  out += "\n";
+  if (restarts.minima.size() == 1) return out;
+  std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
+  for (size_t i = 0; i < restarts.minima.size(); ++i) {
+    const Minimum& m = restarts.minima[i];
+    std::string names = i == 0 ? "this result" : "";
+    for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
+      names += (k ? ", " : "") + m.differs[k].first + format(" %+.3g", m.differs[k].second);
+    rows.push_back({std::to_string(m.count), format("%.8g", m.cost), names});
+  }
+  return out + align(rows, 3);
+}
+
+/// Weak directions, what priors decide, strong correlations.
+std::string weak_text(const Explanation& e) {
+  std::string out;
+  constexpr size_t kMost = 6;
+  for (size_t i = 0; i < e.weak.size() && i < kMost; ++i) {
+    const WeakDirection& w = e.weak[i];
+    const Unit unit = shown(w.unit);
+    out += "  " + w.parameters[0].first + ": ";
+    out += std::isfinite(w.sigma) ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
+                                  : "not determined by the data";
+    if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
+      out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name + " with the prior";
+    out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
+  }
+  if (e.weak.size() > kMost) out += "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
+  const auto line = [&](const std::string& title, const std::vector<std::string>& all) {
+    if (all.empty()) return;
+    out += "  " + title + ": ";
+    for (size_t i = 0; i < all.size() && i < kMost; ++i) out += (i ? ", " : "") + all[i];
+    out += all.size() > kMost ? ", and " + std::to_string(all.size() - kMost) + " more\n" : "\n";
+  };
+  std::vector<std::string> priors, pairs;
+  for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
+  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + format(" (%+.4f)", c.correlation));
+  line("the prior decides", priors);
+  line("strong correlations", pairs);
+  return out.empty() ? out : "\nWeakly determined parameters\n" + out;
+}
+
+/// Sigmas that the data contradict, or what was estimated.
+std::string noise_text(const CalibrationResult& result) {
+  std::string out;
+  for (const NoiseLevel& l : result.noise_levels) {
+    if (result.noise_rounds > 0 ? l.used == l.assumed : !l.differs()) continue;
+    const Unit unit = shown(l.unit);
+    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
+    out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
+    if (result.noise_rounds > 0) out += ", now " + value(l.used, unit.factor) + unit_name;
+    if (std::isfinite(l.seen)) {
+      if (result.noise_rounds == 0) out += ", seen " + value(l.seen, unit.factor) + unit_name;
+      out += format(" (± %.2g %%)", 100 * l.uncertainty);
+    } else {
+      out += " (with the others as they are now it cannot be told)";
+    }
+    out += "\n";
+  }
+  if (out.empty()) return out;
+  return (result.noise_rounds > 0
+              ? "\nNoise, estimated from the data\n"
+              : "\nNoise that is seen beside the rig's sigmas (what the model lacks counts as noise; --estimate-noise)\n") +
+         out;
+}
+
+/// The samples without which a parameter would move most.
+std::string leverage_table(const std::vector<Leverage>& leverage) {
+  constexpr size_t kMost = 5;
+  std::vector<std::vector<std::string>> rows;
+  std::set<std::string> samples;
+  for (const Leverage& l : leverage)
+    if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
+      rows.push_back(
+          {"without " + l.sample, l.parameter,
+           std::isfinite(l.moved_sigmas) ? "would move by " + format("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+  std::string out = align(rows, 3);
+  if (samples.size() > rows.size()) out += format("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+  return out;
+}
+
+/// What `--reject` took out: counts, and the first of it.
+std::string rejected_table(const std::vector<Rejected>& rejected) {
+  constexpr size_t kMost = 20;
+  size_t points = 0, views = 0, samples = 0;
+  std::string lines;
+  for (bool ids : {false, true})  // samples and views first
+    for (const Rejected& r : rejected) {
+      if (r.ids.empty() == ids) continue;
+      (ids ? points : r.sensor.empty() ? samples : views) += ids ? r.ids.size() : 1;
+      if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
+      lines += "  sample " + r.sample;
+      if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
+      for (size_t i = 0; i < r.ids.size(); ++i)
+        lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+      lines += ": " + r.reason + "\n";
+    }
+  if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return format("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
+                views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+         lines;
+}
+
+}  // namespace
+
+std::string residual_table(const std::vector<SensorResult>& sensors, bool before) {
+  const bool test = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
+  const bool train = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.train.points > 0; });
+  std::vector<std::vector<std::string>> rows = {{"sensor", "unit"}};
+  for (const char* split : {"train", "held out"}) {
+    if ((split[0] == 't' && !train) || (split[0] == 'h' && !test)) continue;
+    rows[0].push_back(std::string(split) + ": points");
+    if (before) rows[0].push_back("before");
+    rows[0].push_back(before ? "after" : "rms");
+    rows[0].push_back("as read");
+  }
+  for (const SensorResult& s : sensors)
+    for (bool rotation : {false, true}) {
+      if (rotation && !s.whole_pose) continue;
+      const Unit unit = shown(rotation ? "rad" : s.unit);
+      std::vector<std::string> row = {rotation ? "" : s.name, unit.name};
+      for (const SplitStatistics* split : {&s.train, &s.test}) {
+        if ((split == &s.train && !train) || (split == &s.test && !test)) continue;
+        row.push_back(rotation ? "" : std::to_string(split->points));
+        if (before) row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
+        row.push_back(value(rotation ? split->rotation : split->rms, unit.factor));
+        row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
+      }
+      rows.push_back(row);
+    }
+  return align(rows, 2);
+}
+
+std::string diagnosis_text(const Diagnosis& d) {
+  std::string out;
+  for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
+  if (d.findings.empty()) {
+    out += "Nothing found. Tested: ";
+    for (size_t i = 0; i < d.tested.size(); ++i) out += (i ? ", " : "") + d.tested[i];
+    out += "\n";
+  }
+  return out + d.verdict + "\n";
+}
+
+std::string report(const CalibrationResult& result, const ResultFiles& files) {
+  std::string out;
+  if (!result.staging.empty())
+    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
+  out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
+  out += validation_table(result);
+  if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
+  if (!result.loops.empty())
+    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
+  out += "\nParameters that changed most\n" + parameter_table(result, 12);
+  if (!result.computed_starts.empty()) {
+    out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
+    std::vector<std::vector<std::string>> poses = {{"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
+    for (const ParameterEstimate& e : result.parameters)
+      if (std::count(result.computed_starts.begin(), result.computed_starts.end(), e.name)) {
+        const Vector3d& t = e.pose->translation;
+        const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
+        std::vector<std::string> row = {e.name};
+        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()}) row.push_back(format("%.6f", v));
+        row.push_back("m, rad");
+        poses.push_back(row);
+      }
+    out += align(poses, 1);
+  }
+  out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
+  if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
+  out += "\n";
+  out += noise_text(result);
+  out += weak_text(result.explanation);
+  if (!files.not_in_urdf.empty()) {
+    out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
+    for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
+  }
+  if (!files.reductions.empty()) out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
+  for (const Reduction& r : files.reductions)
+    out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
+           " -> " + shortest(r.after) + "\n";
+  if (!result.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(result.leverage);
+  if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
+  if (result.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*result.diagnosis);
+  if (!result.warnings.empty()) {
+    out += "\nWarnings\n";
+    for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";
+  }
+  return out;
+}
+
+}  // namespace kincal

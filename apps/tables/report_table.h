@@ -1,0 +1,20 @@
+// What calibrate prints of a result: residuals, parameters, what is weak, warnings.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../io/results/results.h"
+#include "../../models/calibration/calibration.h"
+#include "../../models/doctor/doctor.h"
+
+namespace kincal {
+
+/// Per sensor the rms after the calibration, train and held out. `before`: with the column of the rms before it.
+std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
+/// What the doctor found: findings, what was tested, the verdict.
+std::string diagnosis_text(const Diagnosis& diagnosis);
+/// The whole report: steps, tables, what is not in the URDF, warnings.
+std::string report(const CalibrationResult& result, const ResultFiles& files);
+
+}  // namespace kincal

@@ -1,0 +1,64 @@
+#include "table.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+
+namespace kincal {
+namespace {
+
+size_t shown_width(const std::string& s) {  // UTF-8 continuation bytes take no place
+  return static_cast<size_t>(std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+}  // namespace
+
+std::string format(const char* pattern, ...) {
+  char buffer[512];
+  va_list arguments;
+  va_start(arguments, pattern);
+  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
+  va_end(arguments);
+  return buffer;
+}
+
+std::string align(const std::vector<std::vector<std::string>>& rows, size_t left) {
+  std::vector<size_t> width;
+  for (const auto& row : rows)
+    for (size_t c = 0; c < row.size(); ++c) {
+      if (width.size() <= c) width.push_back(0);
+      width[c] = std::max(width[c], shown_width(row[c]));
+    }
+  std::string out;
+  for (const auto& row : rows) {
+    std::string line;
+    for (size_t c = 0; c < row.size(); ++c) {
+      const std::string pad(width[c] - shown_width(row[c]), ' ');
+      line += "  " + (c < left ? row[c] + pad : pad + row[c]);
+    }
+    while (!line.empty() && line.back() == ' ') line.pop_back();
+    out += line + "\n";
+  }
+  return out;
+}
+
+Unit shown(const std::string& unit) {
+  if (unit == "m") return {"mm", 1e3};
+  if (unit == "rad") return {"mrad", 1e3};
+  return {unit, 1};
+}
+
+std::string value(double v, double factor) { return std::isfinite(v) ? format("%.4g", v * factor) : "-"; }
+
+void sort_by_weight(std::vector<WeightedRow>& rows) {
+  std::stable_sort(rows.begin(), rows.end(), [](const WeightedRow& a, const WeightedRow& b) { return a.weight > b.weight; });
+}
+
+double weight_of(double change, const std::string& unit) { return std::abs(change) * (unit == "px" ? 10 : 1e3); }
+
+std::string component_name(const std::string& parameter, const std::string& component) {
+  return component.empty() ? parameter : parameter + "." + component;
+}
+
+}  // namespace kincal

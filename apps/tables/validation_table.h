@@ -1,0 +1,13 @@
+// What data that the fit did not see say of it.
+#pragma once
+
+#include <string>
+
+#include "../../models/calibration/calibration.h"
+
+namespace kincal {
+
+/// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
+std::string validation_table(const CalibrationResult& result);
+
+}  // namespace kincal

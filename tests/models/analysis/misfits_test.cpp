@@ -1,0 +1,84 @@
+// models/analysis/misfits.h: what sticks out of a plain calibration.
+//
+// Proves: on right data nothing is named; a view whose points jitter, a sample whose readings are wrong and a held-out sample that fits
+// nothing are named, each as what it is and alone; a sensor whose stated sigma is wrong as a whole names nothing; what is stated to be
+// noisy is not named.
+// Does not prove: names after a fit that gross outliers have ruined (outliers_test.cpp), nor where exactly the bounds lie.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <optional>
+
+#include "../../../models/calibration/calibration.h"
+#include "../../fixtures/example.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+namespace {
+
+/// What a calibration of the laboratory's samples says of misfits.
+std::vector<Warning> misfits_in(const Laboratory& lab) {
+  const std::optional<CalibrationResult> result = Calibration(lab.rig, lab.samples).run(CalibrationOptions());
+  std::vector<Warning> out;
+  for (const Warning& w : result->warnings)
+    if (w.id.rfind("outlier", 0) == 0) out.push_back(w);
+  return out;
+}
+
+bool names(const Warning& warning, const std::string& what) { return warning.text.find("'" + what) != std::string::npos; }
+
+}  // namespace
+
+TEST_CASE("outliers: what sticks out of a plain fit is named, and nothing else") {
+  Laboratory lab(4);
+  const std::vector<size_t> two = lab.seen_twice();
+  const auto warnings = [&] { return misfits_in(lab); };
+  CHECK(warnings().empty());
+  View& view = lab.first_camera(two[0]);
+  for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 3 : -3);  // corners that jitter by 3 px
+  std::vector<Warning> found = warnings();
+  REQUIRE(found.size() == 1);
+  CHECK(found[0].id == "outlier_view");
+  CHECK(found[0].text.find("'" + lab.samples[two[0]].id + "' " + lab.rig.sensors[view.sensor].name) != std::string::npos);
+  CHECK(found[0].text.rfind("1 view ", 0) == 0);
+  for (double& sigma : view.sigma) sigma *= 20;  // said so: nothing wrong
+  CHECK(warnings().empty());
+}
+
+TEST_CASE("misfits: readings that do not belong to their sample name it, and no view of it") {
+  Laboratory lab(6);
+  Sample& wrong = lab.samples[lab.seen_twice()[1]];
+  // Twelve sigmas in each joint: the fit leaves them as joint errors, not as residuals.
+  for (size_t j = 0; j < wrong.readings.size(); ++j)
+    if (std::isfinite(wrong.readings[j])) wrong.readings[j] += (j % 2 ? 12 : -12) * lab.rig.joints[j].sigma;
+  const std::vector<Warning> found = misfits_in(lab);
+  REQUIRE(found.size() == 1);
+  CHECK(found[0].id == "outlier_sample");
+  CHECK(found[0].text.rfind("1 sample ", 0) == 0);
+  CHECK(names(found[0], wrong.id + "'"));
+}
+
+TEST_CASE("misfits: a held-out sample is judged as well, and called so") {
+  Laboratory lab(7);
+  const std::vector<size_t> two = lab.seen_twice();
+  for (size_t i = 0; i < 6; ++i) lab.samples[two[i]].train = false;
+  CHECK(misfits_in(lab).empty());
+  Sample& wrong = lab.samples[two[2]];
+  for (View& view : wrong.views)
+    if (lab.camera(view))
+      for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 4 : -4);
+  const std::vector<Warning> found = misfits_in(lab);
+  REQUIRE(found.size() == 1);
+  CHECK(found[0].id == "outlier_sample");
+  CHECK(names(found[0], wrong.id + "' (held out)"));
+}
+
+TEST_CASE("misfits: a sigma that is wrong for a whole sensor names nothing") {
+  Laboratory lab(8);
+  const int sensor = lab.first_camera(lab.seen_twice()[0]).sensor;
+  for (Sample& sample : lab.samples)
+    for (View& view : sample.views)
+      if (view.sensor == sensor)
+        for (double& sigma : view.sigma) sigma /= 6;
+  CHECK(misfits_in(lab).empty());
+}

@@ -1,0 +1,175 @@
+// Variance components against the whole of R = 1 - J (J'J)^-1 J' written out; and what scaling them does. That they find planted sigmas in
+// simulations is in trust_words_test.py. Not proven here: the uncertainties (there, roughly).
+#include "../../../models/analysis/noise_levels.h"
+
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <catch2/catch.hpp>
+
+#include "../../../solver/levenberg_marquardt.h"
+#include "../../../solver/observability.h"
+#include "../../fixtures/problem.h"
+#include "../../fixtures/rigs.h"
+#include "../../fixtures/samples.h"
+#include "../../fixtures/stacked.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+namespace {
+
+VectorXd solved(Setting& s) {
+  VectorXd state = s.start();
+  const SolveSummary summary = LevenbergMarquardt(*s.problem, SolverOptions()).solve(state);
+  REQUIRE(summary.outcome == Outcome::converged);
+  s.problem->renew(state);
+  return state;
+}
+
+/// Which level every row of the stacked problem belongs to; by the order that explicit_rows() has: views, then joints.
+std::vector<int> owners(const Setting& s, const std::vector<NoiseLevel>& levels, const VectorXd& state) {
+  const auto level = [&](int sensor, int joint, int row) {
+    for (size_t l = 0; l < levels.size(); ++l)
+      if (levels[l].sensor == sensor && levels[l].joint == joint &&
+          (levels[l].first == 0 ? row < levels[l].count || levels[l].part.empty()
+                                : row >= levels[l].first && row < levels[l].first + levels[l].count))
+        return static_cast<int>(l);
+    throw std::logic_error("a row of nobody");
+  };
+  std::vector<int> out;
+  MatrixXd rows;
+  std::vector<NoiseRows> whose;
+  for (size_t g = 0; g < s.problem->groups().size(); ++g) {
+    for (const View& view : s.samples[s.problem->sample_of(static_cast<int>(g))].views) {
+      const SensorModel& model = *s.rig.sensors[view.sensor].model;
+      const int count = view.ids.empty() ? s.rig.targets[view.target].count() : static_cast<int>(view.ids.size());
+      for (int b = 0; b < model.blocks(count); ++b)
+        for (int i = 0; i < model.rows(); ++i) out.push_back(level(view.sensor, -1, i));
+    }
+    s.problem->noise_rows(static_cast<int>(g), state, rows, whose);
+    for (const NoiseRows& w : whose)
+      if (w.joint >= 0) out.push_back(level(-1, w.joint, 0));
+  }
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("noise levels: Helmert's equations, written out") {
+  const LossKind kind = GENERATE(LossKind::none, LossKind::huber);
+  Setting s = nasty_in(NoiseMode::latent, Loss{kind, 2.0}, 14, 5, 0.002);
+  const VectorXd state = solved(s);
+  const MatrixXd covariance = observe(*s.problem, state).covariance;
+  const std::vector<NoiseLevel> levels = noise_levels(*s.problem, s.rig, state, covariance);
+  const Stacked all = stack(*s.problem, state);
+  const std::vector<int> owner = owners(s, levels, state);
+  REQUIRE(owner.size() == static_cast<size_t>(all.r.size()));
+
+  // Weights of rows: residuals with and without the loss.
+  VectorXd weight = VectorXd::Ones(all.r.size());
+  Eigen::Index at = 0;
+  size_t next = 0;
+  const std::vector<ViewResiduals> views = s.problem->residuals(state);
+  for (size_t g = 0; g < s.problem->groups().size(); ++g) {
+    Eigen::Index row = at;
+    for (; next < views.size() && views[next].sample == s.problem->sample_of(static_cast<int>(g)); ++next)
+      for (Eigen::Index i = 0; i < views[next].whitened.size(); ++i, ++row) weight(row) = std::pow(all.r(row) / views[next].whitened(i), 2);
+    at += s.problem->groups()[g].rows;
+  }
+  const Eigen::HouseholderQR<MatrixXd> qr(all.j);
+  const MatrixXd q = qr.householderQ() * MatrixXd::Identity(all.j.rows(), all.j.cols());
+  const MatrixXd h = q * q.transpose();
+  const int n = static_cast<int>(levels.size());
+  MatrixXd helmert = MatrixXd::Zero(n, n);
+  VectorXd squares = VectorXd::Zero(n), redundancy = VectorXd::Zero(n);
+  for (Eigen::Index i = 0; i < h.rows(); ++i) {
+    squares(owner[i]) += all.r(i) * all.r(i);
+    redundancy(owner[i]) += weight(i) - h(i, i);
+    helmert(owner[i], owner[i]) += weight(i) - 2 * h(i, i);
+    for (Eigen::Index k = 0; k < h.cols(); ++k) helmert(owner[i], owner[k]) += h(i, k) * h(i, k);
+  }
+  CHECK((helmert.rowwise().sum() - redundancy).cwiseAbs().maxCoeff() < 1e-6 * redundancy.maxCoeff());  // R R = R
+  long rows = 0;
+  std::vector<int> told;
+  for (int l = 0; l < n; ++l) {
+    INFO(levels[l].of << " " << levels[l].part);
+    CHECK(levels[l].redundancy == Approx(redundancy(l)).epsilon(1e-6).margin(1e-6));
+    CHECK(std::isfinite(levels[l].seen) == std::isfinite(levels[l].uncertainty));
+    if (std::isfinite(levels[l].seen)) told.push_back(l);
+    if (levels[l].redundancy < 5) CHECK(!std::isfinite(levels[l].seen));
+    rows += levels[l].rows;
+  }
+  CHECK(rows == all.r.size());
+  REQUIRE(told.size() >= 8);
+  if (kind != LossKind::none) return;  // q is corrected for the loss there
+  // The rest is held at what is assumed.
+  const int m = static_cast<int>(told.size());
+  MatrixXd part(m, m);
+  VectorXd right(m), factors(m);
+  for (int a = 0; a < m; ++a) {
+    right(a) = squares(told[a]);
+    for (int l = 0; l < n; ++l)
+      if (!std::isfinite(levels[l].seen)) right(a) -= helmert(told[a], l);
+    for (int b = 0; b < m; ++b) part(a, b) = helmert(told[a], told[b]);
+    factors(a) = std::pow(levels[told[a]].seen / levels[told[a]].assumed, 2);
+  }
+  CHECK((part * factors - right).cwiseAbs().maxCoeff() < 1e-6 * right.cwiseAbs().maxCoeff());
+  for (int a = 0; a < m; ++a) CHECK(levels[told[a]].uncertainty <= 0.5);
+}
+
+TEST_CASE("noise levels: a scaled rig sees the same noise") {
+  Setting s = nasty_in(NoiseMode::latent, Loss(), 14, 6, 0.002);
+  const VectorXd state = solved(s);
+  std::vector<NoiseLevel> levels = noise_levels(*s.problem, s.rig, state, observe(*s.problem, state).covariance);
+  // All sigmas three times as large: nothing else changes, so a third of that is seen.
+  Rig rig = s.rig;
+  std::vector<Sample> samples = s.samples;
+  std::vector<NoiseLevel> three = levels;
+  for (NoiseLevel& level : three) level.seen = 3 * level.assumed;
+  scale_noise(rig, samples, three);
+  CHECK(rig.joints[joint_index(rig, "elbow")].sigma == 3 * s.rig.joints[joint_index(rig, "elbow")].sigma);
+  CHECK(rig.sensors[sensor_index(rig, "laser")].sigma[2] == 3 * s.rig.sensors[sensor_index(rig, "laser")].sigma[2]);
+  CHECK(samples[0].views[0].sigma[0] == 3 * s.samples[0].views[0].sigma[0]);
+  Setting wide;
+  wide.rig = rig;
+  wide.samples = samples;
+  wide.boards = s.boards;
+  std::vector<std::string> sensors;
+  for (const Sensor& sensor : rig.sensors) sensors.push_back(sensor.name);
+  wide.make(sensors, kDetermined);
+  const VectorXd wide_state = solved(wide);
+  const std::vector<NoiseLevel> again = noise_levels(*wide.problem, wide.rig, wide_state, observe(*wide.problem, wide_state).covariance);
+  REQUIRE(again.size() == levels.size());
+  for (size_t l = 0; l < levels.size(); ++l) {
+    INFO(levels[l].of << " " << levels[l].part);
+    CHECK(again[l].assumed == Approx(3 * levels[l].assumed));
+    CHECK(again[l].redundancy == Approx(levels[l].redundancy).epsilon(1e-4).margin(1e-4));
+    if (std::isfinite(levels[l].seen)) CHECK(again[l].seen == Approx(levels[l].seen).epsilon(1e-3));
+  }
+}
+
+TEST_CASE("noise levels: views with sigmas of their own") {
+  const Rig rig = nasty_robot();
+  std::vector<Sample> samples = nasty_samples(rig, 2, 3);
+  int depth = 0;
+  for (const Sample& s : samples)
+    for (const View& v : s.views) depth += !v.covariance.empty();
+  REQUIRE(depth > 0);
+  NoiseLevel level;
+  level.sensor = sensor_index(rig, "depth");
+  level.count = 3;
+  level.assumed = 0.002;
+  level.seen = 0.003;
+  Rig scaled = rig;
+  std::vector<Sample> with = samples;
+  scale_noise(scaled, with, {level});
+  for (size_t i = 0; i < samples.size(); ++i)
+    for (size_t v = 0; v < samples[i].views.size(); ++v)
+      for (size_t p = 0; p < samples[i].views[v].covariance.size(); ++p)
+        CHECK(with[i].views[v].covariance[p].isApprox(2.25 * samples[i].views[v].covariance[p]));
+  CHECK(scaled.sensors[level.sensor].sigma[0] == Approx(1.5 * rig.sensors[level.sensor].sigma[0]));
+  level.seen = std::nan("");
+  Rig same = rig;
+  scale_noise(same, with, {level});
+  CHECK(same.sensors[level.sensor].sigma == rig.sensors[level.sensor].sigma);
+}

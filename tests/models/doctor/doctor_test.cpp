@@ -1,0 +1,256 @@
+// Parts of the doctor on small rigs whose answer is known. The planted mistakes on whole data sets are in check_test.py.
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "../../../models/doctor/doctor.h"
+#include "../../../models/doctor/hypotheses.h"
+#include "../../../models/sensors/sensors.h"
+#include "../../../models/simulation/simulation.h"
+
+namespace kincal {
+namespace {
+
+Target board(int rows, int columns, int block = 1) {
+  Target t;
+  t.name = "board";
+  t.type = block == 1 ? "chessboard" : "apriltag_grid";
+  t.square = 0.05;
+  t.layout.resize(3, rows * columns * block);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c) t.layout.col(r * columns + c) << c, r, 0;
+  return t;
+}
+
+Joint joint(const std::string& name, int parent, int child, JointType type, const Vector3d& axis, const Pose& origin) {
+  Joint j;
+  j.name = name;
+  j.parent = parent;
+  j.child = child;
+  j.type = type;
+  j.axis = axis;
+  j.parent_T_joint = origin;
+  return j;
+}
+
+/// Three revolute joints, a camera on the last link, a board on the base; both poses freed.
+struct EyeInHand {
+  Rig rig;
+  std::vector<Sample> samples;
+
+  EyeInHand() {
+    rig.tree.links = {"base", "one", "two", "hand"};
+    rig.tree.joints = {joint("pan", 0, 1, JointType::revolute, Vector3d::UnitZ(), {Matrix3d::Identity(), {0, 0, 0.3}}),
+                       joint("lift", 1, 2, JointType::revolute, Vector3d::UnitY(), {Matrix3d::Identity(), {0.1, 0, 0.2}}),
+                       joint("roll", 2, 3, JointType::revolute, Vector3d::UnitX(), {Matrix3d::Identity(), {0.3, 0.05, 0}})};
+    finish_tree(rig.tree);
+    rig.joints.resize(3);
+    rig.targets = {board(5, 7)};
+    rig.targets[0].link = 0;
+    rig.targets[0].pose_given = true;
+    Pose& pose = rig.targets[0].link_T_target;  // in front of the arm, its z axis away from it
+    pose.rotation.col(0) = -Vector3d::UnitY();
+    pose.rotation.col(1) = -Vector3d::UnitZ();
+    pose.rotation.col(2) = Vector3d::UnitX();
+    pose.translation << 1.3, 0.2, 0.7;
+    Sensor camera;
+    camera.name = "camera";
+    camera.type = "camera";
+    camera.link = 3;
+    camera.pose_given = true;
+    camera.link_T_sensor.rotation = pose.rotation;
+    camera.link_T_sensor.translation << 0.05, 0.02, 0.06;
+    camera.model = make_camera(Lens::pinhole, 0);
+    camera.parameters = camera_parameters(Lens::pinhole, {400, 400, 320, 240}, {}, 0);
+    camera.sigma = {0.2, 0.2};
+    camera.image_width = 640;
+    camera.image_height = 480;
+    rig.sensors = {camera};
+    Step step;
+    step.name = "all";
+    step.sensors = {0};
+    step.free = {"sensor/camera/pose", "target/board/pose"};
+    rig.steps = {step};
+
+    const ParameterTable table(rig);
+    SimulationOptions options;
+    options.seed = 3;
+    options.samples = 16;
+    for (int i = 0; i < 16; ++i) {
+      Posture p;
+      p.id = "p" + std::to_string(10 + i);
+      p.readings = {0.25 * std::sin(1.3 * i), 0.2 * std::cos(2.1 * i), 0.5 * std::sin(0.7 * i + 1)};
+      options.postures.push_back(p);
+    }
+    VectorXd truth = table.initial;
+    set_pose(truth, table.all[table.sensor_pose[0]].start,
+             camera.link_T_sensor * exp_se3((Vector6d() << 0.01, 0, 0.01, 0.02, 0.01, 0).finished()));
+    samples = simulate(rig, table, truth, options).samples;
+    REQUIRE(samples.size() >= 12);
+  }
+
+  Diagnosis check() const { return *diagnose(rig, samples, {}); }
+};
+
+std::vector<std::string> ids(const Diagnosis& d) {
+  std::vector<std::string> out;
+  for (const Finding& f : d.findings) out.push_back(f.id);
+  return out;
+}
+using Ids = std::vector<std::string>;
+
+}  // namespace
+
+TEST_CASE("hypotheses: relabelings of a grid") {
+  const Target t = board(4, 5);
+  Eigen::Matrix2d half = -Eigen::Matrix2d::Identity(), mirror = Eigen::Matrix2d::Identity(), quarter;
+  mirror(0, 0) = -1;
+  quarter << 0, -1, 1, 0;
+  const std::vector<int> turned = relabeling(t, half), mirrored = relabeling(t, mirror);
+  REQUIRE(turned.size() == 20);
+  for (int i = 0; i < 20; ++i) {
+    CHECK(turned[i] == 19 - i);
+    CHECK(mirrored[i] == i / 5 * 5 + 4 - i % 5);
+  }
+  CHECK(relabeling(t, quarter).empty());
+  const std::vector<int> round = relabeling(board(3, 3), quarter);
+  REQUIRE(round.size() == 9);
+  CHECK(round[4] == 4);
+  CHECK(round[0] == 2);  // (0, 0) comes to lie on (2, 0)
+  View v;
+  v.ids = {0, 7, 19};
+  relabel(v, t, turned);
+  CHECK(v.ids == std::vector<int>{19, 12, 0});
+}
+
+TEST_CASE("hypotheses: undone twice is nothing done") {
+  const EyeInHand e;
+  const ParameterTable table(e.rig);
+  FreedNames freed;
+  freed.parameter.assign(table.all.size(), 0);
+  freed.whole = freed.parameter;
+  int tried = 0;
+  for (const Hypothesis& h : hypotheses(e.rig, table, e.samples, freed)) {
+    if (h.id != "numbering" && h.id != "mirrored" && h.id != "joint-sign" && h.id != "inverted-pose" && h.id != "eye-in-hand") continue;
+    Rig rig = e.rig;
+    std::vector<Sample> samples = e.samples;
+    h.undo(rig, samples);
+    h.undo(rig, samples);
+    ++tried;
+    INFO(h.id << ": " << h.what);
+    CHECK(rig.sensors[0].link == 3);
+    CHECK((rig.sensors[0].link_T_sensor.translation - e.rig.sensors[0].link_T_sensor.translation).norm() < 1e-12);
+    CHECK((rig.targets[0].link_T_target.translation - e.rig.targets[0].link_T_target.translation).norm() < 1e-12);
+    for (size_t i = 0; i < samples.size(); ++i) {
+      CHECK(samples[i].readings == e.samples[i].readings);
+      REQUIRE(samples[i].views.size() == 1);
+      CHECK(samples[i].views[0].ids == e.samples[i].views[0].ids);
+      for (size_t k = 0; k < samples[i].views[0].z.size(); ++k)
+        CHECK(samples[i].views[0].z[k] == Approx(e.samples[i].views[0].z[k]).margin(1e-9));
+    }
+  }
+  CHECK(tried >= 10);
+}
+
+TEST_CASE("doctor: clean data have no findings, in any order of the samples") {
+  EyeInHand e;
+  const Diagnosis d = e.check();
+  CHECK(d.findings.empty());
+  CHECK(d.tested.size() == 14);
+  REQUIRE(d.chi2);
+  CHECK(*d.chi2 / d.dof == Approx(1).margin(0.15));
+  std::reverse(e.samples.begin(), e.samples.end());
+  const Diagnosis r = e.check();
+  CHECK(r.findings.empty());
+  CHECK(*r.chi2 == Approx(*d.chi2).epsilon(1e-6));
+}
+
+TEST_CASE("doctor: planted mistakes of a camera in the hand") {
+  EyeInHand e;
+  SECTION("square") {
+    e.rig.targets[0].square = 0.056;
+    const Diagnosis d = e.check();
+    INFO(d.verdict);
+    REQUIRE(ids(d) == Ids{"square"});
+    CHECK(d.findings[0].text.find("0.0500") + 1 + d.findings[0].text.find("0.05 m") + 1 + d.findings[0].text.find("0.0499") + 1 > 0);
+    CHECK(*d.findings[0].chi2_corrected < *d.findings[0].chi2_as_is / 1.6);
+  }
+  SECTION("millimetres") {
+    e.rig.targets[0].square = 50;
+    CHECK(ids(e.check()) == Ids{"square"});
+  }
+  SECTION("rows and columns") {
+    e.rig.targets[0].layout = board(7, 5).layout;
+    CHECK(ids(e.check()) == Ids{"rows-columns"});
+  }
+  SECTION("joint sign") {
+    for (Sample& s : e.samples) s.readings[1] = -s.readings[1];
+    const Diagnosis d = e.check();
+    REQUIRE(ids(d) == Ids{"joint-sign"});
+    CHECK(d.findings[0].where == Ids{"lift"});
+  }
+  SECTION("wrong sides") {
+    std::swap(e.rig.sensors[0].link, e.rig.targets[0].link);
+    CHECK(ids(e.check()) == Ids{"eye-in-hand"});
+  }
+  SECTION("inverted pose") {
+    e.rig.sensors[0].link_T_sensor = inverse(e.rig.sensors[0].link_T_sensor);
+    const Diagnosis d = e.check();
+    REQUIRE(ids(d) == Ids{"inverted-pose"});
+    CHECK(d.findings[0].where == Ids{"camera"});
+  }
+  SECTION("one view from the other corner") {
+    std::reverse(e.samples[4].views[0].ids.begin(), e.samples[4].views[0].ids.end());
+    const Diagnosis d = e.check();
+    REQUIRE(ids(d) == Ids{"numbering"});
+    CHECK(d.findings[0].where == Ids{"camera", e.samples[4].id});
+  }
+  SECTION("all views from the other corner") {
+    for (Sample& s : e.samples) std::reverse(s.views[0].ids.begin(), s.views[0].ids.end());
+    CHECK(ids(e.check()) == Ids{"numbering"});
+  }
+  SECTION("bad samples") {
+    std::swap(e.samples[2].readings, e.samples[9].readings);
+    const Diagnosis d = e.check();
+    REQUIRE(ids(d) == Ids{"bad-samples"});
+    CHECK(d.findings[0].where == Ids{e.samples[2].id, e.samples[9].id});
+  }
+  SECTION("duplicates") {
+    e.samples.push_back(e.samples[3]);
+    e.samples.back().id = "again";
+    const Diagnosis d = e.check();
+    REQUIRE(ids(d) == Ids{"duplicates"});
+    CHECK(d.findings[0].where == Ids{e.samples[3].id, "again"});
+    CHECK(!d.findings[0].chi2_as_is);
+  }
+  SECTION("a joint that never moves") {
+    e.rig.steps[0].free.push_back("joint/roll/offset");
+    std::vector<Sample> some;
+    for (Sample& s : e.samples) s.readings[2] = e.samples[0].readings[2];
+    const Diagnosis d = e.check();
+    CHECK(std::count_if(d.findings.begin(), d.findings.end(),
+                        [](const Finding& f) { return f.id == "still-joint" && f.where == Ids{"roll"}; }) == 1);
+  }
+}
+
+TEST_CASE("doctor: a free board that nobody else sees says nothing of the camera's place") {
+  EyeInHand e;
+  e.rig.targets[0].link = -1;
+  e.rig.steps[0].free = {"sensor/camera/pose"};
+  const Diagnosis d = e.check();
+  REQUIRE(ids(d) == Ids{"disconnected"});
+  CHECK(d.findings[0].where == Ids{"camera"});
+  e.rig.steps[0].free = {"sensor/camera/intrinsics"};  // these it shows
+  CHECK(e.check().findings.empty());
+}
+
+TEST_CASE("doctor: progress cancels") {
+  EyeInHand e;
+  for (Sample& s : e.samples) s.readings[1] = -s.readings[1];
+  DoctorOptions options;
+  int calls = 0;
+  options.progress = [&](int, int) { return ++calls < 20; };
+  CHECK(!diagnose(e.rig, e.samples, options));
+  CHECK(calls == 20);
+}
+
+}  // namespace kincal

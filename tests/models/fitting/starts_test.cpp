@@ -1,0 +1,640 @@
+// models/fitting/starts.h: starting values in closed form.
+//
+// Proves: rigid fits, also of mirrored, flat and degenerate points; poses of free targets from every type of sensor, without noise to
+// 1e-6, where a plane has two mirror solutions the right one; poses of sensors and mounted targets that are up to 180 degrees and 1 m
+// from the identity, in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker, stereo), alone and
+// together; what cannot be tied to anything is returned by name; the calibration finds the same optimum as from given poses.
+// Does not prove: good starts from few or very noisy views, or from targets much smaller than their distance.
+#include <algorithm>
+#include <catch2/catch.hpp>
+
+#include "../../../models/calibration/calibration.h"
+#include "../../../models/estimation/estimation.h"
+#include "../../../models/fitting/starts.h"
+#include "../../../models/rig/parameters.h"
+#include "../../fixtures/forward_model.h"
+#include "../../fixtures/random.h"
+#include "../../fixtures/rigs.h"
+#include "../../fixtures/samples.h"
+#include "../../fixtures/transforms.h"
+#include "../../../models/rig/targets.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+using Eigen::Matrix3Xd;
+
+namespace {
+
+double difference(const Pose& a, const Pose& b) {
+  return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(), (a.translation - b.translation).cwiseAbs().maxCoeff());
+}
+bool is_rotation(const Matrix3d& r) { return (r.transpose() * r - Matrix3d::Identity()).norm() < 1e-9 && r.determinant() > 0; }
+
+Matrix3Xd random_points(Random& random, int n, double size) {
+  Matrix3Xd p(3, n);
+  for (int i = 0; i < n; ++i) p.col(i) = random.vector(size);
+  return p;
+}
+
+/// base -a1- .. -a6- tool: six oblique joints; base -pan- neck -scan- laser.
+Rig arm() {
+  Rig rig;
+  add_link(rig, "world");
+  add_joint(rig, JointType::fixed, "stand", "world", "base", {1, 0, 0}, at({0.3, -0.2, 0.5}, {0.2, 0.1, 0.7}));
+  rig.base = 1;
+  add_joint(rig, JointType::revolute, "a1", "base", "l1", {0, 0, 1}, at({0, 0, 0.3}));
+  add_joint(rig, JointType::revolute, "a2", "l1", "l2", {0, 1, 0}, at({0.1, 0, 0.2}, {0, 0, 0.3}));
+  add_joint(rig, JointType::revolute, "a3", "l2", "l3", {0, -1, 0.1}, at({0.3, 0, 0.1}));
+  add_joint(rig, JointType::revolute, "a4", "l3", "l4", {1, 0, 0}, at({0.2, 0, 0}));
+  add_joint(rig, JointType::revolute, "a5", "l4", "l5", {0.1, 1, 0}, at({0.1, 0, 0}));
+  add_joint(rig, JointType::revolute, "a6", "l5", "tool", {1, 0, 0.2}, at({0.1, 0, 0}));
+  add_joint(rig, JointType::revolute, "pan", "base", "neck", {0, 0, 1}, at({0.1, 0.1, 0.8}));
+  add_joint(rig, JointType::revolute, "scan", "neck", "laser", {0, 1, 0}, at({0.05, 0, 0.1}));
+  finish_tree(rig.tree);
+  return rig;
+}
+
+/// Near a posture.
+TruePosture near(const Rig& rig, const TruePosture& middle, Random& random, double range) {
+  TruePosture p = middle;
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    if (rig.tree.joints[j].has_reading()) p.readings[j] += random.uniform(-range, range);
+  return p;
+}
+
+/// The truth, the samples, and which pose parameters are not known.
+struct Unknown {
+  Rig truth;
+  std::vector<Sample> samples;
+  std::vector<TruePosture> postures;
+  std::vector<std::string> names;
+
+  void add(const TruePosture& p, const std::vector<std::pair<int, int>>& views, Random* noise = nullptr) {
+    Sample s = make_sample(truth, p, "s" + std::to_string(samples.size()));
+    for (const auto& [sensor, target] : views) add_view(s, truth, sensor, target, p, noise);
+    if (s.views.empty()) return;
+    samples.push_back(s);
+    postures.push_back(p);
+  }
+  /// The rig as given: unknown poses are absent.
+  Rig given() const {
+    Rig rig = truth;
+    for (Sensor& s : rig.sensors)
+      if (std::count(names.begin(), names.end(), "sensor/" + s.name + "/pose")) s.link_T_sensor = Pose(), s.pose_given = false;
+    for (Target& t : rig.targets)
+      if (std::count(names.begin(), names.end(), "target/" + t.name + "/pose")) t.link_T_target = Pose(), t.pose_given = false;
+    return rig;
+  }
+  struct Found {
+    std::vector<std::string> lost;
+    double worst = 0;
+  };
+  Found find() const {
+    const Rig rig = given();
+    const ParameterTable table(rig), true_table(truth);
+    std::vector<int> unknown;
+    for (const std::string& name : names) unknown.push_back(table.select(name).at(0).parameter);
+    Values values;
+    values.shared = table.initial;
+    Found out;
+    out.lost = start_unknown_poses(rig, table, samples, all_of(samples), unknown, values);
+    for (const int p : unknown) {
+      if (std::count(out.lost.begin(), out.lost.end(), table.all[p].name)) {
+        CHECK(difference(get_pose(values.shared, table.all[p].start), Pose()) == 0);  // stays at the identity
+        continue;
+      }
+      CHECK(is_rotation(get_pose(values.shared, table.all[p].start).rotation));
+      out.worst =
+          std::max(out.worst, difference(get_pose(values.shared, table.all[p].start), get_pose(true_table.initial, table.all[p].start)));
+    }
+    for (size_t p = 0; p < table.all.size(); ++p)  // nobody else's values were touched
+      if (!std::count(unknown.begin(), unknown.end(), static_cast<int>(p))) {
+        const int size = table.all[p].pose ? 12 : table.all[p].size();
+        CHECK(values.shared.segment(table.all[p].start, size) == table.initial.segment(table.all[p].start, size));
+      }
+    return out;
+  }
+};
+
+/// Eye in hand: a camera on the tool, a board on the base, both poses at random.
+Unknown eye_in_hand(unsigned long seed, bool noise) {
+  Random random(seed);
+  Unknown u;
+  u.truth = arm();
+  const int camera = add_camera(u.truth, "camera", "tool", random.pose(1, kPi));
+  const TruePosture middle = random_posture(u.truth, random, 1, false);
+  const int board = add_grid(u.truth, "board", 5, 6, 0.06, "base", Pose());
+  TruePosture p = middle;
+  // in_front() gives it relative to the base, on which it is mounted.
+  u.truth.targets[board].link = -1;
+  u.truth.targets[board].link_T_target = to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+  u.truth.targets[board].link = link_index(u.truth, "base");
+  for (int k = 0; k < 12; ++k) u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, noise ? &random : nullptr);
+  u.names = {"sensor/camera/pose", "target/board/pose"};
+  return u;
+}
+
+/// Eye to hand: a camera that stands, a board on the tool, both poses at random.
+Unknown eye_to_hand(unsigned long seed, bool noise, bool fisheye = false) {
+  Random random(seed);
+  Unknown u;
+  u.truth = arm();
+  const int camera = fisheye ? add_camera(u.truth, "camera", "base", Pose(), Lens::kannala_brandt, {0.02, -0.008, 0.003, -0.0005})
+                             : add_camera(u.truth, "camera", "base", Pose());
+  const int board = add_grid(u.truth, "board", 5, 6, 0.06, "tool", random.pose(1, kPi));
+  const TruePosture middle = random_posture(u.truth, random, 1, false);
+  const Isometry3d target = root_T_target(u.truth, board, middle);
+  Isometry3d seen = Isometry3d::Identity();
+  seen.linear() = random.rotation(0.5);
+  seen.translation() = Vector3d(0, 0, 1.2) - seen.linear() * Vector3d(0.15, 0.12, 0);
+  u.truth.sensors[camera].link_T_sensor =
+      to_pose(root_T_link(u.truth, link_index(u.truth, "base"), middle).inverse() * target * seen.inverse());
+  for (int k = 0; k < 12; ++k) u.add(near(u.truth, middle, random, 0.3), {{camera, board}}, noise ? &random : nullptr);
+  u.names = {"sensor/camera/pose", "target/board/pose"};
+  return u;
+}
+
+/// A free board in the hand before `cameras` cameras; the hand known or not.
+Unknown hand_and_cameras(unsigned long seed, int cameras, bool hand_known, bool noise) {
+  Random random(seed);
+  Unknown u;
+  u.truth = arm();
+  const int board = add_grid(u.truth, "board", 5, 6, 0.06), hand = add_chain(u.truth, "hand", "tool", random.pose(0.5, kPi), 0.001, 0.002);
+  const TruePosture middle = random_posture(u.truth, random, 1, false);
+  std::vector<std::pair<int, int>> views = {{hand, board}};
+  for (int c = 0; c < cameras; ++c) {
+    const int camera = add_camera(u.truth, "camera" + std::to_string(c), c % 2 ? "neck" : "base", Pose());
+    const Isometry3d target = root_T_sensor(u.truth, hand, middle);
+    Isometry3d seen = Isometry3d::Identity();
+    seen.linear() = random.rotation(0.5);
+    seen.translation() = Vector3d(0, 0, 1.2) - seen.linear() * Vector3d(0.15, 0.12, 0);
+    u.truth.sensors[camera].link_T_sensor =
+        to_pose(root_T_link(u.truth, u.truth.sensors[camera].link, middle).inverse() * target * seen.inverse());
+    views.push_back({camera, board});
+    u.names.push_back("sensor/camera" + std::to_string(c) + "/pose");
+  }
+  if (!hand_known) u.names.push_back("sensor/hand/pose");
+  for (int k = 0; k < 12; ++k) {
+    TruePosture p = near(u.truth, middle, random, 0.3);
+    p.boards[board] = in_hand(u.truth, hand, p, noise ? &random : nullptr);
+    u.add(p, views, noise ? &random : nullptr);
+  }
+  return u;
+}
+
+}  // namespace
+
+TEST_CASE("fit_points: rigid, with noise, mirrored") {
+  Random random(1);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Pose truth = random.pose(2, kPi);
+    Matrix3Xd a = random_points(random, 3 + trial % 5, 1);
+    if (trial % 3 == 0) a.row(2).setZero();  // flat
+    Matrix3Xd b(3, a.cols());
+    for (Eigen::Index i = 0; i < a.cols(); ++i) b.col(i) = isometry(truth) * Vector3d(a.col(i));
+    CHECK(difference(fit_points(a, b), truth) < 1e-9);
+    for (Eigen::Index i = 0; i < a.cols(); ++i) b.col(i) += random.vector(0.01);
+    CHECK(is_rotation(fit_points(a, b).rotation));
+    // The best mirror image of a body is no rotation: the answer still is one, and no other rotation fits better.
+    Matrix3Xd mirrored = b;
+    mirrored.row(0) *= -1;
+    const Pose fitted = fit_points(a, mirrored);
+    CHECK(is_rotation(fitted.rotation));
+    const auto misfit = [&](const Isometry3d& t) {
+      double sum = 0;
+      for (Eigen::Index i = 0; i < a.cols(); ++i) sum += (t * Vector3d(a.col(i)) - mirrored.col(i)).squaredNorm();
+      return sum;
+    };
+    for (int k = 0; k < 20; ++k) {
+      const double size = k % 2 ? 0.05 : 2;
+      CHECK(misfit(isometry(fitted) * exponential(random.twist(size, size))) > misfit(isometry(fitted)));
+    }
+  }
+  // Half a turn exactly, and the identity.
+  const Matrix3Xd a = random_points(random, 6, 1);
+  for (const Vector3d& axis : {Vector3d(1, 0, 0), Vector3d(0, 1, 0), Vector3d(0, 0, 1), Vector3d(1.0 / 3, 2.0 / 3, 2.0 / 3)}) {
+    const Matrix3d r = 2 * axis * axis.transpose() - Matrix3d::Identity();
+    CHECK(difference(fit_points(a, r * a), {r, Vector3d::Zero()}) < 1e-12);
+  }
+  CHECK(difference(fit_points(a, a), Pose()) < 1e-12);
+}
+
+TEST_CASE("fit_points: points that do not determine a motion are mapped onto each other all the same") {
+  Random random(2);
+  for (int n = 0; n <= 4; ++n)
+    for (int trial = 0; trial < (n == 0 ? 1 : 20); ++trial) {
+      const Pose truth = random.pose(1, kPi);
+      const Vector3d start = random.vector(1), direction = random.direction();
+      Matrix3Xd a(3, n), b(3, n);
+      for (int i = 0; i < n; ++i) {
+        a.col(i) = start + (trial == 0 ? 0 : random.uniform(-1, 1)) * direction;  // on a line, once all in one place
+        b.col(i) = isometry(truth) * Vector3d(a.col(i));
+      }
+      const Pose t = fit_points(a, b);
+      INFO(n << " points, trial " << trial);
+      CHECK(is_rotation(t.rotation));
+      CHECK(t.translation.allFinite());
+      for (int i = 0; i < n; ++i) CHECK((isometry(t) * Vector3d(a.col(i)) - b.col(i)).norm() < 1e-9);
+      CHECK(on_a_line(a));
+    }
+  Matrix3Xd bent(3, 4);
+  bent << 0, 1, 2, 3, 0, 0, 0, 0, 0, 0, 0, 0;
+  CHECK(on_a_line(bent));
+  bent(1, 2) = 1e-8;
+  CHECK(on_a_line(bent));
+  bent(1, 2) = 1e-4;
+  CHECK_FALSE(on_a_line(bent));
+  CHECK_FALSE(on_a_line(random_points(random, 3, 1)));
+}
+
+TEST_CASE("points and links at given values") {
+  const Rig rig = nasty_robot();
+  Random random(3);
+  const Rig other = moved(rig, {"*"}, random, 0.05, 0.3, 1, 0.05);
+  const ParameterTable table(rig);
+  const VectorXd values = ParameterTable(other).initial;
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    const Matrix3Xd points = target_points(rig, table, values, static_cast<int>(t));
+    REQUIRE(points.cols() == rig.targets[t].count());
+    for (int i = 0; i < rig.targets[t].count(); ++i) CHECK((points.col(i) - target_point(other.targets[t], i)).norm() < 1e-15);
+  }
+  const TruePosture p = random_posture(rig, random, 2, false);
+  const Sample sample = make_sample(rig, p, "a");
+  const Isometry3d base = root_T_link(other, rig.base, p);
+  for (size_t l = 0; l < rig.tree.links.size(); ++l) {
+    INFO(rig.tree.links[l]);
+    CHECK(difference(base_T_link(rig, table, values, sample, static_cast<int>(l)),
+                     to_pose(base.inverse() * root_T_link(other, static_cast<int>(l), p))) < 1e-12);
+    TruePosture turned = p;
+    const int elbow = joint_index(rig, "elbow");
+    turned.readings[elbow] = 0.77;
+    CHECK(difference(base_T_link(rig, table, values, sample, static_cast<int>(l), elbow, 0.77),
+                     to_pose(base.inverse() * root_T_link(other, static_cast<int>(l), turned))) < 1e-12);
+  }
+}
+
+TEST_CASE("start_targets: every type of sensor alone tells where a free target is") {
+  Rig rig = nasty_robot();
+  Random random(4);
+  const int body = add_points(rig, "body", random_points(random, 9, 0.15));  // not flat, enough for a direct linear transform
+  const int board = target_index(rig, "board");
+  const ParameterTable table(rig);
+  for (const int sensor : all_sensors(rig))
+    for (const int target : {board, body}) {
+      if (!pair_allowed(rig, sensor, target)) continue;
+      const std::string& type = rig.sensors[sensor].type;
+      INFO(rig.sensors[sensor].name << " sees " << rig.targets[target].name);
+      int seen = 0;
+      for (int trial = 0; trial < 40 && seen < 12; ++trial) {
+        TruePosture p = random_posture(rig, random, 1.2, false);
+        if (type == "chain")
+          p.boards[target] = in_hand(rig, sensor, p, nullptr);
+        else
+          p.boards[target] = in_front(rig, sensor, target, p, random.uniform(0.5, 0.9), 1.0, random);
+        if (type == "tilting_laser") p.boards[target] = p.boards[target] * exponential(random.twist(0.3, 1));
+        Sample sample = make_sample(rig, p, "a");
+        if (!add_view(sample, rig, sensor, target, p)) continue;
+        ++seen;
+        const std::vector<Sample> samples = {sample};
+        Values values;
+        values.shared = table.initial;
+        start_targets(rig, table, samples, {0}, {sensor}, {}, values);
+        REQUIRE(values.targets.count({0, target}) == 1);
+        INFO("trial " << trial);
+        CHECK(difference(values.targets.at({0, target}), to_pose(p.boards[target])) < 1e-6);
+      }
+      CHECK(seen >= 6);
+    }
+}
+
+TEST_CASE("start_targets: of a plane's two mirror solutions the right one, with noise too") {
+  // A board of 20 cm, 0.6 to 1.2 m away, turned by up to 60 degrees: with 0.2 px the two solutions can be told apart.
+  Rig rig;
+  Random random(5);
+  add_link(rig, "base");
+  add_camera(rig, "camera", "base", random.pose(1, 3));
+  const int board = add_grid(rig, "board", 5, 6, 0.04);
+  finish_tree(rig.tree);
+  const ParameterTable table(rig);
+  for (int trial = 0; trial < 200; ++trial) {
+    TruePosture p = empty_posture(rig);
+    p.boards[board] = in_front(rig, 0, board, p, random.uniform(0.6, 1.2), kPi / 3, random);
+    if (trial % 2) {  // in view, but far off the axis
+      Vector6d aside = Vector6d::Zero();
+      aside.head<3>() = random.vector(0.3);
+      p.boards[board] = p.boards[board] * exponential(aside);
+    }
+    Sample sample = make_sample(rig, p, "a");
+    if (!add_view(sample, rig, 0, board, p, &random)) continue;
+    const std::vector<Sample> samples = {sample};
+    Values values;
+    values.shared = table.initial;
+    start_targets(rig, table, samples, {0}, {0}, {}, values);
+    INFO("trial " << trial);
+    CHECK(difference(values.targets.at({0, board}), to_pose(p.boards[board])) < 0.05);
+  }
+}
+
+TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") {
+  Rig rig = nasty_robot();
+  const int board = target_index(rig, "board"), probe = target_index(rig, "probe");
+  const ParameterTable table(rig);
+  Random random(6);
+  for (const int sensor : all_sensors(rig))
+    for (int n = 1; n <= 5; ++n)
+      for (const int target : {board, probe})
+        for (int trial = 0; trial < 12; ++trial) {
+          if (!pair_allowed(rig, sensor, target) || rig.sensors[sensor].type == "chain" || rig.sensors[sensor].type == "pose") continue;
+          TruePosture p = random_posture(rig, random, 1, false);
+          p.boards[target] = in_front(rig, sensor, target, p, 0.7, 0.8, random);
+          std::vector<int> ids;
+          for (int i = 0; i < n; ++i)
+            ids.push_back(target == board ? (trial == 0 ? i % 4 : (3 * i + trial) % 12) : i % 4);  // trial 0: on a line
+          std::sort(ids.begin(), ids.end());
+          ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+          Sample sample = make_sample(rig, p, "a");
+          if (!add_view(sample, rig, sensor, target, p, nullptr, ids)) continue;
+          const std::vector<Sample> samples = {sample};
+          Values values;
+          values.shared = table.initial;
+          INFO(rig.sensors[sensor].name << ", " << ids.size() << " points of " << rig.targets[target].name << ", trial " << trial);
+          CHECK_NOTHROW(start_targets(rig, table, samples, {0}, {sensor}, {}, values));  // three of four on a line, all on a line, ...
+          if (!values.targets.count({0, target})) continue;
+          const Pose found = values.targets.at({0, target});
+          CHECK(is_rotation(found.rotation));
+          CHECK(found.translation.allFinite());
+          // Points in space are where they were seen, however few.
+          if (rig.sensors[sensor].type != "point") continue;
+          p.boards[target] = isometry(found);
+          CHECK(residual(rig, sample.views[0], p).cwiseAbs().maxCoeff() < 1e-6);
+        }
+}
+
+TEST_CASE("start_targets: several targets and sensors in many samples, held out ones too, a bad sensor does not decide") {
+  Rig rig = nasty_robot();
+  Random random(7);
+  std::vector<TruePosture> postures;
+  const int board = target_index(rig, "board"), probe = target_index(rig, "probe"), tracker = sensor_index(rig, "tracker"),
+            depth = sensor_index(rig, "depth"), mocap = sensor_index(rig, "mocap");
+  std::vector<Sample> samples;
+  for (int k = 0; k < 6; ++k) {
+    TruePosture p = random_posture(rig, random, 1, false);
+    for (const int target : {board, probe}) p.boards[target] = in_front(rig, depth, target, p, 0.8, 0.8, random);
+    Sample s = make_sample(rig, p, "s" + std::to_string(k));
+    for (const int target : {board, probe})
+      for (const int sensor : {tracker, depth, mocap}) REQUIRE(add_view(s, rig, sensor, target, p));
+    for (View& v : s.views)
+      if (v.sensor == mocap) v.z[0] += 0.5;  // half a metre off
+    samples.push_back(s);
+    postures.push_back(p);
+  }
+  const ParameterTable table(rig);
+  Values values;
+  values.shared = table.initial;
+  start_targets(rig, table, samples, {1, 3, 4}, {tracker, depth, mocap}, {LossKind::cauchy, 2}, values);
+  CHECK(values.targets.size() == 6);
+  for (const int s : {1, 3, 4})
+    for (const int target : {board, probe})
+      CHECK(difference(values.targets.at({s, target}), to_pose(postures[s].boards.at(target))) < 0.01);
+}
+
+TEST_CASE("start_targets: a pose that is there already stays if it can be evaluated") {
+  const Rig rig = nasty_robot();
+  Random random(8);
+  const int board = target_index(rig, "board"), camera = sensor_index(rig, "bc5");
+  TruePosture p = random_posture(rig, random, 1, false);
+  p.boards[board] = in_front(rig, camera, board, p, 0.8, 0.8, random);
+  Sample sample = make_sample(rig, p, "a");
+  REQUIRE(add_view(sample, rig, camera, board, p));
+  const std::vector<Sample> samples = {sample};
+  const ParameterTable table(rig);
+  Values values;
+  values.shared = table.initial;
+  const Pose near_by = to_pose(p.boards[board] * exponential(random.twist(0.02, 0.05)));
+  values.targets[{0, board}] = near_by;
+  start_targets(rig, table, samples, {0}, {camera}, {}, values);
+  CHECK(difference(values.targets.at({0, board}), near_by) < 1e-12);
+  // Behind the camera: as good as none.
+  Isometry3d behind = Isometry3d::Identity();
+  behind.translation().z() = -1;
+  values.targets[{0, board}] = to_pose(root_T_link(rig, rig.base, p).inverse() * root_T_sensor(rig, camera, p) * behind);
+  start_targets(rig, table, samples, {0}, {camera}, {}, values);
+  CHECK(difference(values.targets.at({0, board}), to_pose(p.boards[board])) < 1e-6);
+}
+
+TEST_CASE("unknown poses: eye in hand, camera and mounted board") {
+  for (unsigned long seed = 1; seed <= 12; ++seed) {
+    INFO("seed " << seed);
+    const Unknown u = eye_in_hand(seed, false);
+    REQUIRE(u.samples.size() >= 5);
+    const auto found = u.find();
+    CHECK(found.lost.empty());
+    CHECK(found.worst < 1e-6);
+    CHECK(eye_in_hand(seed, true).find().worst < 0.05);
+  }
+}
+
+TEST_CASE("unknown poses: eye to hand, camera and board on the tool") {
+  for (unsigned long seed = 1; seed <= 12; ++seed)
+    for (const bool fisheye : {false, true}) {
+      INFO("seed " << seed << (fisheye ? ", fisheye" : ""));
+      const Unknown u = eye_to_hand(seed, false, fisheye);
+      REQUIRE(u.samples.size() >= 5);
+      const auto found = u.find();
+      CHECK(found.lost.empty());
+      CHECK(found.worst < 1e-6);
+    }
+}
+
+TEST_CASE("unknown poses: only one of the two") {
+  for (unsigned long seed = 21; seed <= 26; ++seed)
+    for (const char* name : {"sensor/camera/pose", "target/board/pose"})
+      for (const bool in_the_hand : {false, true}) {
+        Unknown u = in_the_hand ? eye_in_hand(seed, false) : eye_to_hand(seed, false);
+        u.names = {name};
+        const auto found = u.find();
+        INFO("seed " << seed << ", " << name);
+        CHECK(found.lost.empty());
+        CHECK(found.worst < 1e-6);
+      }
+}
+
+TEST_CASE("unknown poses: camera and hand, with a free board") {
+  for (unsigned long seed = 1; seed <= 12; ++seed) {
+    INFO("seed " << seed);
+    const Unknown u = hand_and_cameras(seed, 1, false, false);
+    REQUIRE(u.samples.size() >= 5);
+    const auto found = u.find();
+    CHECK(found.lost.empty());
+    CHECK(found.worst < 1e-6);
+    CHECK(hand_and_cameras(seed, 1, false, true).find().worst < 0.06);
+  }
+}
+
+TEST_CASE("unknown poses: two cameras, hand known, four cameras and the hand, nothing known") {
+  for (unsigned long seed = 1; seed <= 8; ++seed) {
+    INFO("seed " << seed);
+    const auto stereo = hand_and_cameras(seed, 2, true, false).find();
+    CHECK(stereo.lost.empty());
+    CHECK(stereo.worst < 1e-6);
+    const auto many = hand_and_cameras(seed, 4, false, false).find();
+    CHECK(many.lost.empty());
+    CHECK(many.worst < 1e-6);
+  }
+}
+
+TEST_CASE("unknown poses: a tilting laser, by a wall that is known, and by free boards that a hand holds") {
+  int walls = 0, hands = 0;
+  for (unsigned long seed = 1; seed <= 60 && (walls < 6 || hands < 6); ++seed) {
+    Random random(seed);
+    Unknown u;
+    u.truth = arm();
+    const int laser = add_laser(u.truth, "laser", "laser", random.pose(1, kPi), "scan", {0.001, 0.001, 0.003});
+    const int wall = add_grid(u.truth, "wall", 4, 5, 0.2, "base", at({2, 0.3, 1}, {-1.3, 0.2, -1.4}));
+    const int board = add_grid(u.truth, "board", 4, 5, 0.06),
+              hand = add_chain(u.truth, "hand", "tool", random.pose(0.3, kPi), 0.001, 0.002);
+    Unknown v = u;
+    for (int k = 0; k < 10; ++k) {
+      TruePosture p = random_posture(u.truth, random, 0.8, false);
+      u.add(p, {{laser, wall}});
+      p.boards[board] = in_hand(v.truth, hand, p, nullptr);
+      v.add(p, {{hand, board}, {laser, board}});
+    }
+    u.names = v.names = {"sensor/laser/pose"};
+    const auto rays = [&](const Unknown& x) {
+      int n = 0;
+      for (const Sample& s : x.samples)
+        for (const View& view : s.views) n += view.sensor == laser;
+      return n;
+    };
+    INFO("seed " << seed);
+    if (rays(u) >= 5) {
+      ++walls;
+      const auto found = u.find();
+      CHECK(found.lost.empty());
+      CHECK(found.worst < 1e-6);
+    }
+    if (rays(v) >= 5) {
+      ++hands;
+      const auto found = v.find();
+      CHECK(found.lost.empty());
+      CHECK(found.worst < 1e-6);
+    }
+  }
+  CHECK(walls >= 6);
+  CHECK(hands >= 6);
+}
+
+TEST_CASE("unknown poses: a tracker of points, by a body on the tool, by one reflector, and with the body unknown too") {
+  for (unsigned long seed = 1; seed <= 10; ++seed) {
+    Random random(seed);
+    Unknown u;
+    u.truth = arm();
+    const int tracker = add_tracker(u.truth, "tracker", "base", random.pose(1, kPi), {1e-4, 1e-4, 1e-4});
+    const int body = add_points(u.truth, "body", random_points(random, 4, 0.2), "tool", random.pose(0.3, kPi));
+    const int reflector = add_points(u.truth, "reflector", Eigen::Vector3d(0.03, 0.02, 0.1), "tool", Pose());
+    Unknown one = u;
+    for (int k = 0; k < 12; ++k) {
+      const TruePosture p = random_posture(u.truth, random, 1, false);
+      u.add(p, {{tracker, body}});
+      one.add(p, {{tracker, reflector}});
+    }
+    INFO("seed " << seed);
+    u.names = {"sensor/tracker/pose"};
+    auto found = u.find();
+    CHECK(found.lost.empty());
+    CHECK(found.worst < 1e-6);
+    u.names = {"sensor/tracker/pose", "target/body/pose"};
+    found = u.find();
+    CHECK(found.lost.empty());
+    CHECK(found.worst < 1e-6);
+    one.names = {"sensor/tracker/pose"};
+    found = one.find();
+    CHECK(found.lost.empty());
+    CHECK(found.worst < 1e-6);
+  }
+}
+
+TEST_CASE("unknown poses: motion capture and a depth camera that see a board in the hand") {
+  for (unsigned long seed = 1; seed <= 6; ++seed) {
+    Random random(seed);
+    Unknown u;
+    u.truth = arm();
+    const int mocap = add_mocap(u.truth, "mocap", "base", random.pose(1, kPi), 0.001, 0.002);
+    const int depth = add_tracker(u.truth, "depth", "neck", random.pose(1, kPi), {0.001, 0.001, 0.001});
+    const int board = add_grid(u.truth, "board", 4, 5, 0.06),
+              hand = add_chain(u.truth, "hand", "tool", random.pose(0.5, kPi), 0.001, 0.002);
+    for (int k = 0; k < 10; ++k) {
+      TruePosture p = random_posture(u.truth, random, 1, false);
+      p.boards[board] = in_hand(u.truth, hand, p, nullptr);
+      u.add(p, {{mocap, board}, {depth, board}, {hand, board}});
+    }
+    for (const std::vector<std::string>& names :
+         std::vector<std::vector<std::string>>{{"sensor/mocap/pose"},
+                                               {"sensor/mocap/pose", "sensor/depth/pose"},
+                                               {"sensor/hand/pose"},
+                                               {"sensor/mocap/pose", "sensor/depth/pose", "sensor/hand/pose"}}) {
+      u.names = names;
+      INFO("seed " << seed << ", " << names.size() << " unknown");
+      const auto found = u.find();
+      CHECK(found.lost.empty());
+      CHECK(found.worst < 1e-6);
+    }
+  }
+}
+
+TEST_CASE("unknown poses: what nothing ties to the rest is returned by name") {
+  Random random(9);
+  Unknown u = hand_and_cameras(3, 2, true, false);
+  const int alone = add_camera(u.truth, "alone", "base", random.pose(1, 2)),
+            blind = add_camera(u.truth, "blind", "neck", random.pose(1, 2));
+  const int loose = add_grid(u.truth, "loose", 4, 5, 0.06);
+  const int dark = add_grid(u.truth, "dark", 4, 5, 0.06, "tool", random.pose(1, 2));
+  (void)blind;
+  (void)dark;
+  for (size_t k = 0; k < u.samples.size(); ++k) {
+    u.postures[k].boards[loose] = in_front(u.truth, alone, loose, u.postures[k], 1, 0.6, random);
+    REQUIRE(add_view(u.samples[k], u.truth, alone, loose, u.postures[k]));
+  }
+  // `alone` sees only a free board that nobody else sees, `blind` nothing; `dark` is seen by nobody.
+  u.names = {"sensor/camera0/pose", "sensor/alone/pose", "sensor/camera1/pose", "sensor/blind/pose", "target/dark/pose"};
+  auto found = u.find();
+  std::sort(found.lost.begin(), found.lost.end());
+  CHECK(found.lost == std::vector<std::string>{"sensor/alone/pose", "sensor/blind/pose", "target/dark/pose"});
+  CHECK(found.worst < 1e-6);
+}
+
+TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
+  for (unsigned long seed = 41; seed <= 43; ++seed) {
+    const Unknown u = hand_and_cameras(seed, 2, false, true);
+    double chi2[2];
+    std::vector<double> values[2];
+    for (const int absent : {0, 1}) {
+      Rig rig = absent ? u.given() : u.truth;
+      for (Joint& j : rig.tree.joints) CHECK(j.type != JointType::floating);
+      for (JointSettings& j : rig.joints) j.sigma = 0.0005;
+      Step step;
+      step.name = "all";
+      step.sensors = all_sensors(rig);
+      step.free = {"sensor/*/pose"};
+      step.free_where = {"test"};
+      rig.steps = {step};
+      // Of camera and hand with a free board everything is determined but nothing else.
+      Calibration calibration(rig, u.samples);
+      const auto result = calibration.run({});
+      REQUIRE(result);
+      CHECK(result->status == Status::converged);
+      chi2[absent] = result->chi2;
+      for (const ParameterEstimate& p : result->parameters) {
+        REQUIRE(p.pose);
+        values[absent].insert(values[absent].end(), p.pose->rotation.data(), p.pose->rotation.data() + 9);
+        values[absent].insert(values[absent].end(), p.pose->translation.data(), p.pose->translation.data() + 3);
+        CHECK(p.name.find("/pose") != std::string::npos);
+      }
+    }
+    INFO("seed " << seed);
+    CHECK(std::abs(chi2[0] / chi2[1] - 1) < 1e-8);
+    REQUIRE(values[0].size() == values[1].size());
+    for (size_t i = 0; i < values[0].size(); ++i) CHECK(std::abs(values[0][i] - values[1][i]) < 1e-6);
+  }
+}

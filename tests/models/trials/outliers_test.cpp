@@ -1,0 +1,130 @@
+// models/trials/outliers.h and models/fitting/robust.h: gross outliers.
+//
+// Proves: levels of sensors are the standard deviation of Gaussian residuals, whatever a minority does; the bound of chi2 lies above its
+// quantile at 1e-9 (by the incomplete gamma function in closed form) and not far above; gross outliers are found and named in every noise
+// mode, points, a view, a sample that cannot even start, and what is left is calibrated as if they had never been; held-out samples are
+// left alone. The program's tests (program/outliers_test.py) prove figures.
+// Does not prove: behaviour at outliers of less than seven sigmas, nor how one sample is judged (consensus_test.cpp).
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "../../../models/fitting/robust.h"
+#include "../../../models/trials/outliers.h"
+#include "../../fixtures/example.h"
+#include "../../fixtures/random.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+namespace {
+
+/// P(chi2 > x) for an even number of degrees of freedom n: exp(-x/2) sum_{k < n/2} (x/2)^k / k!
+double chi2_tail(double x, int n) {
+  double term = std::exp(-x / 2), sum = 0;
+  for (int k = 0; k < n / 2; ++k) {
+    sum += term;
+    term *= x / 2 / (k + 1);
+  }
+  return sum;
+}
+
+CalibrationResult run(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise) {
+  CalibrationOptions options;
+  options.noise = noise;
+  return *Calibration(rig, samples).run(options);
+}
+
+}  // namespace
+
+TEST_CASE("outliers: levels of sensors and the bound of chi2") {
+  Rig rig;
+  rig.sensors.resize(2);
+  rig.sensors[0].model = rig.sensors[1].model = Laboratory(1, 2).rig.sensors[0].model;
+  Random random(1);
+  View view, other;
+  view.sensor = 0;
+  other.sensor = 1;
+  std::vector<ViewResiduals> residuals(2);
+  residuals[0].view = &view;
+  residuals[0].whitened = 2.5 * random_matrix(random, 20000, 1);
+  residuals[1].view = &other;
+  residuals[1].whitened = random_matrix(random, 20000, 1);
+  residuals[1].whitened.head(6000).array() += 1e4;  // 30 %
+  const std::vector<double> levels = robust_levels(rig, residuals);
+  CHECK(levels[0] == Approx(2.5).epsilon(0.03));
+  CHECK(levels[1] > 1);
+  CHECK(levels[1] < 1.8);
+  for (int n : {2, 6, 20, 100, 400}) {
+    CHECK(chi2_tail(chi2_bound(n), n) < 1e-9);
+    CHECK(chi2_tail(chi2_bound(n), n) > 1e-12);
+  }
+}
+
+TEST_CASE("outliers: found and taken out in every noise mode, as if they had never been") {
+  for (NoiseMode noise : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+    Laboratory lab(3);
+    const std::vector<size_t> two = lab.seen_twice();
+    REQUIRE(two.size() > 8);
+    // Points of one view, a view numbered from the other corner, readings of another posture, a held-out sample that is wrong as well.
+    View& points = lab.first_camera(two[0]);
+    points.z[0] += 20;
+    points.z[5] -= 30;
+    View& flipped = lab.first_camera(two[1]);
+    turn_round(flipped);
+    Sample& wrong = lab.samples[two[2]];
+    for (double& reading : wrong.readings)
+      if (std::isfinite(reading)) reading = -reading - 0.3;
+    Sample& held_out = lab.samples[two[3]];
+    held_out.train = false;
+    held_out.readings = wrong.readings;
+
+    CalibrationOptions options;
+    options.noise = noise;
+    const std::optional<Cleaned> clean = calibrate_without_outliers(Calibration(lab.rig, lab.samples), options);
+    REQUIRE(clean);
+    std::vector<std::string> named;
+    for (const Rejected& r : clean->result.rejected) {
+      std::string name = r.sample + " " + r.sensor;
+      for (int id : r.ids) name += " " + std::to_string(id);
+      named.push_back(name);
+      CHECK(!r.reason.empty());
+      CHECK((r.sensor.empty() == r.target.empty()));
+    }
+    const auto id = [&](const View& v, size_t i) { return std::to_string(v.ids.empty() ? static_cast<int>(i) : v.ids[i]); };
+    std::vector<std::string> expected = {
+        lab.samples[two[0]].id + " " + lab.rig.sensors[points.sensor].name + " " + id(points, 0) + " " + id(points, 2),
+        lab.samples[two[1]].id + " " + lab.rig.sensors[flipped.sensor].name, wrong.id + " "};
+    std::sort(named.begin(), named.end());
+    std::sort(expected.begin(), expected.end());
+    CHECK(named == expected);
+
+    // The same without them, by hand.
+    std::vector<int> kept;
+    std::vector<double> kept_z;
+    for (size_t i = 0; 2 * i < points.z.size(); ++i)
+      if (i != 0 && i != 2) {
+        kept.push_back(points.ids.empty() ? static_cast<int>(i) : points.ids[i]);
+        kept_z.insert(kept_z.end(), {points.z[2 * i], points.z[2 * i + 1]});
+      }
+    points.ids = kept;
+    points.z = kept_z;
+    lab.samples[two[1]].views.erase(lab.samples[two[1]].views.begin() + (&flipped - lab.samples[two[1]].views.data()));
+    lab.samples.erase(lab.samples.begin() + static_cast<std::ptrdiff_t>(two[2]));
+    const CalibrationResult by_hand = run(lab.rig, lab.samples, noise);
+    CHECK(clean->result.chi2 == by_hand.chi2);
+    CHECK(clean->result.values.shared == by_hand.values.shared);
+    CHECK(clean->calibration.samples().size() == lab.samples.size());
+  }
+}
+
+TEST_CASE("outliers: a sample that cannot start stays out, and none at all is an error") {
+  Laboratory lab(5);
+  const std::vector<size_t> two = lab.seen_twice();
+  View& view = lab.first_camera(two[0]);
+  for (double& z : view.z) z = 1e9;  // no direction
+  const std::optional<Cleaned> clean = calibrate_without_outliers(Calibration(lab.rig, lab.samples), CalibrationOptions());
+  REQUIRE(clean);
+  REQUIRE(clean->result.rejected.size() == 1);
+  CHECK(clean->result.rejected[0].sample == lab.samples[two[0]].id);
+}

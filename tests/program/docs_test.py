@@ -1,0 +1,286 @@
+#!/usr/bin/env python3
+"""The documents tell the truth: what README.md and docs/*.md show is run.
+
+    python3 tests/program/docs_test.py SOURCE_DIR KINCAL_BINARY
+
+Proves: every command in a ```sh block ends with the exit status it states (0, or `# exit N` at the end of the line); blocks of one
+document run in order, in one scratch copy of examples/ with the program as build/release/kincal and as `kincal` on the PATH; so do
+the indented commands of examples/pr2/README.md. Links between documents, and to their headings, lead somewhere. Options that the
+documents name and options that the program has are the same, warning ids likewise. The program of docs/adding-a-sensor.md compiles
+against the built libraries and prints what the document shows; its check of derivatives passes. No document names a path of one machine.
+Does not prove: that shown output is today's (but for adding-a-sensor.md), nor that what the text says is right.
+"""
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+
+UNTESTED = ("scripts/demo", "scripts/test", "git clone", "apt", "apt-get", "sudo apt", "sudo apt-get")
+
+failures = []
+
+
+def fail(place, what):
+    failures.append(f"{place}: {what}")
+
+
+def documents(source):
+    found = [os.path.join(source, name) for name in ("README.md", "CHANGELOG.md")]
+    docs = os.path.join(source, "docs")
+    found += [os.path.join(docs, name) for name in sorted(os.listdir(docs)) if name.endswith(".md")]
+    return found
+
+
+def indented(path):
+    """Indented lines that call the program, as one block of commands each (continued ones joined)."""
+    lines, first = [], 0
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            text = line.rstrip("\n")
+            if lines or re.match(r"^ {4,}build/release/kincal ", text):
+                first = first if lines else number
+                lines.append(text.strip())
+                if not text.endswith("\\"):
+                    yield "sh", first, lines
+                    lines = []
+
+
+def blocks(path):
+    """(info string, first line number, lines) of every fenced block."""
+    out, start, info, lines = [], None, "", []
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            fence = re.match(r"^```(.*)$", line.rstrip("\n"))
+            if fence and start is None:
+                start, info, lines = number + 1, fence.group(1).strip(), []
+            elif fence:
+                out.append((info, start, lines))
+                start = None
+            elif start is not None:
+                lines.append(line.rstrip("\n"))
+    if start is not None:
+        fail(f"{path}:{start - 1}", "a fence is never closed")
+    return out
+
+
+def prose(path):
+    """Lines outside of fenced blocks, with their numbers."""
+    inside = False
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            if line.startswith("```"):
+                inside = not inside
+            elif not inside:
+                yield number, line.rstrip("\n")
+
+
+# ---------------------------------------------------------------- commands
+def commands(first, lines):
+    """(line number, command, expected status); a backslash at the end joins lines."""
+    pending, start = "", first
+    for number, line in enumerate(lines, first):
+        if not pending:
+            start = number
+        if line.endswith("\\"):
+            pending += line[:-1]
+            continue
+        text, pending = pending + line, ""
+        expected = re.search(r"#\s*exit\s+(\d+)\s*$", text)
+        command = re.sub(r"\s+#\s.*$", "", " " + text).strip()
+        if command and not command.startswith("#"):
+            yield start, command, int(expected.group(1)) if expected else 0
+
+
+def run_document(path, source, binary):
+    with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
+        shutil.copytree(os.path.join(source, "examples"), os.path.join(scratch, "examples"))
+        release = os.path.join(scratch, "build", "release")
+        os.makedirs(release)
+        os.symlink(os.path.abspath(binary), os.path.join(release, "kincal"))
+        environment = dict(os.environ, PATH=release + os.pathsep + os.environ.get("PATH", ""))
+        count = 0
+        for info, first, lines in blocks(path) + list(indented(path)):
+            words = info.split()
+            if not words or words[0] != "sh":
+                if words and words[0] in ("bash", "shell", "console"):
+                    fail(f"{path}:{first - 1}", f"a block of commands is called ```sh, not ```{words[0]}")
+                continue
+            if words[1:] not in ([], ["no-test"]):
+                fail(f"{path}:{first - 1}", f"unknown mark '{info}'")
+                continue
+            for number, command, expected in commands(first, lines):
+                if words[1:] == ["no-test"]:
+                    if re.search(r"[;&|`$]", command) or not any(command == u or command.startswith(u + " ") for u in UNTESTED):
+                        fail(f"{path}:{number}", f"not among what may go untested ({', '.join(UNTESTED)}): {command}")
+                    continue
+                count += 1
+                try:
+                    done = subprocess.run(["sh", "-c", command], cwd=scratch, env=environment, stdin=subprocess.DEVNULL,
+                                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600)
+                except subprocess.TimeoutExpired:
+                    fail(f"{path}:{number}", f"does not end: {command}")
+                    continue
+                if done.returncode != expected:
+                    output = done.stdout.decode(errors="replace").strip().splitlines()
+                    fail(f"{path}:{number}", f"exit {done.returncode}, not {expected}: {command}\n    " + "\n    ".join(output[-5:]))
+        return count
+
+
+# ---------------------------------------------------------------- links
+def anchors(path):
+    """GitHub's anchors of a document's headings."""
+    found = set()
+    for _, line in prose(path):
+        heading = re.match(r"^#+\s+(.*)$", line)
+        if heading:
+            text = re.sub(r"[`*]", "", heading.group(1)).strip().lower()
+            text = re.sub(r"[^\w\- ]", "", text).replace(" ", "-")
+            anchor, n = text, 0
+            while anchor in found:
+                n += 1
+                anchor = f"{text}-{n}"
+            found.add(anchor)
+    return found
+
+
+def check_links(path, source):
+    count = 0
+    for number, line in prose(path):
+        for target in re.findall(r"\]\(([^)\s]+)\)", line):
+            if re.match(r"^[a-z]+:", target):
+                continue
+            count += 1
+            name, _, anchor = target.partition("#")
+            full = os.path.normpath(os.path.join(os.path.dirname(path), name)) if name else path
+            if not os.path.exists(full):
+                fail(f"{path}:{number}", f"link to {target}: there is no such file")
+            elif not full.startswith(os.path.normpath(source) + os.sep):
+                fail(f"{path}:{number}", f"link to {target} leaves the project")
+            elif anchor and full.endswith(".md") and anchor not in anchors(full):
+                fail(f"{path}:{number}", f"link to {target}: there is no such heading; there are {', '.join(sorted(anchors(full)))}")
+    return count
+
+
+def check_text(path):
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            if re.search(r"(^|[\s`(\"'])/(work|home|root|tmp|Users)/", line):
+                fail(f"{path}:{number}", "a path of one machine")
+
+
+# ---------------------------------------------------------------- tables against the program
+def check_options(source, binary):
+    """Every --option in the documents is one that the program has, and every one it has stands in a document."""
+    text = subprocess.run([binary, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
+    for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
+        text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
+    known = set(re.findall(r"--[a-z][a-z-]+", text))
+    others = {"--preset", "--build", "--install", "--prefix"}  # CMake's
+    named = set()
+    for path in documents(source):
+        with open(path, encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", line):
+                    named.add(option)
+                    if option not in known | others:
+                        fail(f"{path}:{number}", f"the program has no option {option}")
+    for option in sorted(known - named):
+        fail(os.path.join(source, "docs", "formats.md"), f"the option {option} stands in no document")
+
+
+def check_warnings(source):
+    """The warnings' ids in docs/formats.md are those in the code."""
+    code = ""
+    for folder, _, names in sorted(os.walk(os.path.join(source, "models"))):
+        for name in sorted(names):
+            if name.endswith(".cpp"):
+                with open(os.path.join(folder, name), encoding="utf-8") as file:
+                    code += file.read()
+    ids = set(re.findall(r'(?:add|say)\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
+    ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
+    path = os.path.join(source, "docs", "formats.md")
+    with open(path, encoding="utf-8") as file:
+        section = file.read().split("### Warnings")[1].split("\n## ")[0]
+    listed = set(re.findall(r"`([a-z_0-9]+)`", "\n".join(line.split("|")[1] for line in section.splitlines() if line.startswith("|"))))
+    listed.discard("id")
+    if ids != listed:
+        fail(path, f"warnings: only in the code {sorted(ids - listed)}, only in the document {sorted(listed - ids)}")
+
+
+# ---------------------------------------------------------------- the sensor of adding-a-sensor.md
+def cache(build):
+    values = {}
+    with open(os.path.join(build, "CMakeCache.txt"), encoding="utf-8") as file:
+        for line in file:
+            entry = re.match(r"^([^#/:][^:]*):[A-Z]+=(.*)$", line.rstrip("\n"))
+            if entry:
+                values[entry.group(1)] = entry.group(2)
+    return values
+
+
+def check_sensor(source, binary):
+    build = os.path.dirname(os.path.abspath(binary))
+    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("models", "solver", "kinematics")]
+    if not all(map(os.path.exists, libraries)):
+        return "the sensor was not compiled (no libraries beside the program)"
+    values = cache(build)
+    path = os.path.join(source, "docs", "adding-a-sensor.md")
+    found = blocks(path)
+    code = [lines for info, _, lines in found if info == "cpp"]
+    plain = [lines for info, _, lines in found if info == ""]
+    if len(code) != 3 or len(plain) != 1:
+        fail(path, "three blocks of C++ (sensor, program, check) and one of output are expected")
+        return ""
+    kind = values.get("CMAKE_BUILD_TYPE", "").upper()
+    flags = shlex.split(values.get("CMAKE_CXX_FLAGS", "")) + shlex.split(values.get(f"CMAKE_CXX_FLAGS_{kind}", ""))
+    flags = [f for f in flags if not re.match(r"^-O\d$", f)] + ["-std=c++17", "-O0"]
+    eigen = os.path.normpath(os.path.join(values.get("Eigen3_DIR", "/usr/share/eigen3/cmake"), "..", "..", "..", "include", "eigen3"))
+    links = ["-lpthread"]
+    if values.get("KINCAL_CHOLMOD") == "ON":
+        links += [values.get("CHOLMOD_LIBRARY", "-lcholmod")]
+    with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
+        os.symlink(os.path.abspath(source), os.path.join(scratch, "kincal"))
+        for name, lines in zip(("bearing.h", "main.cpp", "check.cpp"), code):
+            with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
+                file.write("\n".join(lines) + "\n")
+        for name in ("main", "check"):
+            command = [values.get("CMAKE_CXX_COMPILER", "c++"), *flags, "-I", scratch, "-isystem", eigen, f"{name}.cpp", *libraries, *links, "-o", name]
+            done = subprocess.run(command, cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
+            if done.returncode:
+                fail(path, f"{name}.cpp does not compile:\n" + done.stdout.decode(errors="replace")[:3000])
+                continue
+            done = subprocess.run([os.path.join(scratch, name)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600)
+            output = done.stdout.decode(errors="replace").rstrip("\n")
+            if done.returncode:
+                fail(path, f"{name} ends with {done.returncode}: {output}")
+            elif name == "main" and output != "\n".join(plain[0]):
+                fail(path, "main prints another output than the document shows:\n" + output)
+    return "the sensor was compiled"
+
+
+def main():
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    source, binary = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    count = links = 0
+    for path in documents(source):
+        count += run_document(path, source, binary)
+        links += check_links(path, source)
+        check_text(path)
+    example = os.path.join(source, "examples", "pr2", "README.md")
+    count += run_document(example, source, binary)
+    links += check_links(example, source)
+    check_options(source, binary)
+    check_warnings(source)
+    said = check_sensor(source, binary)
+    for line in failures:
+        print(line)
+    print(f"{count} commands, {links} links, {said}; {len(failures)} failures")
+    sys.exit(1 if failures or count == 0 else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,368 @@
+// Whether solving again allocates: a program of its own, whose malloc and its kin count (libraries' calls, Eigen's and operator new's end
+// there). Without glibc, or with a sanitizer that brings its own malloc, it is not built.
+//
+// Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in any thread: on a PR2-like robot and on
+// the nasty one with every type of sensor, dense, in noise modes none and latent, with priors, with losses, with rejected steps, through the
+// accelerated tail, with 1 and 2 threads; likewise bundle adjustment; and Estimation::reload(). In marginal and point only renew() may.
+// Does not prove: anything about CHOLMOD, or about the first call.
+#include <cxxabi.h>
+#include <dlfcn.h>
+#include <execinfo.h>
+
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <set>
+#include <thread>
+
+#include "../../benchmarks/pr2_like.h"
+#include "../../models/bundle_adjustment/bundle_adjustment.h"
+#include "../../models/estimation/estimation.h"
+#include "../../models/rig/parameters.h"
+#include "../../solver/levenberg_marquardt.h"
+#include "../fixtures/problem.h"
+#include "../fixtures/random.h"
+#include "../fixtures/rigs.h"
+#include "../fixtures/samples.h"
+#include "../fixtures/transforms.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+// ---------------------------------------------------------------- counting
+
+namespace {
+
+std::atomic<long> counted{0};
+std::atomic<bool> counting{false};
+thread_local bool inside = false;  // backtrace() may allocate
+
+constexpr int kTraces = 2000, kDepth = 24;
+void* traces[kTraces][kDepth];
+int depths[kTraces];
+
+void note() {
+  if (!counting.load(std::memory_order_relaxed) || inside) return;
+  inside = true;
+  const long at = counted++;
+  if (at < kTraces) depths[at] = backtrace(traces[at], kDepth);
+  inside = false;
+}
+
+}  // namespace
+
+extern "C" {
+void* __libc_malloc(size_t);
+void* __libc_calloc(size_t, size_t);
+void* __libc_realloc(void*, size_t);
+void* __libc_memalign(size_t, size_t);
+
+void* malloc(size_t n) {
+  note();
+  return __libc_malloc(n);
+}
+void* calloc(size_t n, size_t size) {
+  note();
+  return __libc_calloc(n, size);
+}
+void* realloc(void* p, size_t n) {
+  note();
+  return __libc_realloc(p, n);
+}
+void* memalign(size_t alignment, size_t n) {
+  note();
+  return __libc_memalign(alignment, n);
+}
+void* aligned_alloc(size_t alignment, size_t n) {
+  note();
+  return __libc_memalign(alignment, n);
+}
+int posix_memalign(void** p, size_t alignment, size_t n) {
+  note();
+  *p = __libc_memalign(alignment, n);
+  return *p ? 0 : ENOMEM;
+}
+}
+
+namespace {
+
+/// Counts while it lives.
+class Watch {
+ public:
+  Watch() {
+    void* warm[2];
+    backtrace(warm, 2);
+    counted = 0;
+    counting = true;
+  }
+  ~Watch() { counting = false; }
+  long stop() {
+    counting = false;
+    return counted;
+  }
+};
+
+/// Where the first allocations came from.
+std::string origins(long count, long first = 0) {
+  std::set<std::string> texts;
+  for (long t = first; t < std::min<long>(first + count, kTraces); ++t) {
+    std::string text;
+    for (int i = 1; i < depths[t]; ++i) {
+      Dl_info info;
+      if (!dladdr(traces[t][i], &info) || !info.dli_sname) continue;
+      int status;
+      char* name = abi::__cxa_demangle(info.dli_sname, nullptr, nullptr, &status);
+      char at[32];  // for addr2line
+      std::snprintf(at, sizeof at, "    0x%zx ", reinterpret_cast<size_t>(traces[t][i]) - reinterpret_cast<size_t>(info.dli_fbase));
+      text += at + std::string(status == 0 ? name : info.dli_sname).substr(0, 120) + "\n";
+      std::free(name);
+    }
+    texts.insert(text);
+  }
+  std::string all = std::to_string(count) + " allocations\n";
+  for (const std::string& t : texts) all += t + "    --\n";
+  return all;
+}
+
+/// Hands everything on, counts trials, and does not let renew() count.
+class Wrapped final : public Problem {
+ public:
+  explicit Wrapped(Problem& inner) : inner_(inner) {}
+  mutable long trials = 0;
+  long renewals = 0, in_renewals = 0;
+  std::string where;  // in renewals
+
+  int shared_size() const override { return inner_.shared_size(); }
+  const std::vector<GroupShape>& groups() const override { return inner_.groups(); }
+  void set_workers(int count) override { inner_.set_workers(count); }
+  void prepare(const VectorXd& state) override { inner_.prepare(state); }
+  bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override {
+    return inner_.evaluate(group, state, worker, cost);
+  }
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+    return inner_.linearise(group, state, worker, to, cost);
+  }
+  bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
+    return inner_.square_root(group, state, worker, rows);
+  }
+  bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override {
+    return inner_.evaluate_range(first, last, state, worker, cost);
+  }
+  void approach(int first, int last, const VectorXd& state, int worker) const override { inner_.approach(first, last, state, worker); }
+  bool light() const override { return inner_.light(); }
+  void condense(int first, int last, const VectorXd& state, const VectorXd& step, int worker, double* rows) const override {
+    inner_.condense(first, last, state, step, worker, rows);
+  }
+  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
+    ++trials;
+    inner_.retract(state, shared, own, moved);
+  }
+  bool renew(const VectorXd& state) override {
+    const long before = counted;
+    const bool there = inner_.renew(state);
+    ++renewals;
+    const long here = counted - before;
+    in_renewals += here;
+    if (counting && here > 0 && where.empty()) {
+      counting = false;
+      where = origins(here, before);
+      counting = true;
+    }
+    counted = before;
+    return there;
+  }
+
+ private:
+  Problem& inner_;
+};
+
+struct Found {
+  long rejected = 0;     // of the last solve
+  long undamped = 0;     // steps that the acceleration may act on
+  long in_renewals = 0;  // of the second and third solve
+  Outcome outcome = Outcome::not_converged;
+};
+
+/// Solves three times from `start`; the second and third may not allocate. `in_renew`: what renew() allocates does not count.
+Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
+  Wrapped wrapped(problem);
+  LevenbergMarquardt solver(wrapped, options);
+  VectorXd state = start;
+  solver.solve(state);
+  const VectorXd first = state;
+  Found found;
+  for (int again = 0; again < 2; ++again) {
+    state = start;
+    wrapped.trials = 0;
+    wrapped.renewals = wrapped.in_renewals = 0;
+    Watch watch;
+    const SolveSummary& summary = solver.solve(state);
+    const long count = watch.stop();
+    if (count > 0) UNSCOPED_INFO("solve " << again + 2 << ": " << origins(count));
+    CHECK(count == 0);
+    if (!in_renew) {
+      if (wrapped.in_renewals > 0) UNSCOPED_INFO("in " << wrapped.renewals << " renewals, first " << wrapped.where);
+      CHECK(wrapped.in_renewals == 0);
+    }
+    CHECK(state == first);
+    found.outcome = summary.outcome;
+    found.rejected = wrapped.trials - summary.iterations;
+    found.undamped = 0;
+    for (const auto& [chi2, damping] : summary.history) found.undamped += damping <= 1e-9;
+    found.in_renewals += wrapped.in_renewals;
+  }
+  return found;
+}
+
+const std::vector<Loss> kLosses = {{LossKind::none, 1}, {LossKind::huber, 2}, {LossKind::cauchy, 2}, {LossKind::tukey, 20}};
+
+}  // namespace
+
+TEST_CASE("allocations: they are counted") {
+  // Otherwise all that follows proves nothing.
+  Watch one;
+  std::vector<double>* volatile v = new std::vector<double>(100);
+  const long by_new = one.stop();
+  CHECK(by_new == 2);
+  delete v;
+  MatrixXd m;
+  Watch two;
+  m.resize(30, 30);
+  const long by_eigen = two.stop();
+  CHECK(by_eigen == 1);
+  Watch three;
+  void* volatile p = std::aligned_alloc(64, 640);
+  const long aligned = three.stop();
+  CHECK(aligned == 1);
+  std::free(p);
+  Watch four;
+  std::thread([] { std::free(std::malloc(100)); }).join();
+  CHECK(four.stop() >= 2);
+}
+
+TEST_CASE("allocations: a PR2-like robot solved again allocates nothing") {
+  benchmarks::RobotProblem p = benchmarks::pr2_like(24);
+  for (JointSettings& j : p.rig.joints) j.sigma = 0.001;
+  Random random(901);
+  long rejected = 0, undamped = 0;
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
+    for (const Loss& loss : kLosses)
+      for (const bool far : {false, true})
+        for (const int threads : {1, 2})
+          for (const double decrease : {0.0, 1e-6}) {
+            if (decrease > 0 && (far || loss.kind != LossKind::none)) continue;
+            EstimationSetup setup = p.setup;
+            setup.noise = mode;
+            setup.loss = loss;
+            Estimation problem(p.rig, p.table, p.samples, p.all(), setup);
+            Values values = p.start;
+            if (far)
+              for (auto& [key, pose] : values.targets) pose = to_pose(isometry(pose) * exponential(random.twist(0.1, 0.4)));
+            SolverOptions options;
+            options.threads = threads;
+            options.relative_decrease = decrease;
+            options.max_iterations = 60;
+            INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", " << threads << " threads, far " << far
+                         << ", relative decrease " << decrease);
+            const Found found = solve_thrice(problem, problem.pack(values), options);
+            if (!far && loss.kind == LossKind::none) CHECK(found.outcome == Outcome::converged);
+            rejected += found.rejected;
+            undamped += found.undamped;
+          }
+  CHECK(rejected > 0);
+  CHECK(undamped > 20);
+}
+
+TEST_CASE("allocations: a robot with every type of sensor solved again allocates nothing, but for covariances that are renewed") {
+  long rejected = 0, undamped = 0;
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent, NoiseMode::marginal, NoiseMode::point}) {
+    long in_renewals = 0;
+    for (const Loss& loss : kLosses)
+      for (const double off : {5e-3, 0.05})
+        for (const int threads : {1, 2}) {
+          Setting s = nasty_in(mode, loss, 8, 911, off);
+          EstimationSetup setup = s.problem->setup();
+          for (const Freed& f : setup.free)
+            for (const int c : f.components) setup.priors.push_back({f.parameter, c, 1.0});
+          if (off > 0.01) s.problem = std::make_unique<Estimation>(s.rig, *s.table, s.samples, all_of(s.samples), setup);
+          SolverOptions options;
+          options.threads = threads;
+          options.max_iterations = 60;
+          options.linear_solver = LinearSolver::dense;
+          INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", " << threads << " threads, off " << off);
+          const bool may = mode == NoiseMode::marginal || mode == NoiseMode::point;
+          const Found found = solve_thrice(*s.problem, s.start(), options, may);
+          rejected += found.rejected;
+          undamped += found.undamped;
+          in_renewals += found.in_renewals;
+        }
+    if (in_renewals > 0) WARN("mode " << static_cast<int>(mode) << ": " << in_renewals << " allocations in renewals");
+  }
+  CHECK(rejected > 0);
+  CHECK(undamped > 20);
+}
+
+TEST_CASE("allocations: reload() allocates nothing") {
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent}) {
+    Setting s = nasty_in(mode, {}, 8, 921, 5e-3);
+    SolverOptions options;
+    options.linear_solver = LinearSolver::dense;
+    LevenbergMarquardt solver(*s.problem, options);
+    VectorXd state = s.start();
+    solver.solve(state);
+    for (Sample& sample : s.samples)
+      for (View& v : sample.views)
+        for (double& z : v.z) z *= 1 + 1e-6;
+    state = s.start();
+    Watch watch;
+    s.problem->reload();
+    solver.solve(state);
+    const long count = watch.stop();
+    if (count > 0) UNSCOPED_INFO(origins(count));
+    CHECK(count == 0);
+  }
+}
+
+TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
+  Random random(931);
+  BundleAdjustmentData d;
+  for (int c = 0; c < 10; ++c) {
+    const Vector3d w = random.vector(1);
+    d.cameras.insert(d.cameras.end(), {w.x(), w.y(), w.z(), random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(-7, -5),
+                                       random.uniform(400, 600), 0.02, 0.001});
+  }
+  for (int p = 0; p < 200; ++p) {
+    const Vector3d at = random.vector(1);
+    d.points.insert(d.points.end(), {at.x(), at.y(), at.z()});
+    for (int c = 0; c < 10; ++c) {
+      if ((c + p) % 10 >= 6) continue;
+      const double* k = &d.cameras[9 * c];
+      const Vector3d w(k[0], k[1], k[2]),
+          q = Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix() * at + Vector3d(k[3], k[4], k[5]);
+      d.camera_of.push_back(c);
+      d.point_of.push_back(p);
+      for (int i = 0; i < 2; ++i) d.pixels.push_back(-k[6] * q(i) / q.z() + random.normal());
+    }
+  }
+  long rejected = 0;
+  for (const double off : {0.01, 0.8}) {
+    BundleAdjustmentData start = d;
+    for (double& x : start.points) x += off * random.normal();
+    for (size_t i = 0; i < start.cameras.size(); ++i) start.cameras[i] += (i % 9 < 6 ? off : 0) * random.normal();
+    for (const int threads : {1, 2})
+      for (const double decrease : {0.0, 1e-6}) {
+        BundleAdjustment problem(start);
+        SolverOptions options;
+        options.threads = threads;
+        options.relative_decrease = decrease;
+        options.linear_solver = LinearSolver::dense;
+        options.max_iterations = 60;
+        INFO(threads << " threads, off " << off);
+        const Found found = solve_thrice(problem, problem.initial(), options);
+        rejected += found.rejected;
+      }
+  }
+  CHECK(rejected > 0);
+}

@@ -1,0 +1,183 @@
+// The dense kernels against Eigen, for every instruction set that this processor has and all small sizes; what they may not touch stays
+// untouched. Not proved: speed, and sets that this processor lacks.
+#include <Eigen/Cholesky>
+#include <Eigen/Dense>
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <random>
+#include <vector>
+
+#include "../../solver/kernels.h"
+
+using namespace kincal;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+MatrixXd random(std::mt19937& engine, Eigen::Index rows, Eigen::Index columns) {
+  std::normal_distribution<double> normal;
+  return MatrixXd::NullaryExpr(rows, columns, [&] { return normal(engine); });
+}
+
+/// rows + kSlack, the slack filled with NaN.
+MatrixXd with_slack(const MatrixXd& m) {
+  MatrixXd out = MatrixXd::Constant(m.rows() + kSlack, m.cols() + 1, std::nan(""));
+  out.topLeftCorner(m.rows(), m.cols()) = m;
+  return out;
+}
+
+std::vector<const Kernels*> sets() {
+  int count;
+  const Kernels* const* all = all_kernels(count);
+  return {all, all + count};
+}
+
+}  // namespace
+
+TEST_CASE("kernels: gram") {
+  std::mt19937 engine(1);
+  for (const Kernels* k : sets())
+    for (int w = 1; w <= 21; ++w)
+      for (int rows : {8, 16, 96}) {
+        const MatrixXd l = random(engine, rows + 3, w);
+        MatrixXd g = MatrixXd::Constant(w + 2, w, 7);
+        k->gram(l.data(), rows, l.rows(), w, g.data(), static_cast<int>(g.rows()));
+        const MatrixXd expected = l.topRows(rows).transpose() * l.topRows(rows);
+        INFO(k->name << " " << w << " " << rows);
+        CHECK((g.topRows(w) - expected).cwiseAbs().maxCoeff() < 1e-12 * rows);
+        CHECK(g.bottomRows(2) == MatrixXd::Constant(2, w, 7));
+      }
+}
+
+TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
+  std::mt19937 engine(2);
+  for (const Kernels* k : sets())
+    for (int n : {1, 2, 3, 5, 6, 7, 8, 9, 15, 16, 17, 23, 24, 31, 33, 64, 65, 116, 131}) {
+      INFO(k->name << " " << n);
+      const int depth = 1 + n % 13;
+      const MatrixXd a = random(engine, n, depth), c = random(engine, n, n);
+      const MatrixXd slack_a = with_slack(a);
+      MatrixXd slack_c = with_slack(c);
+      k->subtract_product(slack_c.data(), n, static_cast<int>(slack_c.rows()), slack_a.data(), depth, slack_a.rows());
+      const MatrixXd expected = c - a * a.transpose();
+      CHECK((MatrixXd(slack_c.topLeftCorner(n, n).triangularView<Eigen::Lower>()) - MatrixXd(expected.triangularView<Eigen::Lower>()))
+                .cwiseAbs()
+                .maxCoeff() < 1e-13 * depth);
+
+      const MatrixXd root = random(engine, n + 5, n), spd = root.transpose() * root;
+      MatrixXd factor = with_slack(spd);
+      REQUIRE(k->cholesky(factor.data(), n, static_cast<int>(factor.rows())));
+      const MatrixXd l = spd.llt().matrixL();
+      for (int j = 0; j < n; ++j) {
+        CHECK(1 / factor(j, j) == Approx(l(j, j)).epsilon(1e-10));
+        for (int i = j + 1; i < n; ++i) REQUIRE(factor(i, j) == Approx(l(i, j)).epsilon(1e-9).margin(1e-9));
+      }
+      const VectorXd b = random(engine, n, 1);
+      VectorXd x(n + kSlack);
+      x << b, VectorXd::Constant(kSlack, std::nan(""));
+      k->solve_lower(factor.data(), n, static_cast<int>(factor.rows()), x.data());
+      CHECK((l.triangularView<Eigen::Lower>() * x.head(n) - b).norm() < 1e-9 * b.norm());
+      k->solve_lower_transposed(factor.data(), n, static_cast<int>(factor.rows()), x.data());
+      CHECK((spd * x.head(n) - b).norm() < 1e-7 * (1 + spd.norm() * x.head(n).norm()) * 1e-6 + 1e-9 * b.norm());
+
+      for (int width : {1, 7, 8, 9, 40}) {
+        RowMajor rows = RowMajor::Constant(n + 1, padded(width) + 8, 3);
+        const MatrixXd right = random(engine, n, width);
+        rows.topLeftCorner(n, width) = right;
+        k->solve_rows(factor.data(), n, static_cast<int>(factor.rows()), rows.data(), width, rows.cols());
+        CHECK((l.triangularView<Eigen::Lower>() * MatrixXd(rows.topLeftCorner(n, width)) - right).norm() < 1e-9 * right.norm());
+        CHECK(rows.rightCols(8) == RowMajor::Constant(n + 1, 8, 3));
+        CHECK(rows.bottomRows(1) == RowMajor::Constant(1, rows.cols(), 3));
+      }
+      MatrixXd indefinite = with_slack(spd - 2 * spd(n - 1, n - 1) * MatrixXd::Identity(n, n));
+      CHECK_FALSE(k->cholesky(indefinite.data(), n, static_cast<int>(indefinite.rows())));
+      indefinite.setConstant(std::nan(""));
+      CHECK_FALSE(k->cholesky(indefinite.data(), n, static_cast<int>(indefinite.rows())));
+    }
+}
+
+TEST_CASE("kernels: subtract_block and add") {
+  std::mt19937 engine(3);
+  for (const Kernels* k : sets())
+    for (int depth : {1, 3, 6, 20})
+      for (int rows : {1, 6, 8, 9, 17})
+        for (int columns : {1, 2, 9}) {
+          INFO(k->name << " " << depth << " " << rows << " " << columns);
+          const int stride = rows + columns + 3;
+          const RowMajor ab = random(engine, depth, stride);
+          MatrixXd d = random(engine, rows + 2, columns);
+          const MatrixXd before = d;
+          std::vector<std::ptrdiff_t> step;
+          for (int q = 0; q < columns; ++q) step.push_back(q * d.rows());
+          k->subtract_block(d.data(), step.data(), ab.data(), rows, ab.data() + rows, columns, depth, stride);
+          const MatrixXd expected = before.topRows(rows) - ab.leftCols(rows).transpose() * ab.middleCols(rows, columns);
+          CHECK((d.topRows(rows) - expected).cwiseAbs().maxCoeff() < 1e-12);
+          CHECK(d.bottomRows(2) == before.bottomRows(2));
+        }
+  for (const Kernels* k : sets())
+    for (int n : {0, 1, 7, 8, 19}) {
+      const VectorXd a = random(engine, n + 1, 1), b = random(engine, n + 1, 1);
+      VectorXd sum = a;
+      k->add(sum.data(), b.data(), n);
+      CHECK(sum.head(n) == a.head(n) + b.head(n));
+      CHECK(sum(n) == a(n));
+    }
+}
+
+TEST_CASE("kernels: expand") {
+  std::mt19937 engine(4);
+  for (const Kernels* k : sets())
+    for (int depth : {6, 14})
+      for (int own : {0, 1, 9})
+        for (int columns : {0, 1, 6, 8, 22, 35}) {
+          INFO(k->name << " " << depth << " " << own << " " << columns);
+          const int width = depth + own + 1;
+          const MatrixXd root = random(engine, 40, width), m = random(engine, depth, columns);
+          const MatrixXd g = root.transpose() * root;
+          const int ldp = padded(columns) + 8;
+          RowMajor product = RowMajor::Constant(width + 1, ldp, 5), out = RowMajor::Constant(columns + 1, ldp, 5);
+          RowMajor m_rows = RowMajor::Constant(depth, ldp, std::nan(""));
+          m_rows.leftCols(columns) = m;
+          k->expand(g.data(), width, width, m_rows.data(), ldp, depth, columns, product.data(), out.data(), ldp);
+          const MatrixXd expected = g.leftCols(depth) * m, block = m.transpose() * expected.topRows(depth);
+          CHECK((product.topLeftCorner(width, columns) - expected).norm() <= 1e-12 * expected.norm());
+          for (int i = 0; i < columns; ++i)
+            for (int j = 0; j < columns; ++j) REQUIRE(out(i, j) == Approx(block(i, j)).epsilon(1e-11).margin(1e-11));
+          CHECK(product.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
+          CHECK(out.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
+        }
+}
+
+TEST_CASE("kernels: subtract_nines") {
+  std::mt19937 engine(5);
+  for (const Kernels* k : sets())
+    for (int runs = 0; runs <= 11; ++runs) {
+      INFO(k->name << " " << runs);
+      const int all = 14, pairs = runs * (runs + 1) / 2, stride = padded(9 * runs + 1) + 3;
+      const RowMajor b = random(engine, 3, stride);
+      std::vector<int> first, block(pairs);
+      for (int i = 0; i < runs; ++i) first.push_back(9 * (i + (i > 3)));
+      for (int i = 0; i < pairs; ++i) block[i] = i + i / 5;  // some blocks are others'
+      std::shuffle(block.begin(), block.end(), engine);
+      const VectorXd blocks = random(engine, kNineBlock * (pairs + pairs / 5 + 1), 1), gradient = random(engine, 9 * all + 8, 1);
+      VectorXd to = blocks, g = gradient, expected = blocks, expected_g = gradient;
+      k->subtract_nines(to.data(), block.data(), first.data(), runs, b.data(), stride, g.data());
+      for (int i = 0, pair = 0; i < runs; ++i) {
+        const MatrixXd bi = b.middleCols(9 * i, 9);
+        expected_g.segment(first[i], 9) -= bi.transpose() * b.col(9 * runs);
+        for (int j = 0; j <= i; ++j, ++pair) {
+          const MatrixXd product = bi.transpose() * b.middleCols(9 * j, 9);
+          double* at = expected.data() + kNineBlock * block[pair];
+          for (int q = 0; q < 9; ++q) {
+            for (int r = 0; r < 8; ++r) at[8 * q + r] -= product(r, q);
+            at[72 + q] -= product(8, q);
+          }
+        }
+      }
+      CHECK((to - expected).cwiseAbs().maxCoeff() < 1e-13);
+      CHECK((g - expected_g).cwiseAbs().maxCoeff() < 1e-13);
+    }
+}

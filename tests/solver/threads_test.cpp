@@ -1,0 +1,135 @@
+// solver/threads.h, and that results do not depend on the number of threads.
+//
+// Proves: a Crew does every piece exactly once, with workers in range, over very many short runs and pieces of any number; the estimation of
+// a PR2-like robot and of the nasty one ends in the same bits for 1, 2, 3 and 5 threads, dense and CHOLMOD, with and without joint noise.
+// Does not prove: that there are no data races (run this under a thread sanitizer), nor speed.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <cstring>
+#include <memory>
+
+#include "../../benchmarks/pr2_like.h"
+#include "../../models/estimation/estimation.h"
+#include "../../solver/levenberg_marquardt.h"
+#include "../../solver/threads.h"
+#include "../fixtures/problem.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+TEST_CASE("threads: a crew does every piece once, many times") {
+  for (const int threads : {1, 2, 3, 4}) {
+    Crew crew(threads);
+    REQUIRE(crew.size() == threads);
+    bool in_range = true;
+    long wrong = 0;
+    for (int round = 0; round < 4000; ++round) {
+      const int pieces = round % 23;
+      int done[23] = {};  // without atomics: whoever returns from run() sees what was written in it
+      std::atomic<bool> good{true};
+      crew.run(pieces, [&](int piece, int worker) {
+        if (piece < 0 || piece >= pieces || worker < 0 || worker >= threads) good = false;
+        ++done[piece];
+      });
+      in_range = in_range && good;
+      for (int k = 0; k < 23; ++k) wrong += done[k] != (k < pieces);
+    }
+    INFO(threads << " threads");
+    CHECK(in_range);
+    CHECK(wrong == 0);
+  }
+}
+
+TEST_CASE("threads: pauses between runs, so that threads fall asleep, and crews that never work") {
+  for (int round = 0; round < 30; ++round) {
+    Crew idle(1 + round % 4);
+    Crew crew(1 + round % 3);
+    for (int again = 0; again < 3; ++again) {
+      std::atomic<int> sum{0};
+      crew.run(10, [&](int piece, int) { sum += piece; });
+      CHECK(sum == 45);
+      std::this_thread::sleep_for(std::chrono::microseconds(round % 2 ? 300 : 0));
+    }
+  }
+}
+
+TEST_CASE("threads: no two workers with the same number are at work at once") {
+  for (const int threads : {2, 3, 4}) {
+    Crew crew(threads);
+    std::vector<std::atomic<int>> busy(threads);
+    std::atomic<bool> twice{false};
+    for (int round = 0; round < 500; ++round)
+      crew.run(16, [&](int, int worker) {
+        if (busy[worker]++ != 0) twice = true;
+        --busy[worker];
+      });
+    CHECK_FALSE(twice);
+  }
+}
+
+namespace {
+
+/// Solves with 1, 2, 3 and 5 threads, each twice with one solver; all must end in the same bits.
+template <class Make>
+void same_bits(const Make& make, LinearSolver choice) {
+  VectorXd first;
+  std::vector<std::pair<double, double>> history;
+  for (const int threads : {1, 2, 3, 5}) {
+    auto made = make();  // (what the problem refers to, the problem, its start)
+    SolverOptions options;
+    options.threads = threads;
+    options.linear_solver = choice;
+    options.max_iterations = 50;
+    LevenbergMarquardt solver(*std::get<1>(made), options);
+    for (int again = 0; again < 2; ++again) {
+      VectorXd state = std::get<2>(made);
+      const SolveSummary& summary = solver.solve(state);
+      CHECK(summary.iterations > 1);
+      if (first.size() == 0) {
+        first = state;
+        history = summary.history;
+        continue;
+      }
+      INFO(threads << " threads, solve " << again);
+      REQUIRE(state.size() == first.size());
+      CHECK(std::memcmp(state.data(), first.data(), sizeof(double) * static_cast<size_t>(state.size())) == 0);
+      CHECK(summary.history == history);
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("threads: a PR2-like robot, the same bits") {
+  auto robot = std::make_shared<benchmarks::RobotProblem>(benchmarks::pr2_like(60));
+  for (JointSettings& j : robot->rig.joints) j.sigma = 0.001;
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
+    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+      INFO("mode " << static_cast<int>(mode) << ", " << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+      same_bits(
+          [&] {
+            EstimationSetup setup = robot->setup;
+            setup.noise = mode;
+            auto problem = std::make_unique<Estimation>(robot->rig, robot->table, robot->samples, robot->all(), setup);
+            const VectorXd start = problem->pack(robot->start);
+            return std::make_tuple(robot, std::move(problem), start);
+          },
+          choice);
+    }
+}
+
+TEST_CASE("threads: a robot with every type of sensor, the same bits") {
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
+    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod})
+      for (const Loss& loss : {Loss{LossKind::none, 1}, Loss{LossKind::cauchy, 2}}) {
+        INFO("mode " << static_cast<int>(mode) << ", " << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+        same_bits(
+            [&] {
+              const std::shared_ptr<Setting> s(new Setting(nasty_in(mode, loss, 9, 961, 1e-2)));  // in place: problems refer to its parts
+              const VectorXd start = s->start();
+              Estimation* problem = s->problem.get();
+              return std::make_tuple(s, problem, start);
+            },
+            choice);
+      }
+}
