@@ -7,6 +7,7 @@
 
 #include "../io/document/document.h"
 #include "../io/document/names.h"
+#include "../io/results/comparison.h"
 
 namespace kincal {
 namespace {
