@@ -9,8 +9,6 @@
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
-#include "../models/trials/estimate_noise.h"
-#include "../models/trials/outliers.h"
 #include "require.h"
 #include "../models/rig/selection.h"
 
@@ -21,10 +19,10 @@ const std::map<std::string, NoiseMode> kNoiseModes = {
 const std::map<std::string, LinearSolver> kLinearSolvers = {
     {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
 
-ExitCode exit_code(const CalibrationResult& result) {
-  switch (result.status) {
+ExitCode exit_code(const Report& report) {
+  switch (report.solution.status) {
     case Status::converged:
-      return result.validation.met() ? kConverged : kToleranceNotMet;
+      return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;
     default:
@@ -37,17 +35,31 @@ std::string rig_path(const std::string& path) {
   return std::filesystem::is_directory(path, ignored) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
 }
 
-InputError with_nearest(const NameError& error, const Calibration& calibration) {
-  return InputError(error.what() + nearest_names(error.name, error.valid.empty() ? calibration.table().names() : error.valid));
+std::string in_program_words(std::string message) {
+  const auto replace = [&](const std::string& from, const std::string& to) {
+    const size_t at = message.find(from);
+    if (at != std::string::npos) message.replace(at, from.size(), to);
+  };
+  for (const std::string option : {"free", "fix"}) {
+    const size_t end = message.find(']');
+    if (message.rfind(option + "[", 0) == 0 && end != std::string::npos) message.replace(0, end + 1, "--" + option);
+    if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
+  }
+  if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
+  replace("or a `fix` holds it", "or --fix holds it");
+  replace("a calibration that rejects outliers takes them out", "--reject takes them out");
+  return message;
 }
 
-Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path) {
-  return make_calibration(rig_file, read_samples(samples_path, rig_file.rig), samples_path);
+InputError with_nearest(const NameError& error, const Recording& recording) {
+  return InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid.empty() ? recording.table.names() : error.valid));
 }
 
-Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>& samples, const std::string& samples_path) {
+std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file, std::vector<Sample> samples, const std::string& samples_path) {
+  const std::shared_ptr<const Recording> recording = make_recording(rig_file.rig, std::move(samples));
   try {
-    return Calibration(rig_file.rig, samples);
+    check_steps(*recording);
+    return recording;
   } catch (const NameError& error) {
     throw InputError(error.what() + nearest_names(error.name, error.valid));
   } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
@@ -58,23 +70,24 @@ Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>&
 
 Job read_job(const std::string& rig, const std::string& samples, int holdout) {
   RigFile rig_file = read_rig(rig_path(rig));
-  Calibration calibration = make_calibration(rig_file, samples);
-  if (std::none_of(calibration.samples().begin(), calibration.samples().end(), [](const Sample& s) { return s.train; }))
+  std::shared_ptr<const Recording> recording = checked_recording(rig_file, read_samples(samples, rig_file.rig), samples);
+  if (recording->training().empty())
     throw InputError(samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
   std::vector<std::string> held_out;
   if (holdout > 0) {
-    std::vector<Sample> split = calibration.samples();
+    std::vector<Sample> split = recording->samples;
     try {
       const Folds folds = deal_folds(rig_file.rig, split, holdout);
       held_out = folds.held_out(0);
       for (size_t i = 0; i < split.size(); ++i)
         if (folds.of[i] == 0) split[i].train = false;
-      calibration = Calibration(rig_file.rig, std::move(split));
+      recording = make_recording(rig_file.rig, std::move(split));
+      check_steps(*recording);
     } catch (const std::invalid_argument& error) {
       throw InputError("--holdout: " + std::string(error.what()));
     }
   }
-  return {std::move(rig_file), samples, std::move(calibration), std::move(held_out)};
+  return {std::move(rig_file), samples, std::move(recording), std::move(held_out)};
 }
 
 namespace {
@@ -93,7 +106,7 @@ CalibrationOptions options_of(const CalibrateSettings& settings) {
 std::vector<Requirement> read_requirements(const Job& job, const CalibrateSettings& settings) {
   std::vector<Requirement> out;
   for (const std::string& text : settings.require)
-    for (const Requirement& r : parse_requirement(text, job.calibration)) out.push_back(r);
+    for (const Requirement& r : parse_requirement(text, *job.recording)) out.push_back(r);
   return out;
 }
 
@@ -102,7 +115,7 @@ std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings
   std::vector<Frame> out;
   const auto add = [&](const std::string& name) {
     if (std::none_of(out.begin(), out.end(), [&](const Frame& f) { return f.name == name; }))
-      out.push_back(frame_named(job.rig_file.rig, job.calibration.table(), name, "--report-frame"));
+      out.push_back(frame_named(job.recording->rig, job.recording->table, name, "--report-frame"));
   };
   for (const std::string& name : settings.report_frames) add(name);
   for (const Requirement& r : requirements)
@@ -115,7 +128,7 @@ std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings
 void check_validation(const Job& job, const CalibrateSettings& settings) {
   read_frames(job, settings, read_requirements(job, settings));
   try {
-    if (settings.cross_validate > 0) deal_folds(job.rig_file.rig, job.calibration.samples(), settings.cross_validate);
+    if (settings.cross_validate > 0) deal_folds(job.recording->rig, job.recording->samples, settings.cross_validate);
   } catch (const std::invalid_argument& error) {
     throw InputError("--cross-validate: " + std::string(error.what()));
   }
@@ -123,89 +136,57 @@ void check_validation(const Job& job, const CalibrateSettings& settings) {
 
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
   try {
-    return job.calibration.plan(options_of(settings));
+    std::vector<StepPlan> out = resolve_steps(*job.recording, options_of(settings));
+    for (StepPlan& plan : out) {
+      count(*job.recording, kNoiseModes.at(settings.noise), plan);
+      for (std::string& message : plan.without_effect) message = in_program_words(message);
+    }
+    return out;
   } catch (const NameError& error) {
-    throw with_nearest(error, job.calibration);
+    throw with_nearest(error, *job.recording);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(in_program_words(error.what()));
   }
 }
 
-std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
-                                     const std::function<bool(const std::string&, int, double, double)>& progress) {
-  CalibrationOptions options = options_of(settings);
-  options.progress = progress;
+std::optional<Report> run(Job& job, const CalibrateSettings& settings, bool diagnose,
+                          const std::function<bool(const std::string&, int, double, double)>& progress) {
   check_validation(job, settings);
-  const std::vector<Requirement> requirements = read_requirements(job, settings);
-  const std::vector<Frame> frames = read_frames(job, settings, requirements);
-  std::vector<StagingTrial> tried;
-  const bool staged = job.rig_file.rig.steps.empty();
-  const std::vector<Sample> all = job.calibration.samples();
-  const auto choose_steps = [&](const std::vector<Sample>& samples) {
-    Rig open = job.rig_file.rig;
-    open.steps.clear();
-    StagingOptions staging_options;
-    staging_options.noise = kNoiseModes.at(settings.noise);
-    staging_options.threads = settings.threads;
-    if (progress)
-      staging_options.progress = [&](const std::string& what) { return progress("staging: " + what, 0, std::nan(""), std::nan("")); };
-    std::optional<Staging> staging = stage(open, samples, staging_options);
-    if (!staging) return false;
-    set_steps(job.rig_file, staging->steps);
-    job.calibration = Calibration(job.rig_file.rig, all);
-    tried = std::move(staging->trials);
-    return true;
-  };
-  if (staged && !choose_steps(all)) return std::nullopt;
+  StudyOptions options;
+  options.calibration = options_of(settings);
+  options.calibration.progress = progress;
+  options.reject = settings.reject;
+  options.estimate_noise = settings.estimate_noise;
+  options.restarts = settings.restarts;
+  options.cross_validate = settings.cross_validate;
+  options.loops = !settings.no_report;
+  options.diagnose = diagnose;
+  options.held_out = job.held_out;
+  options.requirements = read_requirements(job, settings);
+  options.frames = read_frames(job, settings, options.requirements);
   try {
-    std::optional<CalibrationResult> result;
-    if (settings.reject) {
-      std::optional<Cleaned> clean = calibrate_without_outliers(job.calibration, options);
-      if (!clean) return std::nullopt;
-      if (staged &&
-          !clean->result.rejected.empty()) {  // the steps were chosen with the outliers in: once more without, then all samples again
-        if (!choose_steps(clean->calibration.samples())) return std::nullopt;
-        clean = calibrate_without_outliers(job.calibration, options);
-        if (!clean) return std::nullopt;
-      }
-      job.calibration = std::move(clean->calibration);
-      result = std::move(clean->result);
-    }
-    if (settings.estimate_noise) {
-      std::optional<NoiseEstimate> estimate = estimate_noise(job.calibration, options);
-      if (!estimate) return std::nullopt;
-      if (result) estimate->result.rejected = std::move(result->rejected);
-      job.calibration = std::move(estimate->calibration);
-      result = std::move(estimate->result);
-    }
-    if (!result) result = job.calibration.run(options);
-    if (!result) return std::nullopt;
-    const bool badly = result->status == Status::not_converged || result->chi2 > 10 * static_cast<double>(result->dof);
-    if (badly && !settings.reject && !name_outliers(job.calibration, options, *result)) return std::nullopt;
-    result->staging = std::move(tried);
-    if (settings.restarts > 0 && !add_restarts(job.calibration, options, settings.restarts, *result)) return std::nullopt;
-    if (!settings.no_report) result->loops = loops(job.calibration, *result);
-    Validation& validation = result->validation;
-    validation.held_out = job.held_out;
-    validation.test = held_out_errors(job.calibration, *result);
-    if (settings.cross_validate > 0) {
-      validation.cross_validation = cross_validate(job.calibration, options, settings.cross_validate);
-      if (!validation.cross_validation) return std::nullopt;
-    }
-    for (const Frame& frame : frames) validation.frames.push_back(report_frame(job.calibration, *result, frame));
-    for (const Requirement& r : requirements) validation.requirements.push_back(judge(r, *result));
-    return result;
+    std::optional<Report> report = study(job.recording, options);
+    if (!report) return std::nullopt;
+    if (report->staging) set_steps(job.rig_file, report->staging->steps);
+    for (Warning& w : report->warnings) w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
+    if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
+      report->solution.message = "--reject: " + report->solution.message;
+    return report;
   } catch (const NameError& error) {
-    throw with_nearest(error, job.calibration);
+    throw with_nearest(error, *job.recording);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(in_program_words(error.what()));
   }
 }
 
-ResultFiles make_files(const Job& job, const CalibrationResult& result, const CalibrateSettings& settings) {
+ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings) {
   ResultOptions options;
   options.command = settings.command;
   options.samples_path = job.samples_path;
   options.version = KINCAL_VERSION;
   options.residuals = !settings.no_report;
   options.write_reduction = settings.write_reduction;
-  return make_results(job.rig_file, job.calibration, result, options);
+  return make_results(job.rig_file, report, options);
 }
 
 void add_settings(CLI::App& command, CalibrateSettings& s) {

@@ -9,7 +9,7 @@
 
 #include "../io/results/results.h"
 #include "../io/rig/rig_file.h"
-#include "../models/calibration/calibration.h"
+#include "../models/report/study.h"
 
 namespace CLI {
 class App;
@@ -19,7 +19,7 @@ namespace kincal {
 
 enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kToleranceNotMet = 4, kInterrupted = 130 };
 /// The status's; kToleranceNotMet where that is good but a --require is not met.
-ExitCode exit_code(const CalibrationResult& result);
+ExitCode exit_code(const Report& report);
 
 extern const std::map<std::string, NoiseMode> kNoiseModes;
 extern const std::map<std::string, LinearSolver> kLinearSolvers;
@@ -40,23 +40,23 @@ struct CalibrateSettings {
 struct Job {
   RigFile rig_file;
   std::string samples_path;
-  Calibration calibration;
+  std::shared_ptr<const Recording> recording;
   std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
 };
 
 /// A folder with a rig.yaml (a result) stands for that file.
 std::string rig_path(const std::string& path);
 
-/// The calibration of a rig with the samples of a file. @throws InputError
-Calibration make_calibration(const RigFile& rig_file, const std::string& samples_path);
-/// The same with samples that were read from `samples_path` already. @throws InputError
-Calibration make_calibration(const RigFile& rig_file, const std::vector<Sample>& samples, const std::string& samples_path);
+/// A rig and samples that were read from `samples_path`, with every step checked. @throws InputError
+std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file, std::vector<Sample> samples, const std::string& samples_path);
 /// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out from the fit besides the samples that
 /// are so already; 0: none. @throws InputError
 Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
 
 /// The error for the user: the unknown parameter name with the nearest ones that exist.
-InputError with_nearest(const NameError& error, const Calibration& calibration);
+InputError with_nearest(const NameError& error, const Recording& recording);
+/// A message of the library in the program's terms: places in options ("free[0]", "last_step") become switches (--free, --step).
+std::string in_program_words(std::string message);
 
 /// What each step would free and count. @throws InputError
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
@@ -64,13 +64,12 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
-/// Calibrates, then validates as asked for. A rig without steps is staged first (models/trials/staging.h) and has the steps found from then on;
-/// with `reject` the job's calibration becomes that of what is left, with `estimate_noise` the one with the estimated sigmas. nullopt:
-/// `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
-std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings,
-                                     const std::function<bool(const std::string&, int, double, double)>& progress);
+/// The study of a job (models/report/study.h). A rig without steps has the steps found from then on. `diagnose`: mistakes are looked for if it
+/// ends badly. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
+std::optional<Report> run(Job& job, const CalibrateSettings& settings, bool diagnose,
+                          const std::function<bool(const std::string&, int, double, double)>& progress);
 
-ResultFiles make_files(const Job& job, const CalibrationResult& result, const CalibrateSettings& settings);
+ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings);
 
 /// The options that calibrate and batch share.
 void add_settings(CLI::App& command, CalibrateSettings& settings);

@@ -38,8 +38,8 @@ std::string units_of(const std::vector<std::string>& kinds) {
 
 }  // namespace
 
-std::vector<Requirement> parse_requirement(const std::string& text, const Calibration& calibration) {
-  const Rig& rig = calibration.rig();
+std::vector<Requirement> parse_requirement(const std::string& text, const Recording& recording) {
+  const Rig& rig = recording.rig;
   const std::string where = "--require '" + text + "': ";
   const size_t less = text.find('<');
   const std::string what = trimmed(text.substr(0, less)), limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
@@ -81,7 +81,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Calibr
   } else if (what.rfind("frame/", 0) == 0) {
     requirement.quantity = Requirement::Quantity::frame;
     requirement.name = what.substr(6);
-    frame_named(rig, calibration.table(), requirement.name, where.substr(0, where.size() - 2));
+    frame_named(rig, recording.table, requirement.name, where.substr(0, where.size() - 2));
     take_unit("a frame", {"m", "rad"});
     requirement.limit = given * requirement.factor;
     out.push_back(requirement);

@@ -18,17 +18,6 @@ struct CalibrateArguments {
   bool force = false, dry_run = false, quiet = false, json = false;
 };
 
-constexpr double kBad = 5;  // chi2/dof that asks for an explanation
-
-/// What may be wrong with the input of a calibration that ended badly. Nothing: interrupted.
-std::optional<Diagnosis> look_for_mistakes(const Job& job, const CalibrateSettings& settings) {
-  DoctorOptions options;
-  options.noise = kNoiseModes.at(settings.noise);
-  options.threads = settings.threads;
-  options.progress = [](int, int) { return not_interrupted(); };
-  return diagnose(job.rig_file.rig, job.calibration.samples(), options);
-}
-
 int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
     if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
@@ -38,44 +27,36 @@ int calibrate(const CalibrateArguments& a) {
   for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   check_validation(job, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
-    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.calibration.samples()));
+    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.recording->samples));
     return kConverged;
   }
   if (a.dry_run) {
-    std::cout << plan_table(plan(job, a.settings), job.calibration.table());
+    std::cout << plan_table(plan(job, a.settings), job.recording->table);
     return kConverged;
   }
   Progress progress(a.quiet || a.json);
-  std::optional<CalibrationResult> result;
-  try {
-    result = run(job, a.settings, [&](const std::string& step, int iteration, double chi2, double damping) {
-      progress.update(step, iteration, chi2, damping);
-      return not_interrupted();
-    });
-  } catch (const InputError&) {
-    throw;
-  } catch (const std::runtime_error& error) {  // undefined at the start
-    progress.interrupted();
-    const std::optional<Diagnosis> diagnosis = look_for_mistakes(job, a.settings);
-    if (!diagnosis) return say_interrupted();
-    throw std::runtime_error(error.what() + ("\nWhat may be wrong (kincal check):\n" + diagnosis_text(*diagnosis)));
-  }
-  if (result && not_interrupted() && (result->status != Status::converged || result->chi2 > kBad * static_cast<double>(result->dof)))
-    if (!(result->diagnosis = look_for_mistakes(job, a.settings))) result.reset();
-  if (!result || !not_interrupted()) {
+  const std::optional<Report> report = run(job, a.settings, true, [&](const std::string& step, int iteration, double chi2, double damping) {
+    progress.update(step, iteration, chi2, damping);
+    return not_interrupted();
+  });
+  if (!report || !not_interrupted()) {
     progress.interrupted();
     return say_interrupted();
   }
+  if (report->solution.status == Status::undefined_start) {
+    progress.interrupted();
+    throw std::runtime_error(report->solution.message + "\nWhat may be wrong (kincal check):\n" + diagnosis_text(*report->diagnosis));
+  }
   progress.finish();
-  const ResultFiles files = make_files(job, *result, a.settings);
+  const ResultFiles files = make_files(job, *report, a.settings);
   if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)
-    std::cout << report(*result, files) << "\nWritten to " << a.out << "\n";
-  for (const Judgement& j : result->validation.requirements)
+    std::cout << report_text(*report, files) << "\nWritten to " << a.out << "\n";
+  for (const Judgement& j : report->validation.requirements)
     if (!j.met && std::cout.flush()) std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
-  return exit_code(*result);
+  return exit_code(*report);
 }
 
 }  // namespace

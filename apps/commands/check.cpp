@@ -26,7 +26,7 @@ int check(const CheckArguments& a) {
   for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
-  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
+  const std::shared_ptr<const Recording> recording = checked_recording(rig_file, samples, a.samples);
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
@@ -37,9 +37,9 @@ int check(const CheckArguments& a) {
   };
   std::optional<Diagnosis> diagnosis;
   try {
-    diagnosis = diagnose(calibration.rig(), calibration.samples(), options);
+    diagnosis = diagnose(recording->rig, recording->samples, options);
   } catch (const NameError& error) {
-    throw with_nearest(error, calibration);
+    throw with_nearest(error, *recording);
   }
   if (show) std::fprintf(stderr, "\r\033[K");
   if (!diagnosis) return say_interrupted();

@@ -5,6 +5,7 @@
 
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
+#include "../../models/report/warnings.h"
 #include "../job.h"
 #include "../tables/report_table.h"
 #include "command.h"
@@ -24,21 +25,23 @@ int evaluate(const EvaluateArguments& a) {
   const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   if (std::none_of(samples.begin(), samples.end(), [](const Sample& sample) { return sample.train; }))
     rig_file.rig.steps.clear();  // new data to judge: no step has anything to fit
-  const Calibration calibration = make_calibration(rig_file, samples, a.samples);
+  const std::shared_ptr<const Recording> recording = checked_recording(rig_file, samples, a.samples);
   try {
-    const Evaluation evaluation = calibration.evaluate(kNoiseModes.at(a.noise), a.free);
+    const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
+    std::vector<Warning> words = warnings(evaluation);
+    for (Warning& w : words) w.text = in_program_words(w.text);
     if (a.json) {
-      std::cout << evaluation_json(evaluation);
+      std::cout << evaluation_json(evaluation, words);
     } else {
       std::cout << residual_table(evaluation.sensors, false);
       std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
       std::printf("\n");
     }
-    for (const Warning& w : evaluation.warnings) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
+    for (const Warning& w : words) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
     return evaluation.converged ? kConverged : kNotConverged;
   } catch (const NameError& error) {
-    throw with_nearest(error, calibration);
+    throw with_nearest(error, *recording);
   }
 }
 

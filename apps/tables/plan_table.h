@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/calibration/plan.h"
 #include "../../models/trials/staging.h"
 
 namespace kincal {

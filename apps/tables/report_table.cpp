@@ -13,9 +13,9 @@ namespace kincal {
 namespace {
 
 /// The `most` components of parameters that changed most, with sigmas.
-std::string parameter_table(const CalibrationResult& result, size_t most) {
+std::string parameter_table(const Report& report, size_t most) {
   std::vector<WeightedRow> lines;
-  for (const ParameterEstimate& e : result.parameters)
+  for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
       if (e.sigma[c] == 0) continue;
       const Unit unit = shown(e.units[c]);
@@ -39,10 +39,10 @@ std::string parameter_table(const CalibrationResult& result, size_t most) {
 }
 
 /// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
-std::string loop_table(const CalibrationResult& result) {
+std::string loop_table(const Report& report) {
   constexpr size_t kColumns = 6;  // at a time
   const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
-    for (const Loop& loop : result.loops) {
+    for (const Loop& loop : report.loops) {
       if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
       const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop.unit).factor) : "-"; };
       return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
@@ -50,11 +50,11 @@ std::string loop_table(const CalibrationResult& result) {
     return "";
   };
   std::vector<const SensorResult*> seen, looking;  // columns, rows
-  for (const SensorResult& s : result.sensors) {
+  for (const SensorResult& s : report.residuals.sensors) {
     const auto trained = [](const Loop& loop) { return loop.train.points > 0; };
-    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
+    if (std::any_of(report.loops.begin(), report.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
       seen.push_back(&s);
-    if (std::any_of(result.loops.begin(), result.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
+    if (std::any_of(report.loops.begin(), report.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
       looking.push_back(&s);
   }
   std::string out;
@@ -119,16 +119,16 @@ std::string weak_text(const Explanation& e) {
 }
 
 /// Sigmas that the data contradict, or what was estimated.
-std::string noise_text(const CalibrationResult& result) {
+std::string noise_text(const Report& report) {
   std::string out;
-  for (const NoiseLevel& l : result.noise_levels) {
-    if (result.noise_rounds > 0 ? l.used == l.assumed : !l.differs()) continue;
+  for (const NoiseLevel& l : report.noise_levels) {
+    if (report.noise_estimated ? l.used == l.assumed : !l.differs()) continue;
     const Unit unit = shown(l.unit);
     const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
     out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
-    if (result.noise_rounds > 0) out += ", now " + value(l.used, unit.factor) + unit_name;
+    if (report.noise_estimated) out += ", now " + value(l.used, unit.factor) + unit_name;
     if (std::isfinite(l.seen)) {
-      if (result.noise_rounds == 0) out += ", seen " + value(l.seen, unit.factor) + unit_name;
+      if (!report.noise_estimated) out += ", seen " + value(l.seen, unit.factor) + unit_name;
       out += format(" (± %.2g %%)", 100 * l.uncertainty);
     } else {
       out += " (with the others as they are now it cannot be told)";
@@ -136,7 +136,7 @@ std::string noise_text(const CalibrationResult& result) {
     out += "\n";
   }
   if (out.empty()) return out;
-  return (result.noise_rounds > 0
+  return (report.noise_estimated
               ? "\nNoise, estimated from the data\n"
               : "\nNoise that is seen beside the rig's sigmas (what the model lacks counts as noise; --estimate-noise)\n") +
          out;
@@ -220,21 +220,21 @@ std::string diagnosis_text(const Diagnosis& d) {
   return out + d.verdict + "\n";
 }
 
-std::string report(const CalibrationResult& result, const ResultFiles& files) {
+std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
-  if (!result.staging.empty())
-    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(result.staging);
-  out += "\nResiduals (rms)\n" + residual_table(result.sensors, true);
-  out += validation_table(result);
-  if (result.restarts) out += "\nRestarts from other starting values\n" + restart_table(*result.restarts);
-  if (!result.loops.empty())
-    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(result);
-  out += "\nParameters that changed most\n" + parameter_table(result, 12);
-  if (!result.computed_starts.empty()) {
+  if (report.staging && !report.staging->trials.empty())
+    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(report.staging->trials);
+  out += "\nResiduals (rms)\n" + residual_table(report.residuals.sensors, true);
+  out += validation_table(report);
+  if (report.restarts) out += "\nRestarts from other starting values\n" + restart_table(*report.restarts);
+  if (!report.loops.empty())
+    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(report);
+  out += "\nParameters that changed most\n" + parameter_table(report, 12);
+  if (!report.solution.computed_starts.empty()) {
     out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
     std::vector<std::vector<std::string>> poses = {{"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
-    for (const ParameterEstimate& e : result.parameters)
-      if (std::count(result.computed_starts.begin(), result.computed_starts.end(), e.name)) {
+    for (const ParameterEstimate& e : report.solution.parameters)
+      if (std::count(report.solution.computed_starts.begin(), report.solution.computed_starts.end(), e.name)) {
         const Vector3d& t = e.pose->translation;
         const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
         std::vector<std::string> row = {e.name};
@@ -244,11 +244,11 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
       }
     out += align(poses, 1);
   }
-  out += format("\nchi2 %.8g, %ld degrees of freedom", result.chi2, result.dof);
-  if (result.dof > 0) out += format(", chi2/dof %.4g", result.chi2 / result.dof);
+  out += format("\nchi2 %.8g, %ld degrees of freedom", report.solution.chi2, report.solution.dof);
+  if (report.solution.dof > 0) out += format(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
   out += "\n";
-  out += noise_text(result);
-  out += weak_text(result.explanation);
+  out += noise_text(report);
+  out += weak_text(report.explanation);
   if (!files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
@@ -257,12 +257,12 @@ std::string report(const CalibrationResult& result, const ResultFiles& files) {
   for (const Reduction& r : files.reductions)
     out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
-  if (!result.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(result.leverage);
-  if (!result.rejected.empty()) out += "\n" + rejected_table(result.rejected);
-  if (result.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*result.diagnosis);
-  if (!result.warnings.empty()) {
+  if (!report.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(report.leverage);
+  if (!report.rejected.empty()) out += "\n" + rejected_table(report.rejected);
+  if (report.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis);
+  if (!report.warnings.empty()) {
     out += "\nWarnings\n";
-    for (const Warning& w : result.warnings) out += "  " + w.id + ": " + w.text + "\n";
+    for (const Warning& w : report.warnings) out += "  " + w.id + ": " + w.text + "\n";
   }
   return out;
 }

@@ -5,8 +5,7 @@
 #include <vector>
 
 #include "../../io/results/results.h"
-#include "../../models/calibration/calibration.h"
-#include "../../models/doctor/doctor.h"
+#include "../../models/report/report.h"
 
 namespace kincal {
 
@@ -15,6 +14,6 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
 /// What the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
 /// The whole report: steps, tables, what is not in the URDF, warnings.
-std::string report(const CalibrationResult& result, const ResultFiles& files);
+std::string report_text(const Report& report, const ResultFiles& files);
 
 }  // namespace kincal

@@ -6,8 +6,8 @@
 
 namespace kincal {
 
-std::string validation_table(const CalibrationResult& result) {
-  const Validation& v = result.validation;
+std::string validation_table(const Report& report) {
+  const Validation& v = report.validation;
   std::string out;
   const auto errors = [&](const std::vector<HeldOutError>& sensors) {
     std::vector<std::vector<std::string>> rows = {
@@ -20,7 +20,7 @@ std::string validation_table(const CalibrationResult& result) {
         if (rotation && !e.whole_pose) continue;
         const Unit unit = shown(rotation ? "rad" : e.unit);
         double train = std::nan("");
-        for (const SensorResult& s : result.sensors)
+        for (const SensorResult& s : report.residuals.sensors)
           if (s.name == e.sensor) train = rotation ? s.train.rotation_as_read : s.train.rms_as_read;
         std::string over = std::to_string(e.blocks) + (e.by_target ? " targets" : " samples");
         if (e.missing > 0) over += ", " + std::to_string(e.missing) + " views missing";

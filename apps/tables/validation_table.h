@@ -3,11 +3,11 @@
 
 #include <string>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/report/report.h"
 
 namespace kincal {
 
 /// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
-std::string validation_table(const CalibrationResult& result);
+std::string validation_table(const Report& report);
 
 }  // namespace kincal

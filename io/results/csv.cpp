@@ -9,17 +9,17 @@
 
 namespace kincal {
 
-std::string residuals_csv(const Calibration& calibration, const CalibrationResult& result) {
+std::string residuals_csv(const Report& report) {
   std::string out = "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened\n";
   std::map<const View*, const ViewResiduals*> before;
-  for (const ViewResiduals& r : result.residuals_before) before[r.view] = &r;
-  const Rig& rig = calibration.rig();
-  for (const ViewResiduals& r : result.residuals) {
+  for (const ViewResiduals& r : report.residuals.before) before[r.view] = &r;
+  const Rig& rig = report.solution.rig();
+  for (const ViewResiduals& r : report.residuals.after) {
     const Sensor& sensor = rig.sensors[r.view->sensor];
     const int rows = sensor.model->rows();
     const Eigen::Index blocks = r.raw.size() / rows, white = r.whitened.size() / blocks;
     const auto found = before.find(r.view);
-    const Sample& sample = calibration.samples()[r.sample];
+    const Sample& sample = report.solution.samples()[r.sample];
     const std::string head = csv_field(sample.id) + (sample.train ? ",train," : ",test,") + csv_field(sensor.name) + "," +
                              csv_field(rig.targets[r.view->target].name) + ",";
     for (Eigen::Index b = 0; b < blocks; ++b) {
@@ -37,12 +37,12 @@ std::string residuals_csv(const Calibration& calibration, const CalibrationResul
   return out;
 }
 
-std::string covariance_csv(const CalibrationResult& result) {
+std::string covariance_csv(const Solution& solution) {
   std::string out;
-  for (size_t i = 0; i < result.covariance_names.size(); ++i) out += (i ? "," : "") + csv_field(result.covariance_names[i]);
+  for (size_t i = 0; i < solution.columns.size(); ++i) out += (i ? "," : "") + csv_field(solution.table().name(solution.columns[i]));
   out += "\n";
-  for (Eigen::Index i = 0; i < result.covariance.rows(); ++i) {
-    for (Eigen::Index j = 0; j < result.covariance.cols(); ++j) out += (j ? "," : "") + shortest(result.covariance(i, j));
+  for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i) {
+    for (Eigen::Index j = 0; j < solution.covariance.cols(); ++j) out += (j ? "," : "") + shortest(solution.covariance(i, j));
     out += "\n";
   }
   return out;

@@ -4,12 +4,12 @@
 #include <string>
 #include <vector>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/report/report.h"
 
 namespace kincal {
 
-std::string residuals_csv(const Calibration& calibration, const CalibrationResult& result);
-std::string covariance_csv(const CalibrationResult& result);
+std::string residuals_csv(const Report& report);
+std::string covariance_csv(const Solution& solution);
 
 /// The field is quoted where commas, quotes or line ends ask for it.
 std::string csv_field(const std::string& text);

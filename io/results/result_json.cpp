@@ -204,16 +204,17 @@ std::string status_name(Status status) {
   }
 }
 
-Json result_json(const Calibration& calibration, const CalibrationResult& result) {
-  const Rig& rig = calibration.rig();
+Json result_json(const Report& report) {
+  const Solution& solution = report.solution;
+  const Rig& rig = solution.rig();
   Json json;
-  json["status"] = status_name(result.status);
-  json["noise"] = noise_name(result.noise);
-  json["chi2"] = number(result.chi2);
-  json["cost"] = number(result.cost);
-  json["dof"] = result.dof;
+  json["status"] = status_name(solution.status);
+  json["noise"] = noise_name(solution.noise);
+  json["chi2"] = number(solution.chi2);
+  json["cost"] = number(solution.cost);
+  json["dof"] = solution.dof;
   json["steps"] = Json::array();
-  for (const StepResult& s : result.steps) {
+  for (const StepResult& s : solution.steps) {
     Json history = Json::array();
     for (const auto& h : s.history) history.push_back(numbers({h.first, h.second}));
     json["steps"].push_back({{"step", s.name},
@@ -231,7 +232,7 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
                              {"unobservable", directions(s.unobservable)}});
   }
   json["parameters"] = Json::object();
-  for (const ParameterEstimate& e : result.parameters) {
+  for (const ParameterEstimate& e : solution.parameters) {
     Json one = {
         {"unit", e.units}, {"initial", numbers(e.initial)}, {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}, {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
@@ -239,23 +240,24 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
   }
   json["samples"] = Json::object();
   const auto sample = [&](int i) -> Json& {
-    Json& s = json["samples"][calibration.samples()[i].id];
+    Json& s = json["samples"][solution.samples()[i].id];
     if (s.is_null()) s = {{"targets", Json::object()}, {"joint_errors", Json::object()}};
     return s;
   };
-  for (const auto& t : result.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
-  for (const auto& e : result.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
-  json["sensors"] = sensor_table(result.sensors, true);
-  if (result.restarts) json["restarts"] = restarts_json(*result.restarts);
-  json["noise_levels"] = noise_table(result.noise_levels);
-  if (result.noise_rounds > 0) json["noise_estimated"] = {{"rounds", result.noise_rounds}, {"converged", result.noise_rests}};
-  json["validation"] = validation_json(result.validation);
-  if (!result.loops.empty()) json["loops"] = loop_list(result.loops);
-  json["unobservable"] = directions(result.unobservable);
-  add_explanation(json, result.explanation);
-  if (result.diagnosis) json["findings"] = findings_json(result.diagnosis->findings);
-  if (!result.staging.empty()) json["staging"] = Json::array();
-  for (const StagingTrial& t : result.staging)
+  for (const auto& t : solution.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
+  for (const auto& e : solution.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
+  json["sensors"] = sensor_table(report.residuals.sensors, true);
+  if (report.restarts) json["restarts"] = restarts_json(*report.restarts);
+  json["noise_levels"] = noise_table(report.noise_levels);
+  if (report.noise_estimated) json["noise_estimated"] = {{"rounds", report.noise_estimated->count}, {"converged", report.noise_estimated->rests}};
+  json["validation"] = validation_json(report.validation);
+  if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
+  json["unobservable"] = directions(solution.unobservable);
+  add_explanation(json, report.explanation);
+  if (report.diagnosis) json["findings"] = findings_json(report.diagnosis->findings);
+  const std::vector<StagingTrial> trials = report.staging ? report.staging->trials : std::vector<StagingTrial>();
+  if (!trials.empty()) json["staging"] = Json::array();
+  for (const StagingTrial& t : trials)
     json["staging"].push_back({{"group", t.group},
                                {"trial", t.removal ? "remove" : "add"},
                                {"kept", t.kept},
@@ -263,7 +265,7 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
                                {"error_after", number(t.error_after)},
                                {"parameters", t.parameters}});
   json["rejected"] = Json::array();
-  for (const Rejected& r : result.rejected) {
+  for (const Rejected& r : report.rejected) {
     Json one = {{"sample", r.sample}};
     if (!r.sensor.empty()) one["sensor"] = r.sensor, one["target"] = r.target;
     if (!r.ids.empty()) one["ids"] = r.ids;
@@ -271,17 +273,17 @@ Json result_json(const Calibration& calibration, const CalibrationResult& result
     json["rejected"].push_back(one);
   }
   json["leverage"] = Json::array();
-  for (const Leverage& l : result.leverage)
+  for (const Leverage& l : report.leverage)
     json["leverage"].push_back({{"sample", l.sample}, {"parameter", l.parameter}, {"moved_sigmas", number(l.moved_sigmas)}});
-  json["warnings"] = warning_list(result.warnings);
+  json["warnings"] = warning_list(report.warnings);
   return json;
 }
 
-std::string evaluation_json(const Evaluation& evaluation) {
+std::string evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings) {
   const Json json = {{"chi2", number(evaluation.chi2)},
                      {"dof", evaluation.dof},
                      {"sensors", sensor_table(evaluation.sensors, false)},
-                     {"warnings", warning_list(evaluation.warnings)}};
+                     {"warnings", warning_list(warnings)}};
   return json.dump(1) + "\n";
 }
 

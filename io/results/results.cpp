@@ -16,10 +16,10 @@
 namespace kincal {
 namespace {
 
-RigValues rig_values(const Calibration& calibration, const VectorXd& values, bool write_reduction,
-                     const std::vector<Reduction>& reductions) {
-  const Rig& rig = calibration.rig();
-  const ParameterTable& table = calibration.table();
+RigValues rig_values(const Solution& solution, bool write_reduction, const std::vector<Reduction>& reductions) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  const VectorXd& values = solution.values.shared;
   RigValues out = values_of(rig);
   for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
     out.joint_offsets[j] = 0;
@@ -69,11 +69,10 @@ std::string list_of(std::string text) {  // "1 2 3" -> "[1, 2, 3]"
 
 }  // namespace
 
-ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration, const CalibrationResult& result,
-                         const ResultOptions& options) {
-  const Rig& rig = calibration.rig();
-  const VectorXd& values = result.values.shared;
-  const RobotModel model = robot_model(calibration, values);
+ResultFiles make_results(const RigFile& rig_file, const Report& report, const ResultOptions& options) {
+  const Solution& solution = report.solution;
+  const Rig& rig = solution.rig();
+  const RobotModel model = robot_model(solution);
   const std::vector<Pose> folded = fold_offsets(rig.tree, model.origins, model.offsets);
   ResultFiles out;
 
@@ -81,15 +80,14 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   UrdfChanges changes;
   for (size_t j = 0; j < folded.size(); ++j)
     if (!equal(folded[j], rig.tree.joints[j].parent_T_joint)) changes.origins[static_cast<int>(j)] = folded[j];
-  for (const ParameterEstimate& e : result.parameters) {
-    const size_t slash = e.name.rfind('/');
-    const std::string kind = e.name.substr(slash + 1), owner = e.name.substr(0, e.name.find('/'));
-    if (owner == "joint" && kind == "scale") {
-      const std::string joint = e.name.substr(6, slash - 6);
+  for (const ParameterEstimate& e : solution.parameters) {
+    const Parameter& p = solution.table().all[e.parameter];
+    if (p.kind == ParameterKind::joint_scale) {
+      const std::string& joint = rig.tree.joints[p.owner].name;
       for (const Transmission& t : rig_file.urdf.transmissions)
         if (t.joint == joint) out.reductions.push_back({joint, t.name, e.value[0], t.reduction, t.reduction / e.value[0]});
     }
-    if (owner != "joint" || kind == "scale") out.not_in_urdf.push_back(e.name);
+    if (p.kind != ParameterKind::joint_offset && p.kind != ParameterKind::joint_origin) out.not_in_urdf.push_back(e.name);
   }
   if (options.write_reduction)
     for (const Reduction& r : out.reductions) {
@@ -101,12 +99,12 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
 
   // The rig: what is folded into the robot is not in it.
-  out.rig_yaml = rig_text(rig_file, rig_values(calibration, values, options.write_reduction, out.reductions), "robot.urdf");
+  out.rig_yaml = rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions), "robot.urdf");
 
   // Whoever opens a file of a bad result should see it there too. (The URDF stays the input but for its numbers.)
-  const std::string mark = result.status == Status::converged
+  const std::string mark = solution.status == Status::converged
                                ? ""
-                               : "# kincal: status " + status_name(result.status) + ", see result.json: do not rely on these numbers.\n";
+                               : "# kincal: status " + status_name(solution.status) + ", see result.json: do not rely on these numbers.\n";
   out.rig_yaml = mark + out.rig_yaml;
 
   // Old and new origins.
@@ -148,7 +146,7 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
   out.urdf_hash = sha256(rig_file.urdf.text);
   Json json = {{"kincal", options.version},
                {"input", {{"command", options.command}, {"rig", out.rig_hash}, {"samples", out.samples_hash}, {"urdf", out.urdf_hash}}}};
-  json.update(result_json(calibration, result));
+  json.update(result_json(report));
   json["robot"] = {{"joints", robot}, {"mimics", Json::object()}, {"reductions", Json::object()}};
   for (const Joint& joint : rig.tree.joints)
     if (joint.moves() && joint.mimic) json["robot"]["mimics"][joint.name] = motion_text(rig.tree, joint);
@@ -156,8 +154,8 @@ ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration
     json["robot"]["reductions"][r.joint] = {{"scale", r.scale}, {"old", r.before}, {"new", r.after}, {"written", options.write_reduction}};
   out.result_json = json.dump(1) + "\n";
 
-  out.covariance_csv = covariance_csv(result);
-  if (options.residuals) out.residuals_csv = residuals_csv(calibration, result);
+  out.covariance_csv = covariance_csv(solution);
+  if (options.residuals) out.residuals_csv = residuals_csv(report);
   return out;
 }
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/report/report.h"
 #include "../rig/rig_file.h"
 
 namespace kincal {
@@ -33,8 +33,7 @@ struct ResultOptions {
 };
 
 /// Makes all texts and proves the URDF (prove_urdf). @throws std::runtime_error where the proof fails.
-ResultFiles make_results(const RigFile& rig_file, const Calibration& calibration, const CalibrationResult& result,
-                         const ResultOptions& options);
+ResultFiles make_results(const RigFile& rig_file, const Report& report, const ResultOptions& options);
 
 /// Writes the files of a result as write_directory (document/files.h) does.
 bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)(), const std::string& scratch = "");

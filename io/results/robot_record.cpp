@@ -27,20 +27,6 @@ std::string motion_text(const Tree& tree, const Joint& joint) {
   return out;
 }
 
-RobotModel robot_model(const Calibration& calibration, const VectorXd& values) {
-  const ParameterTable& table = calibration.table();
-  RobotModel out;
-  for (size_t j = 0; j < calibration.rig().tree.joints.size(); ++j) {
-    const Joint& joint = calibration.rig().tree.joints[j];
-    const Parameter& origin = table.all[table.joint_origin[j]];
-    const Pose now = get_pose(values, origin.start), before = get_pose(calibration.initial(), origin.start);
-    const bool same = now.rotation == before.rotation && now.translation == before.translation;
-    out.origins.push_back(same ? joint.parent_T_joint : now);
-    out.offsets.push_back(joint.has_reading() ? values(table.all[table.joint_offset[j]].start) : 0);
-  }
-  return out;
-}
-
 bool equal(const Pose& a, const Pose& b) { return a.rotation == b.rotation && a.translation == b.translation; }
 
 }  // namespace kincal

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/calibration/solution.h"
 #include "../document/document.h"
 #include "json_values.h"
 
@@ -17,13 +17,6 @@ Pose read_exact_pose(const Field& field);
 
 /// What else than its origin makes a joint what it is: type, axis and mimic, as one text to compare.
 std::string motion_text(const Tree& tree, const Joint& joint);
-
-/// Origins and offsets of the estimated model, by joint index.
-struct RobotModel {
-  std::vector<Pose> origins;
-  std::vector<double> offsets;
-};
-RobotModel robot_model(const Calibration& calibration, const VectorXd& values);
 
 /// The same to the last bit.
 bool equal(const Pose& a, const Pose& b);

@@ -80,26 +80,27 @@ std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool 
 
 }  // namespace
 
-SetSummary summarize(const CalibrationResult& result) {
+SetSummary summarize(const Report& report) {
+  const Solution& solution = report.solution;
   SetSummary set;
-  set.status = status_name(result.status);
-  set.chi2 = result.chi2;
-  set.dof = result.dof;
-  for (const Warning& w : result.warnings) {
+  set.status = status_name(solution.status);
+  set.chi2 = solution.chi2;
+  set.dof = solution.dof;
+  for (const Warning& w : report.warnings) {
     if (set.error.empty() && w.id == set.status) set.error = w.text;
     set.warnings.push_back(w.id + ": " + w.text);
   }
-  for (const Judgement& j : result.validation.requirements)
+  for (const Judgement& j : report.validation.requirements)
     if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
-  for (const SensorResult& s : result.sensors) {
+  for (const SensorResult& s : report.residuals.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
     if (s.whole_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
   }
-  for (const ParameterEstimate& e : result.parameters)
+  for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c)
       if (e.sigma[c] != 0)  // 0: held
         set.changes.push_back(
-            {e.components[c].empty() ? e.name : e.name + "." + e.components[c], e.units[c], e.initial[c], e.value[c], e.sigma[c]});
+            {e.component_name(c), e.units[c], e.initial[c], e.value[c], e.sigma[c]});
   return set;
 }
 

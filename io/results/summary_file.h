@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "../../models/calibration/calibration.h"
+#include "../../models/report/report.h"
 
 namespace kincal {
 
@@ -46,7 +46,7 @@ struct BatchRecord {
 };
 
 /// The summary of a finished calibration; name, exit code and seconds are the caller's.
-SetSummary summarize(const CalibrationResult& result);
+SetSummary summarize(const Report& report);
 
 std::string record_text(const BatchRecord& record);
 /// nullopt if there is none, or it cannot be read.

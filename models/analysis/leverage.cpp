@@ -48,4 +48,13 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups, const s
   return out;
 }
 
+std::vector<Leverage> leverage(const Linearisation& at) {
+  std::vector<Leverage> out;
+  const Estimation& problem = at.problem();
+  for (const Influence& f : influences(problem.groups(), at.left(), at.observability()))
+    if (problem.sample_of(f.group) >= 0)
+      out.push_back({at.solution.samples()[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
+  return out;
+}
+
 }  // namespace kincal

@@ -8,9 +8,10 @@
 // direction of the parameters.
 #pragma once
 
+#include <string>
 #include <vector>
 
-#include "../../solver/observability.h"
+#include "linearisation.h"
 
 namespace kincal {
 
@@ -23,5 +24,13 @@ struct Influence {
 /// Those above `least` in size, largest first (ties: as the groups come). left: as observe() gave it.
 std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& left,
                                   const Observability& observability, double least = 1);
+
+/// Without the sample the parameter component would move by this many of its sigmas (one Newton step); infinite: not determined then.
+struct Leverage {
+  std::string sample, parameter;
+  double moved_sigmas;
+};
+/// Those above 1 sigma, largest first.
+std::vector<Leverage> leverage(const Linearisation& at);
 
 }  // namespace kincal

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../calibration/calibration.h"
+
 #include "../fitting/starts.h"
 #include "../sensors/tilting_laser.h"
 
@@ -109,14 +109,14 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
 
 }  // namespace
 
-std::vector<Loop> loops(const Calibration& calibration, const CalibrationResult& result) {
-  const Rig& rig = calibration.rig();
-  const ParameterTable& table = calibration.table();
+std::vector<Loop> loops(const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
   const size_t n = rig.sensors.size();
   std::vector<Sum> sums(4 * n * n);  // by from, to, held out, after
-  for (const Sample& sample : calibration.samples())
+  for (const Sample& sample : solution.samples())
     for (const bool after : {false, true}) {
-      const VectorXd& values = after ? result.values.shared : calibration.initial();
+      const VectorXd& values = after ? solution.values.shared : solution.initial;
       std::vector<Carried> carried;
       for (const View& a : sample.views)
         if (std::any_of(sample.views.begin(), sample.views.end(),

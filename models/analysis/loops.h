@@ -17,10 +17,9 @@
 #include <string>
 #include <vector>
 
-namespace kincal {
+#include "../calibration/solution.h"
 
-class Calibration;
-struct CalibrationResult;
+namespace kincal {
 
 /// Root mean squares in the unit of the sensor that is looked into; NaN: none, or a carried point lies behind the camera.
 struct LoopStatistics {
@@ -36,6 +35,6 @@ struct Loop {
 
 /// All pairs that meet in some sample, in the rig's order; before: at the rig's values (poses that it leaves open: as they started),
 /// after: at the result's.
-std::vector<Loop> loops(const Calibration& calibration, const CalibrationResult& result);
+std::vector<Loop> loops(const Solution& solution);
 
 }  // namespace kincal

@@ -10,18 +10,18 @@
 #include "../rig/words.h"
 
 namespace kincal {
-std::vector<Warning> misfits(const Calibration& calibration, const CalibrationResult& result) {
-  const Rig& rig = calibration.rig();
+Misfits misfits(const Solution& solution, const Residuals& residuals) {
+  const Rig& rig = solution.rig();
   const auto sticks_out = [](double ratio, long count) { return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count)); };
 
   std::map<const View*, Mean> views;
-  for (const ViewResiduals& r : result.residuals) {
+  for (const ViewResiduals& r : residuals.after) {
     if (r.whitened.size() == 0 || !r.whitened.allFinite()) continue;
     views[r.view].sum = r.whitened.squaredNorm();
     views[r.view].count = r.whitened.size();
   }
   std::map<int, Mean> joints;  // by sample: errors in sigmas
-  for (const auto& e : result.values.errors) {
+  for (const auto& e : solution.values.errors) {
     joints[e.first.first].sum += std::pow(e.second / rig.joints[e.first.second].sigma, 2);
     ++joints[e.first.first].count;
   }
@@ -35,21 +35,17 @@ std::vector<Warning> misfits(const Calibration& calibration, const CalibrationRe
     double least = rig.sensors[s].model->sight() == Sight::chain ? 1 : kLeastLevel * kLeastLevel;
     for (bool train : {true, false}) {
       std::vector<double> means;
-      for (const Sample& sample : calibration.samples())
+      for (const Sample& sample : solution.samples())
         for (const View& v : sample.views)
           if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v)) means.push_back(views[&v].value());
       least = usual[{static_cast<int>(s), train}] = std::max(least, median(means, 0));
     }
   }
 
-  struct Found {
-    double ratio;
-    std::string name;
-  };
-  std::vector<Found> bad_samples, bad_views;
-  for (size_t i = 0; i < calibration.samples().size(); ++i) {
-    const Sample& sample = calibration.samples()[i];
-    std::vector<Found> here;
+  Misfits out;
+  for (size_t i = 0; i < solution.samples().size(); ++i) {
+    const Sample& sample = solution.samples()[i];
+    std::vector<Misfit> bad;
     double worst = 0;
     size_t seen = 0;
     for (const View& v : sample.views) {
@@ -58,31 +54,21 @@ std::vector<Warning> misfits(const Calibration& calibration, const CalibrationRe
       ++seen;
       const double ratio = mean->second.value() / usual[{v.sensor, sample.train}];
       if (!sticks_out(ratio, mean->second.count)) continue;
-      here.push_back({ratio, "'" + sample.id + "' " + rig.sensors[v.sensor].name});
+      bad.push_back({ratio, "'" + sample.id + "' " + rig.sensors[v.sensor].name});
       worst = std::max(worst, ratio);
     }
     const auto joint = joints.find(static_cast<int>(i));
     const double joint_ratio = joint == joints.end() ? 0 : joint->second.value() / usual_joints;
     const bool wrong_joints = joint != joints.end() && sticks_out(joint_ratio, joint->second.count);
-    if (wrong_joints || 2 * here.size() > seen)
-      bad_samples.push_back(
+    if (wrong_joints || 2 * bad.size() > seen)
+      out.samples.push_back(
           {std::max(worst, wrong_joints ? joint_ratio : 0.0), "'" + sample.id + "'" + (sample.train ? "" : " (held out)")});
     else
-      bad_views.insert(bad_views.end(), here.begin(), here.end());
+      out.views.insert(out.views.end(), bad.begin(), bad.end());
   }
 
-  std::vector<Warning> out;
-  const auto say = [&](const char* id, const char* what, std::vector<Found>& found) {
-    if (found.empty()) return;
-    std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.ratio > b.ratio; });
-    std::string list;
-    for (size_t i = 0; i < found.size() && i < 5; ++i)
-      list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
-    out.push_back({id, std::to_string(found.size()) + " " + what + (found.size() == 1 ? "" : "s") +
-                           " with residuals or joint errors far beyond what is usual here: " + list + (found.size() > 5 ? ", ..." : "")});
-  };
-  say("outlier_sample", "sample", bad_samples);
-  say("outlier_view", "view", bad_views);
+  for (std::vector<Misfit>* found : {&out.samples, &out.views})
+    std::stable_sort(found->begin(), found->end(), [](const Misfit& a, const Misfit& b) { return a.ratio > b.ratio; });
   return out;
 }
 

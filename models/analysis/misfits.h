@@ -1,4 +1,4 @@
-// Samples and views that fit much worse than the others, of a finished calibration: warnings, nothing is changed.
+// Samples and views that fit much worse than the others, of a finished calibration.
 //
 // A view's mean squared whitened residual is compared with the median over the views of its sensor (held out: with the larger of the
 // medians of both splits), so that a wrongly stated sigma flags nothing; likewise a sample's mean squared joint error in sigmas with the
@@ -9,11 +9,18 @@
 
 #include <vector>
 
-#include "../calibration/calibration.h"
+#include "residuals.h"
 
 namespace kincal {
 
-/// Warnings `outlier_sample` and `outlier_view`: how many, and the worst. The result must have residuals (CalibrationOptions::judge).
-std::vector<Warning> misfits(const Calibration& calibration, const CalibrationResult& result);
+/// Something that sticks out: a sample, or a view of one.
+struct Misfit {
+  double ratio;      // its mean square over the usual one
+  std::string name;  // quoted, for messages
+};
+struct Misfits {
+  std::vector<Misfit> samples, views;  // the worst first
+};
+Misfits misfits(const Solution& solution, const Residuals& residuals);
 
 }  // namespace kincal

@@ -71,20 +71,20 @@ struct Alone {
   std::vector<std::pair<int, double>> joints;       // joint, error in sigmas
 };
 
-EstimationSetup setup_of(Bench& bench) {
+EstimationSetup setup_of(ReferenceFit& reference) {
   EstimationSetup setup;
   setup.noise = NoiseMode::latent;
-  setup.sensors = bench.sensors;
+  setup.sensors = reference.sensors;
   return setup;
 }
 
 /// The sample's residuals and joint errors after a Newton step of the shared parameters as well, whose estimate and covariance the others
 /// gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
-void take_part(Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
-  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = bench.root.cols(),
+void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
+  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = reference.root.cols(),
                      total = fit.residuals.size();
   MatrixXd root(m, n);
-  for (Eigen::Index i = 0; i < m; ++i) root.row(i) = bench.root.row(shape.columns[i]);
+  for (Eigen::Index i = 0; i < m; ++i) root.row(i) = reference.root.row(shape.columns[i]);
   MatrixXd a = MatrixXd::Zero(rows.rows() + n, k + n);
   a.topLeftCorner(rows.rows(), k) = rows.leftCols(k);
   a.topRightCorner(rows.rows(), n) = rows.middleCols(k, m) * root;
@@ -98,7 +98,7 @@ void take_part(Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool
     Eigen::Index at = 0;
     std::vector<double> sizes;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
-      sizes.push_back(left.segment(at, fit.rows[b]).norm() / bench.levels[fit.blocks[b].first->sensor]);
+      sizes.push_back(left.segment(at, fit.rows[b]).norm() / reference.levels[fit.blocks[b].first->sensor]);
     scale = std::max(1.0, std::min(scale / 2, *std::max_element(sizes.begin(), sizes.end())));
     at = 0;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
@@ -110,28 +110,28 @@ void take_part(Bench& bench, const GroupShape& shape, const MatrixXd& rows, bool
 
 /// Targets and joint errors estimated, graduated from the starts of the targets or by plain least squares. `taking_part`: what one Newton
 /// step of the free shared parameters as well would leave.
-Alone fit_alone(Bench& bench, const Sample& sample, Values& values, bool robust, bool taking_part) {
+Alone fit_alone(ReferenceFit& reference, const Sample& sample, Values& values, bool robust, bool taking_part) {
   Alone out;
-  bench.one.samples = {sample};
-  EstimationSetup setup = setup_of(bench);
+  reference.one.samples = {sample};
+  EstimationSetup setup = setup_of(reference);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
-  Estimation problem(bench.one, {0}, setup);
+  Estimation problem(reference.one, {0}, setup);
   if (problem.groups().empty()) {  // nothing of it is judged
     out.defined = true;
     return out;
   }
-  values.shared = bench.shared;
+  values.shared = reference.shared;
   VectorXd state;
   const auto solve = [&] {
     state = problem.pack(values);
     problem.renew(state);
     Cost cost;
     if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return false;
-    if (robust) solve_graduated(problem, bench.one.rig, SolverOptions(), state, &bench.levels);
+    if (robust) solve_graduated(problem, reference.one.rig, SolverOptions(), state, &reference.levels);
     return LevenbergMarquardt(problem, SolverOptions()).solve(state).outcome != Outcome::undefined_start;
   };
   try {
-    start_targets(bench.one, {0}, bench.sensors, {LossKind::soft_l1, 3}, values);
+    start_targets(reference.one, {0}, reference.sensors, {LossKind::soft_l1, 3}, values);
     if (!solve()) return out;
   } catch (const std::runtime_error&) {
     return out;
@@ -147,34 +147,34 @@ Alone fit_alone(Bench& bench, const Sample& sample, Values& values, bool robust,
   for (const ViewResiduals& r : residuals) {
     out.residuals.segment(total, r.whitened.size()) = r.whitened;
     total += r.whitened.size();
-    const int count = blocks_of(bench.one.rig, *r.view);
+    const int count = blocks_of(reference.one.rig, *r.view);
     for (int b = 0; b < count; ++b) {
-      out.blocks.push_back({&sample.views[r.view - bench.one.samples[0].views.data()], b});
+      out.blocks.push_back({&sample.views[r.view - reference.one.samples[0].views.data()], b});
       out.rows.push_back(static_cast<int>(r.whitened.size()) / count);
     }
   }
-  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / bench.one.rig.joints[e.first.second].sigma});
-  if (!taking_part || bench.root.size() == 0) return out;
+  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / reference.one.rig.joints[e.first.second].sigma});
+  if (!taking_part || reference.root.size() == 0) return out;
 
-  setup.free = bench.free;
+  setup.free = reference.free;
   setup.loss = Loss();
-  Estimation together(bench.one, {0}, setup);
+  Estimation together(reference.one, {0}, setup);
   MatrixXd rows;
   const VectorXd at = together.pack(values);
   together.renew(at);
-  if (together.explicit_rows(0, at, rows)) take_part(bench, together.groups()[0], rows, robust, out);
+  if (together.explicit_rows(0, at, rows)) take_part(reference, together.groups()[0], rows, robust, out);
   return out;
 }
 
 /// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
-bool outlying(Bench& bench, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
+bool outlying(ReferenceFit& reference, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
   bool any = false;
   flags.assign(sample.views.size(), {});
-  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(bench.one.rig, sample.views[v]), 0);
+  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(reference.one.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
-    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(bench.levels[view->sensor], 2);
+    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(reference.levels[view->sensor], 2);
     at += fit.rows[b];
     if (squared <= chi2_bound(fit.rows[b])) continue;
     flags[view - sample.views.data()][fit.blocks[b].second] = 1;
@@ -191,7 +191,7 @@ const std::pair<int, double>* wrong_joint(const Alone& fit) {
 }
 
 /// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
-std::string size_of(Bench& bench, const Alone& fit) {
+std::string size_of(ReferenceFit& reference, const Alone& fit) {
   if (!fit.defined) return "a point lies behind a camera";
   std::map<const View*, std::pair<double, int>> views;
   Eigen::Index at = 0;
@@ -201,10 +201,10 @@ std::string size_of(Bench& bench, const Alone& fit) {
     v.second += fit.rows[b];
   }
   double largest = 0;
-  for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / bench.levels[v.first->sensor]);
+  for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / reference.levels[v.first->sensor]);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
-    return text("it would take an error of %.3g sigmas in joint '", joint->second) + bench.one.rig.tree.joints[joint->first].name + "'";
+    return text("it would take an error of %.3g sigmas in joint '", joint->second) + reference.one.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 
@@ -220,28 +220,28 @@ enum class Fits { yes, but_for_points, no };
 
 /// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
 /// `plain`: the sample as it is, by plain least squares.
-Fits fits(Bench& bench, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
+Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
           Alone& plain) {
   Values values = start;
-  plain = fit_alone(bench, sample, values, false, taking_part);
-  if (plain.defined && !outlying(bench, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
+  plain = fit_alone(reference, sample, values, false, taking_part);
+  if (plain.defined && !outlying(reference, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
   values = start;
-  const Alone robust = fit_alone(bench, sample, values, true, taking_part);
+  const Alone robust = fit_alone(reference, sample, values, true, taking_part);
   if (!robust.defined) return Fits::no;
-  outlying(bench, sample, robust, out);
+  outlying(reference, sample, robust, out);
   const auto too_many = [](const std::vector<char>& view) {
     return 3 * std::count(view.begin(), view.end(), 1) > static_cast<long>(view.size());
   };
   for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
     if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
-    Verdict points = all_in(bench.one.rig, sample);
+    Verdict points = all_in(reference.one.rig, sample);
     points.point = out;
-    const Sample rest = left_of(bench.one.rig, sample, points);
+    const Sample rest = left_of(reference.one.rig, sample, points);
     Values again = values;
-    const Alone check = fit_alone(bench, rest, again, false, taking_part);
+    const Alone check = fit_alone(reference, rest, again, false, taking_part);
     std::vector<std::vector<char>> more;
     if (!check.defined) return Fits::no;
-    if (!outlying(bench, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
+    if (!outlying(reference, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
     for (size_t v = 0; v < out.size(); ++v) {
       size_t b = 0;
       for (char& p : out[v])
@@ -253,12 +253,12 @@ Fits fits(Bench& bench, const Sample& sample, const Values& start, bool taking_p
 
 }  // namespace
 
-Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, const Values& start) {
-  Verdict verdict = all_in(bench.one.rig, sample);
+Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before, const Values& start) {
+  Verdict verdict = all_in(reference.one.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
   Alone plain;
-  if (fits(bench, sample, start, !took_part, points, plain) != Fits::no) {
+  if (fits(reference, sample, start, !took_part, points, plain) != Fits::no) {
     if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) { return std::count(v.begin(), v.end(), 1) > 0; }))
       verdict.point = points;
     return verdict;
@@ -272,13 +272,13 @@ Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, 
       if (!out[v]) rest.views.push_back(sample.views[v]);
     std::vector<std::vector<char>> found;
     Alone ignored;
-    if (!hangs_together(bench.one.rig, rest.views) || fits(bench, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
+    if (!hangs_together(reference.one.rig, rest.views) || fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
     verdict.view = out;
     for (size_t v = 0, r = 0; v < n; ++v)
       if (!out[v]) verdict.point[v] = found[r++];
     return true;
   };
-  const auto is_chain = [&](size_t v) { return bench.one.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
+  const auto is_chain = [&](size_t v) { return reference.one.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
   int explanations = 0, chains = 0;
   for (size_t v = 0; v < n && n > 1; ++v) {
     std::vector<char> out(n, 0);
@@ -294,10 +294,10 @@ Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, 
     if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out)) explanations = 1;
   }
   for (size_t v = 0; v < n; ++v)
-    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + size_of(bench, plain) + ")";
+    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + size_of(reference, plain) + ")";
   if (explanations == 1 && chains == 0) return verdict;
   verdict.out = true;
-  verdict.reason = "its joint readings and its views do not belong together (" + size_of(bench, plain) + ")";
+  verdict.reason = "its joint readings and its views do not belong together (" + size_of(reference, plain) + ")";
   return verdict;
 }
 

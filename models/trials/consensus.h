@@ -39,8 +39,8 @@ struct Verdict {
   }
 };
 
-/// What samples are judged by.
-struct Bench {
+/// The fit of all samples that one sample is compared with.
+struct ReferenceFit {
   Recording one;             // the rig, and the one sample that is being judged
   std::vector<int> sensors;  // of the last step
   VectorXd shared;
@@ -55,7 +55,7 @@ Verdict all_in(const Rig& rig, const Sample& sample);
 /// What the verdict leaves of a sample.
 Sample left_of(const Rig& rig, const Sample& sample, const Verdict& verdict);
 
-/// `before`: the verdict under which the bench's values were estimated. `start`: poses of free targets of sample 0 to start from.
-Verdict judge_sample(Bench& bench, const Sample& sample, const Verdict& before, const Values& start);
+/// `before`: the verdict under which the reference's values were estimated. `start`: poses of free targets of sample 0 to start from.
+Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before, const Values& start);
 
 }  // namespace kincal

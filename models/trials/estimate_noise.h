@@ -5,19 +5,24 @@
 // its value. Sigmas of single views (samples files) are taken times the factor of their sensor's.
 #pragma once
 
+#include <memory>
 #include <optional>
+#include <vector>
 
+#include "../analysis/noise_levels.h"
 #include "../calibration/calibration.h"
 
 namespace kincal {
 
 struct NoiseEstimate {
-  Calibration calibration;   // the same rig and samples but for the sigmas
-  CalibrationResult result;  // with them; its noise_levels have the sigmas of the first rig as `assumed`
+  Solution solution;               // of the same rig and samples but for the sigmas: those of its recording
+  std::vector<NoiseLevel> levels;  // `assumed` are the sigmas of the first rig
+  int rounds = 0;                  // calibrations that estimated the noise
+  bool rests = false;              // the last of them moved no sigma by more than 1 %
 };
 
-/// At most 20 rounds. nullopt: progress cancelled. @throws as Calibration::run; std::invalid_argument in modes marginal and point, where
-/// a sensor's noise is mixed with that of the joints.
-std::optional<NoiseEstimate> estimate_noise(const Calibration& given, const CalibrationOptions& options);
+/// At most 20 rounds; ends at once where a calibration cannot start (the solution's status). nullopt: progress cancelled. @throws as
+/// calibrate(); std::invalid_argument in modes marginal and point, where a sensor's noise is mixed with that of the joints.
+std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given, const CalibrationOptions& options);
 
 }  // namespace kincal

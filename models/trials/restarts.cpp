@@ -44,7 +44,7 @@ void scatter(const ParameterTable& table, const VectorXd& initial_values, const 
 }
 
 /// `other` minus `result` in the result's sigmas, of all estimated components, largest first.
-std::vector<std::pair<std::string, double>> differences(const CalibrationResult& result, const CalibrationResult& other) {
+std::vector<std::pair<std::string, double>> differences(const Solution& result, const Solution& other) {
   std::vector<std::pair<std::string, double>> out;
   for (size_t i = 0; i < result.parameters.size(); ++i) {
     const ParameterEstimate &a = result.parameters[i], &b = other.parameters[i];
@@ -60,59 +60,60 @@ std::vector<std::pair<std::string, double>> differences(const CalibrationResult&
   return out;
 }
 
-bool same_cost(double a, double b) { return std::abs(a - b) <= kSameCost * std::max({std::abs(a), std::abs(b), 1.0}); }
-
-bool same(const CalibrationResult& a, const CalibrationResult& b) {
+bool same(const Solution& a, const Solution& b) {
   const auto apart = differences(a, b);
   return same_cost(a.cost, b.cost) && (apart.empty() || std::abs(apart[0].second) <= kSameSigmas);
 }
 
+/// The end of restart `n`: with its start halved as often as it takes to be evaluated. Status cancelled; undefined_start: not even then.
+Solution run_again(const Solution& solution, const CalibrationOptions& options, int n) {
+  Solution end;
+  for (int halving = 0; halving <= kHalvings; ++halving) {
+    Draws draws(static_cast<std::uint64_t>(n));
+    std::vector<std::vector<char>> moved(solution.table().all.size());
+    StepVariations other;
+    other.before_step = [&](const StepPlan& plan, const VectorXd& initial, VectorXd& values) {
+      scatter(solution.table(), initial, plan, std::ldexp(1.0, -halving), draws, moved, values);
+    };
+    CalibrationOptions named = options;
+    if (options.progress)
+      named.progress = [&](const std::string&, int iteration, double chi2, double damping) {
+        return options.progress("restart " + std::to_string(n), iteration, chi2, damping);
+      };
+    end = calibrate(solution.recording, named, other);
+    end.last.reset();
+    if (end.status != Status::undefined_start) break;
+  }
+  return end;
+}
+
 }  // namespace
 
-bool add_restarts(const Calibration& calibration, const CalibrationOptions& options, int count, CalibrationResult& result) {
+bool same_cost(double a, double b) { return std::abs(a - b) <= kSameCost * std::max({std::abs(a), std::abs(b), 1.0}); }
+
+std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options, int count) {
   struct End {
-    const CalibrationResult* at;
+    const Solution* at;
     int count;
   };
-  std::vector<CalibrationResult> kept;
+  std::vector<Solution> kept;
   kept.reserve(count);
-  std::vector<End> ends = {{&result, 0}};
+  std::vector<End> ends = {{&solution, 0}};
   Restarts out;
   out.count = count;
   for (int n = 1; n <= count; ++n) {
-    Calibration again = calibration;
-    std::optional<CalibrationResult> end;
-    for (int halving = 0; halving <= kHalvings && !end; ++halving) {
-      Draws draws(static_cast<std::uint64_t>(n));
-      std::vector<std::vector<char>> moved(again.table().all.size());
-      CalibrationOptions other = options;
-      other.judge = false;
-      other.scatter = [&](const StepPlan& plan, VectorXd& values) {
-        scatter(again.table(), again.initial(), plan, std::ldexp(1.0, -halving), draws, moved, values);
-      };
-      bool cancelled = false;
-      if (options.progress)
-        other.progress = [&](const std::string&, int iteration, double chi2, double damping) {
-          cancelled = !options.progress("restart " + std::to_string(n), iteration, chi2, damping);
-          return !cancelled;
-        };
-      try {
-        end = again.run(other);
-      } catch (const std::runtime_error&) {  // this start cannot be evaluated
-        continue;
-      }
-      if (!end) return false;
-    }
-    if (!end || !end->steps.back().converged) {
+    Solution end = run_again(solution, options, n);
+    if (end.status == Status::cancelled) return std::nullopt;
+    if (end.status == Status::undefined_start || !end.steps.back().converged) {
       ++out.failed;
       continue;
     }
-    const auto known = std::find_if(ends.begin(), ends.end(), [&](const End& e) { return same(*e.at, *end); });
+    const auto known = std::find_if(ends.begin(), ends.end(), [&](const End& e) { return same(*e.at, end); });
     if (known != ends.end()) {
       ++known->count;
       continue;
     }
-    kept.push_back(std::move(*end));
+    kept.push_back(std::move(end));
     ends.push_back({&kept.back(), 1});
   }
   std::stable_sort(ends.begin() + 1, ends.end(), [](const End& a, const End& b) { return a.at->cost < b.at->cost; });
@@ -121,25 +122,13 @@ bool add_restarts(const Calibration& calibration, const CalibrationOptions& opti
     m.cost = e.at->cost;
     m.chi2 = e.at->chi2;
     m.count = e.count;
-    if (e.at != &result) {
-      m.differs = differences(result, *e.at);
+    if (e.at != &solution) {
+      m.differs = differences(solution, *e.at);
       m.differs.resize(std::min(m.differs.size(), kNamed));
     }
     out.minima.push_back(std::move(m));
   }
-  if (out.minima.size() > 1 && (out.minima[1].cost < out.minima[0].cost || same_cost(out.minima[1].cost, out.minima[0].cost))) {
-    const Minimum& m = out.minima[1];
-    std::string names;
-    for (size_t i = 0; i < std::min<size_t>(m.differs.size(), 3); ++i)
-      names += (i ? ", " : "") + m.differs[i].first + text(" (%+.3g sigmas)", m.differs[i].second, 0);
-    result.warnings.push_back({"minima", std::to_string(m.count) + " of " + std::to_string(count) + " restarts end in " +
-                                             (same_cost(m.cost, out.minima[0].cost)
-                                                  ? "another minimum that is as good as this result"
-                                                  : text("a better minimum: cost %.8g, this result has %.8g", m.cost, out.minima[0].cost)) +
-                                             ". Most different: " + names + ". The result is the one that the rig's own values lead to"});
-  }
-  result.restarts = std::move(out);
-  return true;
+  return out;
 }
 
 }  // namespace kincal

@@ -14,15 +14,14 @@
 // sigma; what the data do not determine is not compared. An end whose last step did not converge, or without a start, counts as failed.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-namespace kincal {
+#include "../calibration/calibration.h"
 
-class Calibration;
-struct CalibrationOptions;
-struct CalibrationResult;
+namespace kincal {
 
 /// Where some starts ended.
 struct Minimum {
@@ -37,9 +36,11 @@ struct Restarts {
   std::vector<Minimum> minima;  // the result's own first, the others by cost
 };
 
-/// Runs the steps `count` times from other starts: sets result.restarts, and adds the warning `minima` where one of them ends as low as the
-/// result, or lower, elsewhere. The result itself stays that of the rig's own start. The same starts every time. False: options.progress
-/// (its steps are called "restart 1", ...) cancelled, nothing is set.
-bool add_restarts(const Calibration& calibration, const CalibrationOptions& options, int count, CalibrationResult& result);
+/// Runs the steps that led to a solution `count` times from other starts, the same starts every time. The options are those of the
+/// solution; their progress is called with steps "restart 1", ... nullopt: it cancelled.
+std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options, int count);
+
+/// Within 1e-6 of each other, relatively or absolutely.
+bool same_cost(double a, double b);
 
 }  // namespace kincal

@@ -1,0 +1,290 @@
+#include "residuals.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <stdexcept>
+
+#include "../../solver/levenberg_marquardt.h"
+#include "../fitting/starts.h"
+#include "../rig/numbers.h"
+#include "linearisation.h"
+
+namespace kincal {
+namespace {
+
+/// Sums over the residuals of one sensor.
+struct Sums {
+  double squared = 0, rotation = 0, whitened = 0;
+  long points = 0, count = 0;
+};
+
+void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals, std::vector<Sums>& sums) {
+  for (const ViewResiduals& r : residuals) {
+    Sums& s = sums[r.view->sensor];
+    const SensorModel& model = *rig.sensors[r.view->sensor].model;
+    if (model.whole_pose()) {
+      s.squared += r.raw.head<3>().squaredNorm();
+      s.rotation += r.raw.tail<3>().squaredNorm();
+      ++s.points;
+    } else {
+      s.squared += r.raw.squaredNorm();
+      s.points += r.raw.size() / model.rows();
+    }
+    s.whitened += r.whitened.squaredNorm();
+    s.count += r.whitened.size();
+  }
+}
+
+/// How samples are judged: everything shared is held but `free`.
+struct Judge {
+  NoiseMode noise = NoiseMode::none;
+  Loss loss;
+  std::vector<Freed> free;
+  const Values* start = nullptr;  // poses to start free targets from, else by proposals
+  bool with_dof = false;
+  std::vector<double> levels;
+};
+
+struct Judged {
+  bool converged = true;
+  double chi2 = 0;
+  long dof = 0;
+  std::vector<Sums> sums;  // by sensor
+  std::vector<ViewResiduals> residuals;
+  std::vector<std::string> undefined;  // samples without any evaluable start
+};
+
+/// Samples that depend on something in `free` together, first; the others each alone.
+std::vector<std::vector<int>> judged_together(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
+                                              const std::vector<Freed>& free) {
+  std::vector<std::vector<int>> groups(1);
+  for (int i : samples) {
+    bool tied = false;
+    if (!free.empty()) {
+      const std::vector<char> used = Estimation(recording, {i}, setup).influencing();
+      for (const Freed& f : free) tied = tied || used[f.parameter];
+    }
+    if (tied)
+      groups[0].push_back(i);
+    else
+      groups.push_back({i});
+  }
+  return groups;
+}
+
+/// Free targets, joint errors and what the setup frees, estimated from some samples; false: no start can be evaluated.
+bool minimise(const Recording& recording, const std::vector<int>& samples, const Values* start, Estimation& problem, Values& values,
+              VectorXd& state, SolveSummary& summary) {
+  const EstimationSetup& setup = problem.setup();
+  std::vector<int> to_start;
+  for (int i : samples)
+    for (const View& v : recording.samples[i].views) {
+      if (recording.rig.targets[v.target].link >= 0) continue;
+      const auto known = start ? start->targets.find({i, v.target}) : std::map<std::pair<int, int>, Pose>::const_iterator();
+      if (start && known != start->targets.end())
+        values.targets[{i, v.target}] = known->second;
+      else if (to_start.empty() || to_start.back() != i)
+        to_start.push_back(i);
+    }
+  const auto solve = [&] {
+    state = problem.pack(values);
+    summary = LevenbergMarquardt(problem, SolverOptions()).solve(state);
+    return summary.outcome != Outcome::undefined_start;
+  };
+  try {
+    start_targets(recording, to_start, setup.sensors, setup.loss, values);
+    if (solve()) return true;  // else the given poses are behind a camera at these values
+    values.targets.clear();
+    start_targets(recording, samples, setup.sensors, setup.loss, values);
+    return solve();
+  } catch (const std::runtime_error&) {
+    return false;
+  }
+}
+
+Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared, const VectorXd& initial,
+             const Judge& how) {
+  Judged out;
+  out.sums.resize(recording.rig.sensors.size());
+  EstimationSetup setup;
+  setup.initial = initial;
+  setup.noise = how.noise;
+  setup.loss = how.loss;
+  setup.levels = how.levels;
+  setup.sensors = indices(recording.rig.sensors.size());
+  const std::vector<std::vector<int>> groups = judged_together(recording, samples, setup, how.free);
+  for (const std::vector<int>& group : groups) {
+    if (group.empty()) continue;
+    if (&group == &groups[0])
+      setup.free = how.free;
+    else
+      setup.free.clear();
+    Estimation problem(recording, group, setup);
+    if (problem.groups().empty()) continue;
+    Values values;
+    values.shared = shared;
+    VectorXd state;
+    SolveSummary summary;
+    if (!minimise(recording, group, how.start, problem, values, state, summary)) {
+      for (int i : group) out.undefined.push_back(recording.samples[i].id);
+      continue;
+    }
+    out.converged = out.converged && summary.outcome == Outcome::converged;
+    out.chi2 += summary.cost.chi2;
+    if (how.with_dof) {
+      problem.renew(state);
+      out.dof += observe(problem, state).dof();
+    }
+    std::vector<ViewResiduals> residuals = problem.residuals(state);
+    add_sums(recording.rig, residuals, out.sums);
+    std::move(residuals.begin(), residuals.end(), std::back_inserter(out.residuals));
+  }
+  return out;
+}
+
+double rms(double squared, long points) { return points ? std::sqrt(squared / points) : kNan; }
+
+/// Root mean squares of one sensor in one split.
+void set_statistics(const Sums& now, const Sums& read, const Sums& before, bool whole_pose, SplitStatistics& s) {
+  s.points = now.points;
+  s.rms = rms(now.squared, now.points);
+  s.rms_as_read = rms(read.squared, read.points);
+  s.rms_before = rms(before.squared, before.points);
+  if (whole_pose) {
+    s.rotation = rms(now.rotation, now.points);
+    s.rotation_as_read = rms(read.rotation, read.points);
+    s.rotation_before = rms(before.rotation, before.points);
+  }
+  s.whitened_squared = now.whitened;
+  s.whitened_count = now.count;
+}
+
+/// Appends, in the order of samples and views.
+void append(std::vector<ViewResiduals>& from, std::vector<ViewResiduals>& to) {
+  std::stable_sort(from.begin(), from.end(), [](const ViewResiduals& a, const ViewResiduals& b) {
+    return a.sample != b.sample ? a.sample < b.sample : a.view < b.view;
+  });
+  std::move(from.begin(), from.end(), std::back_inserter(to));
+}
+
+}  // namespace
+
+SensorResult unseen(const Sensor& sensor) {
+  SensorResult r;
+  r.name = sensor.name;
+  r.unit = sensor.model->unit();
+  r.whole_pose = sensor.model->whole_pose();
+  for (SplitStatistics* s : {&r.train, &r.test})
+    s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
+  return r;
+}
+
+Residuals residuals(const Linearisation& at) {
+  const Solution& solution = at.solution;
+  const Recording& recording = *solution.recording;
+  const Rig& rig = recording.rig;
+  const std::vector<int>& last_sensors = solution.setup.sensors;
+  Residuals out;
+  std::vector<char> sees(rig.sensors.size(), 0);
+  bool complete = true;  // the last step used every sensor that sees something in training
+  for (const Sample& s : recording.samples)
+    for (const View& v : s.views) {
+      sees[v.sensor] = 1;
+      if (s.train && !std::count(last_sensors.begin(), last_sensors.end(), v.sensor)) complete = false;
+    }
+  std::vector<int> place(rig.sensors.size(), -1);
+  for (size_t i = 0; i < rig.sensors.size(); ++i)
+    if (sees[i]) {
+      place[i] = static_cast<int>(out.sensors.size());
+      out.sensors.push_back(unseen(rig.sensors[i]));
+    }
+  for (bool train : {true, false}) {
+    const std::vector<int> samples = recording.split(train);
+    if (samples.empty()) continue;
+    Judge how;
+    how.noise = solution.noise;
+    how.loss = solution.setup.loss;
+    how.levels = at.problem().setup().levels;
+    how.start = &solution.values;
+    if (!train) how.free = solution.seen_held_out;
+    Judged now;
+    if (train && complete) {
+      now.sums.resize(rig.sensors.size());
+      now.residuals = at.problem().residuals(at.state());
+      add_sums(rig, now.residuals, now.sums);
+    } else {
+      now = judge(recording, samples, solution.values.shared, solution.initial, how);
+    }
+    how.noise = NoiseMode::none;
+    Judged read = judge(recording, samples, solution.values.shared, solution.initial, how);
+    Judged before = judge(recording, samples, solution.initial, solution.initial, how);
+    for (size_t i = 0; i < rig.sensors.size(); ++i) {
+      if (place[i] < 0) continue;
+      SensorResult& sensor = out.sensors[place[i]];
+      set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.whole_pose, train ? sensor.train : sensor.test);
+    }
+    for (const std::string& id : before.undefined) out.undefined.push_back({id, true});
+    for (const std::string& id : now.undefined) out.undefined.push_back({id, false});
+    append(now.residuals, out.after);
+    append(before.residuals, out.before);
+    append(read.residuals, out.as_read);
+  }
+  return out;
+}
+
+Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vector<std::string>& patterns) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  std::vector<Freed> free;
+  std::vector<char> plain(table.all.size(), 0);
+  for (size_t i = 0; i < patterns.size(); ++i) {
+    const std::vector<Freed> found = table.find(patterns[i], "free[" + std::to_string(i) + "]");
+    if (table.is_plain_name(patterns[i])) plain[found[0].parameter] = 1;
+    merge(free, found);
+  }
+  Evaluation out;
+  std::vector<char> influences(table.all.size(), 0);  // some view depends on it
+  std::vector<int> place(rig.sensors.size(), -1);
+  for (bool train : {true, false}) {
+    const std::vector<int> samples = recording.split(train);
+    if (samples.empty()) continue;
+    EstimationSetup setup;
+    setup.sensors = indices(rig.sensors.size());
+    const std::vector<char> used = Estimation(recording, samples, setup).influencing();
+    Judge how;
+    for (const Freed& f : free)
+      if (used[f.parameter] || plain[f.parameter]) how.free.push_back(f);
+    for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
+    how.noise = noise;
+    how.with_dof = true;
+    const Judged now = judge(recording, samples, table.initial, table.initial, how);
+    how.noise = NoiseMode::none;
+    how.with_dof = false;
+    const Judged read = judge(recording, samples, table.initial, table.initial, how);
+    if (!now.undefined.empty())
+      throw std::runtime_error("sample '" + now.undefined[0] +
+                               "' cannot be evaluated: a point lies behind a camera wherever its target is put");
+    out.converged = out.converged && now.converged;
+    out.chi2 += now.chi2;
+    out.dof += now.dof;
+    for (size_t i = 0; i < rig.sensors.size(); ++i) {
+      if (now.sums[i].points == 0) continue;
+      if (place[i] < 0) {
+        place[i] = static_cast<int>(out.sensors.size());
+        out.sensors.push_back(unseen(rig.sensors[i]));
+      }
+      SensorResult& sensor = out.sensors[place[i]];
+      SplitStatistics& s = train ? sensor.train : sensor.test;
+      set_statistics(now.sums[i], read.sums[i], Sums(), sensor.whole_pose, s);
+    }
+  }
+  for (const std::string& pattern : patterns) {
+    const std::vector<Freed> found = table.select(pattern);
+    if (std::none_of(found.begin(), found.end(), [&](const Freed& f) { return influences[f.parameter]; }))
+      out.without_effect.push_back(pattern);
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,116 @@
+// What a calibration found: the values, what is known of them, and how it got there. What is thought of it (residuals, noise, weak
+// directions, warnings) is made of it by models/analysis and put together in models/report.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../../solver/observability.h"
+#include "../estimation/estimation.h"
+#include "../rig/selection.h"
+
+namespace kincal {
+
+/// A direction of the parameters: names of components and coefficients, in real units.
+using Direction = std::vector<std::pair<std::string, double>>;
+
+struct StepResult {
+  std::string name;
+  bool converged = false;
+  int iterations = 0;
+  double chi2_initial = 0, chi2 = 0, cost = 0, seconds = 0;
+  long dof = 0;
+  const char* linear_solver = "";
+  std::vector<std::pair<double, double>> history;  // chi2 and damping: at the start and after each iteration
+  std::vector<std::string> unused, held_out;       // as in the step's plan
+  std::vector<Direction> unobservable;
+};
+
+struct ParameterEstimate {
+  std::string name;
+  std::vector<std::string> components, units;
+  std::vector<double> initial, value;  // poses: increments from the initial pose
+  std::vector<double> sigma;           // NaN: unobservable; 0: held
+  std::vector<char> freed;             // components that some step freed
+  std::vector<double> prior;           // sigmas of the last step's priors, 0: none
+  std::string step;                    // the last that freed it
+  std::optional<Pose> pose;            // absolute, of poses
+  int parameter = -1;                  // index in the table
+
+  std::string component_name(size_t c) const { return components[c].empty() ? name : name + "." + components[c]; }
+};
+
+/// `undefined_start`: the first state of a step cannot be evaluated (a point behind its camera); `message` names the sample and its views.
+enum class Status { converged, unobservable, not_converged, undefined_start, cancelled };
+
+/// The last step's problem at the solution, observed: what analyses start from. Nobody but analysis/linearisation needs to know.
+struct LastProblem {
+  std::unique_ptr<Estimation> problem;
+  VectorXd state;
+  Observability observability;
+  std::vector<MatrixXd> left;  // as observe() gives it
+};
+
+struct Solution {
+  std::shared_ptr<const Recording> recording;
+  Status status = Status::converged;
+  std::string message;  // why it is not usable: a sentence; else empty
+  NoiseMode noise = NoiseMode::latent;
+  double chi2 = 0, cost = 0;
+  long dof = 0;
+  std::vector<StepResult> steps;
+  std::vector<Component> columns;  // unknowns of the last step, in the order of the covariance
+  VectorXd initial;       // shared values that estimates count from: the rig's, closed-form ones of poses that it leaves open
+  EstimationSetup setup;  // of the last step: Estimation(*recording, training(), setup) at pack(values)
+  Values values;          // shared parameters; poses and joint errors of the training samples
+  std::vector<Freed> seen_held_out;            // parameters that the steps free and only held-out samples see
+  std::vector<std::string> computed_starts;    // poses absent from the rig whose initial value comes from the data
+  std::vector<std::string> identity_starts;    // poses absent from the rig and freed in part or with a prior: they start at the identity
+  std::vector<std::string> lost_starts;        // those of computed_starts that nothing with a known pose ties down
+  std::vector<std::string> without_effect;     // as in the last step's plan
+  std::shared_ptr<LastProblem> last;           // null: to be made again (analysis/linearisation.h)
+
+  // Estimates are made at the end of calibrate(), and again when they are asked for after a repeated Calibration::solve().
+  mutable std::vector<ParameterEstimate> parameters;  // everything that any step freed, in the order of the steps
+  mutable std::vector<Direction> unobservable;        // of the last step
+  mutable MatrixXd covariance;
+  mutable bool stale = false;                         // they belong to earlier values: refresh() makes them new
+  /// Makes estimates, covariance and unobservable directions those of `values`. The functions below call it.
+  void refresh() const;
+
+  const Rig& rig() const { return recording->rig; }
+  const ParameterTable& table() const { return recording->table; }
+  const std::vector<Sample>& samples() const { return recording->samples; }
+  std::vector<int> training() const { return recording->training(); }
+
+  /// There are values that somebody may use: every step converged. (Directions may be unobservable: these keep their initial values, and
+  /// their sigmas are NaN.)
+  bool usable() const { return status == Status::converged || status == Status::unobservable; }
+  /// The estimate of a parameter. @throws std::out_of_range where no step freed it.
+  const ParameterEstimate& operator[](const std::string& name) const;
+  /// Value of a pose parameter, freed or not: "sensor/head_camera/pose" is link_T_sensor. @throws std::out_of_range: no such pose.
+  Pose pose(const std::string& name) const;
+  /// The robot with calibrated origins, offsets folded in: position = scale * reading from then on.
+  Tree tree() const;
+};
+
+/// parent_T_joint and offset of every joint as estimated; an origin that did not change is the rig's to the last bit.
+struct RobotModel {
+  std::vector<Pose> origins;
+  std::vector<double> offsets;
+};
+RobotModel robot_model(const Solution& solution);
+
+// How calibrate() fills in a solution, step by step.
+/// The unobservable directions by the names of their components.
+std::vector<Direction> named_directions(const ParameterTable& table, const std::vector<Component>& columns,
+                                        const Observability& observability);
+/// Sigmas, priors and the step of what `columns` are, as a step ended.
+void set_sigmas(const Solution& solution, const Observability& observability, const std::string& step, const std::vector<Prior>& priors);
+/// Values of all estimates, from those of the shared parameters.
+void set_values(const Solution& solution);
+
+}  // namespace kincal

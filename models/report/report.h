@@ -1,0 +1,54 @@
+// Everything that is known after a study: a solution, and each analysis and trial that was made of it. What of it should worry somebody is
+// said by warnings() (warnings.h), in one place, after everything is known.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../analysis/leverage.h"
+#include "../analysis/loops.h"
+#include "../analysis/misfits.h"
+#include "../analysis/noise_levels.h"
+#include "../analysis/residuals.h"
+#include "../analysis/weak_directions.h"
+#include "../calibration/solution.h"
+#include "../doctor/doctor.h"
+#include "../trials/outliers.h"
+#include "../trials/restarts.h"
+#include "../trials/staging.h"
+#include "validation.h"
+
+namespace kincal {
+
+/// Something to know before the result is used: `id` as in the formats, and a sentence.
+struct Warning {
+  std::string id, text;
+};
+
+/// How --estimate-noise went.
+struct NoiseRounds {
+  int count = 0;       // calibrations that estimated the noise
+  bool rests = false;  // the last of them moved no sigma by more than 1 %
+};
+
+struct Report {
+  Solution solution;
+  Residuals residuals;
+  std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints
+  std::optional<NoiseRounds> noise_estimated;  // else the sigmas are the rig's
+  Explanation explanation;                     // weakly determined directions of the last step
+  std::vector<Leverage> leverage;              // above 1 sigma, largest first
+  Misfits misfits;                             // samples and views that fit much worse than the others
+  std::vector<Rejected> rejected;              // taken out before the fit
+  std::string no_consensus;                    // why nothing was taken out although it was asked for
+  std::vector<Rejected> outliers;              // after a plain fit that ended badly: what a robust one would take out
+  std::optional<Restarts> restarts;
+  std::optional<Staging> staging;              // of a rig without steps
+  std::optional<Diagnosis> diagnosis;          // of a calibration that ended badly
+  std::vector<Loop> loops;
+  Validation validation;
+  std::vector<Warning> warnings;
+};
+
+}  // namespace kincal

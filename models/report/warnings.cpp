@@ -1,0 +1,200 @@
+#include "warnings.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+using Warnings = std::vector<Warning>;
+
+constexpr size_t kShown = 5;
+
+std::string excess_text(double ratio) {
+  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", ratio);
+}
+
+std::string count_text(size_t count, const char* what) { return std::to_string(count) + " " + what + (count == 1 ? "" : "s"); }
+
+void warn_of_starts(const Solution& solution, Warnings& out) {
+  for (const std::string& message : solution.without_effect) out.push_back({"no_effect", message});
+  for (const std::string& name : solution.identity_starts)
+    out.push_back(
+        {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
+  for (const std::string& name : solution.lost_starts)
+    out.push_back({"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
+}
+
+void warn_of_undefined(const Residuals& residuals, Warnings& out) {
+  for (const UndefinedSample& sample : residuals.undefined)
+    out.push_back(sample.before
+                      ? Warning{"undefined_before", "sample '" + sample.id + "' cannot be evaluated at the rig's values (a point behind a "
+                                                    "camera): it is missing from rms_before"}
+                      : Warning{"undefined", "held-out sample '" + sample.id + "' cannot be evaluated at the estimate (a point behind a "
+                                             "camera): it is missing from its rms"});
+}
+
+void warn_of_steps(const Report& report, Warnings& out) {
+  const Solution& solution = report.solution;
+  for (const StepResult& s : solution.steps)
+    if (!s.converged)
+      out.push_back({"not_converged", "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations"});
+  for (size_t i = 0; i < solution.unobservable.size(); ++i) {
+    std::string sum;
+    for (const auto& c : solution.unobservable[i]) sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
+    const std::vector<WeakDirection>& weak = report.explanation.weak;  // those of `unobservable` stand first
+    const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure : "hold one of these or give it a prior";
+    out.push_back({"unobservable", "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
+  }
+}
+
+void warn_of_chi2(const Report& report, Warnings& out) {
+  const Solution& solution = report.solution;
+  const double ratio = solution.chi2 / solution.dof;
+  if (solution.dof > 0 && ratio > 1.5) out.push_back({"chi2", excess_text(ratio)});
+  if (solution.dof > 0 && ratio < 1 / 1.5 && solution.noise != NoiseMode::point)  // there it says nothing
+    out.push_back(
+        {"chi2",
+         text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large", ratio)});
+  for (const SensorResult& s : report.residuals.sensors)
+    if (s.train.whitened_count && s.train.whitened_squared / s.train.whitened_count > 1.5)
+      out.push_back({"chi2", "sensor '" + s.name + "': " +
+                                 text("chi2/n is %.3g, its residuals are %.2g times its sigma",
+                                      s.train.whitened_squared / s.train.whitened_count,
+                                      std::sqrt(s.train.whitened_squared / s.train.whitened_count))});
+}
+
+void warn_of_joint_errors(const Solution& solution, Warnings& out) {
+  struct Excess {
+    int count = 0, sample = -1;
+    double worst = 0;
+  };
+  const Rig& rig = solution.rig();
+  std::map<int, Excess> excess;  // by joint
+  for (const auto& e : solution.values.errors) {
+    const double sigmas = e.second / rig.joints[e.first.second].sigma;
+    if (solution.noise != NoiseMode::latent || !(std::abs(sigmas) > 4)) continue;
+    Excess& x = excess[e.first.second];
+    ++x.count;
+    if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
+  }
+  for (const auto& x : excess)
+    out.push_back({"joint_error", "joint '" + rig.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " +
+                                      count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
+                                      text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.worst * rig.joints[x.first].sigma) +
+                                      solution.samples()[x.second.sample].id + "'"});
+}
+
+void warn_of_parameters(const Solution& solution, Warnings& out) {
+  const std::vector<std::string>& identity = solution.identity_starts;
+  for (const ParameterEstimate& e : solution.parameters) {
+    if (e.pose && std::find(identity.begin(), identity.end(), e.name) == identity.end()) {
+      const double moved = std::hypot(e.value[0], e.value[1], e.value[2]), turned = std::hypot(e.value[3], e.value[4], e.value[5]);
+      if (moved > 0.1) out.push_back({"moved", e.name + text(" moved by %.3g m from its initial value: is that possible?", moved)});
+      if (turned > 10 * kPi / 180)
+        out.push_back({"moved", e.name + text(" turned by %.3g degrees from its initial value: is that possible?", turned * 180 / kPi)});
+    }
+    for (size_t c = 0; c < e.value.size(); ++c) {
+      const std::string name = e.component_name(c);
+      if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > 3 * e.prior[c])
+        out.push_back({"prior", name + text(" is %.1f prior sigmas from its prior", (e.value[c] - e.initial[c]) / e.prior[c])});
+      if (e.units[c] == "m" && e.sigma[c] > 0.01) out.push_back({"sigma", name + text(" is known to %.3g m only (one sigma)", e.sigma[c])});
+      if (e.units[c] == "rad" && e.sigma[c] > kPi / 180)
+        out.push_back({"sigma", name + text(" is known to %.3g degrees only (one sigma)", e.sigma[c] * 180 / kPi)});
+    }
+  }
+}
+
+void warn_of_misfits(const char* id, const char* what, const std::vector<Misfit>& found, Warnings& out) {
+  if (found.empty()) return;
+  std::string list;
+  for (size_t i = 0; i < found.size() && i < kShown; ++i)
+    list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
+  out.push_back({id, count_text(found.size(), what) + " with residuals or joint errors far beyond what is usual here: " + list +
+                         (found.size() > kShown ? ", ..." : "")});
+}
+
+/// What a robust fit names, in place of the samples and views that stick out of a plain one, which it may mislead.
+void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
+  struct Kind {
+    const char *id, *one, *many;
+    size_t count, shown;
+    std::string list;
+  };
+  Kind kinds[] = {{"outlier_sample", " sample does", " samples do", 0, 0, ""},
+                  {"outlier_view", " view does", " views do", 0, 0, ""},
+                  {"outlier_point", " point does", " points do", 0, 0, ""}};
+  for (const Rejected& r : outliers) {
+    Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
+    kind.count += std::max<size_t>(1, r.ids.size());
+    if (++kind.shown > kShown) continue;
+    kind.list += (kind.shown > 1 ? ", '" : "'") + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor);
+  }
+  for (const Kind& kind : kinds)
+    if (kind.count > 0)
+      out.push_back({kind.id, "a robust fit finds that " + std::to_string(kind.count) + (kind.count == 1 ? kind.one : kind.many) +
+                                  " not belong to the others: " + kind.list + (kind.shown > kShown ? ", ..." : "") +
+                                  "; a calibration that rejects outliers takes them out"});
+}
+
+void warn_of_noise(const Report& report, Warnings& out) {
+  if (!report.noise_estimated) return;
+  if (!report.noise_estimated->rests)
+    out.push_back({"noise", "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
+                                " rounds and still moves: what the model lacks is taken for noise, now of this and now of that"});
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
+      out.push_back({"noise", level.of + ": " + std::to_string(level.own_views) + (level.own_views == 1 ? " view has" : " views have") +
+                                  " sigmas of their own in the samples file; they were taken times those of the sensor, the file keeps its "
+                                  "numbers"});
+}
+
+void warn_of_minima(const Restarts& restarts, Warnings& out) {
+  const std::vector<Minimum>& minima = restarts.minima;
+  if (minima.size() < 2 || !(minima[1].cost < minima[0].cost || same_cost(minima[1].cost, minima[0].cost))) return;
+  const Minimum& m = minima[1];
+  std::string names;
+  for (size_t i = 0; i < std::min<size_t>(m.differs.size(), 3); ++i)
+    names += (i ? ", " : "") + m.differs[i].first + text(" (%+.3g sigmas)", m.differs[i].second);
+  out.push_back({"minima", std::to_string(m.count) + " of " + std::to_string(restarts.count) + " restarts end in " +
+                               (same_cost(m.cost, minima[0].cost)
+                                    ? "another minimum that is as good as this result"
+                                    : text("a better minimum: cost %.8g, this result has %.8g", m.cost, minima[0].cost)) +
+                               ". Most different: " + names + ". The result is the one that the rig's own values lead to"});
+}
+
+}  // namespace
+
+std::vector<Warning> warnings(const Report& report) {
+  Warnings out;
+  warn_of_starts(report.solution, out);
+  warn_of_undefined(report.residuals, out);
+  warn_of_steps(report, out);
+  warn_of_chi2(report, out);
+  warn_of_joint_errors(report.solution, out);
+  warn_of_parameters(report.solution, out);
+  if (report.outliers.empty()) {
+    warn_of_misfits("outlier_sample", "sample", report.misfits.samples, out);
+    warn_of_misfits("outlier_view", "view", report.misfits.views, out);
+  }
+  if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus});
+  warn_of_noise(report, out);
+  warn_of_outliers(report.outliers, out);
+  if (report.restarts) warn_of_minima(*report.restarts, out);
+  return out;
+}
+
+std::vector<Warning> warnings(const Evaluation& evaluation) {
+  Warnings out;
+  if (!evaluation.converged) out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
+  if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5) out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
+  for (const std::string& pattern : evaluation.without_effect)
+    out.push_back({"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});
+  return out;
+}
+
+}  // namespace kincal
