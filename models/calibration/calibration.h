@@ -16,7 +16,7 @@
 #include "../doctor/doctor.h"
 #include "../estimation/estimation.h"
 #include "../rig/selection.h"
-#include "../analysis/explain.h"
+#include "../analysis/weak_directions.h"
 #include "../analysis/noise_levels.h"
 #include "../analysis/loops.h"
 #include "../trials/restarts.h"
