@@ -190,8 +190,11 @@ std::optional<CalibrationResult> run(Job& job, const CalibrateSettings& settings
       validation.cross_validation = cross_validate(job.calibration, options, settings.cross_validate);
       if (!validation.cross_validation) return std::nullopt;
     }
-    for (const Frame& frame : frames) validation.frames.push_back(report_frame(job.calibration, *result, frame));
-    for (const Requirement& r : requirements) validation.requirements.push_back(judge(r, *result));
+    if (!frames.empty()) {
+      const Unknowns unknowns = last_unknowns(job.calibration, *result);
+      for (const Frame& frame : frames) validation.frames.push_back(report_frame(job.calibration, *result, unknowns, frame));
+    }
+    for (const Requirement& r : requirements) validation.requirements.push_back(judge_requirement(r, *result));
     return result;
   } catch (const NameError& error) {
     throw with_nearest(error, job.calibration);
