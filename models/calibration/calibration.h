@@ -21,7 +21,7 @@
 #include "../analysis/loops.h"
 #include "../trials/restarts.h"
 #include "../trials/staging.h"
-#include "../analysis/validation.h"
+#include "../report/validation.h"
 
 namespace kincal {
 
@@ -138,7 +138,7 @@ struct CalibrationResult {
   std::vector<StagingTrial> staging;               // models/trials/staging.h: what was tried for a rig without steps
   std::optional<Diagnosis> diagnosis;              // models/doctor/doctor.h
   std::vector<Loop> loops;                         // by loops() of models/analysis/loops.h, where somebody wants them
-  Validation validation;                           // likewise, by the functions of models/analysis/validation.h
+  Validation validation;                           // likewise, by the functions of models/report/validation.h
 };
 
 /// Residual table at given parameters.
