@@ -58,6 +58,31 @@ Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
   return out;
 }
 
+/// Parameters that `frame` depends on and earlier steps estimated, but the last one held.
+std::vector<std::string> held_on_the_way(const Calibration& calibration, const CalibrationResult& result, const Frame& frame) {
+  const Rig& rig = calibration.rig();
+  const ParameterTable& table = calibration.table();
+  std::vector<int> on_the_way;
+  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
+    on_the_way.push_back(table.joint_origin[step.joint]);
+    if (!rig.tree.joints[step.joint].moves()) continue;
+    const int d = driver(rig.tree, step.joint).joint;
+    for (int k = 0; k < rig.joints[d].model->size(); ++k) on_the_way.push_back(table.joint_offset[d] + k);
+  }
+  if (frame.pose >= 0) on_the_way.push_back(frame.pose);
+  std::vector<std::string> out;
+  const std::string& last = result.steps.back().name;
+  for (const ParameterEstimate& e : result.parameters) {
+    const auto mine = [&](int p) { return table.all[p].name == e.name; };
+    if (std::none_of(on_the_way.begin(), on_the_way.end(), mine)) continue;
+    for (size_t c = 0; c < e.freed.size(); ++c) {
+      const bool now = e.step == last && e.sigma[c] != 0;  // NaN: freed and not determined
+      if (e.freed[c] && !now) out.push_back(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table) {
@@ -135,11 +160,11 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
     for (const auto& c : found->second) out.by_unknowns.col(c.second) += twists.col(c.first);
   };
   std::map<int, Vector6d> by_reading;  // joint with a reading -> twist by it
-  Pose here;
+  Pose base_T_link;
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
     const Joint& joint = rig.tree.joints[step.joint];
-    Pose base_T_joint, there;
-    walk(step, robot.origin(step.joint), robot.motion(step.joint), here, base_T_joint, there);
+    Pose base_T_joint, base_T_next;
+    walk(step, robot.origin(step.joint), robot.motion(step.joint), base_T_link, base_T_joint, base_T_next);
     add_pose(table.joint_origin[step.joint], step.direction, base_T_joint);
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
@@ -151,24 +176,28 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
       const double sigma = rig.joints[d.joint].sigma;
       if (sigma > 0) by_reading.emplace(d.joint, Vector6d::Zero()).first->second += model.by_reading(reading, own) * sigma * twist;
     }
-    here = there;
+    base_T_link = base_T_next;
   }
+  Pose base_T_frame = base_T_link;
   if (frame.pose >= 0) {
-    here = here * get_pose(values, table.all[frame.pose].start);
-    add_pose(frame.pose, 1, here);
+    base_T_frame = base_T_link * get_pose(values, table.all[frame.pose].start);
+    add_pose(frame.pose, 1, base_T_frame);
   }
   out.by_readings.resize(6, static_cast<Eigen::Index>(by_reading.size()));
   Eigen::Index next = 0;
   for (const auto& r : by_reading) out.by_readings.col(next++) = r.second;
   for (MatrixXd* twists : {&out.by_unknowns, &out.by_readings})
-    twists->topRows<3>() -= skew(here.translation) * twists->bottomRows<3>();  // v + w x p
+    twists->topRows<3>() -= skew(base_T_frame.translation) * twists->bottomRows<3>();  // v + w x p
   return out;
 }
 
 FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame) {
+  return report_frame(calibration, result, last_unknowns(calibration, result), frame);
+}
+
+FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Unknowns& unknowns, const Frame& frame) {
   const Rig& rig = calibration.rig();
   const ParameterTable& table = calibration.table();
-  const Unknowns unknowns = last_unknowns(calibration, result);
   FrameReport out;
   out.frame = frame.name;
   out.base = rig.tree.links[rig.base];
@@ -190,24 +219,7 @@ FrameReport report_frame(const Calibration& calibration, const CalibrationResult
     out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()), statistics(sigma[0]), statistics(sigma[1]),
                               statistics(sigma[2]), statistics(sigma[3])});
   }
-
-  std::vector<int> on_the_way;
-  for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
-    on_the_way.push_back(table.joint_origin[step.joint]);
-    if (!rig.tree.joints[step.joint].moves()) continue;
-    const int d = driver(rig.tree, step.joint).joint;
-    for (int k = 0; k < rig.joints[d].model->size(); ++k) on_the_way.push_back(table.joint_offset[d] + k);
-  }
-  if (frame.pose >= 0) on_the_way.push_back(frame.pose);
-  const std::string& last = result.steps.back().name;
-  for (const ParameterEstimate& e : result.parameters) {
-    const auto mine = [&](int p) { return table.all[p].name == e.name; };
-    if (std::none_of(on_the_way.begin(), on_the_way.end(), mine)) continue;
-    for (size_t c = 0; c < e.freed.size(); ++c) {
-      const bool now = e.step == last && e.sigma[c] != 0;  // NaN: freed and not determined
-      if (e.freed[c] && !now) out.held.push_back(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
-    }
-  }
+  out.held = held_on_the_way(calibration, result, frame);
   return out;
 }
 

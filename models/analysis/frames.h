@@ -45,7 +45,7 @@ struct Unknowns {
   MatrixXd covariance;                       // 0 along `undetermined`
   MatrixXd undetermined;                     // columns: directions, real units
 };
-/// Of the last step.
+/// What the last step freed, and its covariance at the solution. Builds and linearises the problem anew.
 Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result);
 
 using Readings = std::vector<double>;  // by joint index; NaN: absent
@@ -79,7 +79,9 @@ struct FrameReport {
   std::vector<FrameSigma> workspaces;  // without `samples` where no sample has the readings
   std::vector<std::string> held;       // parameters on the way that earlier steps estimated and the last one held: taken as exact
 };
-/// Predicted sigma of a frame relative to the base.
+/// Predicted sigma of a frame relative to the base. `unknowns`: last_unknowns() of the same result.
+FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Unknowns& unknowns, const Frame& frame);
+/// The same for a single frame.
 FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame);
 
 /// A calibrated robot: rig, its parameters and their values; what is known of their errors.

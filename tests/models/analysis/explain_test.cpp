@@ -1,6 +1,6 @@
 // Reasons of weak directions on small rigs in which each is planted. Not proven: that every weak direction of any robot finds its reason
 // (some end as "unknown").
-#include "../../../models/analysis/explain.h"
+#include "../../../models/analysis/weak_directions.h"
 
 #include <catch2/catch.hpp>
 #include <functional>

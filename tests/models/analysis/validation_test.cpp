@@ -1,4 +1,5 @@
-// models/analysis/frames.h and models/analysis/validation.h: predicted errors of frames, folds, intervals, cross-validation, tolerances.
+// models/analysis/{frames,held_out}.h, models/rig/folds.h, models/trials/cross_validation.h and models/report/requirements.h: predicted errors
+// of frames, folds, intervals, cross-validation, tolerances.
 //
 // Proves: a frame's pose and its derivative by offsets, scales, origins (whole, and in part away from their start), mimic joints, poses of
 // sensors and targets and noise of readings equal differences of an independent forward model, on a robot with every kind of joint; the
@@ -8,7 +9,7 @@
 // often as they say, also for few blocks of unlike size; cross-validation is what calibrations by hand give; tolerances take the split
 // that they should.
 // Does not prove: that folds are the best ones, or that intervals hold for blocks that depend on one another.
-#include "../../../models/analysis/validation.h"
+#include "../../../models/report/validation.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -535,31 +536,31 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   r.limit = 0.0002;
   r.unit = "mm";
   r.factor = 1e-3;
-  CHECK(judge(r, result).from == "train");
-  CHECK(judge(r, result).met);
-  CHECK_THAT(judgement_text(judge(r, result)), Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
+  CHECK(judge_requirement(r, result).from == "train");
+  CHECK(judge_requirement(r, result).met);
+  CHECK_THAT(judgement_text(judge_requirement(r, result)), Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
   HeldOutError e;
   e.sensor = "tracker";
   e.points = 10;
   e.rms_as_read = 0.0003;
   result.validation.cross_validation.emplace();
   result.validation.cross_validation->sensors = {e};
-  CHECK(judge(r, result).from == "cross_validation");
-  CHECK(!judge(r, result).met);
+  CHECK(judge_requirement(r, result).from == "cross_validation");
+  CHECK(!judge_requirement(r, result).met);
   e.rms_as_read = 0.00019;
   result.validation.test = {e};
-  CHECK(judge(r, result).from == "test");
-  CHECK(judge(r, result).met);
+  CHECK(judge_requirement(r, result).from == "test");
+  CHECK(judge_requirement(r, result).met);
   result.validation.test[0].missing = 1;  // a view that cannot even be evaluated is no success
-  CHECK(!judge(r, result).met);
-  CHECK_THAT(judgement_text(judge(r, result)), Contains("1 held-out views cannot be evaluated"));
+  CHECK(!judge_requirement(r, result).met);
+  CHECK_THAT(judgement_text(judge_requirement(r, result)), Contains("1 held-out views cannot be evaluated"));
 
   Requirement chi2;
   chi2.text = "chi2/dof<1.5";
   chi2.quantity = Requirement::Quantity::chi2_per_dof;
   chi2.limit = 1.5;
-  CHECK(judge(chi2, result).measured == Approx(1.2));
-  CHECK(judge(chi2, result).met);
+  CHECK(judge_requirement(chi2, result).measured == Approx(1.2));
+  CHECK(judge_requirement(chi2, result).met);
   Requirement frame;
   frame.text = "frame/tool<1mm";
   frame.quantity = Requirement::Quantity::frame;
@@ -571,10 +572,10 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   report.frame = "tool";
   report.workspaces.push_back({"samples", 3, {0.0005, 0.0005, 0.0005}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
   result.validation.frames.push_back(report);
-  CHECK(judge(frame, result).met);
+  CHECK(judge_requirement(frame, result).met);
   result.validation.frames[0].workspaces[0].position = {std::nan(""), std::nan(""), std::nan("")};
-  CHECK(!judge(frame, result).met);
-  CHECK_THAT(judgement_text(judge(frame, result)), Contains("unknown") && Contains("do not determine"));
-  result.validation.requirements = {judge(chi2, result), judge(frame, result)};
+  CHECK(!judge_requirement(frame, result).met);
+  CHECK_THAT(judgement_text(judge_requirement(frame, result)), Contains("unknown") && Contains("do not determine"));
+  result.validation.requirements = {judge_requirement(chi2, result), judge_requirement(frame, result)};
   CHECK(!result.validation.met());
 }

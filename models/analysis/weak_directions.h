@@ -8,15 +8,8 @@
 // unknowns follow it while the other pivots stand still, the columns of C_K (C_KK)^-1; its sigma is the pivot's. (Eigenvectors would mix
 // directions of like sigma.)
 //
-// Why is looked for in the model, not in names. With J_p d_p what parameter p does to the whitened residuals along d:
-//   - |J_p d_p| = 0: nothing depends on it, or all that is seen lies on the axis about which it turns.
-//   - |sum J_p d_p| is small beside the parts: they cancel. Their motions of the target as seen from the sensor (finite differences of the
-//     kinematics) say how: the same turn, the same shift, or other motions that move the seen points alike (points on an axis or a line;
-//     size against distance).
-//   - it is small only after the elimination of the free targets: these go along.
-//   - with exact readings sigma were less than half: the joints' noise hides it.
-// A cure is tried out: every joint on the way is moved by 0.4 rad (0.1 m) in all samples, and those after which the parts no longer cancel
-// are the ones to move; if there is none, no posture helps.
+// Why is looked for in the model (reasons.h). Where that finds no reason, or free targets, and with exact readings sigma were less than half,
+// the joints' noise hides it.
 #pragma once
 
 #include <string>
@@ -58,7 +51,7 @@ struct Explanation {
   std::vector<Correlation> correlations;    // from the data alone, above 0.99 in size, the largest first
 };
 
-/// Of the last step at its solution. The result needs its covariance, setup, values, parameters and `unobservable`.
+/// Explains what the data of the last step tell at its solution. The result needs its covariance, setup, values, parameters and `unobservable`.
 Explanation explain(const Calibration& calibration, const CalibrationResult& result);
 
 }  // namespace kincal

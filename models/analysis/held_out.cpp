@@ -1,0 +1,129 @@
+#include "held_out.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../calibration/calibration.h"
+
+namespace kincal {
+namespace {
+
+/// Quantile 97.5 % of Student's t with n >= 2 degrees of freedom: Cornish and Fisher's expansion about the normal's (Abramowitz, Stegun
+/// 26.7.5), 0.12 % off at n = 3, better beyond.
+double student_quantile(long n) {
+  if (n == 2) return std::sqrt(2 / (0.05 * 1.95) - 2);
+  constexpr double z = 1.959963984540054, q = z * z;
+  const double a = 1 / static_cast<double>(n);
+  return z * (1 + a * ((q + 1) / 4 +
+                       a * (((5 * q + 16) * q + 3) / 96 + a * ((((3 * q + 19) * q + 17) * q - 15) / 384 +
+                                                               a * (((((79 * q + 776) * q + 1482) * q - 1920) * q - 945) / 92160)))));
+}
+
+}  // namespace
+
+Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points) {
+  const size_t m = squares.size();
+  double sum = 0;
+  long count = 0;
+  for (size_t i = 0; i < m; ++i) sum += squares[i], count += points[i];
+  if (m < 3) return {};
+  if (sum == 0) return {0, 0};
+  std::vector<double> theta;
+  double mean = 0;
+  for (size_t i = 0; i < m; ++i) {
+    const double left = sum - squares[i];
+    if (!(left > 0) || count == points[i]) return {};  // all of it in one block
+    theta.push_back(std::log(left / static_cast<double>(count - points[i])));
+    mean += theta.back() / static_cast<double>(m);
+  }
+  double variance = 0;
+  for (double t : theta) variance += (t - mean) * (t - mean);
+  const double error = std::sqrt(variance * static_cast<double>(m - 1) / static_cast<double>(m));
+  const double rms = std::sqrt(sum / static_cast<double>(count)), factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
+  if (factor > 10) return {};  // one block is nearly all of it: the scatter over blocks says nothing
+  return {rms / factor, rms * factor};
+}
+
+void HeldOutSums::add(const Calibration& calibration, const CalibrationResult& result, const std::vector<int>& index) {
+  const Rig& rig = calibration.rig();
+  for (const Sample& s : calibration.samples())
+    if (!s.train)
+      for (const View& v : s.views) ++missing[v.sensor];
+  for (bool read : {false, true})
+    for (const ViewResiduals& r : read ? result.residuals_as_read : result.residuals) {
+      if (calibration.samples()[r.sample].train) continue;
+      BlockSums& sums = all[{r.view->sensor, index[r.sample]}];
+      const bool whole = rig.sensors[r.view->sensor].model->whole_pose();
+      const double squared = whole ? r.raw.head<3>().squaredNorm() : r.raw.squaredNorm();
+      const double rotation = whole ? r.raw.tail<3>().squaredNorm() : 0;
+      (read ? sums.as_read : sums.squared) += squared;
+      (read ? sums.rotation_as_read : sums.rotation) += rotation;
+      if (read) {
+        sums.points += whole ? 1 : r.raw.size() / rig.sensors[r.view->sensor].model->rows();
+        --missing[r.view->sensor];
+      }
+    }
+}
+
+std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, const HeldOutSums& held_out) {
+  std::vector<HeldOutError> out;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    const auto missing = held_out.missing.find(static_cast<int>(s));
+    if (missing == held_out.missing.end()) continue;
+    HeldOutError e;
+    e.sensor = rig.sensors[s].name;
+    e.unit = rig.sensors[s].model->unit();
+    e.whole_pose = rig.sensors[s].model->whole_pose();
+    e.missing = missing->second;
+    std::map<int, BlockSums> by_block, by_sample;
+    BlockSums total;
+    const auto add = [](BlockSums& to, const BlockSums& more) {
+      to.points += more.points;
+      to.squared += more.squared;
+      to.as_read += more.as_read;
+      to.rotation += more.rotation;
+      to.rotation_as_read += more.rotation_as_read;
+    };
+    for (const auto& entry : held_out.all) {
+      if (entry.first.first != static_cast<int>(s)) continue;
+      const int block = blocks.of[entry.first.second];
+      e.by_target = e.by_target || blocks.target[block];
+      add(by_block[block], entry.second);
+      add(by_sample[entry.first.second], entry.second);
+      add(total, entry.second);
+    }
+    if (by_block.size() < 3) e.by_target = false;
+    const std::map<int, BlockSums>& parts = e.by_target || by_block.size() >= 3 ? by_block : by_sample;
+    e.points = total.points;
+    e.blocks = static_cast<long>(parts.size());
+    const auto judge = [&](double BlockSums::*squares, double& rms, Interval& interval) {
+      rms = total.points ? std::sqrt(total.*squares / static_cast<double>(total.points)) : kNan;
+      std::vector<double> values;
+      std::vector<long> points;
+      for (const auto& part : parts) {
+        values.push_back(part.second.*squares);
+        points.push_back(part.second.points);
+      }
+      interval = rms_interval(values, points);
+    };
+    judge(&BlockSums::squared, e.rms, e.of_rms);
+    judge(&BlockSums::as_read, e.rms_as_read, e.of_rms_as_read);
+    e.rotation = e.rotation_as_read = kNan;
+    if (e.whole_pose) {
+      judge(&BlockSums::rotation, e.rotation, e.of_rotation);
+      judge(&BlockSums::rotation_as_read, e.rotation_as_read, e.of_rotation_as_read);
+    }
+    out.push_back(e);
+  }
+  return out;
+}
+
+std::vector<HeldOutError> held_out_errors(const Calibration& calibration, const CalibrationResult& result) {
+  std::vector<int> same;
+  for (size_t i = 0; i < calibration.samples().size(); ++i) same.push_back(static_cast<int>(i));
+  HeldOutSums sums;
+  sums.add(calibration, result, same);
+  return held_out_errors(calibration.rig(), make_blocks(calibration.rig(), calibration.samples()), sums);
+}
+
+}  // namespace kincal

@@ -1,0 +1,137 @@
+#include "scene.h"
+
+#include <algorithm>
+#include <map>
+
+#include "../rig/configuration.h"
+#include "../rig/targets.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kMostViews = 60;  // that are looked at for a reason
+
+}  // namespace
+
+Scene::Scene(const Recording& recording, const EstimationSetup& setup, const Values& values)
+    : recording_(recording), values_(values), at_(recording, setup, values) {
+  int privates = 0;
+  for (const GroupShape& shape : at_.problem.groups()) privates += shape.private_size;
+  still_ = VectorXd::Zero(privates);
+  std::vector<std::pair<int, const View*>> all;
+  for (int s : recording.training())
+    for (const View& view : recording.samples[s].views)
+      if (std::count(setup.sensors.begin(), setup.sensors.end(), view.sensor)) all.push_back({s, &view});
+  // Some of each pair of sensor and target, spread over the samples.
+  std::map<std::pair<int, int>, int> count, at;
+  for (const auto& v : all) ++count[{v.second->sensor, v.second->target}];
+  const int each = std::max(4, kMostViews / std::max(1, static_cast<int>(count.size())));
+  for (const auto& v : all) {
+    const std::pair<int, int> key = {v.second->sensor, v.second->target};
+    const int i = at[key]++, n = count[key];
+    if (static_cast<long>(i) * each / n == static_cast<long>(i + 1) * each / n && n > each) continue;
+    add(v.first, v.second);
+  }
+}
+
+void Scene::add(int sample, const View* view) {
+  Seen s{sample, view, {}, {}};
+  const Sensor& sensor = rig().sensors[view->sensor];
+  const Target& target = rig().targets[view->target];
+  s.path = find_path(rig().tree, sensor.link, target.link >= 0 ? target.link : rig().base);
+  if (sensor.model->whole_pose()) {
+    s.points = {Vector3d::Zero(), 0.1 * Vector3d::UnitX(), 0.1 * Vector3d::UnitY(), 0.1 * Vector3d::UnitZ()};
+  } else {
+    const std::vector<int> ids = view_ids(*view, target);
+    const size_t stride = std::max<size_t>(1, ids.size() / 6);
+    for (size_t i = 0; i < ids.size(); i += stride) s.points.push_back(point(solution(), view->target, ids[i]));
+  }
+  seen_.push_back(std::move(s));
+}
+
+Vector3d Scene::point(const VectorXd& values, int target, int id) const {
+  const Target& t = rig().targets[target];
+  if (t.grid) return values(table().all[table().target_square[target]].start) * t.layout.col(id);
+  return values.segment<3>(table().all[table().target_points[target]].start + 3 * id);
+}
+
+/// Joint `moved` stands `by` further than it does in the sample.
+double Scene::position(const VectorXd& values, const Seen& s, int joint, int moved, double by) const {
+  const Sample& sample = recording_.samples[s.sample];
+  const int own = driver(rig().tree, joint).joint;
+  double reading = sample.readings[own];
+  const Sensor& sensor = rig().sensors[s.view->sensor];
+  if (sensor.scanning_joint == own && !s.view->z.empty()) {  // in the middle of the scan
+    reading = 0;
+    for (size_t i = 0; i < s.view->z.size(); i += 3) reading += s.view->z[i] * 3 / static_cast<double>(s.view->z.size());
+  }
+  const auto error = values_.errors.find({s.sample, own});
+  if (error != values_.errors.end()) reading += error->second;
+  if (own == moved) reading += by;
+  return Configuration(rig(), table(), values, sample.readings).with(own, reading).position(joint);
+}
+
+Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved, double by) const {
+  Pose begin_T_end;
+  for (const PathStep& step : path) {
+    const Joint& joint = rig().tree.joints[step.joint];
+    Pose next = get_pose(values, table().all[table().joint_origin[step.joint]].start);
+    if (joint.moves()) next = next * joint_motion(joint, position(values, s, step.joint, moved, by));
+    begin_T_end = begin_T_end * (step.direction > 0 ? next : inverse(next));
+  }
+  return begin_T_end;
+}
+
+Pose Scene::sensor_T_target(const VectorXd& values, const Seen& s, int moved, double by) const {
+  const bool mounted = rig().targets[s.view->target].link >= 0;
+  Pose target =
+      mounted ? get_pose(values, table().all[table().target_pose[s.view->target]].start) : values_.targets.at({s.sample, s.view->target});
+  if (moved >= 0 && !mounted)
+    for (const View& other : recording_.samples[s.sample].views)
+      if (other.target == s.view->target && rig().sensors[other.sensor].model->sight() == Sight::chain) {
+        const Path path = find_path(rig().tree, rig().base, rig().sensors[other.sensor].link);
+        target = along(path, solution(), s, moved, by) * inverse(along(path, solution(), s, -1, 0)) * target;
+        break;
+      }
+  return inverse(get_pose(values, table().all[table().sensor_pose[s.view->sensor]].start)) * along(s.path, values, s, moved, by) * target;
+}
+
+VectorXd Scene::after(const VectorXd& step) const {
+  VectorXd moved;
+  at_.problem.retract(at_.state, step, still_, moved);
+  return moved.head(solution().size());
+}
+
+std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved, double by) {
+  const double h = 1e-5 / std::max(1e-12, step.cwiseAbs().maxCoeff());
+  const VectorXd up = scene.after(h * step), down = scene.after(-h * step);
+  std::vector<Motion> out;
+  for (const Scene::Seen& s : scene.seen()) {
+    const Pose high = scene.sensor_T_target(up, s, moved, by), low = scene.sensor_T_target(down, s, moved, by);
+    Motion m;
+    m.twist = log_se3(high * inverse(low)) / (2 * h);
+    const bool rays = scene.rig().sensors[s.view->sensor].model->sight() == Sight::rays;
+    for (const Vector3d& p : s.points) {
+      Vector3d d = (high * p - low * p) / (2 * h);
+      const Vector3d ray = (low * p).normalized();
+      if (rays) d -= ray * ray.dot(d);
+      m.points.push_back(d);
+    }
+    out.push_back(std::move(m));
+  }
+  return out;
+}
+
+std::pair<double, double> size_of(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b) {
+  std::pair<double, double> sum = {0, 0};
+  for (size_t v = 0; v < a.size(); ++v) {
+    for (size_t i = 0; i < a[v].points.size(); ++i)
+      sum.first += (b ? Vector3d(a[v].points[i] + (*b)[v].points[i]) : a[v].points[i]).squaredNorm();
+    const Vector6d twist = b ? Vector6d(a[v].twist + (*b)[v].twist) : a[v].twist;
+    const Vector3d origin = scene.sensor_T_target(scene.solution(), scene.seen()[v]).translation;
+    sum.second += (twist.head<3>() + twist.tail<3>().cross(origin)).squaredNorm() + 0.04 * twist.tail<3>().squaredNorm();
+  }
+  return sum;
+}
+
+}  // namespace kincal

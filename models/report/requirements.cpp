@@ -1,0 +1,82 @@
+#include "requirements.h"
+
+#include <cmath>
+#include <cstdio>
+#include <map>
+
+#include "../analysis/held_out.h"
+#include "../calibration/calibration.h"
+#include "../rig/numbers.h"
+
+namespace kincal {
+namespace {
+
+const HeldOutError* find_sensor(const std::vector<HeldOutError>& all, const std::string& name) {
+  for (const HeldOutError& e : all)
+    if (e.sensor == name && e.points + e.missing > 0) return &e;
+  return nullptr;
+}
+
+}  // namespace
+
+std::string judgement_text(const Judgement& j) {
+  const Requirement& r = j.requirement;
+  std::string out = r.text;
+  if (r.quantity == Requirement::Quantity::sensor && r.text.find(r.name) == std::string::npos) out += " (" + r.name + ")";
+  out += ": ";
+  if (std::isfinite(j.measured)) {
+    char value[64];
+    std::snprintf(value, sizeof value, "%.4g", j.measured / r.factor);
+    out += value + (r.unit.empty() ? "" : " " + r.unit);
+  } else {
+    out += "unknown";
+  }
+  const std::map<std::string, std::string> words = {{"test", "rms as read, held out"},
+                                                    {"cross_validation", "rms as read, cross-validated"},
+                                                    {"train", "rms as read in training (nothing is held out)"},
+                                                    {"samples", "predicted over the samples' postures"},
+                                                    {"limits", "predicted over the joints' limits"}};
+  const auto found = words.find(j.from);
+  if (found != words.end()) out += ", " + found->second;
+  return j.why.empty() ? out : out + "; " + j.why;
+}
+
+Judgement judge_requirement(const Requirement& requirement, const CalibrationResult& result) {
+  Judgement out;
+  out.requirement = requirement;
+  out.measured = kNan;
+  const Validation& validation = result.validation;
+  if (requirement.quantity == Requirement::Quantity::sensor) {
+    const HeldOutError* e = find_sensor(validation.test, requirement.name);
+    out.from = "test";
+    if (!e && validation.cross_validation) {
+      e = find_sensor(validation.cross_validation->sensors, requirement.name);
+      out.from = "cross_validation";
+    }
+    if (e) {
+      out.measured = requirement.rotation ? e->rotation_as_read : e->rms_as_read;
+      if (e->missing > 0) out.why = std::to_string(e->missing) + " held-out views cannot be evaluated";
+    } else {
+      out.from = "train";
+      for (const SensorResult& s : result.sensors)
+        if (s.name == requirement.name) out.measured = requirement.rotation ? s.train.rotation_as_read : s.train.rms_as_read;
+      if (!std::isfinite(out.measured)) out.why = "the sensor sees nothing";
+    }
+  } else if (requirement.quantity == Requirement::Quantity::frame) {
+    for (const FrameReport& f : validation.frames)
+      if (f.frame == requirement.name && !f.workspaces.empty()) {
+        const FrameSigma& sigma = f.workspaces.front();
+        out.from = sigma.workspace;
+        out.measured = requirement.rotation ? sigma.rotation.rms : sigma.position.rms;
+      }
+    if (!std::isfinite(out.measured)) out.why = "the data do not determine it";
+  } else if (result.dof > 0) {
+    out.measured = result.chi2 / static_cast<double>(result.dof);
+  } else {
+    out.why = "there are no degrees of freedom";
+  }
+  out.met = out.why.empty() && out.measured < requirement.limit;
+  return out;
+}
+
+}  // namespace kincal

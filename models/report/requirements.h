@@ -1,0 +1,36 @@
+// Tolerances: whether the error of a calibration is small enough.
+#pragma once
+
+#include <string>
+
+namespace kincal {
+
+struct CalibrationResult;
+
+/// A tolerance. Sensor: rms as read, of the test split if it has points of the sensor, else cross-validated, else of training. Frame: rms
+/// of the predicted sigma over the samples' postures (without such over the joints' limits), of the calibration alone.
+struct Requirement {
+  enum class Quantity { sensor, frame, chi2_per_dof };
+  std::string text;  // as given
+  Quantity quantity = Quantity::sensor;
+  std::string name;  // of the sensor or frame
+  bool rotation = false;
+  double limit = 0;   // m, px, rad
+  std::string unit;   // as given
+  double factor = 1;  // limit of `unit` in m, px, rad
+};
+struct Judgement {
+  Requirement requirement;
+  std::string from;  // `test`, `cross_validation`, `train`, `samples`, `limits`, ``
+  double measured;   // m, px, rad; NaN: none
+  std::string why;   // there is none, or it does not count
+  bool met = false;
+};
+
+/// "sensor/tracker<0.2mm: 0.169 mm, held out", or why there is nothing to measure.
+std::string judgement_text(const Judgement& judgement);
+
+/// Measures what is required in `result` and its `validation`, whose frames must contain that of the requirement.
+Judgement judge_requirement(const Requirement& requirement, const CalibrationResult& result);
+
+}  // namespace kincal

@@ -1,0 +1,29 @@
+// What a calibration knows about its error on other data.
+#pragma once
+
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../analysis/frames.h"
+#include "../analysis/held_out.h"
+#include "../trials/cross_validation.h"
+#include "requirements.h"
+
+namespace kincal {
+
+struct Validation {
+  std::vector<std::string> held_out;  // blocks that --holdout took out of the training
+  std::vector<HeldOutError> test;
+  std::optional<CrossValidation> cross_validation;
+  std::vector<FrameReport> frames;
+  std::vector<Judgement> requirements;
+
+  /// Whether all requirements are met.
+  bool met() const {
+    return std::all_of(requirements.begin(), requirements.end(), [](const Judgement& j) { return j.met; });
+  }
+};
+
+}  // namespace kincal

@@ -1,0 +1,174 @@
+#include "folds.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "parameters.h"
+
+namespace kincal {
+namespace {
+
+/// FNV-1a, its bits then mixed by the finaliser of splitmix64: the same everywhere.
+std::uint64_t hash(const std::string& text) {
+  std::uint64_t h = 0xcbf29ce484222325u;
+  for (unsigned char c : text) h = (h ^ c) * 0x100000001b3u;
+  h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9u;
+  h = (h ^ (h >> 27)) * 0x94d049bb133111ebu;
+  return h ^ (h >> 31);
+}
+
+/// Mounted targets whose pose some step frees; all of them where there are no steps yet.
+std::vector<char> movable_targets(const Rig& rig) {
+  const ParameterTable table(rig);
+  std::vector<char> out(rig.targets.size(), 0);
+  for (size_t t = 0; t < out.size(); ++t) out[t] = rig.steps.empty() && rig.targets[t].link >= 0;
+  for (const Step& step : rig.steps)
+    for (const std::string& pattern : step.free)
+      for (const Freed& f : table.select(pattern))
+        for (size_t t = 0; t < out.size(); ++t) out[t] = out[t] || table.target_pose[t] == f.parameter;
+  return out;
+}
+
+/// Those of them that are placements: a sensor sees several, one in a sample.
+std::vector<char> placements(const Rig& rig, const std::vector<Sample>& samples) {
+  const std::vector<char> movable = movable_targets(rig);
+  std::vector<std::set<int>> seen(rig.sensors.size());
+  std::vector<char> alone(rig.sensors.size(), 1);
+  for (const Sample& s : samples) {
+    std::vector<std::set<int>> together(rig.sensors.size());
+    for (const View& v : s.views)
+      if (movable[v.target]) together[v.sensor].insert(v.target);
+    for (size_t i = 0; i < together.size(); ++i) {
+      seen[i].insert(together[i].begin(), together[i].end());
+      if (together[i].size() > 1) alone[i] = 0;
+    }
+  }
+  std::vector<char> out(rig.targets.size(), 0);
+  for (size_t i = 0; i < seen.size(); ++i)
+    if (alone[i] && seen[i].size() > 1)
+      for (int t : seen[i]) out[t] = 1;
+  return out;
+}
+
+}  // namespace
+
+Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples) {
+  const std::vector<char> placement = placements(rig, samples);
+  // Placements of different sensors may meet in a sample: then they go together, under the name of the first.
+  std::vector<int> leader(rig.targets.size());
+  for (size_t t = 0; t < leader.size(); ++t) leader[t] = static_cast<int>(t);
+  const auto find = [&](int t) {
+    while (leader[t] != t) t = leader[t];
+    return t;
+  };
+  for (const Sample& s : samples) {
+    int first = -1;
+    for (const View& v : s.views)
+      if (placement[v.target]) {
+        if (first < 0) first = v.target;
+        const int a = find(first), b = find(v.target);
+        leader[std::max(a, b)] = std::min(a, b);
+      }
+  }
+  Blocks out;
+  std::map<int, int> of_target;
+  for (const Sample& s : samples) {
+    int target = -1;
+    for (const View& v : s.views)
+      if (placement[v.target]) target = find(v.target);
+    const int next = static_cast<int>(out.names.size());
+    const int block = target < 0 ? next : of_target.emplace(target, next).first->second;
+    if (block == next) {
+      out.names.push_back(target < 0 ? s.id : rig.targets[target].name);
+      out.target.push_back(target >= 0);
+    }
+    out.of.push_back(block);
+  }
+  return out;
+}
+
+std::vector<std::string> Folds::held_out(int fold) const {
+  std::set<int> found;
+  for (size_t i = 0; i < of.size(); ++i)
+    if (training[i] && of[i] == fold) found.insert(blocks.of[i]);
+  std::vector<std::string> out;
+  for (int b : found) out.push_back(blocks.names[b]);
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+bool Folds::by_target() const {
+  for (size_t i = 0; i < of.size(); ++i)
+    if (training[i] && blocks.target[blocks.of[i]]) return true;
+  return false;
+}
+
+Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) {
+  Folds out;
+  out.count = count;
+  out.blocks = make_blocks(rig, samples);
+  out.of.assign(samples.size(), -1);
+  const std::vector<char> placement = placements(rig, samples);
+  struct Card {
+    std::set<std::string> seen;  // sensors and targets: what must not all be in one fold
+    std::uint64_t hash = 0;
+    int block = -1, fold = -1;
+  };
+  std::map<int, Card> cards;  // by block
+  for (size_t i = 0; i < samples.size(); ++i) {
+    out.training.push_back(samples[i].train);
+    if (!samples[i].train) continue;
+    Card& card = cards[out.blocks.of[i]];
+    card.block = out.blocks.of[i];
+    card.hash = hash(out.blocks.names[card.block]);
+    for (const View& v : samples[i].views) {
+      card.seen.insert("sensor/" + rig.sensors[v.sensor].name);
+      if (!placement[v.target]) card.seen.insert("target/" + rig.targets[v.target].name);
+    }
+  }
+  std::vector<Card> deck;
+  for (auto& card : cards) deck.push_back(std::move(card.second));
+  std::sort(deck.begin(), deck.end(), [&](const Card& a, const Card& b) {
+    if (a.seen != b.seen) return a.seen < b.seen;
+    if (a.hash != b.hash) return a.hash < b.hash;
+    return out.blocks.names[a.block] < out.blocks.names[b.block];
+  });
+  for (size_t i = 0; i < deck.size(); ++i) deck[i].fold = static_cast<int>(i % static_cast<size_t>(count));
+  std::set<std::string> names;
+  for (const Card& card : deck) names.insert(card.seen.begin(), card.seen.end());
+  for (const std::string& name : names) {
+    std::set<int> folds;
+    Card* first = nullptr;
+    for (Card& card : deck)
+      if (card.seen.count(name)) {
+        folds.insert(card.fold);
+        if (!first) first = &card;
+      }
+    if (folds.size() == 1 && first->fold >= 0) first->fold = -1;
+  }
+  std::set<int> filled;
+  long holdable = 0;
+  std::string targets;
+  for (const Card& card : deck) {
+    if (card.fold >= 0) {
+      filled.insert(card.fold);
+      ++holdable;
+    }
+    if (out.blocks.target[card.block]) targets += (targets.empty() ? "" : ", ") + out.blocks.names[card.block];
+  }
+  if (static_cast<int>(filled.size()) < count)
+    throw std::invalid_argument(std::to_string(count) + " folds of " + std::to_string(holdable) +
+                                (targets.empty() ? " training samples" : " parts of the training samples") + " that can be held out" +
+                                (targets.empty() ? "" : " (those of a target are held out together: " + targets + ")") +
+                                ": at most as many folds, at least 2");
+  for (size_t i = 0; i < samples.size(); ++i)
+    if (samples[i].train)
+      for (const Card& card : deck)
+        if (card.block == out.blocks.of[i]) out.of[i] = card.fold;
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,29 @@
+// Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold that it lacks.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../analysis/held_out.h"
+
+namespace kincal {
+
+struct CalibrationOptions;
+
+struct CrossValidation {
+  struct Fold {
+    std::vector<std::string> held_out;  // blocks
+    bool converged = false, determined = false;
+    std::string error;  // why there is no calibration without this fold; its views are missing
+  };
+  bool by_target = false;
+  std::vector<Fold> folds;
+  std::vector<std::string> never;  // blocks that are never held out
+  std::vector<HeldOutError> sensors;
+};
+/// K calibrations of the training samples from the rig's values, each without one fold, judged on that fold. Samples that are held out
+/// already take no part. nullopt: options.progress cancelled. @throws std::invalid_argument as deal_folds.
+std::optional<CrossValidation> cross_validate(const Calibration& calibration, const CalibrationOptions& options, int folds);
+
+}  // namespace kincal
