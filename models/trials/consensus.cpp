@@ -8,8 +8,8 @@
 #include <stdexcept>
 
 #include "../../solver/decompositions.h"
+#include "../fitting/fit.h"
 #include "../fitting/robust.h"
-#include "../fitting/starts.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -115,31 +115,19 @@ Alone fit_alone(ReferenceFit& reference, const Sample& sample, Values& values, b
   reference.one.samples = {sample};
   EstimationSetup setup = setup_of(reference);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
-  Estimation problem(reference.one, {0}, setup);
-  if (problem.groups().empty()) {  // nothing of it is judged
-    out.defined = true;
-    return out;
-  }
+  FitOptions options;
+  options.start_loss = Loss{LossKind::soft_l1, 3};
+  options.leave_out_undefined = true;
+  options.levels = &reference.levels;
   values.shared = reference.shared;
-  VectorXd state;
-  const auto solve = [&] {
-    state = problem.pack(values);
-    problem.renew(state);
-    Cost cost;
-    if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return false;
-    if (robust) solve_graduated(problem, reference.one.rig, SolverOptions(), state, &reference.levels);
-    return LevenbergMarquardt(problem, SolverOptions()).solve(state).outcome != Outcome::undefined_start;
-  };
-  try {
-    start_targets(reference.one, {0}, reference.sensors, {LossKind::soft_l1, 3}, values);
-    if (!solve()) return out;
-  } catch (const std::runtime_error&) {
-    return out;
-  }
-  problem.unpack(state, values);
-  problem.renew(state);
+  Fit fitted = fit(reference.one, {0}, setup, values, options);
+  if (!fitted.defined()) return out;
   out.defined = true;
-  const std::vector<ViewResiduals> residuals = problem.residuals(state);
+  Estimation& problem = *fitted.problem;
+  if (problem.groups().empty()) return out;  // nothing of it is judged
+  values = std::move(fitted.values);
+  problem.renew(fitted.state);
+  const std::vector<ViewResiduals> residuals = problem.residuals(fitted.state);
   Eigen::Index total = 0;
   for (const ViewResiduals& r : residuals) total += r.whitened.size();
   out.residuals.resize(total);

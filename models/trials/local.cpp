@@ -5,9 +5,7 @@
 #include <limits>
 
 #include "../../solver/decompositions.h"
-#include "../../solver/levenberg_marquardt.h"
-#include "../simulation/simulation.h"
-#include "../fitting/starts.h"
+#include "../fitting/fit.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
 
@@ -52,21 +50,14 @@ void linearise(const Recording& recording, const std::vector<int>& joints, const
   Values values;
   values.shared = table.initial;
   for (Eigen::Index j = 0; j < p; ++j) values.shared(table.all[table.joint_offset[joints[j]]].start) += offsets(j);
-  try {
-    start_targets(recording, {near.sample}, setup.sensors, Loss(), values);
-  } catch (const std::runtime_error&) {
-    return;
-  }
-  {
-    Estimation own(recording, {near.sample}, setup);
-    VectorXd state = own.pack(values);
-    if (LevenbergMarquardt(own, SolverOptions()).solve(state).outcome == Outcome::undefined_start) return;
-    own.unpack(state, values);
-  }
+  FitOptions options;
+  options.leave_out_undefined = true;
+  const Fit alone = fit(recording, {near.sample}, setup, std::move(values), options);
+  if (!alone.defined()) return;
   for (int j : joints) setup.free.push_back({table.joint_offset[j], {0}});
   Estimation problem(recording, {near.sample}, setup);
   if (problem.groups().empty()) return;
-  const VectorXd state = problem.pack(values);
+  const VectorXd state = problem.pack(alone.values);
   problem.renew(state);
   problem.prepare(state);
   MatrixXd rows;

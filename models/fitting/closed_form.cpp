@@ -1,0 +1,253 @@
+#include "closed_form.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "../../solver/decompositions.h"
+#include "../rig/draws.h"
+#include "../rig/numbers.h"
+#include "../rig/targets.h"
+
+namespace kincal {
+
+using Eigen::Matrix3Xd;
+
+namespace {
+
+Matrix3d nearest_rotation(const Matrix3d& m) {
+  const SingularValues3 svd = singular_values(m);
+  const double sign = (svd.u * svd.v.transpose()).determinant() < 0 ? -1 : 1;
+  return svd.u * Vector3d(1, 1, sign).asDiagonal() * svd.v.transpose();
+}
+
+/// X and Y of A_i X = Y B_i. False if the rotations do not determine them.
+bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y) {
+  const Eigen::Index n = static_cast<Eigen::Index>(a.size());
+  if (n < 3) return false;
+  Eigen::Matrix<double, 9, 9> t = Eigen::Matrix<double, 9, 9>::Zero();  // vec(R_Y) = (R_B (x) R_A) vec(R_X)
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
+  const SingularValues9 svd = singular_values(t);
+  if (svd.values(0) - svd.values(1) < 1e-4 * n) return false;
+  Eigen::Matrix<double, 9, 1> vx = svd.v.col(0), vy = svd.u.col(0);
+  Matrix3d rx = Eigen::Map<Matrix3d>(vx.data()), ry = Eigen::Map<Matrix3d>(vy.data());
+  if (rx.determinant() < 0) rx = -rx;
+  if (ry.determinant() < 0) ry = -ry;
+  x.rotation = nearest_rotation(rx);
+  y.rotation = nearest_rotation(ry);
+  Eigen::MatrixXd m(3 * n, 6);
+  VectorXd right(3 * n);
+  for (Eigen::Index i = 0; i < n; ++i) {  // R_A t_X - t_Y = R_Y t_B - t_A
+    m.block<3, 3>(3 * i, 0) = a[i].rotation;
+    m.block<3, 3>(3 * i, 3) = -Matrix3d::Identity();
+    right.segment<3>(3 * i) = y.rotation * b[i].translation - a[i].translation;
+  }
+  const VectorXd solution = shortest_least_squares(m, right);
+  x.translation = solution.head<3>();
+  y.translation = solution.tail<3>();
+  return true;
+}
+
+}  // namespace
+
+Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
+  Matrix3Xd out(3, static_cast<Eigen::Index>(points.size()));
+  for (size_t i = 0; i < points.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points[i];
+  return out;
+}
+
+Matrix3Xd select_columns(const Matrix3Xd& points, const std::vector<int>& ids) {
+  Matrix3Xd out(3, static_cast<Eigen::Index>(ids.size()));
+  for (size_t i = 0; i < ids.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points.col(ids[i]);
+  return out;
+}
+
+Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
+  Pose out;
+  if (a.cols() == 0) return out;
+  const Vector3d ca = a.rowwise().mean(), cb = b.rowwise().mean();
+  if (a.cols() >= 2) {
+    const Matrix3Xd da = a.colwise() - ca, db = b.colwise() - cb;
+    if (a.cols() >= 3)
+      out.rotation = nearest_rotation(db * da.transpose());
+    else if (da.col(0).norm() > 0 && db.col(0).norm() > 0)
+      out.rotation = Eigen::Quaterniond::FromTwoVectors(da.col(0), db.col(0)).toRotationMatrix();
+  }
+  out.translation = cb - out.rotation * ca;
+  return out;
+}
+
+std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
+  const Eigen::Index n = c.cols();
+  std::vector<Pose> out;
+  if (n == 0) return out;
+  const Vector3d mean = c.rowwise().mean(), sight = xy1.rowwise().mean();
+  const Matrix3Xd centred = c.colwise() - mean;
+  const SingularValues svd = singular_values(centred, Eigen::ComputeFullU);
+  Vector3d spread = Vector3d::Zero();
+  spread.head(svd.values.size()) = svd.values;
+  Matrix3d axes = svd.u;  // columns: principal axes in the target's frame
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  const double size = std::max(centred.colwise().norm().maxCoeff(), 1e-6);
+  const bool flat = spread(2) <= 1e-6 * spread(0);
+  if (n >= 4 && spread(1) > 1e-6 * spread(0) && (flat || n >= 6)) {
+    const Matrix3Xd q = axes.transpose() * centred / size;
+    const double scale = std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
+    const int k = flat ? 3 : 4;  // columns of the projective matrix: x, y, (z,) 1
+    Eigen::MatrixXd a = Eigen::MatrixXd::Zero(2 * n, 3 * k);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      VectorXd h(k);
+      if (flat)
+        h << q.col(i).head<2>(), 1;
+      else
+        h << q.col(i), 1;
+      const Vector3d s = (xy1.col(i) - sight) / scale;
+      a.row(2 * i).head(k) = h.transpose();
+      a.row(2 * i).tail(k) = -s.x() * h.transpose();
+      a.row(2 * i + 1).segment(k, k) = h.transpose();
+      a.row(2 * i + 1).tail(k) = -s.y() * h.transpose();
+    }
+    const SymmetricEigen solution = symmetric_eigen(a.transpose() * a);
+    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
+        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(VectorXd(solution.vectors.col(0)).data(), 3, k);
+    m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
+    const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
+    m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
+    Matrix3d r;
+    r.leftCols<2>() = m.leftCols<2>();
+    if (flat)
+      r.col(2) = Vector3d(m.col(0)).cross(Vector3d(m.col(1)));
+    else
+      r.col(2) = m.col(2);
+    r = nearest_rotation(r);
+    const Vector3d t = m.col(k - 1) * size, line = t.normalized();
+    std::vector<Matrix3d> rotations = {r};
+    // A plane's mirror image across the line of sight looks almost the same from afar.
+    if (flat) rotations.push_back((2 * line * line.transpose() - Matrix3d::Identity()) * r * Vector3d(-1, -1, 1).asDiagonal());
+    for (const Matrix3d& rotation : rotations) {
+      Pose pose;
+      pose.rotation = rotation * axes.transpose();
+      pose.translation = t - pose.rotation * mean;
+      out.push_back(pose);
+    }
+  }
+  const bool in_front = std::any_of(out.begin(), out.end(),
+                                    [&](const Pose& p) { return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0; });
+  if (!in_front || n < 6)  // too few points, or all but degenerate ones
+    for (double sign : {1.0, -1.0}) {
+      Pose pose;
+      pose.rotation.diagonal() << 1, sign, sign;
+      pose.translation = std::max(1.0, 4 * size) * sight - pose.rotation * mean;
+      out.push_back(pose);
+    }
+  return out;
+}
+
+bool pose_from_directions(const Matrix3Xd& points, const Matrix3Xd& xy1, Pose& camera_T_frame) {
+  if (points.cols() < 4 || on_a_line(points)) return false;
+  double least = kInfinity;
+  for (const Pose& pose : perspective_poses(points, xy1)) {
+    double sum = 0;
+    for (Eigen::Index i = 0; i < points.cols(); ++i)
+      sum += ((pose * Vector3d(points.col(i))).normalized() - xy1.col(i).normalized()).norm();
+    if (sum < least) least = sum, camera_T_frame = pose;
+  }
+  return std::isfinite(least);
+}
+
+bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, Pose& frame_T_target) {
+  const Eigen::Index n = p.cols();
+  if (n < 4 || on_a_line(p)) return false;
+  const Vector3d mean = p.rowwise().mean();
+  const SingularValues svd = singular_values(p.colwise() - mean, Eigen::ComputeFullU);
+  Matrix3d axes = svd.u;
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  const Matrix3Xd q = axes.transpose() * (p.colwise() - mean);
+  const int k = svd.values(2) <= 1e-6 * svd.values(0) ? 2 : 3;
+  Eigen::MatrixXd a(3 * n, 3 * k + 3);
+  VectorXd right(3 * n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Matrix3d cross = skew(d.col(i));
+    for (int c = 0; c < k; ++c) a.block<3, 3>(3 * i, 3 * c) = q(c, i) * cross;
+    a.block<3, 3>(3 * i, 3 * k) = cross;
+    right.segment<3>(3 * i) = cross * o.col(i);
+  }
+  VectorXd x;
+  if (!least_squares(a, right, 1e-6, x)) return false;
+  Matrix3d r;
+  r.col(0) = x.segment<3>(0);
+  r.col(1) = x.segment<3>(3);
+  if (k == 3)
+    r.col(2) = x.segment<3>(6);
+  else
+    r.col(2) = r.col(0).cross(r.col(1)) / std::max(r.col(0).norm(), 1e-12);
+  r = nearest_rotation(r);
+  for (Eigen::Index i = 0; i < n; ++i) right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
+  const Vector3d t = least_squares(Eigen::Matrix<double, Eigen::Dynamic, 3>(a.rightCols<3>()), right);
+  frame_T_target.rotation = r * axes.transpose();
+  frame_T_target.translation = t - frame_T_target.rotation * mean;
+  return true;
+}
+
+Pose robust_mean(const std::vector<Pose>& poses, double length) {
+  const auto distance = [&](const Pose& a, const Pose& b) {
+    return log_so3(a.rotation.transpose() * b.rotation).norm() + (a.translation - b.translation).norm() / length;
+  };
+  size_t best = 0;
+  double least = kInfinity;
+  const size_t stride = std::max<size_t>(1, poses.size() / 200);  // enough candidates for many samples
+  for (size_t i = 0; i < poses.size(); i += stride) {
+    double sum = 0;
+    for (const Pose& p : poses) sum += distance(poses[i], p);
+    if (sum < least) least = sum, best = i;
+  }
+  std::vector<double> away;
+  for (const Pose& p : poses) away.push_back(distance(poses[best], p));
+  std::vector<double> sorted = away;
+  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+  const double limit = 3 * sorted[sorted.size() / 2] + 1e-9;
+  Matrix3d rotation = Matrix3d::Zero();
+  Vector3d translation = Vector3d::Zero();
+  int count = 0;
+  for (size_t i = 0; i < poses.size(); ++i)
+    if (away[i] <= limit) rotation += poses[i].rotation, translation += poses[i].translation, ++count;
+  return {nearest_rotation(rotation), translation / count};
+}
+
+bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y) {
+  if (!robot_world_hand_eye(a, b, x, y)) return false;
+  const size_t n = a.size();
+  std::vector<double> away(n);
+  const auto middle = [&](const Pose& x_of, const Pose& y_of) {
+    for (size_t i = 0; i < n; ++i) {
+      const Pose difference = inverse(y_of * b[i]) * (a[i] * x_of);
+      away[i] = log_so3(difference.rotation).norm() + difference.translation.norm();
+    }
+    std::vector<double> sorted = away;
+    std::nth_element(sorted.begin(), sorted.begin() + n / 2, sorted.end());
+    return sorted[n / 2];
+  };
+  double least = middle(x, y) / 3;
+  bool better = false;
+  Draws draws(1);
+  for (int trial = 0; trial < 200 && n > 6; ++trial) {
+    const size_t i = draws.bits() % n, j = draws.bits() % n, k = draws.bits() % n;
+    Pose trial_x, trial_y;
+    if (i == j || j == k || k == i || !robot_world_hand_eye({a[i], a[j], a[k]}, {b[i], b[j], b[k]}, trial_x, trial_y)) continue;
+    const double one = middle(trial_x, trial_y);
+    if (one < least) least = one, x = trial_x, y = trial_y, better = true;
+  }
+  for (int round = 0; better && round < 5; ++round) {
+    const double limit = 5 * middle(x, y) + 1e-9;
+    std::vector<Pose> kept_a, kept_b;
+    for (size_t i = 0; i < n; ++i)
+      if (away[i] <= limit) kept_a.push_back(a[i]), kept_b.push_back(b[i]);
+    if (!robot_world_hand_eye(kept_a, kept_b, x, y)) break;
+  }
+  return true;
+}
+
+}  // namespace kincal

@@ -1,0 +1,108 @@
+#include "fit.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+
+#include "free_targets.h"
+#include "robust.h"
+
+namespace kincal {
+namespace {
+
+/// Samples with a residual that is undefined at the given values.
+std::set<int> undefined_samples(Estimation& problem, const Values& values) {
+  const VectorXd state = problem.pack(values);
+  problem.renew(state);
+  std::set<int> out;
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    Cost cost;
+    const bool defined = problem.evaluate(static_cast<int>(g), state, 0, cost) && std::isfinite(cost.twice);
+    const int sample = problem.sample_of(static_cast<int>(g));
+    if (!defined && sample >= 0) out.insert(sample);
+  }
+  return out;
+}
+
+/// Samples in which views of the setup's sensors show a free target whose pose is not known.
+std::vector<int> with_unknown_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors,
+                                      const Values& values) {
+  std::vector<int> out;
+  for (int i : samples)
+    for (const View& v : recording.samples[i].views) {
+      const bool takes_part = std::count(sensors.begin(), sensors.end(), v.sensor) > 0;
+      if (!takes_part || recording.rig.targets[v.target].link >= 0 || values.targets.count({i, v.target})) continue;
+      out.push_back(i);
+      break;
+    }
+  return out;
+}
+
+/// The problem of the samples that can start, with the free targets' poses in place.
+std::unique_ptr<Estimation> started_problem(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
+                                            const FitOptions& options, Fit& out) {
+  const Loss loss = options.start_loss.value_or(setup.loss);
+  const auto start = [&](const std::vector<int>& some) {
+    start_targets(recording, some, setup.sensors, loss, out.values, options.refine);
+  };
+  if (!options.leave_out_undefined) {
+    auto problem = std::make_unique<Estimation>(recording, samples, setup);
+    start(options.trust_start ? with_unknown_targets(recording, samples, setup.sensors, out.values) : samples);
+    return problem;
+  }
+  std::set<int> undefined;
+  for (int i : samples) try {
+      start({i});
+    } catch (const std::runtime_error&) {
+      undefined.insert(i);
+    }
+  const auto left = [&] {
+    std::vector<int> some;
+    for (int i : samples)
+      if (!undefined.count(i)) some.push_back(i);
+    return some;
+  };
+  auto problem = std::make_unique<Estimation>(recording, left(), setup);
+  const std::set<int> late = undefined_samples(*problem, out.values);
+  undefined.insert(late.begin(), late.end());
+  out.left_out.assign(undefined.begin(), undefined.end());
+  if (!late.empty()) problem = std::make_unique<Estimation>(recording, left(), setup);
+  return problem;
+}
+
+/// From the values as they are.
+void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
+  Estimation& problem = *out.problem;
+  out.state = problem.pack(out.values);
+  if (problem.setup().loss.from_data) {
+    out.summary = solve_graduated(problem, recording.rig, options.solver, out.state, options.levels);
+    if (!options.converge || out.summary.outcome == Outcome::undefined_start || out.summary.outcome == Outcome::cancelled) return;
+  }
+  LevenbergMarquardt solver(problem, options.solver);
+  out.summary = solver.solve(out.state);
+  out.linear_solver = solver.linear_solver();
+}
+
+}  // namespace
+
+Fit fit(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup, Values start, const FitOptions& options) {
+  Fit out;
+  out.values = std::move(start);
+  out.problem = started_problem(recording, samples, setup, options, out);
+  if (out.problem->empty()) {
+    out.state = out.problem->pack(out.values);
+    out.summary.outcome = out.left_out.empty() ? Outcome::converged : Outcome::undefined_start;
+    return out;
+  }
+  minimise(recording, options, out);
+  if (!out.defined() && options.trust_start && !options.leave_out_undefined) {
+    out.values.targets.clear();
+    start_targets(recording, samples, setup.sensors, options.start_loss.value_or(setup.loss), out.values, options.refine);
+    minimise(recording, options, out);
+  }
+  if (out.defined()) out.problem->unpack(out.state, out.values);
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,146 @@
+#include "free_targets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "../../solver/levenberg_marquardt.h"
+#include "../rig/numbers.h"
+#include "../rig/targets.h"
+#include "closed_form.h"
+#include "view_poses.h"
+
+namespace kincal {
+
+using Eigen::Matrix3Xd;
+
+namespace {
+
+/// Twice the cost of a problem of one sample; nullopt where a residual is undefined.
+std::optional<double> cost_at(Estimation& problem, const Values& values) {
+  const VectorXd state = problem.pack(values);
+  problem.renew(state);
+  Cost cost;
+  if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return std::nullopt;
+  return cost.twice;
+}
+
+/// Free targets that a sample's views of the marked sensors show, in the order of the views.
+std::vector<int> free_targets(const Rig& rig, const Sample& sample, const std::vector<char>& used) {
+  std::vector<int> targets;
+  for (const View& v : sample.views)
+    if (used[v.sensor] && rig.targets[v.target].link < 0 && std::find(targets.begin(), targets.end(), v.target) == targets.end())
+      targets.push_back(v.target);
+  return targets;
+}
+
+/// The better of the two best proposals, with residuals minimised. `order`: cost and index of each proposal, ascending; `trial`: what else
+/// the problem depends on.
+Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key, const std::vector<Pose>& found,
+                      const std::vector<std::pair<double, size_t>>& order, Values& trial) {
+  double least = kInfinity;
+  Pose best = found[order[0].second];
+  for (size_t i = 0; i < order.size() && i < 2; ++i) {
+    trial.targets[key] = found[order[i].second];
+    VectorXd state = problem.pack(trial);
+    SolverOptions options;
+    options.max_iterations = 60;
+    const SolveSummary summary = LevenbergMarquardt(problem, options).solve(state);
+    if (summary.outcome != Outcome::undefined_start && summary.cost.twice < least * (1 - 1e-9)) {
+      least = summary.cost.twice;
+      problem.unpack(state, trial);
+      best = trial.targets[key];
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
+                   Values& values, bool refined) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  std::vector<char> used(rig.sensors.size(), 0);
+  for (int s : sensors) used[s] = 1;
+  for (int index : samples) {
+    const Sample& sample = recording.samples[index];
+    for (int target : free_targets(rig, sample, used)) {
+      const std::pair<int, int> key{index, target};
+      EstimationSetup setup;
+      setup.noise = NoiseMode::none;
+      setup.sensors = sensors;
+      setup.only_target = target;
+      setup.loss = {LossKind::soft_l1, 1};
+      Estimation rank(recording, {index}, setup);
+      Values trial;
+      trial.shared = values.shared;
+      const auto before = values.targets.find(key);
+      if (before != values.targets.end()) {  // from an earlier step: kept, if it can be evaluated
+        trial.targets[key] = before->second;
+        if (cost_at(rank, trial)) continue;
+      }
+      std::vector<Pose> found;
+      for (const View& v : sample.views)
+        if (used[v.sensor] && v.target == target)
+          for (const Pose& p : proposals(rig, table, values.shared, sample, v)) found.push_back(p);
+      std::vector<std::pair<double, size_t>> order;
+      for (size_t i = 0; i < found.size(); ++i) {
+        trial.targets[key] = found[i];
+        if (const std::optional<double> cost = cost_at(rank, trial)) order.push_back({*cost, i});
+      }
+      if (order.empty())
+        throw std::runtime_error("sample '" + sample.id + "': no start found for the pose of target '" + rig.targets[target].name +
+                                 "': at every pose that its views propose some point lies behind a camera");
+      std::sort(order.begin(), order.end());
+      if (!refined) {
+        values.targets[key] = found[order[0].second];
+        continue;
+      }
+      setup.loss = loss;
+      Estimation problem(recording, {index}, setup);
+      values.targets[key] = refined_proposal(problem, key, found, order, trial);
+    }
+  }
+}
+
+std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
+  const Sight sight = rig.sensors[view.sensor].model->sight();
+  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), view_ids(view, rig.targets[view.target]));
+  if (sight == Sight::chain) return Pose();
+  if (sight != Sight::pose && !((sight == Sight::points || (sight == Sight::rays && points.cols() >= 4)) && !on_a_line(points)))
+    return std::nullopt;
+  // Alone with its sensor at the origin of a one-view problem: the same refinement as for free targets.
+  Rig alone;
+  alone.tree.links = {"base"};
+  finish_tree(alone.tree);
+  alone.targets = {rig.targets[view.target]};
+  alone.targets[0].link = -1;
+  alone.sensors = {rig.sensors[view.sensor]};
+  alone.sensors[0].link = 0;
+  alone.sensors[0].link_T_sensor = Pose();
+  std::vector<Sample> one(1);
+  one[0].views = {view};
+  one[0].views[0].sensor = one[0].views[0].target = 0;
+  const Recording recording(std::move(alone), std::move(one));
+  const ParameterTable& small = recording.table;
+  Values result;
+  result.shared = small.initial;
+  const auto copy = [&](int to, int from) {
+    if (from < 0) return;
+    const Parameter& p = table.all[from];
+    result.shared.segment(small.all[to].start, p.size()) = values.segment(p.start, p.size());
+  };
+  for (size_t b = 0; b < recording.rig.sensors[0].parameters.size(); ++b)
+    copy(small.sensor_block[0] + static_cast<int>(b), table.sensor_block[view.sensor] + static_cast<int>(b));
+  copy(small.target_square[0], table.target_square[view.target]);
+  copy(small.target_points[0], table.target_points[view.target]);
+  try {
+    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result);
+  } catch (const std::runtime_error&) {  // at every pose some point lies behind the camera
+    return std::nullopt;
+  }
+  return result.targets[{0, 0}];
+}
+
+}  // namespace kincal

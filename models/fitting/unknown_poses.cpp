@@ -1,0 +1,299 @@
+#include "unknown_poses.h"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include "../rig/configuration.h"
+#include "../rig/targets.h"
+#include "../sensors/tilting_laser.h"
+#include "closed_form.h"
+#include "free_targets.h"
+#include "view_poses.h"
+
+namespace kincal {
+namespace {
+
+using Eigen::Matrix3Xd;
+using TargetPoses = std::map<std::pair<int, int>, Pose>;  // base_T_target by (sample, target)
+
+/// A view relates the sensor's pose and the target's in a sample. What it says of sensor_T_target by itself: a camera's two mirror
+/// solutions are told apart by their own residuals.
+struct Relation {
+  int sample;
+  const View* view;
+  std::optional<Pose> sensor_T_target;
+};
+
+/// What relations in which everything else is known say of one unknown pose.
+struct Evidence {
+  std::vector<Pose> poses;                                        // the pose itself
+  std::vector<Vector3d> from, to;                                 // the unknown pose takes `from` to `to`
+  std::vector<Vector3d> ray_points, ray_origins, ray_directions;  // where single views have no pose: points, and rays that they lie on
+};
+
+/// A pose, and the number of points that speak for it; a pose counts as four.
+struct Proposal {
+  size_t weight = 0;
+  Pose pose;
+};
+
+/// Relations A X = Y B of two unknown poses.
+struct PairOfUnknowns {
+  std::vector<Pose> a, b;
+};
+using Pairs = std::map<std::pair<int, int>, PairOfUnknowns>;  // by the parameters of X and Y
+
+/// Poses of sensors and targets, and the views that relate them: which are known, and what these say of the others.
+class PoseGraph {
+ public:
+  PoseGraph(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown, Values& values);
+
+  const std::vector<int>& open() const { return open_; }
+  bool settle_one();
+  bool settle_two();
+  void settle(int parameter, const Pose& pose);
+  Pose pose_of(int parameter) const { return get_pose(values_.shared, table_.all[parameter].start); }
+
+ private:
+  Configuration robot(int sample) const { return Configuration(rig_, table_, values_.shared, recording_.samples[sample].readings); }
+  bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
+  TargetPoses known_targets() const;
+  Evidence evidence_for(int parameter, const TargetPoses& targets) const;
+  void add_for_sensor(const Relation& relation, const Pose& base_T_target, Evidence& evidence) const;
+  void add_for_target(const Relation& relation, Evidence& evidence) const;
+  void add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor, Evidence& evidence) const;
+  Matrix3Xd seen_points(const View& view) const {
+    return select_columns(target_points(rig_, table_, values_.shared, view.target), view_ids(view, rig_.targets[view.target]));
+  }
+  Proposal proposal(int parameter, Evidence evidence) const;
+  Pairs pairs_of_unknowns() const;
+
+  const Recording& recording_;
+  const Rig& rig_;
+  const ParameterTable& table_;
+  const std::vector<int>& samples_;
+  Values& values_;
+  std::vector<char> known_;  // by parameter
+  std::vector<int> open_;    // parameters that are not known, in the order in which they were given
+  std::vector<Relation> relations_;
+};
+
+PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown, Values& values)
+    : recording_(recording),
+      rig_(recording.rig),
+      table_(recording.table),
+      samples_(samples),
+      values_(values),
+      known_(recording.table.all.size(), 1),
+      open_(unknown) {
+  for (int p : unknown) known_[p] = 0;
+  for (int index : samples)
+    for (const View& v : recording.samples[index].views) relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
+}
+
+/// base_T_target where sensors with known poses see a free target, or where a mounted one's pose is known.
+TargetPoses PoseGraph::known_targets() const {
+  std::vector<int> known_sensors;
+  for (int s = 0; s < static_cast<int>(rig_.sensors.size()); ++s)
+    if (known_[table_.sensor_pose[s]]) known_sensors.push_back(s);
+  Values with;
+  with.shared = values_.shared;
+  TargetPoses out;
+  for (int index : samples_) {
+    try {
+      start_targets(recording_, {index}, known_sensors, {LossKind::soft_l1, 3}, with);
+    } catch (const std::runtime_error&) {  // it stays unknown
+    }
+    for (const View& v : recording_.samples[index].views)
+      if (rig_.targets[v.target].link >= 0 && known_[table_.target_pose[v.target]])
+        out[{index, v.target}] = robot(index).base_T_target(v.target);
+  }
+  for (const auto& t : with.targets) out[t.first] = t.second;
+  return out;
+}
+
+void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor, Evidence& evidence) const {
+  const Matrix3Xd points = seen_points(view);
+  std::vector<int> keep;
+  const Matrix3Xd xy1 = seen_directions(rig_, table_, values_.shared, view, static_cast<int>(points.cols()), keep);
+  for (size_t i = 0; i < keep.size(); ++i) {
+    evidence.ray_points.push_back(frame_T_points * Vector3d(points.col(keep[i])));
+    evidence.ray_origins.push_back(frame_T_sensor.translation);
+    evidence.ray_directions.push_back(frame_T_sensor.rotation * xy1.col(static_cast<Eigen::Index>(i)));
+  }
+}
+
+/// Of a sensor's pose, where its target's is known.
+void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_target, Evidence& evidence) const {
+  const View& v = *relation.view;
+  const Sensor& sensor = rig_.sensors[v.sensor];
+  const Sight sight = sensor.model->sight();
+  const Configuration posture = robot(relation.sample);
+  if (sight == Sight::rays && !relation.sensor_T_target)
+    add_rays(v, inverse(posture.base_T_link(sensor.link)) * base_T_target, Pose(), evidence);
+  if (relation.sensor_T_target)
+    evidence.poses.push_back(inverse(posture.base_T_link(sensor.link)) * base_T_target * inverse(*relation.sensor_T_target));
+  const bool scan = sight == Sight::scan;
+  if (!scan && sight != Sight::points) return;
+  const Matrix3Xd points = seen_points(v);
+  for (Eigen::Index i = 0; i < points.cols(); ++i) {
+    const double* z = v.z.data() + 3 * i;
+    const Pose base_T_link = (scan ? posture.with(sensor.scanning_joint, z[0]) : posture).base_T_link(sensor.link);
+    evidence.from.push_back(scan ? TiltingLaser::measured_point(z) : Vector3d(z[0], z[1], z[2]));
+    evidence.to.push_back(inverse(base_T_link) * (base_T_target * Vector3d(points.col(i))));
+  }
+}
+
+/// Of a mounted target's pose, where its sensor's is known.
+void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) const {
+  const View& v = *relation.view;
+  const Sensor& sensor = rig_.sensors[v.sensor];
+  const Sight sight = sensor.model->sight();
+  const Configuration posture = robot(relation.sample);
+  const Pose base_T_link = posture.base_T_link(rig_.targets[v.target].link);
+  if (sight == Sight::rays && !relation.sensor_T_target)
+    add_rays(v, Pose(), inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor), evidence);
+  if (sight == Sight::scan || sight == Sight::points) {
+    const Matrix3Xd points = seen_points(v);
+    Matrix3Xd in_base;
+    if (sight == Sight::scan) {
+      in_base = scanned_points(rig_, table_, values_.shared, recording_.samples[relation.sample], v);
+    } else {
+      const Pose base_T_sensor = posture.base_T_sensor(v.sensor);
+      in_base.resize(3, points.cols());
+      for (Eigen::Index i = 0; i < points.cols(); ++i)
+        in_base.col(i) = base_T_sensor * Vector3d(Eigen::Map<const Vector3d>(v.z.data() + 3 * i));
+    }
+    for (Eigen::Index i = 0; i < points.cols(); ++i) {
+      evidence.from.push_back(points.col(i));
+      evidence.to.push_back(inverse(base_T_link) * Vector3d(in_base.col(i)));
+    }
+  } else if (relation.sensor_T_target) {
+    evidence.poses.push_back(inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor) *
+                             *relation.sensor_T_target);
+  }
+}
+
+Evidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) const {
+  Evidence out;
+  for (const Relation& relation : relations_) {
+    const View& v = *relation.view;
+    if (table_.sensor_pose[v.sensor] == parameter) {
+      const auto target = targets.find({relation.sample, v.target});
+      if (target != targets.end()) add_for_sensor(relation, target->second, out);
+    }
+    if (table_.target_pose[v.target] == parameter && known_sensor(v)) add_for_target(relation, out);
+  }
+  return out;
+}
+
+/// The mean of poses, or the fit of point correspondences, whichever has more to say.
+Proposal PoseGraph::proposal(int parameter, Evidence evidence) const {
+  std::vector<Pose>& poses = evidence.poses;
+  if (poses.empty() && evidence.from.empty() && !evidence.ray_points.empty()) {
+    const Matrix3Xd points = columns_of(evidence.ray_points), directions = columns_of(evidence.ray_directions);
+    Pose found;
+    if (table_.all[parameter].kind == ParameterKind::sensor_pose) {
+      if (pose_from_directions(points, directions, found)) poses.push_back(inverse(found));
+    } else if (pose_from_rays(points, columns_of(evidence.ray_origins), directions, found)) {
+      poses.push_back(found);
+    }
+  }
+  const Matrix3Xd a = columns_of(evidence.from), b = columns_of(evidence.to);
+  const size_t by_points = !evidence.from.empty() && !on_a_line(a) ? evidence.from.size() : 0;
+  Proposal out;
+  out.weight = std::max(poses.size() * 4, by_points);
+  if (out.weight > 0) out.pose = poses.size() * 4 >= by_points ? robust_mean(poses, 1.0) : fit_points(a, b);
+  return out;
+}
+
+void PoseGraph::settle(int parameter, const Pose& pose) {
+  set_pose(values_.shared, table_.all[parameter].start, pose);
+  known_[parameter] = 1;
+  open_.erase(std::find(open_.begin(), open_.end(), parameter));
+}
+
+/// Settles the pose for which most speaks of those that are the only unknown of a relation. Returns false if there is none.
+bool PoseGraph::settle_one() {
+  const TargetPoses targets = known_targets();
+  int best = -1;
+  Proposal largest;
+  for (int parameter : open_) {
+    const Proposal found = proposal(parameter, evidence_for(parameter, targets));
+    if (found.weight <= largest.weight) continue;
+    largest = found;
+    best = parameter;
+  }
+  if (best < 0) return false;
+  settle(best, largest.pose);
+  return true;
+}
+
+/// Relations L_a X_a P = L_b X_b Q of two unknown poses, that is A X = Y B with A = L_b^-1 L_a, X = X_a, Y = X_b, B = Q P^-1.
+Pairs PoseGraph::pairs_of_unknowns() const {
+  Pairs pairs;
+  const auto base_T_link = [&](const Relation& r) { return robot(r.sample).base_T_link(rig_.sensors[r.view->sensor].link); };
+  for (size_t i = 0; i < relations_.size(); ++i) {
+    const Relation& first = relations_[i];
+    if (!first.sensor_T_target || known_sensor(*first.view)) continue;
+    const int x = table_.sensor_pose[first.view->sensor], target = first.view->target;
+    const Pose la = base_T_link(first);
+    if (rig_.targets[target].link >= 0) {
+      const int y = table_.target_pose[target];
+      if (known_[y]) continue;
+      PairOfUnknowns& pair = pairs[{x, y}];
+      pair.a.push_back(inverse(robot(first.sample).base_T_link(rig_.targets[target].link)) * la);
+      pair.b.push_back(inverse(*first.sensor_T_target));
+      continue;
+    }
+    for (size_t k = i + 1; k < relations_.size() && relations_[k].sample == first.sample; ++k) {
+      const Relation& second = relations_[k];
+      if (!second.sensor_T_target || second.view->target != target || known_sensor(*second.view)) continue;
+      const int y = table_.sensor_pose[second.view->sensor];
+      if (x == y) continue;
+      PairOfUnknowns& pair = pairs[{x, y}];
+      pair.a.push_back(inverse(base_T_link(second)) * la);
+      pair.b.push_back(*second.sensor_T_target * inverse(*first.sensor_T_target));
+    }
+  }
+  return pairs;
+}
+
+/// Settles the two poses that most relations tie to each other. Returns false if no two are determined.
+bool PoseGraph::settle_two() {
+  std::pair<int, int> chosen(-1, -1);
+  Pose x, y;
+  size_t most = 0;
+  for (const auto& [parameters, pair] : pairs_of_unknowns()) {
+    Pose trial_x, trial_y;
+    if (pair.a.size() <= most || !robust_robot_world_hand_eye(pair.a, pair.b, trial_x, trial_y)) continue;
+    most = pair.a.size();
+    chosen = parameters;
+    x = trial_x;
+    y = trial_y;
+  }
+  if (chosen.first < 0) return false;
+  settle(chosen.first, x);
+  settle(chosen.second, y);
+  return true;
+}
+
+}  // namespace
+
+std::vector<std::string> start_unknown_poses(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown,
+                                             Values& values) {
+  PoseGraph graph(recording, samples, unknown, values);
+  std::vector<std::string> failed;
+  while (!graph.open().empty()) {
+    if (graph.settle_one() || graph.settle_two()) continue;
+    const int first = graph.open().front();  // nothing ties it to anything: the identity, and the others from there
+    failed.push_back(recording.table.all[first].name);
+    graph.settle(first, graph.pose_of(first));
+  }
+  return failed;
+}
+
+}  // namespace kincal

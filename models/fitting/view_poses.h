@@ -1,0 +1,27 @@
+// What single views say of where their target is. A chain proposes its hand, a pose sensor its pose, points a rigid fit (Kabsch), a scan a
+// rigid fit in the base frame, a camera its PnP (closed_form.h).
+#pragma once
+
+#include <vector>
+
+#include "../rig/parameters.h"
+#include "../rig/samples.h"
+
+namespace kincal {
+
+/// Finds the directions (x, y, 1) of the pixels of a camera's view of `count` points. Those that could not be found are left out; `keep`
+/// gets the places in the view of the others.
+Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count,
+                                 std::vector<int>& keep);
+
+/// One view by itself proposes these poses sensor_T_target; a scanner's view none.
+std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
+
+/// The points of a scanning view stand in the base frame here, m.
+Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample,
+                                const View& view);
+
+/// One view whose sensor's pose is known proposes these poses base_T_target.
+std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view);
+
+}  // namespace kincal
