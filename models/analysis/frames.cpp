@@ -6,7 +6,6 @@
 #include <stdexcept>
 
 #include "../../solver/observability.h"
-#include "../calibration/calibration.h"
 #include "../rig/configuration.h"
 #include "../rig/draws.h"
 
@@ -59,9 +58,9 @@ Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
 }
 
 /// Parameters that `frame` depends on and earlier steps estimated, but the last one held.
-std::vector<std::string> held_on_the_way(const Calibration& calibration, const CalibrationResult& result, const Frame& frame) {
-  const Rig& rig = calibration.rig();
-  const ParameterTable& table = calibration.table();
+std::vector<std::string> held_on_the_way(const Solution& solution, const Frame& frame) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
   std::vector<int> on_the_way;
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
     on_the_way.push_back(table.joint_origin[step.joint]);
@@ -71,13 +70,13 @@ std::vector<std::string> held_on_the_way(const Calibration& calibration, const C
   }
   if (frame.pose >= 0) on_the_way.push_back(frame.pose);
   std::vector<std::string> out;
-  const std::string& last = result.steps.back().name;
-  for (const ParameterEstimate& e : result.parameters) {
-    const auto mine = [&](int p) { return table.all[p].name == e.name; };
+  const std::string& last = solution.steps.back().name;
+  for (const ParameterEstimate& e : solution.parameters) {
+    const auto mine = [&](int p) { return p == e.parameter; };
     if (std::none_of(on_the_way.begin(), on_the_way.end(), mine)) continue;
     for (size_t c = 0; c < e.freed.size(); ++c) {
       const bool now = e.step == last && e.sigma[c] != 0;  // NaN: freed and not determined
-      if (e.freed[c] && !now) out.push_back(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
+      if (e.freed[c] && !now) out.push_back(e.component_name(c));
     }
   }
   return out;
@@ -103,21 +102,17 @@ std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, con
   return std::nullopt;
 }
 
-Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result) {
-  const ParameterTable& table = calibration.table();
-  Estimation problem(calibration.recording(), calibration.training(), result.setup);
-  const VectorXd state = problem.pack(result.values);
-  problem.renew(state);
-  const Observability observability = observe(problem, state);
+Unknowns last_unknowns(const Linearisation& at) {
+  const Solution& solution = at.solution;
   Unknowns out;
-  out.columns = problem.columns();
-  out.covariance = observability.covariance;
-  out.undetermined = observability.null_space;
-  for (const Freed& f : result.setup.free) {
-    const Parameter& p = table.all[f.parameter];
+  out.columns = solution.columns;
+  out.covariance = at.observability().covariance;
+  out.undetermined = at.observability().null_space;
+  for (const Freed& f : solution.setup.free) {
+    const Parameter& p = solution.table().all[f.parameter];
     if (p.pose && !f.whole(p))
       out.charts[f.parameter] =
-          right_jacobian_se3(log_se3(inverse(get_pose(problem.initial(), p.start)) * get_pose(result.values.shared, p.start)));
+          right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) * get_pose(solution.values.shared, p.start)));
   }
   return out;
 }
@@ -191,18 +186,14 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
   return out;
 }
 
-FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame) {
-  return report_frame(calibration, result, last_unknowns(calibration, result), frame);
-}
-
-FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Unknowns& unknowns, const Frame& frame) {
-  const Rig& rig = calibration.rig();
-  const ParameterTable& table = calibration.table();
+FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, const Frame& frame) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
   FrameReport out;
   out.frame = frame.name;
   out.base = rig.tree.links[rig.base];
   std::vector<Readings> samples;
-  for (const Sample& s : calibration.samples())
+  for (const Sample& s : solution.samples())
     if (has_readings(rig, frame.link, s.readings)) samples.push_back(s.readings);
   const std::vector<std::pair<std::string, std::vector<Readings>>> workspaces = {{"samples", samples},
                                                                                  {"limits", random_postures(rig, kPostures, kSeed)}};
@@ -210,7 +201,7 @@ FrameReport report_frame(const Calibration& calibration, const CalibrationResult
     if (workspace.second.empty()) continue;
     std::vector<double> sigma[4];
     for (const Readings& readings : workspace.second) {
-      const Variances v = variances(frame_derivative(rig, table, result.values.shared, unknowns, frame, readings), unknowns);
+      const Variances v = variances(frame_derivative(rig, table, solution.values.shared, unknowns, frame, readings), unknowns);
       sigma[0].push_back(std::sqrt(v.position));
       sigma[1].push_back(std::sqrt(v.rotation));
       sigma[2].push_back(std::sqrt(v.position + v.position_by_readings));
@@ -219,7 +210,7 @@ FrameReport report_frame(const Calibration& calibration, const CalibrationResult
     out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()), statistics(sigma[0]), statistics(sigma[1]),
                               statistics(sigma[2]), statistics(sigma[3])});
   }
-  out.held = held_on_the_way(calibration, result, frame);
+  out.held = held_on_the_way(solution, frame);
   return out;
 }
 

@@ -20,12 +20,9 @@
 #include <utility>
 #include <vector>
 
-#include "../rig/recording.h"
+#include "linearisation.h"
 
 namespace kincal {
-
-class Calibration;
-struct CalibrationResult;
 
 /// A link, or the frame of a sensor (chains: of what they hold) or mounted target on it.
 struct Frame {
@@ -46,7 +43,7 @@ struct Unknowns {
   MatrixXd undetermined;                     // columns: directions, real units
 };
 /// What the last step freed, and its covariance at the solution. Builds and linearises the problem anew.
-Unknowns last_unknowns(const Calibration& calibration, const CalibrationResult& result);
+Unknowns last_unknowns(const Linearisation& at);
 
 using Readings = std::vector<double>;  // by joint index; NaN: absent
 
@@ -80,9 +77,7 @@ struct FrameReport {
   std::vector<std::string> held;       // parameters on the way that earlier steps estimated and the last one held: taken as exact
 };
 /// Predicted sigma of a frame relative to the base. `unknowns`: last_unknowns() of the same result.
-FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Unknowns& unknowns, const Frame& frame);
-/// The same for a single frame.
-FrameReport report_frame(const Calibration& calibration, const CalibrationResult& result, const Frame& frame);
+FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, const Frame& frame);
 
 /// A calibrated robot: rig, its parameters and their values; what is known of their errors.
 struct CalibratedRobot {

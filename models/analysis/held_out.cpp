@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../calibration/calibration.h"
 
 namespace kincal {
 namespace {
@@ -44,14 +43,14 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   return {rms / factor, rms * factor};
 }
 
-void HeldOutSums::add(const Calibration& calibration, const CalibrationResult& result, const std::vector<int>& index) {
-  const Rig& rig = calibration.rig();
-  for (const Sample& s : calibration.samples())
+void HeldOutSums::add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index) {
+  const Rig& rig = recording.rig;
+  for (const Sample& s : recording.samples)
     if (!s.train)
       for (const View& v : s.views) ++missing[v.sensor];
   for (bool read : {false, true})
-    for (const ViewResiduals& r : read ? result.residuals_as_read : result.residuals) {
-      if (calibration.samples()[r.sample].train) continue;
+    for (const ViewResiduals& r : read ? residuals.as_read : residuals.after) {
+      if (recording.samples[r.sample].train) continue;
       BlockSums& sums = all[{r.view->sensor, index[r.sample]}];
       const bool whole = rig.sensors[r.view->sensor].model->whole_pose();
       const double squared = whole ? r.raw.head<3>().squaredNorm() : r.raw.squaredNorm();
@@ -118,12 +117,10 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, 
   return out;
 }
 
-std::vector<HeldOutError> held_out_errors(const Calibration& calibration, const CalibrationResult& result) {
-  std::vector<int> same;
-  for (size_t i = 0; i < calibration.samples().size(); ++i) same.push_back(static_cast<int>(i));
+std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residuals& residuals) {
   HeldOutSums sums;
-  sums.add(calibration, result, same);
-  return held_out_errors(calibration.rig(), make_blocks(calibration.rig(), calibration.samples()), sums);
+  sums.add(*solution.recording, residuals, indices(solution.samples().size()));
+  return held_out_errors(solution.rig(), make_blocks(solution.rig(), solution.samples()), sums);
 }
 
 }  // namespace kincal

@@ -15,11 +15,9 @@
 
 #include "../rig/folds.h"
 #include "../rig/numbers.h"
+#include "residuals.h"
 
 namespace kincal {
-
-class Calibration;
-struct CalibrationResult;
 
 struct Interval {
   double low = kNan, high = kNan;  // NaN: none
@@ -40,7 +38,7 @@ struct HeldOutError {
 };
 
 /// The errors of the result's test split, sensor by sensor; empty: nothing is held out.
-std::vector<HeldOutError> held_out_errors(const Calibration& calibration, const CalibrationResult& result);
+std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residuals& residuals);
 
 /// Squares of a sensor's residuals in one block.
 struct BlockSums {
@@ -54,7 +52,7 @@ struct HeldOutSums {
   std::map<int, long> missing;                   // sensor -> views
 
   /// Adds the held-out residuals of a calibration of some samples; `index`: where each of these stands in the whole set.
-  void add(const Calibration& calibration, const CalibrationResult& result, const std::vector<int>& index);
+  void add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index);
 };
 
 /// The errors of the sums, sensor by sensor. `blocks`: of the whole set.

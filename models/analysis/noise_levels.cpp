@@ -236,6 +236,10 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
   return out;
 }
 
+std::vector<NoiseLevel> noise_levels(const Linearisation& at) {
+  return noise_levels(at.problem(), at.solution.rig(), at.state(), at.observability().covariance);
+}
+
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels) {
   for (const NoiseLevel& level : levels) {
     if (!std::isfinite(level.seen)) continue;

@@ -31,7 +31,7 @@
 #include <string>
 #include <vector>
 
-#include "../estimation/estimation.h"
+#include "linearisation.h"
 
 namespace kincal {
 
@@ -53,7 +53,9 @@ struct NoiseLevel {
   bool differs() const;
 };
 
-/// At a solution, covariances as last renewed. `covariance`: of the shared unknowns there (observe(), CalibrationResult). In modes marginal and point only sensors without noisy joints can be told.
+/// At a solution.
+std::vector<NoiseLevel> noise_levels(const Linearisation& at);
+/// At a state, covariances as last renewed. `covariance`: of the shared unknowns there (observe(), CalibrationResult). In modes marginal and point only sensors without noisy joints can be told.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance);
 
 /// Multiplies the sigmas of what can be told by seen / assumed: of the rig, and of all views, those with sigmas or covariances of their

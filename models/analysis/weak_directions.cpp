@@ -7,7 +7,6 @@
 
 #include "../../solver/decompositions.h"
 #include "../../solver/observability.h"
-#include "../calibration/calibration.h"
 #include "../rig/numbers.h"
 #include "../rig/selection.h"
 #include "../rig/words.h"
@@ -40,8 +39,8 @@ struct SharedColumns {
   }
 };
 
-SharedColumns make_columns(const ParameterTable& table, const CalibrationResult& result) {
-  const std::vector<Component> components = components_of(result.setup.free);
+SharedColumns make_columns(const ParameterTable& table, const Solution& solution) {
+  const std::vector<Component> components = components_of(solution.setup.free);
   const int n = static_cast<int>(components.size());
   SharedColumns out;
   out.prior = VectorXd::Zero(n);
@@ -51,11 +50,11 @@ SharedColumns make_columns(const ParameterTable& table, const CalibrationResult&
     out.names.push_back(table.name(components[i]));
     out.units.push_back(table.unit(components[i]));
     out.by_name[out.names[i]] = i;
-    for (const Prior& p : result.setup.priors)
+    for (const Prior& p : solution.setup.priors)
       if (p.parameter == components[i].parameter && p.component == components[i].index) out.prior(i) = p.sigma;
-    out.yardstick(i) = yardstick(table, components[i], result.values.shared);
+    out.yardstick(i) = yardstick(table, components[i], solution.values.shared);
     if (out.prior(i) > 0) out.yardstick(i) = std::min(out.yardstick(i), out.prior(i));
-    out.sigma(i) = std::sqrt(std::max(0.0, result.covariance(i, i)));
+    out.sigma(i) = std::sqrt(std::max(0.0, solution.covariance(i, i)));
   }
   return out;
 }
@@ -106,21 +105,21 @@ struct DataAlone {
 };
 
 /// Adds the null directions to `found`: those of the result, then those that only priors hold.
-DataAlone find_null_directions(const Recording& recording, const CalibrationResult& result, const SharedColumns& columns, Found& found) {
+DataAlone find_null_directions(const Recording& recording, const Solution& solution, const SharedColumns& columns, Found& found) {
   const int n = columns.count();
-  DataAlone out{result.covariance, std::vector<char>(n, 0)};
-  for (const Direction& direction : result.unobservable) {
+  DataAlone out{solution.covariance, std::vector<char>(n, 0)};
+  for (const Direction& direction : solution.unobservable) {
     VectorXd d = VectorXd::Zero(n);
     for (const auto& c : direction) d(columns.by_name.at(c.first)) = c.second;
     found.add(columns, d, columns.largest(d), kNan, kNan);
   }
-  for (const ParameterEstimate& e : result.parameters)
+  for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.sigma.size(); ++c) {
       const auto column = columns.by_name.find(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
       if (column != columns.by_name.end() && !std::isfinite(e.sigma[c])) out.lost[column->second] = 1;
     }
-  if (!result.setup.priors.empty()) {
-    ProblemAt at(recording, without_priors(result.setup), result.values);
+  if (!solution.setup.priors.empty()) {
+    ProblemAt at(recording, without_priors(solution.setup), solution.values);
     const Observability data = observe(at.problem, at.state);
     out.covariance = data.covariance;
     for (const auto& direction : data.directions) {
@@ -191,11 +190,11 @@ void add_pivots(const SharedColumns& columns, const MatrixXd& covariance, const 
 }
 
 /// The covariance of the data alone if the joints' readings were exact; nullopt where they are taken as exact.
-std::optional<MatrixXd> with_exact_readings(const Recording& recording, const CalibrationResult& result) {
-  if (result.setup.noise == NoiseMode::none) return std::nullopt;
-  EstimationSetup setup = without_priors(result.setup);
+std::optional<MatrixXd> with_exact_readings(const Recording& recording, const Solution& solution) {
+  if (solution.setup.noise == NoiseMode::none) return std::nullopt;
+  EstimationSetup setup = without_priors(solution.setup);
   setup.noise = NoiseMode::none;
-  ProblemAt at(recording, setup, result.values);
+  ProblemAt at(recording, setup, solution.values);
   return observe(at.problem, at.state).covariance;
 }
 
@@ -220,13 +219,13 @@ void name_joint_noise(WeakDirection& weak, double exact) {
 }
 
 /// Gives every direction its reason.
-void give_reasons(const Recording& recording, const CalibrationResult& result, Found& found) {
-  Scene scene(recording, without_priors(result.setup), result.values);
+void give_reasons(const Recording& recording, const Solution& solution, Found& found) {
+  Scene scene(recording, without_priors(solution.setup), solution.values);
   std::vector<VectorXd> coefficients;
   for (const WeakColumns& d : found.directions) coefficients.push_back(d.coefficients);
   const std::vector<Effects> effects = effects_of(scene, coefficients);
   std::optional<MatrixXd> exact;
-  if (found.directions.size() > found.null_directions) exact = with_exact_readings(recording, result);
+  if (found.directions.size() > found.null_directions) exact = with_exact_readings(recording, solution);
   for (size_t k = 0; k < found.directions.size(); ++k) {
     WeakDirection& weak = found.weak[k];
     const Reason reason = find_reason(scene, found.directions[k], effects[k]);
@@ -242,16 +241,17 @@ void give_reasons(const Recording& recording, const CalibrationResult& result, F
 
 }  // namespace
 
-Explanation explain(const Calibration& calibration, const CalibrationResult& result) {
+Explanation explain(const Linearisation& at) {
+  const Solution& solution = at.solution;
   Explanation out;
-  const SharedColumns columns = make_columns(calibration.table(), result);
+  const SharedColumns columns = make_columns(solution.table(), solution);
   if (columns.count() == 0) return out;
   out.prior_decides = where_priors_decide(columns);
   Found found;
-  const DataAlone data = find_null_directions(calibration.recording(), result, columns, found);
+  const DataAlone data = find_null_directions(*solution.recording, solution, columns, found);
   out.correlations = strong_correlations(columns, data);
   add_pivots(columns, data.covariance, find_pivots(columns, data), found);
-  if (!found.directions.empty()) give_reasons(calibration.recording(), result, found);
+  if (!found.directions.empty()) give_reasons(*solution.recording, solution, found);
   out.weak = std::move(found.weak);
   return out;
 }

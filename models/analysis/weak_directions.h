@@ -16,13 +16,9 @@
 #include <utility>
 #include <vector>
 
+#include "linearisation.h"
+
 namespace kincal {
-
-class Calibration;
-struct CalibrationResult;
-
-/// A direction: parameter component and coefficient, in real units.
-using Direction = std::vector<std::pair<std::string, double>>;
 
 struct WeakDirection {
   Direction parameters;          // the first one has coefficient 1: to hold it is enough
@@ -52,6 +48,6 @@ struct Explanation {
 };
 
 /// Explains what the data of the last step tell at its solution. The result needs its covariance, setup, values, parameters and `unobservable`.
-Explanation explain(const Calibration& calibration, const CalibrationResult& result);
+Explanation explain(const Linearisation& at);
 
 }  // namespace kincal

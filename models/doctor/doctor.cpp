@@ -149,17 +149,16 @@ void Doctor::plan() {
     try {
       Rig more = rig_;
       more.steps.push_back(step);
-      Calibration(more, samples_);
+      check_steps(Recording(more, samples_));
       rig_.steps = more.steps;
     } catch (const std::invalid_argument&) {  // no joint has a say
     }
     chosen_ = true;
   }
-  Calibration calibration(rig_, samples_);
-  CalibrationOptions options;
-  options.noise = NoiseMode::none;
-  const std::vector<StepPlan> plans = calibration.plan(options);
-  const ParameterTable& table = calibration.table();
+  const Recording recording(rig_, samples_);
+  check_steps(recording);
+  const std::vector<StepPlan> plans = resolve_steps(recording, {});
+  const ParameterTable& table = recording.table;
   std::set<int> sensors;
   std::vector<Freed> together;
   std::map<std::pair<int, int>, double> priors;

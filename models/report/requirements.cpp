@@ -5,8 +5,8 @@
 #include <map>
 
 #include "../analysis/held_out.h"
-#include "../calibration/calibration.h"
 #include "../rig/numbers.h"
+#include "validation.h"
 
 namespace kincal {
 namespace {
@@ -41,11 +41,11 @@ std::string judgement_text(const Judgement& j) {
   return j.why.empty() ? out : out + "; " + j.why;
 }
 
-Judgement judge_requirement(const Requirement& requirement, const CalibrationResult& result) {
+Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
+                            double chi2, long dof) {
   Judgement out;
   out.requirement = requirement;
   out.measured = kNan;
-  const Validation& validation = result.validation;
   if (requirement.quantity == Requirement::Quantity::sensor) {
     const HeldOutError* e = find_sensor(validation.test, requirement.name);
     out.from = "test";
@@ -58,7 +58,7 @@ Judgement judge_requirement(const Requirement& requirement, const CalibrationRes
       if (e->missing > 0) out.why = std::to_string(e->missing) + " held-out views cannot be evaluated";
     } else {
       out.from = "train";
-      for (const SensorResult& s : result.sensors)
+      for (const SensorResult& s : sensors)
         if (s.name == requirement.name) out.measured = requirement.rotation ? s.train.rotation_as_read : s.train.rms_as_read;
       if (!std::isfinite(out.measured)) out.why = "the sensor sees nothing";
     }
@@ -70,8 +70,8 @@ Judgement judge_requirement(const Requirement& requirement, const CalibrationRes
         out.measured = requirement.rotation ? sigma.rotation.rms : sigma.position.rms;
       }
     if (!std::isfinite(out.measured)) out.why = "the data do not determine it";
-  } else if (result.dof > 0) {
-    out.measured = result.chi2 / static_cast<double>(result.dof);
+  } else if (dof > 0) {
+    out.measured = chi2 / static_cast<double>(dof);
   } else {
     out.why = "there are no degrees of freedom";
   }

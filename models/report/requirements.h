@@ -2,10 +2,12 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 namespace kincal {
 
-struct CalibrationResult;
+struct Validation;
+struct SensorResult;
 
 /// A tolerance. Sensor: rms as read, of the test split if it has points of the sensor, else cross-validated, else of training. Frame: rms
 /// of the predicted sigma over the samples' postures (without such over the joints' limits), of the calibration alone.
@@ -31,6 +33,7 @@ struct Judgement {
 std::string judgement_text(const Judgement& judgement);
 
 /// Measures what is required in `result` and its `validation`, whose frames must contain that of the requirement.
-Judgement judge_requirement(const Requirement& requirement, const CalibrationResult& result);
+Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
+                            double chi2, long dof);
 
 }  // namespace kincal

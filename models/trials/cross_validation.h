@@ -1,15 +1,15 @@
 // Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold that it lacks.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "../analysis/held_out.h"
+#include "../calibration/calibration.h"
 
 namespace kincal {
-
-struct CalibrationOptions;
 
 struct CrossValidation {
   struct Fold {
@@ -24,6 +24,7 @@ struct CrossValidation {
 };
 /// K calibrations of the training samples from the rig's values, each without one fold, judged on that fold. Samples that are held out
 /// already take no part. nullopt: options.progress cancelled. @throws std::invalid_argument as deal_folds.
-std::optional<CrossValidation> cross_validate(const Calibration& calibration, const CalibrationOptions& options, int folds);
+std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options,
+                                              int folds);
 
 }  // namespace kincal

@@ -218,7 +218,7 @@ bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& o
   alone.train = true;
   bool defined = true;
   try {
-    for (const SensorResult& s : Calibration(rig, {alone}).evaluate(NoiseMode::none, {}).sensors) {
+    for (const SensorResult& s : evaluate(Recording(rig, {alone}), NoiseMode::none, {}).sensors) {
       Errors& e = errors[s.name];
       const double n = static_cast<double>(s.train.points);
       e.squared += n * s.train.rms * s.train.rms;

@@ -43,7 +43,7 @@
 #include <string>
 #include <vector>
 
-#include "../calibration/calibration.h"
+#include "../analysis/residuals.h"
 
 namespace kincal {
 

@@ -331,21 +331,21 @@ void Search::start() {
   step.free = names_of(table_, groups_[0].free);
   if (step.free.empty()) return;
   with_step.steps = {step};
-  Calibration calibration(with_step, samples_);
+  const std::shared_ptr<const Recording> recording = make_recording(with_step, samples_);
   CalibrationOptions options;
   options.noise = options_.noise;
   options.threads = options_.threads;
-  options.judge = false;
-  const std::optional<CalibrationResult> result = calibration.run(options);
-  start_ = result->values;
-  initial_ = calibration.initial();
+  const Solution solution = calibrate(recording, options);
+  if (solution.status == Status::undefined_start) throw std::runtime_error(solution.message);
+  start_ = solution.values;
+  initial_ = solution.initial;
   const std::vector<Freed> before = groups_[0].free;
   drop_unobservable(groups_[0], std::vector<char>(groups_.size(), 0), start_.shared);
   // Held components stand as they start: in the rig, or in closed form.
   start_.shared = reset(start_.shared, std::vector<char>(groups_.size(), 1));
   for (const Freed& f : without(before, groups_[0].free)) {
     const std::string& name = table_.all[f.parameter].name;
-    absent_in_part_ = absent_in_part_ || std::count(result->computed_starts.begin(), result->computed_starts.end(), name);
+    absent_in_part_ = absent_in_part_ || std::count(solution.computed_starts.begin(), solution.computed_starts.end(), name);
   }
 }
 
