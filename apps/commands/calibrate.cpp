@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
+#include "../../models/trials/groups.h"
 #include "../job.h"
 #include "../tables/plan_table.h"
 #include "../tables/progress.h"

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <map>
+#include <utility>
 
 #include "../../solver/decompositions.h"
 #include "../rig/numbers.h"
@@ -39,31 +40,33 @@ bool has_noisy_joint(const Rig& rig, const View& view) {
   return false;
 }
 
-/// What is summed up over a group of rows; the last group is that of the priors.
-struct Sums {
-  double squares = 0;    // q, weighted
+/// Sums over the rows of one kind of noise.
+struct RowSums {
+  double squares = 0;    // weighted
   double weights = 0;    // n
   double projected = 0;  // tr H
   MatrixXd shared;       // sum of B'B
   bool mixed = false;    // its rows hold other noise as well
+  double expected = 1;   // b
 };
 
-}  // namespace
-
-bool NoiseLevel::differs() const {
-  return std::isfinite(seen) && std::abs(seen / assumed - 1) > 0.2 && std::abs(seen - assumed) > 3 * uncertainty * seen;
-}
-
-std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance) {
-  const EstimationSetup& setup = problem.setup();
-  const bool own_noise_only = setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none;
+/// The kinds of noise of a problem, one group of rows each.
+struct NoiseKinds {
   std::vector<NoiseLevel> levels;
-  std::vector<int> of_sensor(rig.sensors.size(), -1), of_joint(rig.joints.size(), -1);
-  std::vector<Sums> sums;
-  std::vector<double> expected;  // b
+  std::vector<int> of_sensor, of_joint;  // index of the (first) level; -1: none
+  std::vector<RowSums> sums;             // by level; the last ones are the priors'
+
+  int count() const { return static_cast<int>(sums.size()); }
+  bool is_priors(int kind) const { return kind + 1 == count(); }
+  int of(const NoiseRows& rows) const {
+    return rows.view ? of_sensor[rows.view->sensor] + rows.part : rows.joint >= 0 ? of_joint[rows.joint] : count() - 1;
+  }
+};
+
+void add_sensors(const EstimationSetup& setup, const Rig& rig, NoiseKinds& kinds) {
   for (int s : setup.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    of_sensor[s] = static_cast<int>(levels.size());
+    kinds.of_sensor[s] = static_cast<int>(kinds.levels.size());
     const SensorModel* point_form = setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
     for (const NoisePart& part : (point_form ? *point_form : *sensor.model).noise_parts()) {
       NoiseLevel level;
@@ -77,37 +80,46 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
       double squared = 0;
       for (int i = 0; i < part.count; ++i) squared += sensor.sigma[part.first + i] * sensor.sigma[part.first + i];
       level.assumed = std::sqrt(squared / part.count);
-      levels.push_back(level);
-      expected.push_back(consistency(setup.loss, sensor.model->rows()));
+      kinds.levels.push_back(level);
+      kinds.sums.emplace_back();
+      kinds.sums.back().expected = consistency(setup.loss, sensor.model->rows());
     }
   }
-  if (setup.noise == NoiseMode::latent)
-    for (size_t j = 0; j < rig.joints.size(); ++j) {
-      if (!rig.tree.joints[j].has_reading() || !(rig.joints[j].sigma > 0)) continue;
-      of_joint[j] = static_cast<int>(levels.size());
-      NoiseLevel level;
-      level.of = "joint/" + rig.tree.joints[j].name;
-      level.unit = rig.tree.joints[j].type == JointType::prismatic ? "m" : "rad";
-      level.joint = static_cast<int>(j);
-      level.assumed = rig.joints[j].sigma;
-      levels.push_back(level);
-      expected.push_back(1);
-    }
+}
 
-  // A root of the shared covariance; unobservable directions have none.
-  const int n = problem.shared_size(), groups = static_cast<int>(levels.size()) + 1;
-  MatrixXd root(n, n);
-  if (n > 0) {
-    root = root_of_covariance(covariance);
+void add_joints(const Rig& rig, NoiseKinds& kinds) {
+  for (size_t j = 0; j < rig.joints.size(); ++j) {
+    if (!rig.tree.joints[j].has_reading() || !(rig.joints[j].sigma > 0)) continue;
+    kinds.of_joint[j] = static_cast<int>(kinds.levels.size());
+    NoiseLevel level;
+    level.of = "joint/" + rig.tree.joints[j].name;
+    level.unit = rig.tree.joints[j].type == JointType::prismatic ? "m" : "rad";
+    level.joint = static_cast<int>(j);
+    level.assumed = rig.joints[j].sigma;
+    kinds.levels.push_back(level);
+    kinds.sums.emplace_back();
   }
+}
 
-  // Weights of the residuals.
-  sums.resize(groups);
-  for (Sums& s : sums) s.shared = MatrixXd::Zero(n, n);
+NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_size) {
+  NoiseKinds out;
+  out.of_sensor.assign(rig.sensors.size(), -1);
+  out.of_joint.assign(rig.joints.size(), -1);
+  add_sensors(setup, rig, out);
+  if (setup.noise == NoiseMode::latent) add_joints(rig, out);
+  out.sums.emplace_back();
+  for (RowSums& s : out.sums) s.shared = MatrixXd::Zero(shared_size, shared_size);
+  return out;
+}
+
+/// Counts and weighs the residuals of all views, and finds those whose rows hold other noise as well.
+void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& state, NoiseKinds& kinds) {
+  const EstimationSetup& setup = problem.setup();
+  const bool own_noise_only = setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none;
   for (const ViewResiduals& r : problem.residuals(state)) {
     const Sensor& sensor = rig.sensors[r.view->sensor];
     const std::vector<NoisePart> parts = sensor.model->noise_parts();
-    const int first = of_sensor[r.view->sensor];
+    const int first = kinds.of_sensor[r.view->sensor];
     const bool split = own_noise_only && parts.size() > 1;
     const Eigen::Index block = setup.noise == NoiseMode::marginal                              ? r.whitened.size()
                                : setup.noise == NoiseMode::point && sensor.model->point_form() ? 3
@@ -117,120 +129,183 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
       setup.loss(r.whitened.segment(at, block).squaredNorm(), slope);
       for (size_t p = 0; p < (split ? parts.size() : 1); ++p) {
         const long count = split ? parts[p].count : static_cast<long>(block);
-        sums[first + p].weights += slope * count;
-        levels[first + p].rows += count;
+        kinds.sums[first + p].weights += slope * count;
+        kinds.levels[first + p].rows += count;
       }
     }
     const bool mixed = !own_noise_only && (parts.size() > 1 || has_noisy_joint(rig, *r.view));
     const bool own = !r.view->covariance.empty() || r.view->sigma != sensor.sigma;
-    for (int g = first; g < groups - 1 && levels[g].sensor == r.view->sensor; ++g) {
-      sums[g].mixed = sums[g].mixed || mixed;
-      levels[g].own_views += own;
+    for (int g = first; !kinds.is_priors(g) && kinds.levels[g].sensor == r.view->sensor; ++g) {
+      kinds.sums[g].mixed = kinds.sums[g].mixed || mixed;
+      kinds.levels[g].own_views += own;
     }
   }
+}
 
-  // S: per sample the small Gram matrices of what it has, then the shared part.
-  MatrixXd s = MatrixXd::Zero(groups, groups), rows;
-  std::vector<NoiseRows> whose;
-  for (size_t g = 0; g < problem.groups().size(); ++g) {
-    const GroupShape& shape = problem.groups()[g];
-    problem.noise_rows(static_cast<int>(g), state, rows, whose);
-    const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
-    MatrixXd t(m, n);
-    for (int i = 0; i < m; ++i) t.row(i) = root.row(shape.columns[i]);
-    MatrixXd b = rows.middleCols(k, m) * t, u(rows.rows(), 0);
-    if (k > 0) {
-      u = Elimination(rows.leftCols(k)).basis();
-      b -= u * (u.transpose() * b);
-    }
-    // Rows of one level together.
-    std::map<int, std::pair<MatrixXd, MatrixXd>> grams;  // level -> U'U, U'B
-    for (const NoiseRows& w : whose) {
-      const int level = w.view ? of_sensor[w.view->sensor] + w.part : w.joint >= 0 ? of_joint[w.joint] : groups - 1;
-      const auto ug = u.middleRows(w.first, w.count);
-      const auto bg = b.middleRows(w.first, w.count);
-      Sums& sum = sums[level];
-      sum.squares += rows.col(k + m).segment(w.first, w.count).squaredNorm();
-      sum.projected += ug.squaredNorm() + bg.squaredNorm();
-      sum.shared.selfadjointView<Eigen::Lower>().rankUpdate(bg.transpose());
-      if (!w.view) sum.weights += w.count;
-      if (w.joint >= 0) ++levels[level].rows;
-      const auto placed = grams.try_emplace(level);
-      if (placed.second) placed.first->second = {MatrixXd::Zero(u.cols(), u.cols()), MatrixXd::Zero(u.cols(), n)};
-      placed.first->second.first.noalias() += ug.transpose() * ug;
-      placed.first->second.second.noalias() += ug.transpose() * bg;
-    }
-    for (const auto& a : grams)
-      for (const auto& c : grams)
-        s(a.first, c.first) += a.second.first.cwiseProduct(c.second.first).sum() + 2 * a.second.second.cwiseProduct(c.second.second).sum();
+/// The rows of one group of the problem: U and B of the header, its residuals, and which rows are which kind of noise.
+struct ProjectedRows {
+  MatrixXd u, b;
+  std::vector<NoiseRows> kinds;
+  VectorXd residuals;
+};
+
+/// Eliminates the private unknowns of one group; `root` is T of the header.
+ProjectedRows project(const Estimation& problem, int group, const VectorXd& state, const MatrixXd& root) {
+  ProjectedRows out;
+  MatrixXd rows;
+  const GroupShape& shape = problem.groups()[group];
+  problem.noise_rows(group, state, rows, out.kinds);
+  const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
+  MatrixXd t(m, root.cols());
+  for (int i = 0; i < m; ++i) t.row(i) = root.row(shape.columns[i]);
+  out.b = rows.middleCols(k, m) * t;
+  out.u.resize(rows.rows(), 0);
+  if (k > 0) {
+    out.u = Elimination(rows.leftCols(k)).basis();
+    out.b -= out.u * (out.u.transpose() * out.b);
   }
-  for (Sums& sum : sums) sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
+  out.residuals = rows.col(k + m);
+  return out;
+}
+
+/// Adds one group of the problem to the sums, and what it has for itself to S: the small Gram matrices of its kinds of noise.
+void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
+  const MatrixXd &u = rows.u, &b = rows.b;
+  std::map<int, std::pair<MatrixXd, MatrixXd>> grams;  // kind -> U'U, U'B
+  for (const NoiseRows& w : rows.kinds) {
+    const int kind = kinds.of(w);
+    const auto ug = u.middleRows(w.first, w.count);
+    const auto bg = b.middleRows(w.first, w.count);
+    RowSums& sum = kinds.sums[kind];
+    sum.squares += rows.residuals.segment(w.first, w.count).squaredNorm();
+    sum.projected += ug.squaredNorm() + bg.squaredNorm();
+    sum.shared.selfadjointView<Eigen::Lower>().rankUpdate(bg.transpose());
+    if (!w.view) sum.weights += w.count;
+    if (w.joint >= 0) ++kinds.levels[kind].rows;
+    const auto placed = grams.try_emplace(kind);
+    if (placed.second) placed.first->second = {MatrixXd::Zero(u.cols(), u.cols()), MatrixXd::Zero(u.cols(), b.cols())};
+    placed.first->second.first.noalias() += ug.transpose() * ug;
+    placed.first->second.second.noalias() += ug.transpose() * bg;
+  }
+  for (const auto& a : grams)
+    for (const auto& c : grams)
+      s(a.first, c.first) += a.second.first.cwiseProduct(c.second.first).sum() + 2 * a.second.second.cwiseProduct(c.second.second).sum();
+}
+
+/// What Helmert's equations S f = q are made of, by kind of noise.
+struct RowsLeft {
+  MatrixXd s;
+  VectorXd q, redundancy, spread;  // spread: Foerstner's f
+};
+
+RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state, const MatrixXd& covariance, NoiseKinds& kinds) {
+  const int groups = kinds.count();
+  // A root of the shared covariance; unobservable directions have none.
+  MatrixXd root(problem.shared_size(), problem.shared_size());
+  if (problem.shared_size() > 0) root = root_of_covariance(covariance);
+  RowsLeft out{MatrixXd::Zero(groups, groups), VectorXd(groups), VectorXd(groups), VectorXd(groups)};
+  for (size_t g = 0; g < problem.groups().size(); ++g) add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
+  for (RowSums& sum : kinds.sums) sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
   for (int a = 0; a < groups; ++a)
-    for (int c = 0; c < groups; ++c) s(a, c) += sums[a].shared.cwiseProduct(sums[c].shared).sum();
-  VectorXd q(groups), redundancy(groups), spread(groups);
+    for (int c = 0; c < groups; ++c) out.s(a, c) += kinds.sums[a].shared.cwiseProduct(kinds.sums[c].shared).sum();
   for (int g = 0; g < groups; ++g) {
-    s(g, g) += sums[g].weights - 2 * sums[g].projected;
-    q(g) = sums[g].squares / (g + 1 < groups ? expected[g] : 1.0);
-    redundancy(g) = std::max(0.0, sums[g].weights - sums[g].projected);
-    spread(g) = redundancy(g) > 0 ? q(g) / redundancy(g) : 1;
+    const RowSums& sum = kinds.sums[g];
+    out.s(g, g) += sum.weights - 2 * sum.projected;
+    out.q(g) = sum.squares / sum.expected;
+    out.redundancy(g) = std::max(0.0, sum.weights - sum.projected);
+    out.spread(g) = out.redundancy(g) > 0 ? out.q(g) / out.redundancy(g) : 1;
   }
+  return out;
+}
 
-  // Solve for what can be told; the most uncertain one leaves until all that are left are certain enough.
+/// Factors of the variances and the standard deviations of the sigmas, relative to them.
+struct Factors {
+  VectorXd factor, uncertainty;
+};
+
+/// The least f >= 0 with S f = q, by Gauss and Seidel, from `f` on.
+VectorXd solve_factors(const MatrixXd& s, const VectorXd& q, VectorXd f) {
+  for (int sweep = 0; sweep < 2000; ++sweep) {
+    double change = 0;
+    for (Eigen::Index i = 0; i < f.size(); ++i) {
+      const double next = std::max(kLeastFactor, f(i) + (q(i) - s.row(i).dot(f)) / s(i, i));
+      change = std::max(change, std::abs(next - f(i)));
+      f(i) = next;
+    }
+    if (change < 1e-12) break;
+  }
+  return f;
+}
+
+/// Solves for the active kinds; the factors of the others are held at 1.
+Factors solve_active(const RowsLeft& left, const std::vector<int>& active) {
+  const int a = static_cast<int>(active.size());
+  VectorXd held = VectorXd::Ones(left.q.size());
+  for (int i = 0; i < a; ++i) held(active[i]) = 0;
+  MatrixXd part(a, a), noise(a, a);
+  VectorXd right(a), start(a);
+  for (int i = 0; i < a; ++i) {
+    right(i) = left.q(active[i]) - left.s.row(active[i]).dot(held);
+    start(i) = left.spread(active[i]);
+    for (int j = 0; j < a; ++j) {
+      part(i, j) = left.s(active[i], active[j]);
+      noise(i, j) = 2 * left.spread(active[i]) * part(i, j) * left.spread(active[j]);
+    }
+  }
+  Factors out{solve_factors(part, right, start), VectorXd(a)};
+  const MatrixXd inverse = solve_symmetric(part, MatrixXd::Identity(a, a));
+  const VectorXd variance = (inverse * noise * inverse.transpose()).diagonal();
+  for (int i = 0; i < a; ++i) out.uncertainty(i) = variance(i) >= 0 ? std::sqrt(variance(i)) / (2 * out.factor(i)) : kInfinity;
+  return out;
+}
+
+/// The factors of all kinds; those that cannot be told have factor 1 and uncertainty NaN. Of the kinds solved for, the most uncertain one
+/// leaves until all that are left are certain enough.
+Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
+  const int groups = kinds.count();
   std::vector<int> active;
-  for (int g = 0; g + 1 < groups; ++g)
-    if (levels[g].rows > 0 && !sums[g].mixed && redundancy(g) >= kLeastRedundancy && redundancy(g) >= kLeastShare * levels[g].rows)
+  for (int g = 0; !kinds.is_priors(g); ++g)
+    if (kinds.levels[g].rows > 0 && !kinds.sums[g].mixed && left.redundancy(g) >= kLeastRedundancy &&
+        left.redundancy(g) >= kLeastShare * kinds.levels[g].rows)
       active.push_back(g);
-  VectorXd factor = VectorXd::Ones(groups), uncertainty = VectorXd::Constant(groups, kNan);
+  Factors out{VectorXd::Ones(groups), VectorXd::Constant(groups, kNan)};
   while (!active.empty()) {
+    const Factors now = solve_active(left, active);
     const int a = static_cast<int>(active.size());
-    MatrixXd part(a, a), noise(a, a);
-    VectorXd right(a);
-    factor.setOnes();
-    for (int i = 0; i < a; ++i) factor(active[i]) = 0;
-    for (int i = 0; i < a; ++i) {
-      right(i) = q(active[i]) - s.row(active[i]).dot(factor);
-      for (int j = 0; j < a; ++j) {
-        part(i, j) = s(active[i], active[j]);
-        noise(i, j) = 2 * spread(active[i]) * part(i, j) * spread(active[j]);
-      }
-    }
-    // The least f >= 0 by Gauss and Seidel, from Foerstner's.
-    VectorXd f(a);
-    for (int i = 0; i < a; ++i) f(i) = spread(active[i]);
-    for (int sweep = 0; sweep < 2000; ++sweep) {
-      double change = 0;
-      for (int i = 0; i < a; ++i) {
-        const double next = std::max(kLeastFactor, f(i) + (right(i) - part.row(i).dot(f)) / part(i, i));
-        change = std::max(change, std::abs(next - f(i)));
-        f(i) = next;
-      }
-      if (change < 1e-12) break;
-    }
-    const MatrixXd inverse = solve_symmetric(part, MatrixXd::Identity(a, a));
-    const VectorXd variance = (inverse * noise * inverse.transpose()).diagonal();
     int worst = 0;
-    VectorXd relative(a);
-    for (int i = 0; i < a; ++i) {
-      relative(i) = variance(i) >= 0 ? std::sqrt(variance(i)) / (2 * f(i)) : std::numeric_limits<double>::infinity();
-      if (!(relative(i) <= relative(worst))) worst = i;
+    for (int i = 0; i < a; ++i)
+      if (!(now.uncertainty(i) <= now.uncertainty(worst))) worst = i;
+    if (now.uncertainty(worst) <= kMostUncertain) {
+      for (int i = 0; i < a; ++i) {
+        out.factor(active[i]) = now.factor(i);
+        out.uncertainty(active[i]) = now.uncertainty(i);
+      }
+      break;
     }
-    for (int i = 0; i < a; ++i) {
-      factor(active[i]) = f(i);
-      uncertainty(active[i]) = relative(i);
-    }
-    if (relative(worst) <= kMostUncertain) break;
-    factor(active[worst]) = 1;
-    uncertainty(active[worst]) = kNan;
     active.erase(active.begin() + worst);
   }
+  return out;
+}
+
+}  // namespace
+
+bool NoiseLevel::differs() const {
+  return std::isfinite(seen) && std::abs(seen / assumed - 1) > 0.2 && std::abs(seen - assumed) > 3 * uncertainty * seen;
+}
+
+std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance) {
+  NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
+  add_residuals(problem, rig, state, kinds);
+  const RowsLeft left = find_rows_left(problem, state, covariance, kinds);
+  const Factors factors = find_factors(kinds, left);
   std::vector<NoiseLevel> out;
-  for (int g = 0; g + 1 < groups; ++g) {
-    if (levels[g].rows == 0) continue;
-    NoiseLevel& level = levels[g];
+  for (int g = 0; !kinds.is_priors(g); ++g) {
+    NoiseLevel& level = kinds.levels[g];
+    if (level.rows == 0) continue;
     level.used = level.assumed;
-    level.redundancy = redundancy(g);
-    level.uncertainty = uncertainty(g);
-    level.seen = std::isfinite(uncertainty(g)) ? level.assumed * std::sqrt(factor(g)) : kNan;
+    level.redundancy = left.redundancy(g);
+    level.uncertainty = factors.uncertainty(g);
+    level.seen = std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
     out.push_back(std::move(level));
   }
   return out;

@@ -47,15 +47,17 @@ struct NoiseLevel {
   double uncertainty = 0;       // standard deviation of `seen`, relative to it; NaN as `seen`
   double redundancy = 0;        // what is left of its rows after fitting
   long rows = 0;                // whitened residuals
-  int own_views = 0;            // training views with sigmas of their own: theirs are to be taken times seen / assumed
+  int own_views = 0;            // training views with sigmas of their own: multiply these by seen / assumed
 
   /// Seen and assumed differ by more than 20 % and by more than 3 standard deviations.
   bool differs() const;
 };
 
-/// At a solution.
+/// The noise levels at a solution.
 std::vector<NoiseLevel> noise_levels(const Linearisation& at);
-/// At a state, covariances as last renewed. `covariance`: of the shared unknowns there (observe(), CalibrationResult). In modes marginal and point only sensors without noisy joints can be told.
+/// The noise levels at a solution, with the problem prepared there (Problem::prepare) and covariances as last renewed. `covariance`: of the
+/// shared unknowns at the solution (observe()). In modes marginal and point only sensors without noisy joints can be
+/// told.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance);
 
 /// Multiplies the sigmas of what can be told by seen / assumed: of the rig, and of all views, those with sigmas or covariances of their

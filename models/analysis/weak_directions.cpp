@@ -198,7 +198,8 @@ std::optional<MatrixXd> with_exact_readings(const Recording& recording, const So
   return observe(at.problem, at.state).covariance;
 }
 
-/// Rewrites the reason of a weak direction if the noise of the joints' readings is it. `exact`: sigma of its first parameter without that noise.
+/// Rewrites the reason of a weak direction if the noise of the joints' readings is it. `exact`: sigma of its first parameter without that
+/// noise.
 void name_joint_noise(WeakDirection& weak, double exact) {
   if (weak.reason != "unknown" && weak.reason != "free_targets") return;
   if (!(exact < 0.5 * weak.sigma)) return;

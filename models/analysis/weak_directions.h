@@ -8,8 +8,8 @@
 // unknowns follow it while the other pivots stand still, the columns of C_K (C_KK)^-1; its sigma is the pivot's. (Eigenvectors would mix
 // directions of like sigma.)
 //
-// Why is looked for in the model (reasons.h). Where that finds no reason, or free targets, and with exact readings sigma were less than half,
-// the joints' noise hides it.
+// Why is looked for in the model (reasons.h). Where that finds no reason, or free targets, and with exact readings sigma were less than
+// half, the joints' noise hides it.
 #pragma once
 
 #include <string>
@@ -47,7 +47,7 @@ struct Explanation {
   std::vector<Correlation> correlations;    // from the data alone, above 0.99 in size, the largest first
 };
 
-/// Explains what the data of the last step tell at its solution. The result needs its covariance, setup, values, parameters and `unobservable`.
+/// Explains what the data of the last step hardly tell at its solution.
 Explanation explain(const Linearisation& at);
 
 }  // namespace kincal

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <map>
+#include <stdexcept>
+#include <string>
 
 #include "../../solver/decompositions.h"
 #include "../fitting/fit.h"
@@ -12,7 +14,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kRank = 1e-9;  // singular values, relative
+constexpr double kRank = 1e-9;                       // singular values, relative
 constexpr double kGrowth = 1.3;                      // of bandwidths
 constexpr double kClaim = 2, kSignificance = 3.5;    // standard errors of a gain; of the offsets
 constexpr double kWidest = -1.5;                     // of the widest prior, rad or m: logarithm to the base of 10
@@ -32,7 +34,7 @@ double distance(const Rig& rig, const ParameterTable& table, const Sample& sampl
   for (const auto& [joint, at] : posture) {
     double difference = robot.position(joint) - at;
     if (std::isnan(difference)) return kNan;
-    if (rig.tree.joints[joint].type == JointType::continuous) difference = std::remainder(difference, 2 * M_PI);
+    if (rig.tree.joints[joint].type == JointType::continuous) difference = std::remainder(difference, 2 * kPi);
     largest = std::max(largest, std::abs(difference));
   }
   return largest;
@@ -93,15 +95,15 @@ double weight(double distance, double bandwidth) {
 double chi2(const Near& n, const VectorXd& offsets) { return (n.z - n.f * offsets).squaredNorm(); }
 
 /// The weighted sums of a bandwidth.
-struct Sums {
+struct WeightedSums {
   MatrixXd w, b;    // sum w F'F, sum w^2 F'F
   VectorXd g;       // sum w F'z
   double rows = 0;  // sum w rows
 };
 
-Sums sum(const std::vector<Near>& near, double bandwidth) {
+WeightedSums sum(const std::vector<Near>& near, double bandwidth) {
   const Eigen::Index p = near[0].f.cols();
-  Sums out{MatrixXd::Zero(p, p), MatrixXd::Zero(p, p), VectorXd::Zero(p)};
+  WeightedSums out{MatrixXd::Zero(p, p), MatrixXd::Zero(p, p), VectorXd::Zero(p)};
   for (const Near& n : near) {
     const double w = weight(n.distance, bandwidth);
     if (w == 0) continue;
@@ -117,7 +119,7 @@ Sums sum(const std::vector<Near>& near, double bandwidth) {
 /// `ridge`: s^2 / t^2.
 MatrixXd regular(const MatrixXd& w, double ridge) { return w + ridge * MatrixXd::Identity(w.rows(), w.cols()); }
 
-VectorXd solve_without(const Sums& sums, const Near& n, double bandwidth, double ridge) {
+VectorXd solve_without(const WeightedSums& sums, const Near& n, double bandwidth, double ridge) {
   const double w = weight(n.distance, bandwidth);
   return Cholesky(regular(sums.w - w * (n.f.transpose() * n.f), ridge)).solve(sums.g - w * (n.f.transpose() * n.z));
 }
@@ -129,7 +131,7 @@ struct Choice {
 };
 
 /// Noise as seen, and the prior of the largest evidence.
-Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth) {
+Choice choose(const std::vector<Near>& near, const WeightedSums& sums, double bandwidth) {
   Choice out;
   out.bandwidth = bandwidth;
   const MatrixXd inverse = inverse_of(regular(sums.w, std::pow(10, -2 * kWidest)));
@@ -139,7 +141,7 @@ Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth)
   const MatrixXd share = inverse * sums.b;
   out.freedom = sums.rows - 2 * share.trace() + (inverse * sums.w * share).trace();
   if (out.freedom > 0) out.noise = std::sqrt(std::max(scatter / out.freedom, 1e-12));
-  double best = -std::numeric_limits<double>::infinity();
+  double best = -kInfinity;
   for (int step = 0; step < 8; ++step) {
     Choice tried = out;
     tried.prior = std::pow(10, kWidest - 0.5 * step);
@@ -156,10 +158,10 @@ Choice choose(const std::vector<Near>& near, const Sums& sums, double bandwidth)
 /// The bandwidth with the least prediction error at the samples nearest to the posture.
 Choice choose(const std::vector<Near>& near, double within) {
   const double smallest = std::max(0.01, 2 * near[kLocalSamples - 1].distance);
-  double best = std::numeric_limits<double>::infinity();
+  double best = kInfinity;
   Choice out;
   for (double h = smallest; h == smallest || h < kGrowth * kGrowth * within; h *= kGrowth) {
-    const Sums sums = sum(near, h);
+    const WeightedSums sums = sum(near, h);
     const Choice choice = choose(near, sums, h);
     double error = 0;
     for (const Near& n : near) {
@@ -211,6 +213,7 @@ struct Errors {
   long points = 0;
 };
 
+/// Adds the errors of one sample at the rig's offsets plus `values`; false where they are not defined.
 bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values,
                 std::map<std::string, Errors>& errors) {
   for (size_t j = 0; j < offsets.size(); ++j) rig.joints[offsets[j].joint].offset += values(static_cast<Eigen::Index>(j));
@@ -229,6 +232,180 @@ bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& o
     defined = false;
   }
   return defined;
+}
+
+using ErrorsBySensor = std::map<std::string, Errors>;
+
+/// The errors of samples within the radius.
+struct LocalErrors {
+  ErrorsBySensor of[2][2];  // training, held out; before, after
+
+  void add(const Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values) {
+    ErrorsBySensor one[2];
+    if (add_errors(rig, sample, offsets, VectorXd::Zero(values.size()), one[0]) && add_errors(rig, sample, offsets, values, one[1]))
+      for (int after : {0, 1})
+        for (const auto& e : one[after]) {
+          Errors& to = of[sample.train ? 0 : 1][after][e.first];
+          to.squared += e.second.squared;
+          to.rotation += e.second.rotation;
+          to.points += e.second.points;
+        }
+  }
+  std::vector<SensorResult> by_sensor(const Rig& rig) {
+    std::vector<SensorResult> out;
+    for (const Sensor& sensor : rig.sensors) {
+      SensorResult r;
+      r.name = sensor.name;
+      r.unit = sensor.model->unit();
+      r.whole_pose = sensor.model->whole_pose();
+      for (int split : {0, 1}) {
+        SplitStatistics& s = split ? r.test : r.train;
+        const Errors before = of[split][0][sensor.name], after = of[split][1][sensor.name];
+        const auto rms = [&](double squared) { return before.points ? std::sqrt(squared / static_cast<double>(before.points)) : kNan; };
+        s.points = before.points;
+        s.rms_before = rms(before.squared);
+        s.rms_as_read = rms(after.squared);
+        s.rotation_before = rms(before.rotation);
+        s.rotation_as_read = rms(after.rotation);
+        s.rms = s.rotation = kNan;
+      }
+      if (r.train.points + r.test.points > 0) out.push_back(r);
+    }
+    return out;
+  }
+};
+
+/// The training samples within the limit that depend on the joints, nearest first. `distances`: of all that have the joints, ascending.
+std::vector<Near> find_near(const Recording& recording, const LocalPosture& posture, const std::vector<int>& joints,
+                            const LocalOptions& options, std::vector<double>& distances) {
+  const std::vector<Sample>& samples = recording.samples;
+  std::vector<Near> near;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const double d = distance(recording.rig, recording.table, samples[i], posture);
+    if (std::isnan(d) || !samples[i].train) continue;
+    distances.push_back(d);
+    if (d > options.within) continue;
+    near.push_back({static_cast<int>(i), d, {}, {}});
+    linearise(recording, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
+    if (near.back().z.size() == 0) near.pop_back();
+  }
+  std::sort(distances.begin(), distances.end());
+  std::sort(near.begin(), near.end(), [&](const Near& a, const Near& b) {
+    return a.distance != b.distance ? a.distance < b.distance : samples[a.sample].id < samples[b.sample].id;
+  });
+  return near;
+}
+
+/// Those of the joints that some sample near depends on.
+std::vector<int> joints_with_effect(const std::vector<Near>& near, const std::vector<int>& joints) {
+  std::vector<int> out;
+  for (size_t j = 0; j < joints.size(); ++j)
+    if (std::any_of(near.begin(), near.end(), [&](const Near& n) { return n.f.col(static_cast<Eigen::Index>(j)).norm() > 0; }))
+      out.push_back(joints[j]);
+  return out;
+}
+
+/// The offsets of all samples near, and what they were estimated with.
+struct Estimate {
+  VectorXd offsets;
+  Choice choice;
+  WeightedSums sums;
+};
+
+/// Linearises the samples near at the estimate, three times in all.
+Estimate estimate_offsets(const Recording& recording, const std::vector<int>& joints, const LocalOptions& options,
+                          std::vector<Near>& near) {
+  Estimate out;
+  out.offsets = VectorXd::Zero(static_cast<Eigen::Index>(joints.size()));
+  for (int pass = 0; pass < 3; ++pass) {
+    for (Near& n : near) linearise(recording, joints, out.offsets, options.noise, n);
+    out.choice = choose(near, options.within);
+    out.sums = sum(near, out.choice.bandwidth);
+    out.offsets = Cholesky(regular(out.sums.w, out.choice.ridge())).solve(out.sums.g);
+  }
+  return out;
+}
+
+/// What the samples near are predicted with: for each the offsets that it had no part in, and what these gain there.
+struct LeftOut {
+  std::vector<VectorXd> offsets;
+  std::vector<double> gains;  // of chi2
+
+  /// Standard error of the sum of the first gains.
+  double standard_error(int count) const {
+    double mean = 0, squares = 0;
+    for (int i = 0; i < count; ++i) mean += gains[i] / count;
+    for (int i = 0; i < count; ++i) squares += (gains[i] - mean) * (gains[i] - mean);
+    return std::sqrt(squares * count / (count - 1));
+  }
+};
+
+/// Finds the radius, and whether there is a gain within it.
+LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, double within, LocalCalibration& out) {
+  const Choice& choice = estimate.choice;
+  const WeightedSums& sums = estimate.sums;
+  LeftOut left_out;
+  double total = 0, best = 0;
+  for (size_t i = 0; i < near.size(); ++i) {
+    left_out.offsets.push_back(solve_without(sums, near[i], choice.bandwidth, choice.ridge()));
+    left_out.gains.push_back(near[i].z.squaredNorm() - chi2(near[i], left_out.offsets[i]));
+    total += left_out.gains[i];
+    const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
+    if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
+  }
+  const PseudoInverse b(sums.b);
+  const double rank = static_cast<double>(b.rank());
+  if (choice.freedom > 0)
+    out.significance = normal_of_f(sums.g.dot(b.solve(sums.g)) / rank / (choice.noise * choice.noise), rank, choice.freedom);
+  out.gain = out.samples > 0 && out.significance > kSignificance && best >= kClaim * left_out.standard_error(out.samples);
+  if (out.gain) {
+    out.radius = near[out.samples - 1].distance;
+    out.ends = out.samples < out.near;
+  } else {
+    out.radius = std::min(out.bandwidth, within);
+    out.samples = static_cast<int>(std::count_if(near.begin(), near.end(), [&](const Near& n) { return n.distance <= out.radius; }));
+  }
+  out.gain_sigma = left_out.standard_error(out.samples);
+  return left_out;
+}
+
+/// Sets the offsets and their sigmas.
+void set_offsets(const std::vector<Near>& near, const Estimate& estimate, std::vector<LocalOffset>& offsets) {
+  const Choice& choice = estimate.choice;
+  const WeightedSums& sums = estimate.sums;
+  const Eigen::Index p = estimate.offsets.size();
+  const double s = choice.noise, s0 = std::min(1.0, s);
+  const VectorXd varies = variation(near, estimate.offsets, choice.bandwidth, s0);
+  MatrixXd middle = s0 * s0 * sums.b + regular(MatrixXd::Zero(p, p), s * s * choice.ridge());
+  for (const Near& n : near) {
+    const double w = weight(n.distance, choice.bandwidth);
+    const MatrixXd gram = n.f.transpose() * n.f;
+    middle += w * w * (gram * varies.asDiagonal() * gram);
+  }
+  const MatrixXd inverse = inverse_of(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
+  for (Eigen::Index j = 0; j < p; ++j) {
+    offsets[j].offset = estimate.offsets(j);
+    offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
+    offsets[j].variation = std::sqrt(varies(j));
+    offsets[j].determined = inverse(j, j) * choice.ridge() < 0.81;
+  }
+}
+
+/// Sets chi2 and the errors within the radius, with the robot's readings as they are.
+void set_errors(const Recording& recording, const LocalPosture& posture, const std::vector<Near>& near, const LeftOut& left_out,
+                const VectorXd& offsets, LocalCalibration& out) {
+  LocalErrors errors;
+  for (int i = 0; i < out.samples; ++i) {
+    out.chi2_before += near[i].z.squaredNorm();
+    out.chi2 += chi2(near[i], left_out.offsets[i]);
+    errors.add(recording.rig, recording.samples[near[i].sample], out.offsets, left_out.offsets[i]);
+  }
+  std::vector<std::pair<std::string, const Sample*>> held_out;
+  for (const Sample& s : recording.samples)
+    if (!s.train && distance(recording.rig, recording.table, s, posture) <= out.radius) held_out.push_back({s.id, &s});
+  std::sort(held_out.begin(), held_out.end());
+  for (const auto& s : held_out) errors.add(recording.rig, *s.second, out.offsets, offsets);
+  out.sensors = errors.by_sensor(recording.rig);
 }
 
 }  // namespace
@@ -251,143 +428,24 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   Rig without_steps = given;
   without_steps.steps.clear();
   const Recording recording(std::move(without_steps), samples);
-  const Rig& rig = recording.rig;
-  const ParameterTable& table = recording.table;
-  LocalCalibration out;
-
-  // The samples near, nearest first.
   std::vector<int> joints;
   for (const auto& at : posture) joints.push_back(at.first);
-  std::vector<Near> near;
-  for (size_t i = 0; i < samples.size(); ++i) {
-    const double d = distance(rig, table, samples[i], posture);
-    if (std::isnan(d) || !samples[i].train) continue;
-    out.distances.push_back(d);
-    if (d > options.within) continue;
-    near.push_back({static_cast<int>(i), d, {}, {}});
-    linearise(recording, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
-    if (near.back().z.size() == 0) near.pop_back();
-  }
-  std::sort(out.distances.begin(), out.distances.end());
-  std::sort(near.begin(), near.end(), [&](const Near& a, const Near& b) {
-    return a.distance != b.distance ? a.distance < b.distance : samples[a.sample].id < samples[b.sample].id;
-  });
+
+  LocalCalibration out;
+  std::vector<Near> near = find_near(recording, posture, joints, options, out.distances);
   out.near = static_cast<int>(near.size());
   out.enough = out.near >= kLocalSamples;
   if (!out.enough) return out;
+  joints = joints_with_effect(near, joints);
+  for (int j : joints) out.offsets.push_back({j, 0, kNan, kNan, false});
 
-  // Joints that nothing near depends on have no column.
-  std::vector<Eigen::Index> kept;
-  for (size_t j = 0; j < joints.size(); ++j)
-    if (std::any_of(near.begin(), near.end(), [&](const Near& n) { return n.f.col(static_cast<Eigen::Index>(j)).norm() > 0; }))
-      kept.push_back(static_cast<Eigen::Index>(j));
-  for (size_t j = 0; j < kept.size(); ++j) out.offsets.push_back({joints[kept[j]], 0, kNan, kNan, false});
-  joints.clear();
-  for (const LocalOffset& o : out.offsets) joints.push_back(o.joint);
-  const Eigen::Index p = static_cast<Eigen::Index>(joints.size());
-
-  VectorXd offsets = VectorXd::Zero(p);
-  Choice choice;
-  Sums sums;
-  for (int pass = 0; pass < 3; ++pass) {
-    for (Near& n : near) linearise(recording, joints, offsets, options.noise, n);
-    choice = choose(near, options.within);
-    sums = sum(near, choice.bandwidth);
-    offsets = Cholesky(regular(sums.w, choice.ridge())).solve(sums.g);
-  }
-  out.bandwidth = choice.bandwidth;
-  out.prior = choice.prior;
-  out.noise = choice.noise;
-
-  // Radius, and whether there is anything.
-  std::vector<VectorXd> without;
-  std::vector<double> gains;
-  double total = 0, best = 0;
-  for (size_t i = 0; i < near.size(); ++i) {
-    without.push_back(solve_without(sums, near[i], choice.bandwidth, choice.ridge()));
-    gains.push_back(near[i].z.squaredNorm() - chi2(near[i], without[i]));
-    total += gains[i];
-    const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
-    if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
-  }
-  const PseudoInverse b(sums.b);
-  const double rank = static_cast<double>(b.rank());
-  if (choice.freedom > 0)
-    out.significance = normal_of_f(sums.g.dot(b.solve(sums.g)) / rank / (choice.noise * choice.noise), rank, choice.freedom);
-  const auto standard_error = [&](int count) {
-    double mean = 0, squares = 0;
-    for (int i = 0; i < count; ++i) mean += gains[i] / count;
-    for (int i = 0; i < count; ++i) squares += (gains[i] - mean) * (gains[i] - mean);
-    return std::sqrt(squares * count / (count - 1));
-  };
-  out.gain = out.samples > 0 && out.significance > kSignificance && best >= kClaim * standard_error(out.samples);
-  if (out.gain) {
-    out.radius = near[out.samples - 1].distance;
-    out.ends = out.samples < out.near;
-  } else {
-    out.radius = std::min(out.bandwidth, options.within);
-    out.samples = static_cast<int>(std::count_if(near.begin(), near.end(), [&](const Near& n) { return n.distance <= out.radius; }));
-  }
-  out.gain_sigma = standard_error(out.samples);
-  if (out.gain) {
-    const double s = choice.noise, s0 = std::min(1.0, s);
-    const VectorXd varies = variation(near, offsets, choice.bandwidth, s0);
-    MatrixXd middle = s0 * s0 * sums.b + regular(MatrixXd::Zero(p, p), s * s * choice.ridge());
-    for (const Near& n : near) {
-      const double w = weight(n.distance, choice.bandwidth);
-      const MatrixXd gram = n.f.transpose() * n.f;
-      middle += w * w * (gram * varies.asDiagonal() * gram);
-    }
-    const MatrixXd inverse = inverse_of(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
-    for (Eigen::Index j = 0; j < p; ++j) {
-      out.offsets[j].offset = offsets(j);
-      out.offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
-      out.offsets[j].variation = std::sqrt(varies(j));
-      out.offsets[j].determined = inverse(j, j) * choice.ridge() < 0.81;
-    }
-  }
-
-  // Errors within the radius, with the robot's readings as they are.
-  std::map<std::string, Errors> errors[2][2];  // training, held out; before, after
-  const auto judge = [&](const Sample& sample, const VectorXd& with) {
-    std::map<std::string, Errors> one[2];
-    if (add_errors(rig, sample, out.offsets, VectorXd::Zero(p), one[0]) && add_errors(rig, sample, out.offsets, with, one[1]))
-      for (int after : {0, 1})
-        for (const auto& e : one[after]) {
-          Errors& to = errors[sample.train ? 0 : 1][after][e.first];
-          to.squared += e.second.squared;
-          to.rotation += e.second.rotation;
-          to.points += e.second.points;
-        }
-  };
-  for (int i = 0; i < out.samples; ++i) {
-    out.chi2_before += near[i].z.squaredNorm();
-    out.chi2 += chi2(near[i], without[i]);
-    judge(samples[near[i].sample], without[i]);
-  }
-  std::vector<std::pair<std::string, const Sample*>> held_out;
-  for (const Sample& s : samples)
-    if (!s.train && distance(rig, table, s, posture) <= out.radius) held_out.push_back({s.id, &s});
-  std::sort(held_out.begin(), held_out.end());
-  for (const auto& s : held_out) judge(*s.second, offsets);
-  for (const Sensor& sensor : rig.sensors) {
-    SensorResult r;
-    r.name = sensor.name;
-    r.unit = sensor.model->unit();
-    r.whole_pose = sensor.model->whole_pose();
-    for (int split : {0, 1}) {
-      SplitStatistics& s = split ? r.test : r.train;
-      const Errors before = errors[split][0][sensor.name], after = errors[split][1][sensor.name];
-      const auto rms = [&](double squared) { return before.points ? std::sqrt(squared / static_cast<double>(before.points)) : kNan; };
-      s.points = before.points;
-      s.rms_before = rms(before.squared);
-      s.rms_as_read = rms(after.squared);
-      s.rotation_before = rms(before.rotation);
-      s.rotation_as_read = rms(after.rotation);
-      s.rms = s.rotation = kNan;
-    }
-    if (r.train.points + r.test.points > 0) out.sensors.push_back(r);
-  }
+  const Estimate estimate = estimate_offsets(recording, joints, options, near);
+  out.bandwidth = estimate.choice.bandwidth;
+  out.prior = estimate.choice.prior;
+  out.noise = estimate.choice.noise;
+  const LeftOut left_out = judge_gain(near, estimate, options.within, out);
+  if (out.gain) set_offsets(near, estimate, out.offsets);
+  set_errors(recording, posture, near, left_out, estimate.offsets, out);
   return out;
 }
 

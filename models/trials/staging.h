@@ -1,11 +1,8 @@
 // What to calibrate, chosen by the data: groups of parameters in the order of observability, each kept only if it lowers the error on
 // samples that the fit has not seen.
 //
-// Groups. `mounts`: poses of sensors and mounted targets (always kept: everything else is measured from them); joint offsets; the
-// independent geometry of each chain between what sees and what is seen (models/rig/geometry.h); gear scales; sizes of boards;
-// baselines; intrinsics; distortion. Of a group, components that would not be observable beside those kept before are held (wrist
-// roll against the board's roll): found by observe() without priors; of each direction the component with the largest coefficient. All
-// groups but the mounts have priors, around the rig's values, wide enough for what robots are off by, so that what is weak stays put.
+// Groups (groups.h). Of a group, components that would not be observable beside those kept before are held (wrist roll against the board's
+// roll): found by observe() without priors; of each direction the component with the largest coefficient.
 //
 // Folds. Up to five, of training samples: by sample, the same mixture of sensors and targets in each; or, where each sample sees one
 // mounted target and some sensor several of them, by whole target, whose pose is then estimated from the fold's own samples when it
@@ -20,7 +17,7 @@
 // A group stays if  d_i = log(1 + c_i) - log(1 + c_i')  has a mean above two of its standard errors, the error falls by 1 % at least, and
 // more than half of the folds agree.
 //
-// Search. Forward in the order above, again while something new was kept (another group may have hidden it), then backward: each kept
+// Search. Forward in the order of groups.h, again while something new was kept (another group may have hidden it), then backward: each kept
 // group is taken out, and stays out unless it stands the same test with everything else there. So what was kept only because something
 // later was still missing goes again. Offsets of joints on a chain with freed geometry are contained in it and held at their values.
 #pragma once
@@ -57,9 +54,6 @@ struct Staging {
   bool by_target = false;  // else by sample
   int units = 0;           // samples or targets judged
 };
-
-/// The groups that there are for this rig and these samples, with everything in them.
-std::vector<std::pair<std::string, std::vector<std::string>>> staging_groups(const Rig& rig, const std::vector<Sample>& samples);
 
 /// Chooses the steps of a rig without `estimate`, from training samples only. nullopt: cancelled.
 /// @throws std::invalid_argument where nothing can be freed; std::runtime_error as Calibration::run().
