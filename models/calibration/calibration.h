@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "../../solver/levenberg_marquardt.h"
-#include "../doctor/doctor.h"
+#include "../doctor/finding.h"
 #include "../estimation/estimation.h"
 #include "../rig/selection.h"
 #include "../analysis/explain.h"
