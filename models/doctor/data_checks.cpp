@@ -192,7 +192,7 @@ void check_still_joints(const Recording& recording, const FreedNames& freed, std
     Finding f;
     f.id = "still-joint";
     f.where = {rig.tree.joints[j].name};
-    f.text = "Joint '" + rig.tree.joints[j].name + "' never moves" + text(" (it reads %.6g in all ", r.second.first) +
+    f.text = "Joint " + quoted(rig.tree.joints[j].name) + " never moves" + text(" (it reads %.6g in all ", r.second.first) +
              std::to_string(samples) + " samples that need it), but the rig frees " + joined(names) +
              ". Take samples in which it moves, or hold " + (names.size() == 1 ? "it" : "them") + "; if it did move, the log is wrong.";
     out.push_back(std::move(f));
