@@ -5,8 +5,8 @@
 //    three starts: the rig's values, the rig's steps one after the other, and closed form for poses that are freed wholly.
 // 3. If chi2/dof (of the whole, or of a sensor) is bad: each mistake of hypotheses.h undone, with the same unknowns, and fitted again. The
 //    list is shortened by a few iterations each; the best of them are fitted to the end. One is believed if chi2 falls by a large factor
-//    (kDecisive where what remains is noise, kOverwhelming else: model errors must not look like mistakes), and then the next is looked for on
-//    top of it. Of several that explain equally much, that counts which leaves the poses nearest to the rig's.
+//    (Thresholds::decisive where what remains is noise, Thresholds::overwhelming else: model errors must not look like mistakes), and then
+//    the next is looked for on top of it. Of several that explain equally much, that counts which leaves the poses nearest to the rig's.
 //    Bad samples are found by a robust fit (Cauchy, its scale taken from the data and lowered to 3 sigmas): those whose rows have more than
 //    25 times the median sample's mean square. Views numbered from the other corner likewise: a view that half a turn fits far better, with
 //    everything else as it is.
@@ -18,27 +18,14 @@
 
 #include <functional>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "../rig/rig.h"
 #include "../rig/samples.h"
+#include "data_checks.h"  // find_duplicates()
+#include "finding.h"
 
 namespace kincal {
-
-struct Finding {
-  std::string id, text;                              // ids: docs/formats.md
-  std::vector<std::string> where;                    // sensors, targets, joints, samples
-  std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
-};
-
-struct Diagnosis {
-  std::vector<Finding> findings;  // what explains most first; those without a fit last
-  std::optional<double> chi2;     // as is; nothing: the fit cannot start
-  long dof = 0;
-  std::string verdict;              // one or more sentences
-  std::vector<std::string> tested;  // ids of the mistakes that were looked for
-};
 
 struct DoctorOptions {
   NoiseMode noise = NoiseMode::latent;
@@ -49,9 +36,5 @@ struct DoctorOptions {
 
 /// @throws NameError, std::invalid_argument as Calibration does. Nothing: `progress` cancelled.
 std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples, const DoctorOptions& options);
-
-/// Samples with the same readings and the same measured numbers; each with an earlier one. Chain views measure nothing: samples that have no
-/// others are no duplicates.
-std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples);
 
 }  // namespace kincal

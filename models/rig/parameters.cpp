@@ -20,6 +20,18 @@ ParameterKind kind_of_block(const std::string& name) {
 
 }  // namespace
 
+const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind) {
+  for (const ParameterBlock& block : sensor.parameters)
+    if (kind_of_block(block.name) == kind) return &block;
+  return nullptr;
+}
+
+int ParameterTable::index_of(ParameterKind kind, int owner) const {
+  for (size_t p = 0; p < all.size(); ++p)
+    if (all[p].kind == kind && all[p].owner == owner) return static_cast<int>(p);
+  return -1;
+}
+
 Pose get_pose(const VectorXd& values, int start) {
   return {Eigen::Map<const Matrix3d>(values.data() + start), Eigen::Map<const Vector3d>(values.data() + start + 9)};
 }

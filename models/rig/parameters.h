@@ -69,6 +69,8 @@ struct ParameterTable {
 
   explicit ParameterTable(const Rig& rig);
 
+  /// The first parameter of a kind that a joint, sensor or target has; -1: none.
+  int index_of(ParameterKind kind, int owner) const;
   std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
   const std::string& unit(const Component& c) const { return all[c.parameter].units[c.index]; }
 
@@ -89,6 +91,9 @@ struct ParameterTable {
   Tree tree_;                   // of the rig, for geometry/BASE..TIP
   std::vector<char> has_pose_;  // by link: a sensor or mounted target stands on it
 };
+
+/// The block of a sensor's own numbers that is intrinsics, distortion or baseline; null: it has none.
+const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);

@@ -49,4 +49,28 @@ bool on_a_line(const Matrix3Xd& points) {
 
 double extent(const Matrix3Xd& points) { return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm(); }
 
+bool numbered_by_markers(const Target& target) { return target.type == "charuco" || target.type == "apriltag_grid"; }
+
+int points_of_mark(const Target& target) { return target.type == "apriltag_grid" ? 4 : 1; }
+
+std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m) {
+  const Matrix3Xd& layout = target.layout;
+  if (!target.grid || layout.cols() < 3) return {};
+  const Eigen::Vector2d centre = layout.topRows<2>().rowwise().mean();
+  std::vector<int> out;
+  for (Eigen::Index i = 0; i < layout.cols(); ++i) {
+    const Eigen::Vector2d at = centre + m * (layout.col(i).head<2>() - centre);
+    Eigen::Index place = 0;
+    if ((layout.topRows<2>().colwise() - at).colwise().norm().minCoeff(&place) > 1e-6) return {};
+    out.push_back(static_cast<int>(place));
+  }
+  return out;
+}
+
+void relabel(View& view, const Target& target, const std::vector<int>& places) {
+  if (view.ids.empty())
+    for (int i = 0; i < target.count(); ++i) view.ids.push_back(i);
+  for (int& id : view.ids) id = places[id];
+}
+
 }  // namespace kincal

@@ -4,6 +4,7 @@
 
 #include "../../../models/doctor/doctor.h"
 #include "../../../models/doctor/hypotheses.h"
+#include "../../../models/rig/targets.h"
 #include "../../../models/sensors/sensors.h"
 #include "../../../models/simulation/simulation.h"
 

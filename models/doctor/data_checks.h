@@ -1,0 +1,26 @@
+// Mistakes that the data show by themselves, without a fit.
+#pragma once
+
+#include <vector>
+
+#include "../rig/rig.h"
+#include "../rig/samples.h"
+#include "finding.h"
+
+namespace kincal {
+
+struct FreedNames;
+struct Recording;
+
+/// Samples with the same readings and the same measured numbers; each with an earlier one. Chain views measure nothing: samples that have no
+/// others are no duplicates.
+std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples);
+
+/// Appends joints that never move although numbers of theirs are freed that only their motion tells.
+void check_still_joints(const Recording& recording, const FreedNames& freed, std::vector<Finding>& out);
+
+/// Appends freed poses that no sample shows, and sensors and targets that are tied to nothing whose place is known. `sensors`: those that
+/// some step uses.
+void check_connections(const Recording& recording, const FreedNames& freed, const std::vector<int>& sensors, std::vector<Finding>& out);
+
+}  // namespace kincal

@@ -1,0 +1,26 @@
+// What the doctor says: findings, and the diagnosis that they make.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace kincal {
+
+/// A mistake that was found.
+struct Finding {
+  std::string id, text;                              // ids: docs/formats.md
+  std::vector<std::string> where;                    // sensors, targets, joints, samples
+  std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
+};
+
+/// All that was found, and what it explains.
+struct Diagnosis {
+  std::vector<Finding> findings;  // what explains most first; those without a fit last
+  std::optional<double> chi2;     // as is; nothing: the fit cannot start
+  long dof = 0;
+  std::string verdict;              // one or more sentences
+  std::vector<std::string> tested;  // ids of the mistakes that were looked for
+};
+
+}  // namespace kincal

@@ -1,0 +1,259 @@
+#include "sensor_mistakes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+#include "../sensors/sensors.h"
+
+namespace kincal {
+namespace {
+
+bool is_camera(const Sensor& sensor) { return sensor.model->sight() == Sight::rays; }
+
+}  // namespace
+
+void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    const Sight sight = sensor.model->sight();
+    if (sight == Sight::rays) {
+      const ParameterBlock* intrinsics = find_block(sensor, ParameterKind::intrinsics);
+      if (!intrinsics || intrinsics->values.size() < 4) continue;
+      const std::vector<double>& k = intrinsics->values;
+      for (int axis : {0, 1}) {
+        const int size = axis == 0 ? sensor.image_width : sensor.image_height;
+        const double sum = size > 0 ? size - 1 : 2 * k[2 + axis];
+        Hypothesis h;
+        h.id = "mirrored";
+        h.where = {sensor.name};
+        h.what = "the images of camera " + quoted(sensor.name) + " are mirrored " + (axis == 0 ? "left to right" : "top to bottom");
+        h.cure = std::string("Detect in the image as the camera gave it, or replace ") +
+                 (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views.";
+        h.undo = [s, axis, sum](Rig&, std::vector<Sample>& samples) {
+          for (Sample& sample : samples)
+            for (View& v : sample.views)
+              if (v.sensor == s)
+                for (size_t i = axis; i < v.z.size(); i += 2) v.z[i] = sum - v.z[i];
+        };
+        out.push_back(h);
+      }
+    } else if (sight == Sight::points) {
+      const auto somewhere = [](const View& v) { return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }); };
+      for (int axis : {0, 1, 2}) {
+        Hypothesis h;
+        h.id = "mirrored";
+        h.where = {sensor.name};
+        h.what =
+            "the points that sensor " + quoted(sensor.name) + " measures are mirrored: its axes are left-handed, or one has the wrong sign";
+        h.cure =
+            std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the sensor's pose accordingly) in its views.";
+        h.undo = [s, axis, somewhere](Rig&, std::vector<Sample>& samples) {
+          for (Sample& sample : samples)
+            for (View& v : sample.views)
+              if (v.sensor == s && somewhere(v))
+                for (size_t i = axis; i < v.z.size(); i += 3) v.z[i] = -v.z[i];
+        };
+        out.push_back(h);
+      }
+    }
+  }
+}
+
+void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    const bool pose = sensor.model->sight() == Sight::pose;
+    if (!pose && sensor.model->sight() != Sight::points) continue;
+    Hypothesis h;
+    h.id = "square";
+    h.where = {sensor.name};
+    h.what = std::string(pose ? "the positions" : "the points") + " that sensor " + quoted(sensor.name) + " measures are in millimetres";
+    h.cure = "Write metres into its views: divide by 1000.";
+    h.new_poses = true;
+    h.undo = [s, pose](Rig&, std::vector<Sample>& samples) {
+      for (Sample& sample : samples)
+        for (View& v : sample.views)
+          if (v.sensor == s)
+            for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= 0.001;
+    };
+    out.push_back(h);
+  }
+}
+
+void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
+    Hypothesis h;
+    h.id = "inverted-pose";
+    h.where = {sensor.name};
+    h.what = "the pose of sensor " + quoted(sensor.name) + " is given the wrong way round, as sensor_T_link";
+    h.cure = "Replace sensors." + sensor.name + ".pose by its inverse: it maps coordinates of the sensor" +
+             (sensor.model->sight() == Sight::chain ? "'s target" : "") + " to the link's.";
+    h.undo = [s](Rig& r, std::vector<Sample>&) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
+    out.push_back(h);
+  }
+  for (int t : survey.targets) {
+    const Target& target = rig.targets[t];
+    if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6) continue;
+    Hypothesis h;
+    h.id = "inverted-pose";
+    h.where = {target.name};
+    h.what = "the pose of target " + quoted(target.name) + " is given the wrong way round, as target_T_link";
+    h.cure = "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's.";
+    h.undo = [t](Rig& r, std::vector<Sample>&) { r.targets[t].link_T_target = inverse(r.targets[t].link_T_target); };
+    out.push_back(h);
+  }
+}
+
+void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (const auto& pair : survey.pairs) {
+    const int s = pair.first, t = pair.second;
+    const Sensor& sensor = rig.sensors[s];
+    const Target& target = rig.targets[t];
+    if (sensor.model->sight() == Sight::chain || sensor.model->scans()) continue;
+    if (target.link >= 0) {
+      if (target.link == sensor.link) continue;
+      for (bool poses : {false, true}) {
+        Hypothesis h;
+        h.id = "eye-in-hand";
+        h.where = {sensor.name, target.name};
+        h.what = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
+                 " are on the wrong sides: the sensor sits on link " + quoted(rig.tree.links[target.link]) + " and the target on " +
+                 quoted(rig.tree.links[sensor.link]);
+        h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" + (poses ? ", poses too." : ".");
+        h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
+          std::swap(r.sensors[s].link, r.targets[t].link);
+          if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
+        };
+        h.new_poses = true;
+        out.push_back(h);
+      }
+      continue;
+    }
+    for (const auto& other : survey.pairs) {  // a free target in a hand
+      if (other.second != t || rig.sensors[other.first].model->sight() != Sight::chain || rig.sensors[other.first].link == sensor.link)
+        continue;
+      const int c = other.first;
+      Hypothesis h;
+      h.id = "eye-in-hand";
+      h.where = {sensor.name, rig.sensors[c].name};
+      h.what = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) + " are on the wrong sides";
+      h.cure = "Exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name + ".link, poses too.";
+      h.undo = [s, c](Rig& r, std::vector<Sample>&) {
+        std::swap(r.sensors[s].link, r.sensors[c].link);
+        std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
+      };
+      h.new_poses = true;
+      out.push_back(h);
+    }
+  }
+}
+
+void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (int a : survey.sensors)
+    for (int b : survey.sensors) {
+      if (a >= b || !is_camera(rig.sensors[a]) || !is_camera(rig.sensors[b])) continue;
+      Hypothesis h;
+      h.id = "swapped-cameras";
+      h.where = {rig.sensors[a].name, rig.sensors[b].name};
+      h.what = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) + " are exchanged";
+      h.cure = "Exchange the two names, in the rig or in the views.";
+      h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
+        for (Sample& s : samples)
+          for (View& v : s.views)
+            if (v.sensor == a || v.sensor == b) v.sensor = a + b - v.sensor;
+      };
+      out.push_back(h);
+    }
+}
+
+void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out) {
+  std::map<std::pair<bool, int>, std::vector<int>> on_link;  // (distorts, link): cameras
+  std::map<bool, std::vector<int>> all;
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) || !find_block(sensor, ParameterKind::baseline)) continue;
+    const int distortion = table.index_of(ParameterKind::distortion, s);
+    if (distortion >= 0 && freed.parameter[distortion]) continue;
+    const std::vector<double> lens = distortion >= 0 ? find_block(sensor, ParameterKind::distortion)->values : std::vector<double>();
+    const bool distorts = std::any_of(lens.begin(), lens.end(), [](double k) { return k != 0; });
+    on_link[{distorts, sensor.link}].push_back(s);
+    all[distorts].push_back(s);
+  }
+  std::set<std::pair<bool, std::vector<int>>> groups;  // each alone, those of one link, all
+  for (const auto& g : on_link) groups.insert({g.first.first, g.second});
+  for (const auto& g : all) {
+    groups.insert(g);
+    for (int s : g.second) groups.insert({g.first, {s}});
+  }
+  for (const auto& group : groups) {
+    Hypothesis h;
+    h.id = "rectified";
+    std::string names;
+    for (int s : group.second) {
+      h.where.push_back(rig.sensors[s].name);
+      names += (names.empty() ? "" : ", ") + quoted(rig.sensors[s].name);
+      if (!group.first) h.free.push_back("sensor/" + rig.sensors[s].name + "/distortion");
+    }
+    if (group.first) {
+      h.what = "the rig corrects the lens of camera " + names + ", but the images are rectified already";
+      h.cure = "Take model: pinhole without distortion (and the intrinsics of the rectified image), or detect in the raw images.";
+    } else {
+      h.what = "the images of camera " + names + " are raw, but the rig gives no distortion";
+      h.cure =
+          "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free sensor/NAME/distortion, or detect in "
+          "rectified images.";
+    }
+    h.undo = [group](Rig& r, std::vector<Sample>&) {
+      for (int s : group.second) {
+        const std::vector<double> intrinsics = find_block(r.sensors[s], ParameterKind::intrinsics)->values;
+        const double baseline = find_block(r.sensors[s], ParameterKind::baseline)->values[0];
+        const std::vector<double> lens(group.first ? 0 : 5, 0.0);
+        r.sensors[s].model = make_camera(group.first ? Lens::pinhole : Lens::brown_conrady, static_cast<int>(lens.size()));
+        r.sensors[s].parameters = camera_parameters(group.first ? Lens::pinhole : Lens::brown_conrady, intrinsics, lens, baseline);
+      }
+    };
+    out.push_back(h);
+  }
+}
+
+void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    if (!sensor.model->scans()) continue;
+    double most = 0;
+    for (const Sample& sample : samples)
+      for (const View& v : sample.views)
+        if (v.sensor == s)
+          for (size_t i = 1; i < v.z.size(); i += 3) most = std::max(most, std::abs(v.z[i]));
+    const auto bearings = [s](double factor) {
+      return [s, factor](Rig&, std::vector<Sample>& all) {
+        for (Sample& sample : all)
+          for (View& v : sample.views)
+            if (v.sensor == s)
+              for (size_t i = 1; i < v.z.size(); i += 3) v.z[i] *= factor;
+      };
+    };
+    Hypothesis h;
+    h.where = {sensor.name};
+    if (most > kPi + 0.1) {
+      h.id = "degrees";
+      h.what = "the bearings of sensor " + quoted(sensor.name) + " are degrees";
+      h.cure = "Write radians: multiply them by pi / 180.";
+      h.undo = bearings(kPi / 180);
+    } else {
+      h.id = "mirrored";
+      h.what = "the rays of sensor " + quoted(sensor.name) + " are mirrored: their bearings have the wrong sign";
+      h.cure = "Change the sign of its bearings: they count from x towards y.";
+      h.undo = bearings(-1);
+    }
+    out.push_back(h);
+  }
+}
+
+}  // namespace kincal

@@ -1,0 +1,18 @@
+// What a fit that has no mistake left to undo tells about the rig's values: start values that it left behind, noise of the readings.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "finding.h"
+#include "trial_fits.h"
+
+namespace kincal {
+
+/// Appends poses that the estimate left behind, but whose inverse is where the estimate ended.
+void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now, std::vector<Finding>& out);
+
+/// How much noise of the joint readings would explain what is left; empty if it does not.
+std::string joint_noise(const Recording& recording, const TrialContext& context, const TrialFit& now);
+
+}  // namespace kincal

@@ -1,0 +1,31 @@
+#include "survey.h"
+
+#include <algorithm>
+
+namespace kincal {
+
+Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
+  Survey out;
+  std::map<std::pair<int, int>, std::vector<int>> joints;
+  for (size_t i = 0; i < samples.size(); ++i)
+    for (const View& v : samples[i].views) {
+      const std::pair<int, int> pair(v.sensor, v.target);
+      if (out.pairs.insert(pair).second) joints[pair] = joints_between(rig, v);
+      out.sensors.insert(v.sensor);
+      out.targets.insert(v.target);
+      const auto add = [&](int joint, double reading) {
+        const auto range = out.ranges.insert({joint, {reading, reading}}).first;
+        range->second = {std::min(range->second.first, reading), std::max(range->second.second, reading)};
+      };
+      for (int joint : joints[pair]) {
+        out.samples[joint].insert(static_cast<int>(i));
+        if (rig.sensors[v.sensor].scanning_joint != joint)
+          add(joint, samples[i].readings[joint]);
+        else
+          for (size_t k = 0; k + 2 < v.z.size(); k += 3) add(joint, v.z[k]);
+      }
+    }
+  return out;
+}
+
+}  // namespace kincal

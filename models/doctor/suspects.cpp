@@ -1,0 +1,198 @@
+#include "suspects.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "../fitting/starts.h"
+#include "../rig/targets.h"
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+/// Median of the finite numbers; NaN: there is none.
+double median_of_finite(std::vector<double> numbers) {
+  numbers.erase(std::remove_if(numbers.begin(), numbers.end(), [](double x) { return !std::isfinite(x); }), numbers.end());
+  return median(std::move(numbers));
+}
+
+}  // namespace
+
+TrialFit robust_fit(const Recording& recording, const TrialContext& context) {
+  TrialOptions o;
+  o.iterations = 15;
+  o.relative_decrease = 1e-3;
+  TrialFit now;
+  double scale = 0;
+  for (bool closed_form : {false, true}) {
+    if (closed_form && !context.given_poses_freed) break;
+    // Residuals at the start: what the median sample has.
+    TrialOptions start = o;
+    start.iterations = 0;
+    start.closed_form = closed_form;
+    TrialFit trial = trial_fit(recording, context, {context.all}, start);
+    const double typical = std::sqrt(median_of_finite(trial.sample));
+    if (std::isnan(typical) || (scale > 0 && typical > scale)) continue;
+    scale = typical;
+    now = std::move(trial);
+  }
+  if (!(scale > 0)) return now;
+  for (int i = 0; i < 12; ++i) {
+    o.loss = Loss{LossKind::cauchy, std::max(3.0, 2 * scale)};
+    const Values start = now.values;
+    o.start = &start;
+    now = trial_fit(recording, context, {context.all}, o);
+    const double typical = std::sqrt(median_of_finite(now.sample));
+    if (std::isnan(typical)) break;
+    const bool settled = typical > 0.8 * scale;
+    scale = typical;
+    if (settled) break;
+  }
+  return now;
+}
+
+std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context, const TrialFit& robust) {
+  const Rig& rig = recording.rig;
+  if (recording.samples.size() < 4 || robust.sample.empty()) return std::nullopt;
+  const double typical = median_of_finite(robust.sample);
+  if (!std::isfinite(typical)) return std::nullopt;
+  const double limit = Thresholds::sample_excess * std::max(1.0, typical);
+  std::set<std::string> bad;
+  for (size_t i = 0; i < recording.samples.size(); ++i)
+    if ((robust.sample[i] > limit && robust.trimmed[i] > 0.2 * Thresholds::sample_excess) ||
+        std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
+      bad.insert(recording.samples[i].id);
+  if (bad.empty() || bad.size() > Thresholds::most_bad * recording.samples.size()) return std::nullopt;
+  // A fit without a sample may do without it what it cannot do with it: samples that the others can live with come back.
+  std::vector<std::pair<double, int>> order;
+  for (size_t i = 0; i < recording.samples.size(); ++i)
+    if (bad.count(recording.samples[i].id))
+      order.push_back({std::isfinite(robust.sample[i]) ? robust.sample[i] : kInfinity, static_cast<int>(i)});
+  std::sort(order.begin(), order.end());
+  const auto without_bad = [&](double give_up) {
+    std::vector<Sample> rest = recording.samples;
+    for (Sample& s : rest)
+      if (bad.count(s.id)) s.views.clear();
+    TrialOptions o;
+    o.iterations = 40;
+    o.relative_decrease = 1e-3;
+    o.start = &robust.values;
+    o.give_up = give_up;
+    return trial_fit(Recording(rig, std::move(rest)), context, {context.all}, o);
+  };
+  const TrialFit rest = without_bad(kInfinity);
+  double per_dof = rest.per_dof();
+  int refused = 0;
+  for (size_t i = 0; i < order.size() && refused < 3; ++i) {
+    const std::string& id = recording.samples[order[i].second].id;
+    bad.erase(id);
+    const TrialFit with = without_bad(4 * std::max(1.0, per_dof) * static_cast<double>(rest.dof));
+    if (with.per_dof() < 2 * std::max(1.0, per_dof) && with.sample[order[i].second] < Thresholds::sample_excess * std::max(1.0, per_dof)) {
+      per_dof = with.per_dof();
+    } else {
+      bad.insert(id);
+      ++refused;
+    }
+  }
+  if (bad.empty()) return std::nullopt;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {  // all that a sensor sees: something is wrong with that sensor or with what it sees
+    bool seen = false, left = false;
+    for (const Sample& sample : recording.samples)
+      for (const View& v : sample.views)
+        if (v.sensor == static_cast<int>(s)) seen = true, left = left || !bad.count(sample.id);
+    if (seen && !left) return std::nullopt;
+  }
+  Hypothesis h;
+  h.id = "bad-samples";
+  h.where.assign(bad.begin(), bad.end());
+  h.what = (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") + joined(h.where) + " do not belong to " +
+           (bad.size() == 1 ? "its" : "their") + " views";
+  h.cure = bad.size() == 1 ? "Leave it out, or find its readings." : "Leave them out, or find their readings.";
+  h.undo = [bad](Rig&, std::vector<Sample>& samples) {
+    samples.erase(std::remove_if(samples.begin(), samples.end(), [&](const Sample& s) { return bad.count(s.id) > 0; }), samples.end());
+  };
+  return h;
+}
+
+std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust) {
+  if (!(median_of_finite(robust.sample) < Thresholds::sample_excess)) return {};  // most samples fit nothing: there is no consensus to ask
+  const Rig& rig = recording.rig;
+  const std::vector<int> sensors = indices(rig.sensors.size());
+  const Eigen::Matrix2d half = -Eigen::Matrix2d::Identity();
+  if (robust.values.shared.size() != recording.table.initial.size()) return {};
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = sensors;
+  setup.loss = {LossKind::soft_l1, 3};
+  Recording one(rig, {});
+  const auto cost_of = [&](const Sample& sample) {
+    one.samples = {sample};
+    Values values;
+    values.shared = robust.values.shared;
+    try {
+      start_targets(one, {0}, sensors, setup.loss, values);
+    } catch (const std::runtime_error&) {
+      return kInfinity;
+    }
+    Estimation problem(one, {0}, setup);
+    const VectorXd state = problem.pack(values);
+    problem.renew(state);
+    Cost cost;
+    return !problem.empty() && problem.evaluate(0, state, 0, cost) && std::isfinite(cost.twice) ? cost.twice : kInfinity;
+  };
+  std::set<std::pair<std::string, int>> turned;  // sample, place of the view
+  std::set<std::string> where;
+  size_t views = 0;
+  for (const Sample& sample : recording.samples) {
+    std::vector<std::vector<int>> sets;  // of views: each alone, all of a target
+    std::map<int, std::vector<int>> by_target;
+    for (size_t v = 0; v < sample.views.size(); ++v) {
+      const View& view = sample.views[v];
+      if (rig.sensors[view.sensor].model->whole_pose() || relabeling(rig.targets[view.target], half).empty()) continue;
+      ++views;
+      sets.push_back({static_cast<int>(v)});
+      by_target[view.target].push_back(static_cast<int>(v));
+    }
+    for (const auto& t : by_target)
+      if (t.second.size() > 1) sets.push_back(t.second);
+    if (sets.empty()) continue;
+    double least = cost_of(sample);
+    if (least < 50) continue;
+    least /= Thresholds::decisive;
+    std::vector<int> best;
+    for (const std::vector<int>& set : sets) {
+      Sample trial = sample;
+      for (int v : set) relabel(trial.views[v], rig.targets[trial.views[v].target], relabeling(rig.targets[trial.views[v].target], half));
+      const double cost = cost_of(trial);
+      if (cost < least) least = cost, best = set;
+    }
+    for (int v : best) turned.insert({sample.id, v}), where.insert(sample.id);
+  }
+  if (turned.empty() || turned.size() == views) return {};
+  std::set<std::string> names;
+  for (const Sample& sample : recording.samples)
+    for (size_t v = 0; v < sample.views.size(); ++v)
+      if (turned.count({sample.id, static_cast<int>(v)})) names.insert(rig.sensors[sample.views[v].sensor].name);
+  Hypothesis h;
+  h.id = "numbering";
+  h.where.assign(names.begin(), names.end());
+  h.where.insert(h.where.end(), where.begin(), where.end());
+  h.what = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") + joined({names.begin(), names.end()}) +
+           (turned.size() == 1 ? " numbers its board" : " number their boards") + " from the opposite corner (half a turn): sample" +
+           (where.size() > 1 ? "s " : " ") + joined({where.begin(), where.end()});
+  h.cure = "Reverse the order of the points in these views.";
+  h.undo = [turned](Rig& changed, std::vector<Sample>& samples) {
+    for (Sample& sample : samples)
+      for (size_t v = 0; v < sample.views.size(); ++v)
+        if (turned.count({sample.id, static_cast<int>(v)})) {
+          const Target& target = changed.targets[sample.views[v].target];
+          relabel(sample.views[v], target, relabeling(target, -Eigen::Matrix2d::Identity()));
+        }
+  };
+  return {h};
+}
+
+}  // namespace kincal

@@ -1,0 +1,17 @@
+// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points. Each function appends its hypotheses.
+#pragma once
+
+#include <vector>
+
+#include "survey.h"
+
+namespace kincal {
+
+/// Sizes of boards and units of points, where the rig does not free them.
+void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out);
+/// Rows and columns exchanged, points numbered from another corner or mirrored.
+void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Points that are no grid and not in a plane: their mirror image is another target.
+void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+
+}  // namespace kincal

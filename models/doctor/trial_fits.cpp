@@ -1,0 +1,397 @@
+#include "trial_fits.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <stdexcept>
+
+#include "../../solver/levenberg_marquardt.h"
+#include "../calibration/plan.h"
+#include "../fitting/starts.h"
+#include "../rig/selection.h"
+
+namespace kincal {
+namespace {
+
+using Samples = std::vector<Sample>;
+
+// ------------------------------------------------------------------------------------------------ what is freed
+/// Gives a rig without steps usual ones: who says nothing does not know where things are.
+void add_usual_steps(Rig& rig, const Samples& samples) {
+  Step step;
+  step.name = "poses";
+  for (size_t s = 0; s < rig.sensors.size(); ++s) step.sensors.push_back(static_cast<int>(s));
+  step.free = {"sensor/*/pose"};
+  if (std::any_of(rig.targets.begin(), rig.targets.end(), [](const Target& t) { return t.link >= 0; }))
+    step.free.push_back("target/*/pose");
+  rig.steps = {step};
+  step.name = "offsets";
+  step.free.push_back("joint/*/offset");
+  step.priors.push_back({"joint/*/offset", 0.05, 0.05, false, "joint/*/offset"});
+  try {
+    Rig more = rig;
+    more.steps.push_back(step);
+    check_steps(Recording(more, samples));
+    rig.steps = more.steps;
+  } catch (const std::invalid_argument&) {  // no joint has a say
+  }
+}
+
+/// What stages free and how, in the terms of a table.
+struct ResolvedStages {
+  std::vector<std::vector<Freed>> free;    // by stage
+  std::vector<std::vector<Prior>> priors;  // by stage
+  std::vector<char> whole, prior;          // by parameter: some stage frees all of it, some stage has a prior on it
+};
+
+ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& stages) {
+  ResolvedStages out;
+  out.free.resize(stages.size());
+  out.priors.resize(stages.size());
+  out.whole.assign(table.all.size(), 0);
+  out.prior.assign(table.all.size(), 0);
+  for (size_t i = 0; i < stages.size(); ++i) {
+    for (const std::string& name : stages[i].free) merge(out.free[i], table.select(name));
+    for (const Freed& f : out.free[i]) out.whole[f.parameter] = out.whole[f.parameter] || f.whole(table.all[f.parameter]);
+    for (const auto& p : stages[i].priors) {
+      const Freed f = table.select(p.first).at(0);
+      out.prior[f.parameter] = 1;
+      out.priors[i].push_back({f.parameter, f.components[0], p.second});
+    }
+  }
+  return out;
+}
+
+// ------------------------------------------------------------------------------------------------ where a fit starts
+/// Sets `values` to where the first stage starts. Returns the shared values that priors and partly freed poses count from.
+VectorXd first_values(const Recording& recording, const ResolvedStages& resolved, const TrialOptions& options, Values& values) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  if (options.start) {
+    values = *options.start;
+    return table.initial;
+  }
+  values.shared = table.initial;
+  std::vector<int> unknown;
+  const auto add = [&](int p, bool given) {
+    if (resolved.whole[p] && !resolved.prior[p] && (options.closed_form || !given)) unknown.push_back(p);
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s) add(table.sensor_pose[s], rig.sensors[s].pose_given);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
+  if (!unknown.empty()) start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
+  return values.shared;
+}
+
+/// Samples, by index, ascending.
+struct Startable {
+  std::vector<int> samples;    // that can start
+  std::vector<int> undefined;  // whose free targets have no start, or that have a point behind a camera there
+};
+
+/// Starts the free targets of all samples, in `values`, and tells which samples have finite residuals there.
+Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup, bool refine, Values& values) {
+  Startable out;
+  for (int s : indices(recording.samples.size())) try {
+      start_targets(recording, {s}, setup.sensors, setup.loss, values, refine);
+      out.samples.push_back(s);
+    } catch (const std::runtime_error&) {
+      out.undefined.push_back(s);
+    }
+  Estimation trial(recording, out.samples, setup);
+  const VectorXd state = trial.pack(values);
+  trial.renew(state);
+  std::set<int> bad;
+  Cost cost;
+  for (size_t g = 0; g < trial.groups().size(); ++g)
+    if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.twice))
+      bad.insert(trial.sample_of(static_cast<int>(g)));
+  if (!bad.empty()) {
+    out.samples.erase(std::remove_if(out.samples.begin(), out.samples.end(), [&](int s) { return bad.count(s) > 0; }), out.samples.end());
+    out.undefined.insert(out.undefined.end(), bad.begin(), bad.end());
+  }
+  std::sort(out.undefined.begin(), out.undefined.end());
+  return out;
+}
+
+// ------------------------------------------------------------------------------------------------ where it ends
+struct TrialMinimum {
+  VectorXd state;
+  Cost cost;
+  bool gave_up = false;  // by TrialOptions::give_up
+};
+
+/// Minimises from `values` and writes the end there. @throws Cancelled
+TrialMinimum minimise(Estimation& problem, const TrialContext& context, const TrialOptions& options, Values& values) {
+  TrialMinimum out;
+  SolverOptions solver_options;
+  solver_options.threads = context.threads;
+  solver_options.max_iterations = options.iterations;
+  solver_options.relative_decrease = options.relative_decrease;
+  solver_options.progress = [&](int iteration, double chi2, double) {
+    if (context.progress && !context.progress(-1, 0)) return false;
+    out.gave_up = iteration >= 5 && chi2 > options.give_up;
+    return !out.gave_up;
+  };
+  out.state = problem.pack(values);
+  LevenbergMarquardt solver(problem, solver_options);
+  const SolveSummary& summary = solver.solve(out.state);
+  if (summary.outcome == Outcome::cancelled && !out.gave_up) throw Cancelled();
+  problem.unpack(out.state, values);
+  out.cost = summary.cost;
+  return out;
+}
+
+/// Fills in degrees of freedom and what samples and sensors have; the problem is renewed at `state`.
+void collect_statistics(const Recording& recording, const Estimation& problem, const VectorXd& state, TrialFit& out) {
+  const Rig& rig = recording.rig;
+  const size_t samples = recording.samples.size();
+  out.sample.assign(samples, std::nan(""));
+  std::vector<double> excess(samples, 1);  // rows minus private unknowns
+  out.sensor.assign(rig.sensors.size(), std::nan(""));
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    const GroupShape& shape = problem.groups()[g];
+    out.dof += shape.rows - shape.private_size;
+    Cost cost;
+    const int sample = problem.sample_of(static_cast<int>(g));
+    if (sample < 0 || !problem.evaluate(static_cast<int>(g), state, 0, cost)) continue;
+    excess[sample] = std::max(1, shape.rows - shape.private_size);
+    out.sample[sample] = cost.chi2 / excess[sample];
+  }
+  out.trimmed = out.sample;
+  std::map<int, std::pair<double, long>> sums;
+  for (const ViewResiduals& r : problem.residuals(state)) {
+    const SensorModel& model = *rig.sensors[r.view->sensor].model;
+    const Eigen::Index points = model.whole_pose() ? 1 : r.raw.size() / model.rows(), rows = r.whitened.size() / points;
+    std::vector<double> squares;
+    for (Eigen::Index k = 0; k < points; ++k) squares.push_back(r.whitened.segment(k * rows, rows).squaredNorm());
+    std::sort(squares.begin(), squares.end());
+    const size_t kept = squares.size() == 1 ? 1 : squares.size() - (squares.size() + 9) / 10;
+    const double worst = std::accumulate(squares.begin() + static_cast<std::ptrdiff_t>(kept), squares.end(), 0.0);
+    out.trimmed[r.sample] -= worst / excess[r.sample];
+    sums[r.view->sensor].first += r.whitened.squaredNorm();
+    sums[r.view->sensor].second += r.whitened.size();
+  }
+  for (const auto& sum : sums) out.sensor[sum.first] = sum.second.first / static_cast<double>(sum.second.second);
+}
+
+/// Poses that the rig does not give: they cannot have moved from it.
+std::set<int> absent_poses(const Recording& recording) {
+  const Rig& rig = recording.rig;
+  std::set<int> absent;
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (!rig.sensors[s].pose_given) absent.insert(recording.table.sensor_pose[s]);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0 && !rig.targets[t].pose_given) absent.insert(recording.table.target_pose[t]);
+  return absent;
+}
+
+/// How far freed parameters are from the rig's values, as TrialFit::moved.
+std::map<std::string, double> movements(const Recording& recording, const std::vector<Freed>& free, const VectorXd& shared) {
+  std::map<std::string, double> out;
+  const ParameterTable& table = recording.table;
+  const std::set<int> absent = absent_poses(recording);
+  for (const Freed& f : free) {
+    const Parameter& p = table.all[f.parameter];
+    double& moved = out[p.name];
+    if (absent.count(f.parameter)) continue;
+    if (p.pose) {
+      const Pose change = inverse(get_pose(table.initial, p.start)) * get_pose(shared, p.start);
+      moved = std::max(change.translation.norm(), log_so3(change.rotation).norm());
+      continue;
+    }
+    for (int c : f.components) {
+      const double given = table.initial(p.start + c), change = std::abs(shared(p.start + c) - given);
+      const bool scale = p.kind == ParameterKind::joint_scale;  // -1 hides a sign
+      const bool focal_length = p.kind == ParameterKind::intrinsics && c < 2;
+      const bool length = scale || focal_length || (p.units[c] == "m" && given != 0);
+      if (length || p.units[c] == "rad") moved = std::max(moved, length ? change / std::abs(given) : change);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+Stage without(Stage stage, const std::string& parameter) {
+  const auto of_it = [&](const std::string& name) { return name == parameter || name.rfind(parameter + ".", 0) == 0; };
+  stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), of_it), stage.free.end());
+  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return of_it(p.first); }),
+                     stage.priors.end());
+  return stage;
+}
+
+double return_of_movement(const TrialFit& a, const TrialFit& b) {
+  double gain = 0, loss = 0;
+  for (const auto& m : a.moved) {
+    const auto other = b.moved.find(m.first);
+    if (other == b.moved.end()) return 0;
+    if (m.second > Thresholds::far && other->second < 0.2 * m.second) gain = std::max(gain, m.second - other->second);
+    loss = std::max(loss, other->second - m.second);
+  }
+  return loss < 0.2 * gain ? gain : 0;
+}
+
+bool good(const TrialFit& f) {
+  if (!(f.per_dof() < Thresholds::good)) return false;
+  return std::none_of(f.sensor.begin(), f.sensor.end(), [](double s) { return s > Thresholds::good; });
+}
+
+FreedNames freed_names(const ParameterTable& table, const Stage& stage) {
+  FreedNames out;
+  out.parameter.assign(table.all.size(), 0);
+  out.whole.assign(table.all.size(), 0);
+  std::vector<Freed> free;
+  for (const std::string& name : stage.free) merge(free, table.select(name));
+  for (const Freed& f : free) out.parameter[f.parameter] = 1, out.whole[f.parameter] = f.whole(table.all[f.parameter]);
+  return out;
+}
+
+bool frees_given_poses(const Recording& recording, const Stage& stage) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  const FreedNames freed = freed_names(table, stage);
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (rig.sensors[s].pose_given && freed.whole[table.sensor_pose[s]]) return true;
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_pose[t]]) return true;
+  return false;
+}
+
+Recording plan_trials(Rig rig, Samples samples, TrialContext& context) {
+  for (Sample& s : samples) s.train = true;
+  if (rig.steps.empty()) {
+    add_usual_steps(rig, samples);
+    context.usual_steps = true;
+  }
+  const Recording planned(rig, samples);
+  check_steps(planned);
+  const std::vector<StepPlan> plans = resolve_steps(planned, {});
+  const ParameterTable& table = planned.table;
+  std::set<int> sensors;
+  std::vector<Freed> together;
+  std::map<std::pair<int, int>, double> priors;
+  for (size_t i = 0; i < plans.size(); ++i) {
+    Stage stage;
+    stage.sensors = rig.steps[i].sensors;
+    stage.loss = rig.steps[i].loss.value_or(Loss());
+    for (const Freed& f : plans[i].free)
+      for (int c : f.components) {
+        stage.free.push_back(table.all[f.parameter].component_name(c));
+        priors.erase({f.parameter, c});
+      }
+    for (const Prior& p : plans[i].priors) {
+      stage.priors.push_back({table.all[p.parameter].component_name(p.component), p.sigma});
+      priors[{p.parameter, p.component}] = p.sigma;
+    }
+    merge(together, plans[i].free);
+    sensors.insert(stage.sensors.begin(), stage.sensors.end());
+    context.all.loss = stage.loss;
+    context.steps.push_back(std::move(stage));
+  }
+  context.all.sensors.assign(sensors.begin(), sensors.end());
+  for (const Freed& f : together)
+    for (int c : f.components) context.all.free.push_back(table.all[f.parameter].component_name(c));
+  for (const auto& p : priors) context.all.priors.push_back({table.all[p.first.first].component_name(p.first.second), p.second});
+  for (Sample& s : samples)  // what no step uses is not judged
+    s.views.erase(std::remove_if(s.views.begin(), s.views.end(), [&](const View& v) { return !sensors.count(v.sensor); }), s.views.end());
+  Recording out(std::move(rig), std::move(samples));
+  context.given_poses_freed = frees_given_poses(out, context.all);
+  return out;
+}
+
+TrialFit trial_fit(const Recording& recording, const TrialContext& context, const std::vector<Stage>& stages, const TrialOptions& options) {
+  TrialFit out;
+  const ResolvedStages resolved = resolve(recording.table, stages);
+  Values values;
+  const VectorXd initial = first_values(recording, resolved, options, values);
+  for (size_t i = 0; i < stages.size(); ++i) {
+    const bool last = i + 1 == stages.size();
+    EstimationSetup setup;
+    setup.noise = context.noise;
+    setup.sensors = stages[i].sensors;
+    setup.loss = options.loss.value_or(stages[i].loss);
+    setup.free = resolved.free[i];
+    setup.initial = initial;
+    setup.priors = resolved.priors[i];
+    const Startable startable = leave_out_undefined(recording, setup, options.refine, values);
+    Estimation problem(recording, startable.samples, setup);
+    if (last) out.undefined = startable.undefined;
+    if (problem.empty()) continue;
+    const TrialMinimum minimum = minimise(problem, context, options, values);
+    if (!last) continue;
+    problem.renew(minimum.state);
+    out.chi2 = minimum.cost.chi2;
+    out.cost = minimum.cost.twice;
+    out.dof = -problem.shared_size();
+    if (minimum.gave_up) {
+      out.chi2 = kInfinity;
+      return out;
+    }
+    collect_statistics(recording, problem, minimum.state, out);
+    out.moved = movements(recording, resolved.free[i], values.shared);
+  }
+  out.values = std::move(values);
+  return out;
+}
+
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage, const Effort& effort) {
+  TrialOptions o;
+  o.give_up = effort.give_up;
+  o.refine = effort.decrease < 1e-3;
+  o.iterations = effort.iterations;
+  o.relative_decrease = effort.decrease;
+  TrialFit out = trial_fit(recording, context, {stage}, o);
+  if ((effort.closed_form || !(out.per_dof() < Thresholds::noise)) && context.given_poses_freed) {
+    o.closed_form = true;
+    TrialFit other = trial_fit(recording, context, {stage}, o);
+    if (other.score() < out.score() || other.undefined.size() < out.undefined.size()) out = std::move(other);
+  }
+  return out;
+}
+
+TrialFit fit_as_is(const Recording& recording, const TrialContext& context) {
+  TrialFit out = best_fit(recording, context, context.all, {60, 1e-7});
+  if (good(out) || context.steps.size() < 2) return out;
+  std::vector<Stage> stages = context.steps;
+  stages.push_back(context.all);
+  TrialOptions o;
+  o.iterations = 30;
+  o.relative_decrease = 1e-6;
+  TrialFit other = trial_fit(recording, context, stages, o);
+  return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
+}
+
+Samples some_samples(const Recording& recording, size_t unknowns) {
+  const Samples& samples = recording.samples;
+  std::vector<int> order = indices(samples.size());
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return samples[a].id < samples[b].id; });
+  std::map<std::pair<int, int>, std::vector<int>> by_pair;
+  for (int i : order)
+    for (const View& v : samples[i].views) {
+      std::vector<int>& list = by_pair[{v.sensor, v.target}];
+      if (list.empty() || list.back() != i) list.push_back(i);
+    }
+  for (size_t each = 4;; each *= 2) {
+    std::set<int> chosen;
+    for (const auto& pair : by_pair) {
+      const size_t count = pair.second.size(), take = std::min(each, count);
+      size_t already = 0;
+      for (int i : pair.second) already += chosen.count(i);
+      for (size_t k = already; k < take; ++k) chosen.insert(pair.second[k * count / take]);
+    }
+    size_t rows = 0;
+    for (int i : chosen)
+      for (const View& v : samples[i].views) {
+        const SensorModel& model = *recording.rig.sensors[v.sensor].model;
+        rows += model.rows() * (model.whole_pose() ? 1 : v.ids.size());
+      }
+    if (rows < 8 * unknowns && chosen.size() < samples.size()) continue;
+    Samples out;
+    for (int i : chosen) out.push_back(samples[i]);
+    return out;
+  }
+}
+
+}  // namespace kincal

@@ -1,0 +1,144 @@
+// Fits of a recording as it is and with something changed, to be compared: what they free, how far they go, what they tell.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../estimation/estimation.h"
+#include "../rig/numbers.h"
+#include "survey.h"
+
+namespace kincal {
+
+/// When the doctor believes what. Ratios have no unit.
+struct Thresholds {
+  /// A fit needs no explanation if chi2/dof of the whole and the mean square of each sensor's residuals are below this.
+  static constexpr double good = 1.5;
+  /// What a fit leaves counts as noise if chi2/dof is below this, because the rig's sigmas are guesses.
+  static constexpr double noise = 3;
+  /// A fit proves the rig's sigmas if chi2/dof is below this.
+  static constexpr double clean = 1.3;
+  /// A hypothesis is believed if chi2 falls by this factor and the fit then proves the sigmas with (all but) the same unknowns.
+  static constexpr double clean_gain = 1.6;
+  /// A hypothesis is believed if chi2 falls by this factor and what remains is noise.
+  static constexpr double decisive = 4;
+  /// A hypothesis is believed if chi2 falls by this factor, even if more than noise remains.
+  static constexpr double overwhelming = 12;
+  /// An estimate is far from the rig's value if it moved by this (m, rad, share of a length): right start values do not need it.
+  static constexpr double far = 0.25;
+  /// A sample is bad if the mean square of its rows is above the median sample's by this factor.
+  static constexpr double sample_excess = 25;
+  /// Bad samples are a hypothesis only if they are at most this share of all.
+  static constexpr double most_bad = 0.4;
+  /// Leaving samples out must be better by this factor than what keeps them.
+  static constexpr double leaving_out = 10;
+  /// Mistakes are looked for on top of each other in at most this many rounds.
+  static constexpr int rounds = 4;
+};
+
+/// Thrown where progress cancels.
+struct Cancelled {};
+
+/// What one minimisation frees, by name, so that it fits rigs whose tables differ.
+struct Stage {
+  std::vector<int> sensors;
+  std::vector<std::string> free;                       // components
+  std::vector<std::pair<std::string, double>> priors;  // component, sigma
+  Loss loss;
+};
+
+/// The stage with a whole parameter held.
+Stage without(Stage stage, const std::string& parameter);
+
+/// What trial fits of a recording have in common.
+struct TrialContext {
+  NoiseMode noise = NoiseMode::latent;
+  int threads = 1;
+  std::function<bool(int, int)> progress;  // as in DoctorOptions
+  std::vector<Stage> steps;                // the rig's
+  Stage all;                               // what the steps free together
+  bool usual_steps = false;                // the rig has no steps: these are usual ones
+  bool given_poses_freed = false;          // the rig gives a pose that `all` frees wholly: closed form may find a better start
+
+  /// Reports progress. @throws Cancelled
+  void report(int done, int of) const {
+    if (progress && !progress(done, of)) throw Cancelled();
+  }
+};
+
+struct TrialOptions {
+  int iterations = 100;
+  double relative_decrease = 1e-9;
+  bool closed_form = false;  // for given poses too that are freed wholly
+  const Values* start = nullptr;
+  std::optional<Loss> loss;
+  bool refine = true;          // starts of free targets
+  double give_up = kInfinity;  // chi2 that after some iterations is not worth more
+};
+
+struct TrialFit {
+  double chi2 = 0, cost = 0;
+  long dof = 0;
+  std::vector<int> undefined;  // samples without a start, or with a point behind a camera there; not in chi2
+  Values values;
+  std::vector<double> sample;           // mean square of a sample's rows, by index; NaN: not part of it
+  std::vector<double> trimmed;          // the same without the worst tenth of each view's points
+  std::vector<double> sensor;           // of a sensor's residuals
+  std::map<std::string, double> moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
+
+  double farthest() const {
+    double out = 0;
+    for (const auto& m : moved) out = std::max(out, m.second);
+    return out;
+  }
+
+  bool complete() const { return undefined.empty() && std::isfinite(chi2); }
+  double score() const { return complete() ? cost : kInfinity; }
+  double per_dof() const { return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity; }
+};
+
+/// The largest difference of movements over the parameters that `a` moved far and `b` at most a fifth of that. 0 where there is none, or
+/// where `b` moves others farther.
+double return_of_movement(const TrialFit& a, const TrialFit& b);
+
+/// The fit needs no explanation.
+bool good(const TrialFit& f);
+
+/// What a stage frees, in the terms of a table.
+FreedNames freed_names(const ParameterTable& table, const Stage& stage);
+
+/// The rig gives a pose that the stage frees wholly.
+bool frees_given_poses(const Recording& recording, const Stage& stage);
+
+/// The recording that trials are about: all samples in training, without views that no step uses; a rig without steps gets the usual ones.
+/// Fills in the context's stages. @throws NameError, std::invalid_argument as Calibration does.
+Recording plan_trials(Rig rig, std::vector<Sample> samples, TrialContext& context);
+
+/// Minimises stage after stage; all that the fit tells is of the last one. @throws std::invalid_argument where a path cannot be walked;
+/// Cancelled.
+TrialFit trial_fit(const Recording& recording, const TrialContext& context, const std::vector<Stage>& stages, const TrialOptions& options);
+
+/// How far a fit goes.
+struct Effort {
+  int iterations;
+  double decrease;             // relative, below which it stops
+  bool closed_form = false;    // try it anyway
+  double give_up = kInfinity;  // TrialOptions::give_up
+};
+
+/// The fit from the rig's values, or from closed form where these do not lead anywhere.
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage, const Effort& effort);
+
+/// The best fit of everything that the steps free: from the rig's values, closed form, or the steps one after the other.
+TrialFit fit_as_is(const Recording& recording, const TrialContext& context);
+
+/// Enough samples for a first look: every pair of sensor and target some times, and several times as many numbers as unknowns.
+std::vector<Sample> some_samples(const Recording& recording, size_t unknowns);
+
+}  // namespace kincal
