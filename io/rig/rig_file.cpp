@@ -7,6 +7,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "../../models/rig/targets.h"
 #include "../../models/sensors/sensors.h"
 #include "../document/files.h"
 #include "../document/names.h"
@@ -75,27 +76,19 @@ Eigen::Matrix3Xd matrix_of(const std::vector<double>& xyz) {
   return Eigen::Map<const Eigen::Matrix3Xd>(xyz.data(), 3, static_cast<int>(xyz.size() / 3));
 }
 
-/// Points of a grid target for a size of 1, in the order of their ids.
-Eigen::Matrix3Xd grid_layout(const Field& field, const std::string& type) {
-  const int least = type == "charuco" ? 2 : 1;  // its squares have inner corners only from 2 on
-  const int rows = field["rows"].integer(least, kMostRows), columns = field["columns"].integer(least, kMostRows);
-  const bool asymmetric = type == "circles" && field.has("asymmetric") && field["asymmetric"].boolean();
-  std::vector<double> xyz;
-  const auto add = [&](double x, double y) { xyz.insert(xyz.end(), {x, y, 0}); };
-  const double pitch = type == "apriltag_grid" ? 1 + field["spacing"].number_at_least(0) : 1;
-  const int skipped = type == "charuco" ? 1 : 0;
-  for (int r = skipped; r < rows; ++r)
-    for (int c = skipped; c < columns; ++c) {
-      if (type != "apriltag_grid") {
-        add(asymmetric ? 2 * c + r % 2 : c, r);
-        continue;
-      }
-      add(c * pitch, r * pitch);
-      add(c * pitch + 1, r * pitch);
-      add(c * pitch + 1, r * pitch + 1);
-      add(c * pitch, r * pitch + 1);
-    }
-  return matrix_of(xyz);
+/// Reads how a board lays out its points; of a type that is no list of points.
+GridLayout read_layout(const Field& field, const std::string& type) {
+  using Kind = GridLayout::Kind;
+  static const std::map<std::string, Kind> kinds = {
+      {"chessboard", Kind::corners}, {"charuco", Kind::charuco}, {"circles", Kind::circles}, {"apriltag_grid", Kind::tags}};
+  GridLayout grid;
+  grid.kind = kinds.at(type);
+  const int least = grid.kind == Kind::charuco ? 2 : 1;  // its squares have inner corners only from 2 on
+  grid.rows = field["rows"].integer(least, kMostRows);
+  grid.columns = field["columns"].integer(least, kMostRows);
+  grid.asymmetric = grid.kind == Kind::circles && field.has("asymmetric") && field["asymmetric"].boolean();
+  if (grid.kind == Kind::tags) grid.gap = field["spacing"].number_at_least(0);
+  return grid;
 }
 
 void read_mount(const Field& field, const Tree& tree, int base, Target& target) {
@@ -117,7 +110,9 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   target.type = keys.name;
   target.grid = target.type != "points";
   if (target.grid) {
-    target.layout = grid_layout(field, target.type);
+    const GridLayout grid = read_layout(field, target.type);
+    target.layout = grid_layout(grid);
+    target.y_up = grid.kind == GridLayout::Kind::tags;  // as Kalibr counts them
     target.square = field[keys.size].positive();
   } else {
     target.points = matrix_of(field["points"].table(3));

@@ -3,10 +3,11 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <unordered_map>
 
-#include "../../models/fitting/starts.h"
+#include "../../models/rig/configuration.h"
+#include "../../models/rig/numbers.h"
+#include "../../models/rig/targets.h"
 #include "../document/json.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
@@ -14,8 +15,6 @@
 
 namespace kincal {
 namespace {
-
-constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
 // ------------------------------------------------------------------------------------------------ reading
 /// What reading a sample needs of a rig, looked up once.
@@ -33,22 +32,12 @@ std::unordered_map<std::string, int> index_of(const std::vector<T>& things) {
   return index;
 }
 
-/// Joints whose readings place `link` relative to the base, without `except` (-1: none).
-std::vector<int> needed_joints(const Rig& rig, int link, int except) {
-  std::vector<int> needed;
-  for (const PathStep& step : find_path(rig.tree, rig.base, link)) {
-    if (!rig.tree.joints[step.joint].moves()) continue;
-    const int joint = driver(rig.tree, step.joint).joint;
-    if (joint != except && std::find(needed.begin(), needed.end(), joint) == needed.end()) needed.push_back(joint);
-  }
-  return needed;
-}
-
 Lookup lookup(const Rig& rig) {
   Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}, {}};
-  for (const Sensor& sensor : rig.sensors) look.sensor_needs.push_back(needed_joints(rig, sensor.link, sensor.scanning_joint));
+  for (const Sensor& sensor : rig.sensors)
+    look.sensor_needs.push_back(joints_between(rig, rig.base, sensor.link, sensor.scanning_joint));
   for (const Target& target : rig.targets) {
-    look.target_needs.push_back(target.link < 0 ? std::vector<int>() : needed_joints(rig, target.link, -1));
+    look.target_needs.push_back(target.link < 0 ? std::vector<int>() : joints_between(rig, rig.base, target.link));
     look.spreads.push_back(!on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
   }
   return look;
@@ -67,7 +56,7 @@ int read_name(const Field& field, const std::unordered_map<std::string, int>& in
 /// Readings of the robot's joints; other names (a gripper of another description) are checked and left.
 std::vector<double> read_readings(const Field& field, const Lookup& look, size_t joints) {
   if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names to readings is expected");
-  std::vector<double> readings(joints, kNoReading);
+  std::vector<double> readings(joints, kNan);
   for (const auto& [name, node] : field.node->members) {
     const double reading = Field{&node, field.path, field.name + "." + name}.number();
     const auto found = look.joints.find(name);
@@ -189,7 +178,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
     view.z = field[payload].table(numbers);
     view.ids = read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
   }
-  if (sensor.type == "chain" && !look.spreads[view.target])
+  if (sensor.model->sight() == Sight::chain && !look.spreads[view.target])
     field.fail("a chain needs a target with three points not on a line, '" + target.name +
                "' has none; for a single point use a sensor of type point on link '" + rig.tree.links[sensor.link] + "'");
   view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor.type) : sensor.sigma;

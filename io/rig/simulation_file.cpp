@@ -7,7 +7,8 @@
 #include <set>
 #include <unordered_map>
 
-#include "../../models/fitting/starts.h"
+#include "../../models/rig/configuration.h"
+#include "../../models/rig/targets.h"
 #include "../document/files.h"
 #include "../document/json.h"
 #include "../document/names.h"

@@ -6,13 +6,13 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <random>
 #include <stdexcept>
+
+#include "../../models/rig/draws.h"
+#include "../../models/rig/numbers.h"
 
 namespace kincal {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// Keeps urdfdom's messages instead of printing them, as long as it lives.
 class Messages : public console_bridge::OutputHandler {
@@ -152,11 +152,9 @@ class WrittenRobot {
 };
 
 /// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16 occurs: all digits would be lost).
-/// Not std::uniform_real_distribution, whose numbers differ between standard libraries.
-double random_reading(const Joint& joint, std::mt19937_64& random) {
+double random_reading(const Joint& joint, Draws& draws) {
   const bool usable = joint.lower < joint.upper && joint.lower > -4 * kPi && joint.upper < 4 * kPi;
-  const double low = usable ? joint.lower : -kPi, high = usable ? joint.upper : kPi;
-  return low + (high - low) * (static_cast<double>(random() >> 11) * 0x1p-53);
+  return usable ? draws.uniform(joint.lower, joint.upper) : draws.uniform(-kPi, kPi);
 }
 
 /// How far two poses are apart.
@@ -177,12 +175,12 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
                 int postures) {
   const Tree& tree = input.tree;
   const WrittenRobot written(read_written(text, input), tree);
-  std::mt19937_64 random(20240229);
+  Draws draws(20240229);
   std::vector<double> readings(tree.joints.size(), 0), positions(tree.joints.size(), 0);
   for (int posture = 0; posture < postures; ++posture) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const bool reads = tree.joints[j].has_reading();
-      readings[j] = reads ? random_reading(tree.joints[j], random) : 0;
+      readings[j] = reads ? random_reading(tree.joints[j], draws) : 0;
       positions[j] = reads ? readings[j] + offsets[j] : 0;
     }
     follow_mimics(tree, positions);

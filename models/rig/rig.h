@@ -27,6 +27,7 @@ struct Target {
   bool grid = true;              // points = square * layout; else `points` themselves are the parameter
   Eigen::Matrix3Xd layout;       // grid: points for a spacing of 1
   double square = 1;             // m
+  bool y_up = false;             // grid: y of the layout points up on the printed side, else down
   Eigen::Matrix3Xd points;       // not a grid: m, target's frame
   int link = -1;                 // mounted on this link; -1: free, its own pose in every sample
   Pose link_T_target;            // where mounted

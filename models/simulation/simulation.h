@@ -26,16 +26,9 @@
 #include <vector>
 
 #include "../rig/recording.h"
+#include "posture.h"
 
 namespace kincal {
-
-/// Where the robot is asked to stand, and what is looked at.
-struct Posture {
-  std::string id;
-  std::vector<double> readings;             // true ones, by joint index, NaN: absent
-  std::vector<std::pair<int, int>> views;   // (sensor, target) in the samples' order; empty: all that see something
-  std::map<int, Pose> targets;              // base_T_target of free targets that no chain holds
-};
 
 struct SimulationOptions {
   std::uint64_t seed = 1;
@@ -52,13 +45,8 @@ struct Simulation {
   std::vector<std::vector<double>> true_readings;   // by sample, as Sample::readings
   std::map<std::pair<int, int>, Pose> targets;      // true base_T_target of free targets by (sample, target)
 
-  /// A view that a posture asks for and that cannot be; a sample left without any view is not in `samples`.
-  struct Dropped {
-    std::string sample;
-    int sensor, target;
-    std::string why;
-  };
-  std::vector<Dropped> dropped;
+  using Dropped = DroppedView;
+  std::vector<Dropped> dropped;                     // a sample left without any view is not in `samples`
   std::vector<int> idle;                            // sensors without a view
   long trials = 0;                                  // random postures that were tried
 };

@@ -1,0 +1,49 @@
+// Random postures: the readings of all joints that matter are drawn until enough is seen. The rules stand at simulate() of simulation.h.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "world.h"
+
+namespace kincal {
+
+/// What random postures are about: a free target in a chain's hand or placed (holder -1), or all mounted ones (target -1).
+struct PostureGroup {
+  int target, holder;
+  std::vector<SensorTarget> seers;  // who may see it
+};
+
+/// Draws postures until they show enough. It refers to all that it is made from.
+class RandomPostures {
+ public:
+  /// @throws std::invalid_argument if nothing is seen by any pair.
+  RandomPostures(const Rig& rig, const World& world, const std::vector<SensorTarget>& pairs, std::uint64_t seed, int samples);
+
+  /// Draws sample k. @throws std::runtime_error when 1000 postures a sample were not enough, naming what was never seen.
+  Draft next(int k);
+  /// This many postures were tried.
+  long trials() const { return trials_; }
+
+ private:
+  std::optional<Draft> attempt(int k, const PostureGroup& group, const SensorTarget* goal);
+  [[noreturn]] void give_up(const PostureGroup& group) const;
+
+  const Rig& rig_;
+  const World& world_;
+  const std::vector<SensorTarget>& pairs_;
+  std::uint64_t seed_;
+  int samples_;
+  std::vector<PostureGroup> groups_;
+  Draws draws_;
+  std::vector<int> joints_;
+  std::set<SensorTarget> moving_;                    // pairs of mounted targets that a posture moves
+  std::set<std::pair<int, SensorTarget>> hopeless_;  // goals, with the holder, that were not met once
+  std::set<SensorTarget> seen_;
+  long trials_ = 0, relaxed_ = 0;
+};
+
+}  // namespace kincal

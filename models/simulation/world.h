@@ -1,0 +1,74 @@
+// A robot as it really is: what its sensors see in a posture, and what they log. The models stand at the head of simulation.h.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../rig/configuration.h"
+#include "../rig/draws.h"
+#include "posture.h"
+
+namespace kincal {
+
+using SensorTarget = std::pair<int, int>;  // (sensor, target)
+
+/// Streams of draws of one seed; those of the samples follow each other.
+enum DrawStream : std::uint64_t { kTruthStream, kPostureStream, kFirstSampleStream };
+
+inline bool is_chain(const Sensor& sensor) { return sensor.model->sight() == Sight::chain; }
+
+/// A sample in the making.
+struct Draft {
+  Sample sample;                 // as logged
+  std::vector<double> readings;  // true
+  std::map<int, Pose> targets;   // true base_T_target of free targets
+  std::vector<DroppedView> dropped;
+};
+
+/// The image of a camera in px, and its focal length and principal point.
+struct CameraImage {
+  double focal, cx, cy, width, height;
+};
+
+/// A rig as it really is. It refers to all that it is made from.
+class World {
+ public:
+  World(const Rig& rig, const ParameterTable& table, const VectorXd& truth);
+
+  /// Carries out a posture. Of `views` those that cannot be are dropped; `listed`: with a word, and boards may be seen from behind.
+  Draft carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed, Draws noise) const;
+
+  /// Places a target where the sensor is likely to see it, and returns base_T_target. Cameras: the board fills 20 to 60 % of the image, at
+  /// least 0.4 m away. Lasers: 2 to 6 times its extent, at least 0.5 m away. Both: its front to them, tilted up to 45 degrees and turned at
+  /// will. Others: 0.5 to 2 m away, at will.
+  Pose place(const Sample& robot, int sensor, int target, Draws& draws) const;
+
+ private:
+  Configuration at(const Sample& robot) const { return Configuration(rig_, table_, truth_, robot.readings); }
+  Pose base_T_sensor(const Sample& robot, int sensor, double scan_reading = 0) const {
+    return at(robot).with(rig_.sensors[sensor].scanning_joint, scan_reading).base_T_sensor(sensor);
+  }
+  const double* own_numbers(int sensor) const {
+    const int block = table_.sensor_block[sensor];
+    return block >= 0 ? truth_.data() + table_.all[block].start : nullptr;
+  }
+  std::optional<CameraImage> image_of(int sensor) const;
+  bool front_shows(int target, const Vector3d& eye) const;
+  bool look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, bool any_side, std::vector<double>& z,
+            std::string& why) const;
+  bool scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, std::vector<double>& z) const;
+  bool inside(int sensor, const Eigen::Matrix3Xd& p_sensor, const std::vector<double>& pixels, std::string& why) const;
+  bool predict(int sensor, const Eigen::Matrix3Xd& p_sensor, std::vector<double>& z, RowMatrix* by_point) const;
+  void add_noise(int sensor, Draws& noise, std::vector<double>& z) const;
+
+  const Rig& rig_;
+  const ParameterTable& table_;
+  const VectorXd& truth_;
+  std::vector<Eigen::Matrix3Xd> points_;
+};
+
+}  // namespace kincal
