@@ -22,11 +22,12 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
-#include "../../solver/problem.h"
 #include "../joints/joint_model.h"
 #include "view_kernels.h"
 
 namespace kincal {
+
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// One group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
 struct ParameterBlock {
