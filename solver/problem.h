@@ -61,30 +61,25 @@ class Problem {
   virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const = 0;
   /// A square root of the same: rows A with A'A = gram, computed from the residuals without squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
-  /// For problems of very many tiny groups. evaluate() of groups first .. last - 1, summed.
-  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const {
-    Cost one;
-    for (int g = first; g < last; ++g) {
-      if (!evaluate(g, state, worker, one)) return false;
-      cost.twice += one.twice;
-      cost.chi2 += one.chi2;
-    }
-    return true;
-  }
-  /// linearise() of these groups, at most kRange of them, follows: what can be computed for several at once is computed here.
-  virtual void approach(int /*first*/, int /*last*/, const VectorXd& /*state*/, int /*worker*/) const {}
-  static constexpr int kRange = 64;
-  /// True: shared columns that stand together (of one camera) meet others only through privates, so that linearise() writes only the
-  /// blocks of C on its diagonal; and linearising again is cheaper than keeping the groups' rows.
-  virtual bool light() const { return false; }
-  /// Light problems: [P | a | a + Q dx] of groups first .. last - 1 (at most kRange) to `rows`, group after group private_size rows of
-  /// private_size + 2 numbers, upper triangle of P; they have slack behind them.
-  virtual void condense(int /*first*/, int /*last*/, const VectorXd& /*state*/, const VectorXd& /*shared_step*/, int /*worker*/,
-                        double* /*rows*/) const {}
   /// state moved by a step; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
   virtual bool renew(const VectorXd& state) = 0;
+};
+
+/// A problem of very many tiny groups (bundle adjustment), which the solver hands to it in ranges, so that what can be computed for
+/// several at once is. Linearising again is cheaper there than keeping the groups' rows: the solver does not keep them. Shared columns that stand
+/// together (of one camera) meet others only through privates: linearise() writes only the blocks of C on its diagonal.
+class RangeProblem : public Problem {
+ public:
+  static constexpr int kRange = 64;  // most groups of a range
+  /// evaluate() of groups first .. last - 1, any number of them: what they cost is added to `cost`.
+  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const = 0;
+  /// Called before linearise() of these groups, which follows.
+  virtual void prepare_range(int first, int last, const VectorXd& state, int worker) const = 0;
+  /// Writes [P | a | a + Q dx] of these groups to `rows`, group after group private_size rows of private_size + 2 numbers, upper
+  /// triangle of P; `rows` has slack behind it.
+  virtual void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const = 0;
 };
 
 }  // namespace kincal

@@ -1,5 +1,5 @@
-// The kinematics of one problem at a state: joints' motions, what lies between sensors and targets, and M, the derivative of the pose that a
-// sensor sees by the group's unknowns. For the sources of this folder only.
+// The kinematics of one problem at a state: joints' motions, what lies between sensors and targets, and M, the derivative of the pose
+// that a sensor sees by the group's unknowns. For the sources of this folder only.
 //
 // For each sample: motions(), walk_paths(), then, for derivatives, path_columns() of each path; for each of its views view_poses(), then
 // kinematic_matrix(). All of them write to the worker's scratch.

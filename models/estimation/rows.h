@@ -1,5 +1,5 @@
-// The whitened rows [L r] of views and priors at a state. For the sources of this folder only. How covariances of the noise modes become white
-// stands at the head of estimation.h.
+// The whitened rows [L r] of views and priors at a state. How covariances of the noise modes become white stands at the head of
+// estimation.h. For the sources of this folder only.
 #pragma once
 
 #include <vector>
