@@ -13,7 +13,7 @@ namespace kincal {
 constexpr int kSlack = 8;
 
 /// Numbers of a block of 9 x 9, padded so that it fills whole cache lines.
-constexpr int kNineBlock = 88;
+constexpr int kBlockStorage9x9 = 88;
 
 /// Up to the next multiple of 8.
 constexpr int padded(int n) { return (n + 7) & ~7; }
@@ -44,8 +44,8 @@ struct Kernels {
 
   /// The elimination of a point seen by cameras of 9 numbers: with B = [B_0 .. B_runs-1 | b] (3 rows, `stride` apart, 9 columns a run),
   /// block -= B_i' B_j for the runs' pairs i >= j, and gradient -= B_i' b at first[i] .. + 8. The blocks' numbers: pair after pair, for i,
-  /// for j <= i. A block has kNineBlock numbers: rows 0-7 column after column, then row 8.
-  void (*subtract_nines)(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
+  /// for j <= i. A block has kBlockStorage9x9 numbers: rows 0-7 column after column, then row 8.
+  void (*subtract_products_9x9)(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
                          double* gradient);
 
   /// product = G M and out = M' G M: G (width x width, leading dimension ldg, both triangles), of which the first k columns count; M

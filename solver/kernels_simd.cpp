@@ -33,6 +33,7 @@ inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t
     for (int j = 0; j < (Diagonal ? i + 1 : J); ++j) g[i + static_cast<std::ptrdiff_t>(j) * ld] = out[i * J + j];
 }
 
+/// More than 6 parameters because kernels take plain pointers.
 template <int J>
 inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t stride, int left, double* g, int ld) {
   while (left >= T) {
@@ -93,6 +94,7 @@ inline void product_tile(double* c, int ldc, const double* a, const double* b, i
     }
 }
 
+/// More than 6 parameters because kernels take plain pointers.
 template <int Columns>
 inline void product_columns(double* c, int rows, int ldc, const double* a, const double* b, int depth, std::ptrdiff_t lda) {
   int i = 0;
@@ -101,7 +103,7 @@ inline void product_columns(double* c, int rows, int ldc, const double* a, const
   if (i < rows) product_tile<1, Columns>(c + i, ldc, a + i, b, depth, lda);
 }
 
-/// The first `columns` columns of subtract_product().
+/// The first `columns` columns of subtract_product(); more than 6 parameters because kernels take plain pointers.
 void subtract_columns(double* c, int n, int columns, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
   int j = 0;
   for (; j + N <= columns; j += N) product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
@@ -254,6 +256,7 @@ void solve_rows(const double* factor, int n, int ld, double* b, int width, std::
 
 // ---- subtract_block
 
+/// More than 6 parameters because kernels take plain pointers.
 template <int Depth>
 inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
                           std::ptrdiff_t stride) {
@@ -284,6 +287,7 @@ inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a
     }
 }
 
+/// More than 6 parameters because kernels take plain pointers.
 void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
                     std::ptrdiff_t stride) {
   if (depth == 3)
@@ -294,11 +298,12 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
     block_columns<0>(d, step, a, rows, b, columns, depth, stride);
 }
 
-// ---- subtract_nines
+// ---- subtract_products_9x9
 
 constexpr int kEight = 8 / kLanes;
 
-void subtract_nines(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
+/// More than 6 parameters because kernels take plain pointers.
+void subtract_products_9x9(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
                     double* gradient) {
   const double *r0 = b + 9 * runs, *r1 = r0 + stride, *r2 = r1 + stride;
   for (int i = 0; i < runs; ++i) {
@@ -313,7 +318,7 @@ void subtract_nines(double* blocks, const int* block, const int* first, int runs
     const double* b0 = b;
     for (int j = 0; j <= i; ++j, b0 += 9) {
       const double *b1 = b0 + stride, *b2 = b1 + stride;
-      double* d = blocks + static_cast<std::ptrdiff_t>(*block++) * kNineBlock;
+      double* d = blocks + static_cast<std::ptrdiff_t>(*block++) * kBlockStorage9x9;
       for (int q = 0; q < 9; ++q, d += 8)
         for (int p = 0; p < kEight; ++p) store(d + p * kLanes, load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
       for (int p = 0; p < 8; p += kLanes) store(d + p, load(d + p) - load(b0 + p) * l0 - load(b1 + p) * l1 - load(b2 + p) * l2);
@@ -324,6 +329,7 @@ void subtract_nines(double* blocks, const int* block, const int* first, int runs
 
 // ---- expand: both products are  to(i, :) = sum_r factor(i, r) * from(r, :)  with few r.
 
+/// More than 6 parameters because kernels take plain pointers.
 template <int Depth>
 inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows, int depth, const double* from,
                     std::ptrdiff_t ld_from, int columns, double* to, std::ptrdiff_t ld) {
@@ -352,6 +358,7 @@ inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t 
   }
 }
 
+/// More than 6 parameters because kernels take plain pointers.
 void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld) {
   if (k == 6) {
     combine<6>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
@@ -372,7 +379,7 @@ void add(double* a, const double* b, std::ptrdiff_t n) {
 
 extern const Kernels kKernels;
 const Kernels kKernels = {KINCAL_ISA_NAME, gram,           subtract_product, cholesky, solve_lower, solve_lower_transposed,
-                          solve_rows,      subtract_block, subtract_nines,   expand,   add};
+                          solve_rows,      subtract_block, subtract_products_9x9,   expand,   add};
 
 }  // namespace KINCAL_ISA
 }  // namespace kincal

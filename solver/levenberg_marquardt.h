@@ -12,7 +12,7 @@
 // because what is left is rounding. Covariances that depend on the state are renewed after each step once steps are small: the
 // point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
 // Damping: Nielsen's update, but a thirtieth where the gain is within 3 % of 1. A rejected step repeats the elimination, not the
-// evaluation (light problems: both). Groups are partitioned by the problem's size alone, each worker sums one piece at a time, and pieces
+// evaluation (a RangeProblem: both). Groups are partitioned by the problem's size alone, each worker sums one piece at a time, and pieces
 // are added in their order: the result is the same to the last bit for any number of threads.
 #pragma once
 

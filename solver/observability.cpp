@@ -12,17 +12,6 @@ namespace {
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
 
-/// Rows [J_shared r] of a group after the elimination of its private unknowns; their number's rank is added to `rank`.
-MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
-  const Eigen::Index m = rows.cols() - private_size;
-  if (private_size == 0) return rows;
-  const Elimination own(rows.leftCols(private_size));
-  rank += own.rank();
-  MatrixXd shared = rows.middleCols(private_size, m);
-  own.rotate(shared);
-  return shared.bottomRows(shared.rows() - own.rank());
-}
-
 /// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit length.
 void separate(MatrixXd& basis) {
   const Eigen::Index k = basis.cols();
@@ -37,15 +26,13 @@ void separate(MatrixXd& basis) {
   for (Eigen::Index j = 0; j < k; ++j) basis.col(j).normalize();
 }
 
-}  // namespace
-
-Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* all_left) {
+/// R with R'R = S, at least one row: the remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and private
+/// rank; `squared_norm`: of the columns before the elimination.
+MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observability& out, VectorXd& squared_norm,
+                     std::vector<MatrixXd>* all_left) {
   const int n = problem.shared_size();
-  Observability out;
-  problem.prepare(state);
-  // R'R = S: remainders are stacked and compressed whenever the stack is full.
   MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
-  VectorXd squared_norm = VectorXd::Zero(n);  // of the columns before the elimination
+  squared_norm.setZero(n);
   Eigen::Index used = 0;
   const auto compress = [&] {
     if (used <= n) return;
@@ -70,18 +57,62 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
     }
   }
   compress();
+  MatrixXd r = stack.topRows(std::max<Eigen::Index>(used, 1));
+  if (used == 0) r.setZero();
+  return r;
+}
+
+void add_null(Observability& out, const VectorXd& direction) {
+  out.null_space.conservativeResize(Eigen::NoChange, out.null_space.cols() + 1);
+  out.null_space.rightCols<1>() = direction;
+}
+
+/// The directions among the right singular vectors `null` that are orthogonal to the dead columns (scale 0).
+void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauges, const VectorXd& scale, Observability& out) {
+  const Eigen::Index n = scale.size();
+  MatrixXd space(n, null.size());
+  for (size_t j = 0; j < null.size(); ++j) space.col(j) = vectors.col(null[j]);
+  for (int i = 0; i < n; ++i)
+    if (scale(i) == 0) space.row(i).setZero();
+  const Eigen::BDCSVD<MatrixXd> range(space, Eigen::ComputeThinU);
+  MatrixXd basis = range.matrixU().leftCols(gauges);
+  separate(basis);
+  for (int j = 0; j < gauges; ++j) {
+    Eigen::Index largest;
+    basis.col(j).cwiseAbs().maxCoeff(&largest);
+    std::vector<std::pair<int, double>> direction;
+    for (int i = 0; i < n; ++i) {
+      if (std::abs(basis(i, j)) > 1e-3) out.unobservable[i] = 1;
+      if (std::abs(basis(i, j)) > 0.02) direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
+    }
+    out.directions.push_back(std::move(direction));
+    add_null(out, basis.col(j).cwiseProduct(scale) / (basis(largest, j) * scale(largest)));
+  }
+}
+
+}  // namespace
+
+MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
+  const Eigen::Index m = rows.cols() - private_size;
+  if (private_size == 0) return rows;
+  const Elimination own(rows.leftCols(private_size));
+  rank += own.rank();
+  MatrixXd shared = rows.middleCols(private_size, m);
+  own.rotate(shared);
+  return shared.bottomRows(shared.rows() - own.rank());
+}
+
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* all_left) {
+  const int n = problem.shared_size();
+  Observability out;
+  problem.prepare(state);
+  VectorXd squared_norm;
+  MatrixXd r = triangle_of(problem, state, out, squared_norm, all_left);
   out.covariance.setZero(n, n);
   out.root.setZero(n, n);
   out.unobservable.assign(n, 0);
   out.null_space.setZero(n, 0);
   if (n == 0) return out;
-  const auto add_null = [&](const VectorXd& direction) {
-    out.null_space.conservativeResize(Eigen::NoChange, out.null_space.cols() + 1);
-    out.null_space.rightCols<1>() = direction;
-  };
-
-  MatrixXd r = stack.topRows(std::max<Eigen::Index>(used, 1));
-  if (used == 0) r.setZero();
   VectorXd scale(n);  // 1 / column norm; 0: dead
   int alive = 0;
   for (int i = 0; i < n; ++i) {
@@ -93,7 +124,7 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
     if (dead) {
       out.unobservable[i] = 1;
       out.directions.push_back({{i, 1.0}});
-      add_null(VectorXd::Unit(n, i));
+      add_null(out, VectorXd::Unit(n, i));
     }
   }
   const Eigen::BDCSVD<MatrixXd> svd(r, Eigen::ComputeFullV);
@@ -113,26 +144,7 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
   }
   // The null space of the scaled columns contains a unit vector for every dead one; what is orthogonal to these are gauges.
   const int gauges = static_cast<int>(null.size()) - (n - alive);
-  if (gauges > 0) {
-    MatrixXd space(n, null.size());
-    for (size_t j = 0; j < null.size(); ++j) space.col(j) = svd.matrixV().col(null[j]);
-    for (int i = 0; i < n; ++i)
-      if (scale(i) == 0) space.row(i).setZero();
-    const Eigen::BDCSVD<MatrixXd> range(space, Eigen::ComputeThinU);
-    MatrixXd basis = range.matrixU().leftCols(gauges);
-    separate(basis);
-    for (int j = 0; j < gauges; ++j) {
-      Eigen::Index largest;
-      basis.col(j).cwiseAbs().maxCoeff(&largest);
-      std::vector<std::pair<int, double>> direction;
-      for (int i = 0; i < n; ++i) {
-        if (std::abs(basis(i, j)) > 1e-3) out.unobservable[i] = 1;
-        if (std::abs(basis(i, j)) > 0.02) direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
-      }
-      out.directions.push_back(std::move(direction));
-      add_null(basis.col(j).cwiseProduct(scale) / (basis(largest, j) * scale(largest)));
-    }
-  }
+  if (gauges > 0) add_gauges(svd.matrixV(), null, gauges, scale, out);
   return out;
 }
 

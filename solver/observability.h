@@ -19,19 +19,31 @@
 namespace kincal {
 
 struct Observability {
-  MatrixXd covariance;           // of the shared unknowns, n x n; zero in directions that are unobservable
-  std::vector<char> unobservable;  // takes part in such a direction with more than 1e-3 of its scaled unit vector
-  /// Per direction: (column, coefficient) of what has more than 0.02; real units, the largest scaled one is 1.
+  /// Of the shared unknowns, n x n; zero in directions that are unobservable.
+  MatrixXd covariance;
+  /// 1 if moving this unknown changes an unobservable direction: its share of the scaled unit vector is above 1e-3.
+  std::vector<char> unobservable;
+  /// For each unobservable direction its larger entries, as (column, coefficient) in real units. Scaled so that the largest is 1;
+  /// entries below 0.02 (of the scaled unit vector) are left out.
   std::vector<std::vector<std::pair<int, double>>> directions;
-  MatrixXd null_space;           // n x directions: the same with all their coefficients, real units, the largest scaled one is 1
-  MatrixXd root;                 // covariance = root root'
-  long rows = 0;                 // whitened residuals, priors included
-  long rank = 0;                 // of all unknowns, private ones included
+  /// The same directions with all their coefficients, n x directions.
+  MatrixXd null_space;
+  /// A root of the covariance: covariance = root root'.
+  MatrixXd root;
+  /// Whitened residuals, priors included.
+  long rows = 0;
+  /// Rank of the derivatives by all unknowns, private ones included.
+  long rank = 0;
   long dof() const { return rows - rank; }
 };
 
-/// At a solution. Covariances as they were last renewed. Allocates. `left`: for every group [J_touched r] after the elimination of its
-/// private unknowns, a few rows whose Gram matrices sum up to that of the reduced system.
+/// Computes all this at a solution, with covariances as they were last renewed. It allocates. `left` gets for every group
+/// [J_touched r] after the elimination of its private unknowns: a few rows whose Gram matrices sum up to that of the reduced system.
 Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* left = nullptr);
+
+/// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private J_touched r] (Problem::square_root):
+/// returns what is left of [J_touched r] and adds the rank of the private columns to `rank`. Without private unknowns these are the rows
+/// themselves.
+MatrixXd eliminate(MatrixXd rows, int private_size, long& rank);
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// What the solver minimises, and the algebra of one view.
+// What the solver minimises.
 //
 // Cost = 1/2 sum_k rho(|r_k|^2) over residual blocks r_k, whitened. Unknowns are shared (columns 0 .. n-1) or private to a
 // group; a group (one sample of a robot, one point of a bundle adjustment) sees only its own private unknowns and some
@@ -8,14 +8,10 @@
 //     [ Q_1' Q_2' ..  C   ] [dx  ]     [b  ]
 // A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute. Its private
 // rows stay with the group, the rest is added to C and b.
-//
-// Within one view J = L M (see models/sensors/sensor.h): accumulate the small Gram matrix of [L r], then expand M' (L'L) M.
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <cstddef>
-#include <limits>
 #include <vector>
 
 #include "kernels.h"
@@ -65,113 +61,25 @@ class Problem {
   virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const = 0;
   /// A square root of the same: rows A with A'A = gram, computed from the residuals without squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
-  /// For problems of very many tiny groups. evaluate() of groups first .. last - 1, summed.
-  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const {
-    Cost one;
-    for (int g = first; g < last; ++g) {
-      if (!evaluate(g, state, worker, one)) return false;
-      cost.twice += one.twice;
-      cost.chi2 += one.chi2;
-    }
-    return true;
-  }
-  /// linearise() of these groups, at most kRange of them, follows: what can be computed for several at once is computed here.
-  virtual void approach(int /*first*/, int /*last*/, const VectorXd& /*state*/, int /*worker*/) const {}
-  static constexpr int kRange = 64;
-  /// True: shared columns that stand together (of one camera) meet others only through privates, so that linearise() writes only the
-  /// blocks of C on its diagonal; and linearising again is cheaper than keeping the groups' rows.
-  virtual bool light() const { return false; }
-  /// Light problems: [P | a | a + Q dx] of groups first .. last - 1 (at most kRange) to `rows`, group after group private_size rows of
-  /// private_size + 2 numbers, upper triangle of P; they have slack behind them.
-  virtual void condense(int /*first*/, int /*last*/, const VectorXd& /*state*/, const VectorXd& /*shared_step*/, int /*worker*/,
-                        double* /*rows*/) const {}
   /// state moved by a step; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
   virtual bool renew(const VectorXd& state) = 0;
 };
 
-/// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves. Both stand in
-/// the order of their places in the group (private unknowns first, then touched columns); own ones are shared.
-struct ViewColumns {
-  std::vector<int> kinematic;            // place of each column of M
-  std::vector<std::pair<int, int>> own;  // (column of L, place)
+/// A problem of very many tiny groups (bundle adjustment), which the solver hands to it in ranges, so that what can be computed for
+/// several at once is. Linearising again is cheaper there than keeping the groups' rows: the solver does not keep them. Shared columns that stand
+/// together (of one camera) meet others only through privates: linearise() writes only the blocks of C on its diagonal.
+class RangeProblem : public Problem {
+ public:
+  static constexpr int kRange = 64;  // most groups of a range
+  /// evaluate() of groups first .. last - 1, any number of them: what they cost is added to `cost`.
+  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const = 0;
+  /// Called before linearise() of these groups, which follows.
+  virtual void prepare_range(int first, int last, const VectorXd& state, int worker) const = 0;
+  /// Writes [P | a | a + Q dx] of these groups to `rows`, group after group private_size rows of private_size + 2 numbers, upper
+  /// triangle of P; `rows` has slack behind it.
+  virtual void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const = 0;
 };
-
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-/// Scratch of expand(): sized once for the largest view, so that nothing is allocated later.
-struct ExpandScratch {
-  MatrixXd gram;                       // of [L r]
-  RowMatrix m;                         // in its top left corner: M
-  std::vector<double> product, block;  // row-major, `stride` apart: G M and M' G M
-  std::vector<int> column;             // shared column of each column of M
-  int stride = 0;
-
-  /// width: columns of L; depth: rows of M; columns: of M.
-  void reserve(int width, int depth, int columns) {
-    gram.resize(width + 1, width + 1);
-    stride = padded(columns) + kSlack;
-    m.setZero(depth, stride);
-    product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
-    block.assign(static_cast<size_t>(columns) * stride, 0.0);
-    column.resize(columns);
-  }
-};
-
-/// Where L M is a sum of parts that cancel (a rotation about a point of the target itself), rounding leaves 1e-16 of the parts, not 0:
-/// a column of at most this share of the parts' squared norms is nothing.
-constexpr double kCancelled = 1e-14;
-
-/// Adds M' G M to the equations of a group of `k` private unknowns and `size` in all: `gram` in the scratch is the Gram matrix of [L r]
-/// (width + 1 squared, both triangles), `m` the kinematic part of M (its first `depth` rows). Does not allocate.
-inline void expand(int width, int depth, const ViewColumns& columns, int k, int size, ExpandScratch& s, const GroupEquations& to) {
-  const int kin = static_cast<int>(columns.kinematic.size()), ld = static_cast<int>(s.gram.outerStride()), stride = s.stride;
-  const double* g = s.gram.data();
-  const int* place = columns.kinematic.data();
-  kernels().expand(g, ld, width + 1, s.m.data(), stride, depth, kin, s.product.data(), s.block.data(), stride);
-  int own_rows = 0;  // columns of M that are private
-  while (own_rows < kin && place[own_rows] < k) ++own_rows;
-  for (int j = 0; j < kin; ++j) {
-    double* row = s.block.data() + static_cast<size_t>(j) * stride;
-    double parts = 0;
-    for (int r = 0; r < depth; ++r) parts += g[r + static_cast<size_t>(r) * ld] * s.m(r, j) * s.m(r, j);
-    if (row[j] > kCancelled * parts) continue;
-    for (int i = 0; i < kin; ++i) row[i] = s.block[static_cast<size_t>(i) * stride + j] = 0;
-    for (int i = 0; i <= width; ++i) s.product[static_cast<size_t>(i) * stride + j] = 0;
-  }
-  for (int j = own_rows; j < kin; ++j) s.column[j] = to.row[place[j] - k];
-  const int* shared = s.column.data();
-  for (int j = 0; j < kin; ++j) {
-    const double* from = s.block.data() + static_cast<size_t>(j) * stride;
-    if (j < own_rows) {
-      double* row = to.rows + static_cast<std::ptrdiff_t>(place[j]) * to.stride;
-#pragma GCC unroll 8
-      for (int i = j; i < kin; ++i) row[place[i]] += from[i];
-    } else {
-      double* column = to.shared + to.origin[s.column[j]];
-#pragma GCC unroll 8
-      for (int i = j; i < kin; ++i) column[shared[i]] += from[i];
-    }
-  }
-  const double* last = s.product.data() + static_cast<size_t>(width) * stride;  // of the residual
-  for (int j = 0; j < own_rows; ++j) to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + size] += last[j];
-  for (int j = own_rows; j < kin; ++j) to.gradient[s.column[j]] += last[j];
-  for (const auto& own : columns.own) {
-    const double* from = s.product.data() + static_cast<size_t>(own.first) * stride;
-    const int column = to.row[own.second - k];
-    int j = 0;
-#pragma GCC unroll 4
-    for (; j < own_rows; ++j) to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + own.second] += from[j];
-    for (; j < kin && place[j] < own.second; ++j) to.shared[to.origin[s.column[j]] + column] += from[j];
-    double* below = to.shared + to.origin[column];
-#pragma GCC unroll 4
-    for (; j < kin; ++j) below[shared[j]] += from[j];
-    const double* g_own = g + static_cast<size_t>(own.first) * ld;
-    for (const auto& other : columns.own)
-      if (other.second >= own.second) below[to.row[other.second - k]] += g_own[other.first];
-    to.gradient[column] += g_own[width];
-  }
-}
 
 }  // namespace kincal

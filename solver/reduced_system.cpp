@@ -107,116 +107,140 @@ struct ReducedSystem::Sparse {
 };
 #endif
 
-ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool light) : n_(n), groups_(&groups) {
-  // Runs: neighbours that the same groups touch. A group's set of columns is told by hashes, summed by column.
-  std::vector<std::uint64_t> touched(n, 0);
-  for (size_t g = 0; g < groups.size(); ++g) {
+ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool ranges) : n_(n), groups_(&groups) {
+  find_runs();
+  const Work work = place_runs();
+  in_blocks_ = ranges && std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
+               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size == 3; });
+  dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
+  RunGraph graph;
+  if (!dense_) {
+    size_t entries;
+    graph = graph_of_runs(entries);
+    dense_ = choice == LinearSolver::automatic && static_cast<double>(entries) > 0.3 * n * (n + 1.0) / 2;
+  }
+  if (dense_)
+    place_dense(work);
+  else
+    place_sparse(graph);
+}
+
+/// Runs: neighbours that the same groups touch. A group's set of columns is told by hashes, summed by column.
+void ReducedSystem::find_runs() {
+  std::vector<std::uint64_t> touched(n_, 0);
+  for (size_t g = 0; g < groups_->size(); ++g) {
     std::uint64_t hash = (g + 1) * 0x9E3779B97F4A7C15ull;
     hash = (hash ^ (hash >> 31)) * 0xBF58476D1CE4E5B9ull;
     hash ^= hash >> 29;
-    for (int c : groups[g].columns) touched[c] += hash;
+    for (int c : (*groups_)[g].columns) touched[c] += hash;
   }
-  std::vector<int> run_of(n);
-  for (int c = 0; c < n; ++c) {
+  for (int c = 0; c < n_; ++c) {
     if (c == 0 || touched[c] != touched[c - 1]) runs_.push_back({c, 0});
     ++runs_.back().size;
-    run_of[c] = static_cast<int>(runs_.size()) - 1;
   }
   for (const Run& run : runs_)
     for (int q = 0; q < run.size; ++q) {
       diagonal_origin_.push_back(static_cast<std::ptrdiff_t>(diagonal_storage_) - run.first);
       diagonal_storage_ += run.size;
     }
-  double full_work = 0, touched_work = 0;  // of the elimination
+}
+
+/// The groups' runs.
+ReducedSystem::Work ReducedSystem::place_runs() {
+  std::vector<int> run_of(n_);
+  for (size_t r = 0; r < runs_.size(); ++r) std::fill_n(run_of.begin() + runs_[r].first, runs_[r].size, static_cast<int>(r));
+  Work work;
   group_runs_start_.push_back(0);
-  for (const GroupShape& g : groups) {
+  for (const GroupShape& g : *groups_) {
     for (size_t i = 0; i < g.columns.size(); i += runs_[group_runs_.back()].size) group_runs_.push_back(run_of[g.columns[i]]);
     group_runs_start_.push_back(static_cast<int>(group_runs_.size()));
     for (size_t i = group_firsts_.size(); i < group_runs_.size(); ++i) group_firsts_.push_back(runs_[group_runs_[i]].first);
-    full_work += static_cast<double>(g.private_size) * n * n;
-    touched_work += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
+    work.full += static_cast<double>(g.private_size) * n_ * n_;
+    work.touched += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
   }
+  return work;
+}
 
-  in_blocks_ = light && std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
-               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size == 3; });
-  dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
-  // Pattern of the graph of runs, column by column.
+/// Pattern of the graph of runs, column by column; `entries`: of the matrix.
+ReducedSystem::RunGraph ReducedSystem::graph_of_runs(size_t& entries) const {
   const int runs = static_cast<int>(runs_.size());
-  std::vector<int> graph_start{0}, graph_row;
-  if (!dense_) {
-    std::vector<std::vector<int>> below(runs);
-    for (int r = 0; r < runs; ++r) below[r].push_back(r);
-    const auto compress = [](std::vector<int>& column) {
-      std::sort(column.begin(), column.end());
-      column.erase(std::unique(column.begin(), column.end()), column.end());
-    };
-    for (size_t g = 0; g < groups.size(); ++g)
-      for (int j = group_runs_start_[g]; j < group_runs_start_[g + 1]; ++j) {
-        std::vector<int>& column = below[group_runs_[j]];
-        column.insert(column.end(), group_runs_.begin() + j, group_runs_.begin() + group_runs_start_[g + 1]);
-        if (column.size() > 4 * static_cast<size_t>(runs) + 64) compress(column);
-      }
-    size_t entries = 0;
-    for (int r = 0; r < runs; ++r) {
-      compress(below[r]);
-      for (int a : below[r]) entries += static_cast<size_t>(runs_[a].size) * runs_[r].size;
-      graph_row.insert(graph_row.end(), below[r].begin(), below[r].end());
-      graph_start.push_back(static_cast<int>(graph_row.size()));
+  RunGraph graph;
+  std::vector<std::vector<int>> below(runs);
+  for (int r = 0; r < runs; ++r) below[r].push_back(r);
+  const auto compress = [](std::vector<int>& column) {
+    std::sort(column.begin(), column.end());
+    column.erase(std::unique(column.begin(), column.end()), column.end());
+  };
+  for (size_t g = 0; g < groups_->size(); ++g)
+    for (int j = group_runs_start_[g]; j < group_runs_start_[g + 1]; ++j) {
+      std::vector<int>& column = below[group_runs_[j]];
+      column.insert(column.end(), group_runs_.begin() + j, group_runs_.begin() + group_runs_start_[g + 1]);
+      if (column.size() > 4 * static_cast<size_t>(runs) + 64) compress(column);
     }
-    dense_ = choice == LinearSolver::automatic && static_cast<double>(entries) > 0.3 * n * (n + 1.0) / 2;
+  entries = 0;
+  for (int r = 0; r < runs; ++r) {
+    compress(below[r]);
+    for (int a : below[r]) entries += static_cast<size_t>(runs_[a].size) * runs_[r].size;
+    graph.row.insert(graph.row.end(), below[r].begin(), below[r].end());
+    graph.start.push_back(static_cast<int>(graph.row.size()));
   }
-  if (dense_) {
-    stacks_ = touched_work > 0.4 * full_work;
-    if (stacks_) in_blocks_ = false;
-    ld_ = padded(n + 1) + kSlack;
-    for (int j = 0; j < n; ++j) origin_.push_back(static_cast<std::ptrdiff_t>(j) * ld_);
-    step_ = origin_;
-    for (int a = 0; in_blocks_ && a < runs; ++a)
-      for (int b = 0; b <= a; ++b) blocks_.push_back({a, b, 0});
-    place_blocks([](int a, int b) { return a * (a + 1) / 2 + b; });
-    return;
-  }
+  return graph;
+}
 
+void ReducedSystem::place_dense(const Work& work) {
+  const int runs = static_cast<int>(runs_.size());
+  stacks_ = work.touched > 0.4 * work.full;
+  if (stacks_) in_blocks_ = false;
+  ld_ = padded(n_ + 1) + kSlack;
+  for (int j = 0; j < n_; ++j) origin_.push_back(static_cast<std::ptrdiff_t>(j) * ld_);
+  step_ = origin_;
+  for (int a = 0; in_blocks_ && a < runs; ++a)
+    for (int b = 0; b <= a; ++b) blocks_.push_back({a, b, 0});
+  place_blocks([](int a, int b) { return a * (a + 1) / 2 + b; });
+}
+
+void ReducedSystem::place_sparse(RunGraph& graph) {
+  const int runs = static_cast<int>(runs_.size());
   column_start_.push_back(0);
   for (int r = 0; r < runs; ++r)
     for (int q = 0; q < runs_[r].size; ++q) {
       const int start = static_cast<int>(row_of_.size());
       origin_.push_back(start - (runs_[r].first + q));
       step_.push_back(start - q);
-      for (int k = graph_start[r]; k < graph_start[r + 1]; ++k) {
-        const Run& a = runs_[graph_row[k]];
-        for (int i = graph_row[k] == r ? q : 0; i < a.size; ++i) row_of_.push_back(a.first + i);
+      for (int k = graph.start[r]; k < graph.start[r + 1]; ++k) {
+        const Run& a = runs_[graph.row[k]];
+        for (int i = graph.row[k] == r ? q : 0; i < a.size; ++i) row_of_.push_back(a.first + i);
       }
       column_start_.push_back(static_cast<int>(row_of_.size()));
     }
   // Where run a begins in the columns of run b, counted as if the diagonal block were whole.
-  std::vector<int> begin_of(graph_row.size());
+  std::vector<int> begin_of(graph.row.size());
   for (int r = 0; r < runs; ++r)
-    for (int k = graph_start[r], at = 0; k < graph_start[r + 1]; ++k) {
+    for (int k = graph.start[r], at = 0; k < graph.start[r + 1]; ++k) {
       begin_of[k] = at;
-      at += runs_[graph_row[k]].size;
+      at += runs_[graph.row[k]].size;
     }
   for (int b = 0; in_blocks_ && b < runs; ++b)
-    for (int k = graph_start[b]; k < graph_start[b + 1]; ++k) blocks_.push_back({graph_row[k], b, begin_of[k]});
+    for (int k = graph.start[b]; k < graph.start[b + 1]; ++k) blocks_.push_back({graph.row[k], b, begin_of[k]});
   place_blocks([&](int a, int b) {
-    return static_cast<int>(std::lower_bound(graph_row.begin() + graph_start[b], graph_row.begin() + graph_start[b + 1], a) -
-                            graph_row.begin());
+    return static_cast<int>(std::lower_bound(graph.row.begin() + graph.start[b], graph.row.begin() + graph.start[b + 1], a) -
+                            graph.row.begin());
   });
-  for (size_t g = 0; !in_blocks_ && g < groups.size(); ++g) {
+  for (size_t g = 0; !in_blocks_ && g < groups_->size(); ++g) {
     pair_start_.push_back(pair_places_.size());
     for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
-      const auto begin = graph_row.begin() + graph_start[group_runs_[b]], end = graph_row.begin() + graph_start[group_runs_[b] + 1];
+      const auto begin = graph.row.begin() + graph.start[group_runs_[b]], end = graph.row.begin() + graph.start[group_runs_[b] + 1];
       auto it = begin;
       for (int a = b + 1; a < group_runs_start_[g + 1]; ++a) {
         it = std::lower_bound(it, end, group_runs_[a]);
-        pair_places_.push_back(begin_of[it - graph_row.begin()]);
+        pair_places_.push_back(begin_of[it - graph.row.begin()]);
       }
     }
   }
   std::vector<int> order;
-  for (int r : Sparse::amd(runs, graph_start, graph_row))
+  for (int r : Sparse::amd(runs, graph.start, graph.row))
     for (int q = 0; q < runs_[r].size; ++q) order.push_back(runs_[r].first + q);
-  sparse_ = std::make_unique<Sparse>(n, column_start_, row_of_, order);
+  sparse_ = std::make_unique<Sparse>(n_, column_start_, row_of_, order);
 }
 
 ReducedSystem::~ReducedSystem() = default;
@@ -232,7 +256,7 @@ void ReducedSystem::place_blocks(const BlockOf& block_of) {
 
 void ReducedSystem::subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const {
   const int first = group_runs_start_[group];
-  kernels().subtract_nines(blocks, group_blocks_.data() + group_blocks_start_[group], group_firsts_.data() + first,
+  kernels().subtract_products_9x9(blocks, group_blocks_.data() + group_blocks_start_[group], group_firsts_.data() + first,
                            group_runs_start_[group + 1] - first, b, stride, gradient);
 }
 
@@ -244,7 +268,7 @@ void ReducedSystem::add_blocks(double* values, const double* blocks) const {
       for (int i = block.row == block.column ? q : 0; i < 8; ++i) to[i] += blocks[8 * q + i];
       to[8] += blocks[72 + q];
     }
-    blocks += kNineBlock;
+    blocks += kBlockStorage9x9;
   }
 }
 

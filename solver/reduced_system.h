@@ -20,8 +20,8 @@ enum class LinearSolver { automatic, dense, cholmod };
 class ReducedSystem {
  public:
   /// Chooses and analyses. automatic: dense up to 400 unknowns or when more than 30 % of the entries are there.
-  /// light: of a light problem (Problem::light).
-  ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool light = false);
+  /// `ranges`: of a RangeProblem.
+  ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool ranges = false);
   ~ReducedSystem();
 
   const char* name() const { return dense_ ? "dense" : "cholmod"; }
@@ -42,10 +42,10 @@ class ReducedSystem {
   void add(int group, const double* block, int ld, double* values) const;
   /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
   void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
-  /// A light problem whose runs have 9 columns and whose groups have 3 private unknowns (bundle adjustment): the same, faster, to an array
+  /// A RangeProblem whose runs have 9 columns and whose groups have 3 private unknowns (bundle adjustment): the same, faster, to an array
   /// of blocks (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to values. There is no add() then.
   bool in_blocks() const { return in_blocks_; }
-  size_t block_storage() const { return blocks_.size() * kNineBlock + 2 * kSlack; }
+  size_t block_storage() const { return blocks_.size() * kBlockStorage9x9 + 2 * kSlack; }
   void subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const;
   void add_blocks(double* values, const double* blocks) const;
   /// values = 0, of one accumulator's numbers that count.
@@ -69,6 +69,19 @@ class ReducedSystem {
     int first, size;
   };
   struct Sparse;
+  /// Runs below each run that some group touches with it (itself first), run by run: compressed columns of the lower triangle.
+  struct RunGraph {
+    std::vector<int> start{0}, row;
+  };
+  /// Work of an elimination: of all columns by each group, and of those that it touches.
+  struct Work {
+    double full = 0, touched = 0;
+  };
+  void find_runs();
+  Work place_runs();
+  RunGraph graph_of_runs(size_t& entries) const;
+  void place_dense(const Work& work);
+  void place_sparse(RunGraph& graph);
   template <class BlockOf>
   void place_blocks(const BlockOf& block_of);
 

@@ -130,7 +130,7 @@ bool BundleAdjustment::evaluate(int group, const VectorXd& state, int worker, Co
   return evaluate_range(group, group + 1, state, worker, cost);
 }
 
-void BundleAdjustment::approach(int first, int last, const VectorXd& state, int worker) const {
+void BundleAdjustment::prepare_range(int first, int last, const VectorXd& state, int worker) const {
   Scratch& s = scratch_[worker];
   double squares = 0;
   s.first = start_[first];
@@ -153,7 +153,8 @@ bool BundleAdjustment::linearise(int group, const VectorXd&, int worker, const G
   return true;
 }
 
-void BundleAdjustment::condense(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const {
+void BundleAdjustment::recompute_rows(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker,
+                                      double* rows) const {
   Scratch& s = scratch_[worker];
   for (int o = start_[first]; o < start_[last]; ++o) {  // of the cameras that these points see
     const size_t c = static_cast<size_t>(camera_of_[o]);
@@ -163,7 +164,7 @@ void BundleAdjustment::condense(int first, int last, const VectorXd& state, cons
 }
 
 bool BundleAdjustment::square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const {
-  approach(group, group + 1, state, worker);
+  prepare_range(group, group + 1, state, worker);
   const Scratch& s = scratch_[worker];
   const int count = start_[group + 1] - start_[group], size = groups_[group].size();
   rows.setZero(2 * count, size + 1);

@@ -18,9 +18,9 @@ struct BundleAdjustmentData {
   std::vector<double> pixels;            // 2 each
 };
 
-/// The state: kCameraNumbers a camera, then kPointNumbers a point, then slack. Keeps no Jacobian and no rows: what a point contributes is computed again
-/// whenever it is needed, from observations ordered by point.
-class BundleAdjustment final : public Problem {
+/// The state: kCameraNumbers a camera, then kPointNumbers a point, then slack. The problem keeps no Jacobian and no rows: what a point
+/// contributes is computed again whenever it is needed, from observations ordered by point.
+class BundleAdjustment final : public RangeProblem {
  public:
   /// @throws std::invalid_argument if an index is out of range, an array too short, or a camera sees a point twice.
   explicit BundleAdjustment(const BundleAdjustmentData& data);
@@ -35,13 +35,12 @@ class BundleAdjustment final : public Problem {
   void prepare(const VectorXd&) override {}
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
   bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override;
-  void approach(int first, int last, const VectorXd& state, int worker) const override;
+  void prepare_range(int first, int last, const VectorXd& state, int worker) const override;
   bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override;
-  void condense(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const override;
+  void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd&) override { return false; }
-  bool light() const override { return true; }
 
  private:
   struct Scratch {

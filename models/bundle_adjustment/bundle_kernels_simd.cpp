@@ -9,7 +9,6 @@ namespace {
 // With p = R X + t, q = -p.xy / p.z, s = |q|^2, d = 1 + k1 s + k2 s^2, pixel = f d q:
 //   d pixel / d q = f (d 1 + 2 (k1 + 2 k2 s) q q'),   d q / d p = -1/p.z [1 | q],   d p / d X = R,  d p / d t = 1,
 //   d p / d w = -[R X]x  for the increment R <- exp(w) R.
-/// kLanes observations from `first` on; those behind `last` - 1 repeat it.
 struct Seen {
   Pack ru, rv;        // residuals
   Pack u[12], v[12];  // derivatives by the camera's 9 and the point's 3 numbers
@@ -23,6 +22,7 @@ inline void numbers_of(const double* array, const int* index, int numbers, int f
   }
 }
 
+/// kLanes observations from `first` on; those behind `last` - 1 repeat it.
 template <bool Derivatives>
 inline void see(const Observations& o, int first, int last, Seen& seen) {
   Pack c[kCameraNumbers], x[kLanes > kPointNumbers ? kLanes : kPointNumbers];
@@ -133,6 +133,7 @@ void condense(const Observations& o, const int* start, int points, const double*
 
 constexpr int kEight = 8 / kLanes;
 
+/// More than 6 parameters because kernels take plain pointers.
 void add_point(const double* observations, int count, const int* camera, const int* column, double* rows, int stride, int size,
                double* shared, const std::ptrdiff_t* origin, double* gradient) {
   double p[9] = {}, a[3] = {};

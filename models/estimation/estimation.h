@@ -17,40 +17,15 @@
 // are the unknowns and the others keep their values; with chart = columns of J_r(xi), dT = T exp(chart d).
 #pragma once
 
-#include <map>
 #include <memory>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "../../solver/problem.h"
 #include "../rig/recording.h"
+#include "setup.h"
 
 namespace kincal {
-
-struct Prior {
-  int parameter, component;
-  double sigma;
-};
-
-struct EstimationSetup {
-  NoiseMode noise = NoiseMode::latent;
-  Loss loss;
-  std::vector<double> levels;  // by sensor: unit of the loss's scale in sigmas; empty: 1
-  std::vector<int> sensors;    // indices; views of others do not take part
-  std::vector<Freed> free;
-  std::vector<Prior> priors;   // of freed components only
-  int only_target = -1;        // views of this target only (to start it)
-  VectorXd initial;            // shared values that priors and partly freed poses count from; empty: the rig's
-};
-
-/// Everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
-/// errors by (sample, joint).
-struct Values {
-  VectorXd shared;
-  std::map<std::pair<int, int>, Pose> targets;
-  std::map<std::pair<int, int>, double> errors;
-};
 
 /// Residuals of one view at a state.
 struct ViewResiduals {
@@ -78,16 +53,17 @@ class Estimation final : public Problem {
   Estimation(const Estimation&) = delete;
   Estimation& operator=(const Estimation&) = delete;
 
-  bool empty() const { return groups_.empty() || (groups_.size() == 1 && setup_.priors.size()); }
-  const EstimationSetup& setup() const { return setup_; }
+  /// True if no sample shows anything to the setup's sensors.
+  bool empty() const;
+  const EstimationSetup& setup() const;
   /// Sample behind a group, -1 for the group of priors.
   int sample_of(int group) const;
   /// Shared values that priors and partly freed poses count from.
-  const VectorXd& initial() const { return setup_.initial.size() > 0 ? setup_.initial : table_.initial; }
+  const VectorXd& initial() const;
   /// Name of a shared column, e.g. "joint/head_joint/origin.rz".
-  std::string column_name(int column) const { return table_.name(columns_[column]); }
+  std::string column_name(int column) const;
   /// What every shared column is.
-  const std::vector<Component>& columns() const { return columns_; }
+  const std::vector<Component>& columns() const;
 
   /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
   VectorXd pack(const Values& values) const;
@@ -102,8 +78,8 @@ class Estimation final : public Problem {
   /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
   std::vector<char> influencing() const;
 
-  int shared_size() const override { return static_cast<int>(columns_.size()); }
-  const std::vector<GroupShape>& groups() const override { return groups_; }
+  int shared_size() const override;
+  const std::vector<GroupShape>& groups() const override;
   void set_workers(int count) override;
   void prepare(const VectorXd& state) override;
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
@@ -113,68 +89,13 @@ class Estimation final : public Problem {
   bool renew(const VectorXd& state) override;
 
   /// A square root of the group's equations (see Problem::square_root) in which no row mixes two kinds of noise.
-  bool noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& whose) const;
+  bool noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& kinds) const;
   /// Explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
   bool explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const;
 
  private:
-  struct MotionColumns;
-  struct Way;
-  struct ViewPlan;
-  struct SamplePlan;
-  struct PlacedView;
-  struct PlacedSample;
-  struct Whitening;
-  struct WalkedWay;
-  struct Scratch;
-  struct PriorRow {
-    int parameter = -1, place = 0, count = 0;
-    double derivative[6];
-    double r = 0;
-    Vector6d log;
-    Matrix6d inverse_jacobian;
-  };
-
-  void place_sample(int index);
-  const SensorModel& model_of(const Sensor& sensor) const;
-  SamplePlan make_plan(const PlacedSample& placed) const;
-  int place_way(SamplePlan& sample, const ViewPlan& v) const;
-  GroupShape place_columns(SamplePlan& sample) const;
-  void place_joints(Way& way, const std::map<int, int>& places, const SamplePlan& sample) const;
-  void place_view(ViewPlan& v, const std::map<int, int>& places, const SamplePlan& sample) const;
-  void place_data();
-  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void walk_ways(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void way_columns(const Way& way, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
-                   WalkedWay& walked) const;
-  int target_start(const PlacedView& v, const PlacedSample& s) const;
-  void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
-  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
-                        Scratch& scratch) const;
-  void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
-  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows, std::vector<NoiseRows>* whose) const;
-
-  const Rig& rig_;
-  const ParameterTable& table_;
-  const std::vector<Sample>& all_;
-  EstimationSetup setup_;
-  std::vector<Loss> losses_;                      // by sensor
-  std::vector<Component> columns_;
-  std::vector<int> first_column_;                 // by parameter, -1: held
-  std::vector<const Freed*> freed_;               // by parameter, null: held
-  std::map<std::vector<int>, std::unique_ptr<SamplePlan>> plans_;  // by what samples show
-  std::vector<PlacedSample> samples_;
-  std::vector<Whitening> whitenings_;
-  std::vector<GroupShape> groups_;
-  std::vector<double> seen_;                      // what the kernels read: layouts, measured numbers
-  std::vector<MatrixXd> charts_;                  // by parameter: 6 x freed components, of partly freed poses
-  mutable std::vector<Scratch> scratch_;
-  int state_size_ = 0;
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
 };
 
 }  // namespace kincal

@@ -22,11 +22,12 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
-#include "../../solver/problem.h"
 #include "../joints/joint_model.h"
 #include "view_kernels.h"
 
 namespace kincal {
+
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// One group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
 struct ParameterBlock {
@@ -83,7 +84,7 @@ enum class Sight {
   none
 };
 
-/// Some of a sensor's sigmas that are one kind of noise.
+/// Some of a sensor's sigmas: those that belong to one kind of noise.
 struct NoisePart {
   const char *name, *unit;
   int first, count;
@@ -116,24 +117,26 @@ class SensorModel {
   virtual bool has_own_noise() const { return false; }
   /// B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
-  /// The kinds of noise that its residuals can tell apart, in order. Where there are several, whitened residual i of a block is of the
-  /// part with sigma i.
+  /// Returns the kinds of noise that its residuals can tell apart, in order. Where there are several, whitened residual i of a block is of
+  /// the part with sigma i.
   virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
-  /// The inner loop of evaluate() for several points at a time, where there is one.
+  /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has none.
   virtual ViewKernel kernel() const { return nullptr; }
-  /// The same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
+  /// Returns the same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
 
 constexpr int kMaxParameters = 16;
 
-/// Derivative rows of one point: how a residual with d_r_d_p (row-major rows x 3, by the point in the sensor's frame)
-/// changes with the pose and the target's shape.
-inline void point_rows(const ViewInput& view, const Columns& c, int i, int rows, const double* d_r_d_p, const Matrix3d& sensor_R_target,
+/// Derivatives of a residual by the point in the sensor's frame, row-major.
+using PointDerivatives = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
+
+/// Derivative rows of one point: how a residual with d_r_d_p changes with the target's shape.
+inline void point_rows(const ViewInput& view, const Columns& c, int i, const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
                        Eigen::Ref<RowMatrix>& L) {
-  for (int k = 0; k < rows; ++k) {
-    const Eigen::RowVector3d a(d_r_d_p[3 * k], d_r_d_p[3 * k + 1], d_r_d_p[3 * k + 2]);
-    const int row = i * rows + k;
+  for (int k = 0; k < d_r_d_p.rows(); ++k) {
+    const Eigen::RowVector3d a = d_r_d_p.row(k);
+    const int row = i * static_cast<int>(d_r_d_p.rows()) + k;
     if (c.square >= 0 && view.layout) L(row, c.square) = a.dot(sensor_R_target * view.layout->col(view.ids[i]));
     if (c.points >= 0) L.block<1, 3>(row, c.points + 3 * view.ids[i]) = a * sensor_R_target;
   }
@@ -170,7 +173,7 @@ class PointwiseSensor final : public SensorModel {
         if (c.parameters >= 0)
           for (int j = 0; j < own; ++j) (*L)(row, c.parameters + j) = d_own[k * own + j];
       }
-      if (c.square >= 0 || c.points >= 0) point_rows(view, c, i, S::kRows, d_p, view.sensor_T_target.rotation, *L);
+      if (c.square >= 0 || c.points >= 0) point_rows(view, c, i, PointDerivatives(d_p, S::kRows, 3), view.sensor_T_target.rotation, *L);
     }
     return true;
   }

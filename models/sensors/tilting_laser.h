@@ -56,7 +56,7 @@ class TiltingLaser final : public SensorModel {
       }
       if (c.square >= 0 || c.points >= 0) {
         static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-        point_rows(view, c, i, 3, identity, through * scan.behind_T_target.rotation, *L);
+        point_rows(view, c, i, PointDerivatives(identity, 3, 3), through * scan.behind_T_target.rotation, *L);
       }
     }
     return true;

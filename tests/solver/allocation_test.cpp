@@ -127,9 +127,10 @@ std::string origins(long count, long first = 0) {
 }
 
 /// Hands everything on, counts trials, and does not let renew() count.
-class Wrapped final : public Problem {
+template <class Kind>
+class Wrapped : public Kind {
  public:
-  explicit Wrapped(Problem& inner) : inner_(inner) {}
+  explicit Wrapped(Kind& inner) : inner_(inner) {}
   mutable long trials = 0;
   long renewals = 0, in_renewals = 0;
   std::string where;  // in renewals
@@ -146,14 +147,6 @@ class Wrapped final : public Problem {
   }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return inner_.square_root(group, state, worker, rows);
-  }
-  bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override {
-    return inner_.evaluate_range(first, last, state, worker, cost);
-  }
-  void approach(int first, int last, const VectorXd& state, int worker) const override { inner_.approach(first, last, state, worker); }
-  bool light() const override { return inner_.light(); }
-  void condense(int first, int last, const VectorXd& state, const VectorXd& step, int worker, double* rows) const override {
-    inner_.condense(first, last, state, step, worker, rows);
   }
   void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
     ++trials;
@@ -174,8 +167,22 @@ class Wrapped final : public Problem {
     return there;
   }
 
- private:
-  Problem& inner_;
+ protected:
+  Kind& inner_;
+};
+
+class WrappedRanges final : public Wrapped<RangeProblem> {
+ public:
+  using Wrapped::Wrapped;
+  bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override {
+    return inner_.evaluate_range(first, last, state, worker, cost);
+  }
+  void prepare_range(int first, int last, const VectorXd& state, int worker) const override {
+    inner_.prepare_range(first, last, state, worker);
+  }
+  void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& step, int worker, double* rows) const override {
+    inner_.recompute_rows(first, last, state, step, worker, rows);
+  }
 };
 
 struct Found {
@@ -186,8 +193,9 @@ struct Found {
 };
 
 /// Solves three times from `start`; the second and third may not allocate. `in_renew`: what renew() allocates does not count.
-Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
-  Wrapped wrapped(problem);
+template <class Wrapper, class Kind>
+Found solve_thrice_as(Kind& problem, const VectorXd& start, const SolverOptions& options, bool in_renew) {
+  Wrapper wrapped(problem);
   LevenbergMarquardt solver(wrapped, options);
   VectorXd state = start;
   solver.solve(state);
@@ -214,6 +222,12 @@ Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions&
     found.in_renewals += wrapped.in_renewals;
   }
   return found;
+}
+Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
+  return solve_thrice_as<Wrapped<Problem>>(problem, start, options, in_renew);
+}
+Found solve_thrice(RangeProblem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
+  return solve_thrice_as<WrappedRanges>(problem, start, options, in_renew);
 }
 
 const std::vector<Loss> kLosses = {{LossKind::none, 1}, {LossKind::huber, 2}, {LossKind::cauchy, 2}, {LossKind::tukey, 20}};

@@ -151,7 +151,7 @@ TEST_CASE("kernels: expand") {
         }
 }
 
-TEST_CASE("kernels: subtract_nines") {
+TEST_CASE("kernels: subtract_products_9x9") {
   std::mt19937 engine(5);
   for (const Kernels* k : sets())
     for (int runs = 0; runs <= 11; ++runs) {
@@ -162,15 +162,15 @@ TEST_CASE("kernels: subtract_nines") {
       for (int i = 0; i < runs; ++i) first.push_back(9 * (i + (i > 3)));
       for (int i = 0; i < pairs; ++i) block[i] = i + i / 5;  // some blocks are others'
       std::shuffle(block.begin(), block.end(), engine);
-      const VectorXd blocks = random(engine, kNineBlock * (pairs + pairs / 5 + 1), 1), gradient = random(engine, 9 * all + 8, 1);
+      const VectorXd blocks = random(engine, kBlockStorage9x9 * (pairs + pairs / 5 + 1), 1), gradient = random(engine, 9 * all + 8, 1);
       VectorXd to = blocks, g = gradient, expected = blocks, expected_g = gradient;
-      k->subtract_nines(to.data(), block.data(), first.data(), runs, b.data(), stride, g.data());
+      k->subtract_products_9x9(to.data(), block.data(), first.data(), runs, b.data(), stride, g.data());
       for (int i = 0, pair = 0; i < runs; ++i) {
         const MatrixXd bi = b.middleCols(9 * i, 9);
         expected_g.segment(first[i], 9) -= bi.transpose() * b.col(9 * runs);
         for (int j = 0; j <= i; ++j, ++pair) {
           const MatrixXd product = bi.transpose() * b.middleCols(9 * j, 9);
-          double* at = expected.data() + kNineBlock * block[pair];
+          double* at = expected.data() + kBlockStorage9x9 * block[pair];
           for (int q = 0; q < 9; ++q) {
             for (int r = 0; r < 8; ++r) at[8 * q + r] -= product(r, q);
             at[72 + q] -= product(8, q);

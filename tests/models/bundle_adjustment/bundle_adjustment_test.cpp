@@ -1,7 +1,7 @@
 // models/bundle_adjustment/bundle_adjustment.h against the formulas of its head written down a second time, with plain loops and dense algebra.
 //
-// Proves: cost; every entry of the rows of square_root() by central differences along retract(); linearise() after approach(), anywhere in
-// a range, writes the normal equations of these rows, with one camera a block and with blocks of several cameras, and condense() what it
+// Proves: cost; every entry of the rows of square_root() by central differences along retract(); linearise() after prepare_range(), anywhere in
+// a range, writes the normal equations of these rows, with one camera a block and with blocks of several cameras, and recompute_rows() what it
 // says; evaluate_range() sums; infinite residuals are undefined; wrong arguments are refused by name; unpack() goes back; points and cameras
 // without observations do no harm; exact data lead to a cost of nothing, noisy ones to the minimum of a dense Gauss-Newton; dense and
 // CHOLMOD agree, also where cameras see exactly the same points; any number of threads gives the same bits.
@@ -180,7 +180,6 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
         noisy(make(cameras, 70, 802 + cameras, [&](int c, int p) { return c == p % cameras || (c * 7 + p * 3) % 5 < 3; }), 2, 1, 803);
     BundleAdjustment problem(d);
     problem.set_workers(1);
-    CHECK(problem.light());
     CHECK(problem.shared_size() == 9 * cameras);
     REQUIRE(problem.groups().size() == 70);
     VectorXd state = problem.initial(), moved;
@@ -224,7 +223,7 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
           CHECK((rows.col(c) - numeric.col(c)).cwiseAbs().maxCoeff() <= 1e-8 * numeric.col(c).cwiseAbs().maxCoeff() + 1e-9);
 
         for (const int block : {1, 2, 3}) {
-          problem.approach(first, last, state, 0);
+          problem.prepare_range(first, last, state, 0);
           Cost cost, evaluated;
           const MatrixXd gram = light_equations(problem, g, state, block, cost), expected = rows.transpose() * rows;
           REQUIRE(problem.evaluate(g, state, 0, evaluated));
@@ -240,10 +239,10 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
           CHECK(worst < 1e-13);
         }
 
-        problem.approach(first, last, state, 0);
+        problem.prepare_range(first, last, state, 0);
         // Of the whole range; the group's rows are among them.
         std::vector<double> range(15 * static_cast<size_t>(last - first) + kSlack, 7.0);
-        problem.condense(first, last, state, step, 0, range.data());
+        problem.recompute_rows(first, last, state, step, 0, range.data());
         const double* condensed = range.data() + 15 * static_cast<size_t>(g - first);
         VectorXd touched(shape.columns.size());
         for (size_t c = 0; c < shape.columns.size(); ++c) touched(static_cast<Eigen::Index>(c)) = step(shape.columns[c]);

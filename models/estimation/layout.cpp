@@ -1,0 +1,331 @@
+#include "layout.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace kincal {
+
+Layout::Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup what)
+    : rig(recording.rig), table(recording.table), recorded(recording.samples), setup(std::move(what)) {
+  first_column.assign(table.all.size(), -1);
+  freed.assign(table.all.size(), nullptr);
+  for (const Freed& f : setup.free) {
+    first_column[f.parameter] = static_cast<int>(columns.size());
+    freed[f.parameter] = &f;
+    for (int c : f.components) columns.push_back({f.parameter, c});
+  }
+  state_size = static_cast<int>(table.initial.size());
+  for (int index : indices) place_sample(index);
+  place_data();
+  if (!setup.priors.empty()) place_priors();
+}
+
+/// The last group: it has no private unknowns.
+void Layout::place_priors() {
+  GroupShape shape;
+  for (const Prior& prior : setup.priors)  // a prior on a component of a partly freed pose depends on all its freed ones
+    for (size_t i = 0; i < freed[prior.parameter]->components.size(); ++i)
+      shape.columns.push_back(first_column[prior.parameter] + static_cast<int>(i));
+  std::sort(shape.columns.begin(), shape.columns.end());
+  shape.columns.erase(std::unique(shape.columns.begin(), shape.columns.end()), shape.columns.end());
+  shape.rows = static_cast<int>(setup.priors.size());
+  groups.push_back(std::move(shape));
+}
+
+/// A sample's views that take part. Its layout is that of an earlier sample that shows the same, or a new one.
+void Layout::place_sample(int index) {
+  PlacedSample s;
+  s.index = index;
+  std::vector<int> key;  // sensor, target, with covariances, ids of each view
+  for (const View& view : recorded[index].views) {
+    if (std::find(setup.sensors.begin(), setup.sensors.end(), view.sensor) == setup.sensors.end() ||
+        (setup.only_target >= 0 && view.target != setup.only_target))
+      continue;
+    const Sensor& sensor = rig.sensors[view.sensor];
+    if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != model_of(sensor).sigmas())
+      throw std::invalid_argument(view.where + ": sensor '" + sensor.name + "' takes " + std::to_string(model_of(sensor).sigmas()) +
+                                  " sigmas, not " + std::to_string(view.sigma.size()));
+    key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(), static_cast<int>(view.ids.size())});
+    key.insert(key.end(), view.ids.begin(), view.ids.end());
+    s.views.push_back({&view, nullptr});
+  }
+  if (s.views.empty()) return;
+  std::unique_ptr<SampleLayout>& layout = layouts[key];
+  if (!layout) layout = std::make_unique<SampleLayout>(make_layout(s));
+  s.layout = layout.get();
+  s.start = state_size;
+  state_size += s.layout->state_size();
+  for (size_t v = 0; v < s.views.size(); ++v) s.views[v].layout = &s.layout->views[v];
+  groups.push_back(s.layout->shape);
+  samples.push_back(std::move(s));
+}
+
+const SensorModel& Layout::model_of(const Sensor& sensor) const {
+  const SensorModel* point_form = setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
+  return point_form ? *point_form : *sensor.model;
+}
+
+/// The paths between sensors and targets, what the sample's private unknowns are, and all columns.
+SampleLayout Layout::make_layout(const PlacedSample& placed) const {
+  SampleLayout s;
+  for (const PlacedView& p : placed.views) {
+    ViewLayout v;
+    v.sensor_index = p.view->sensor;
+    v.target_index = p.view->target;
+    v.sensor = &rig.sensors[v.sensor_index];
+    v.target = &rig.targets[v.target_index];
+    v.model = &model_of(*v.sensor);
+    v.covariances = !p.view->covariance.empty();
+    v.ids = p.view->ids;
+    if (v.ids.empty() && !v.model->whole_pose())
+      for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
+    v.path = place_path(s, v);
+    if (v.target->link < 0) {
+      const auto it = std::find(s.targets.begin(), s.targets.end(), v.target_index);
+      v.target_slot = static_cast<int>(it - s.targets.begin());
+      if (it == s.targets.end()) s.targets.push_back(v.target_index);
+    }
+    s.views.push_back(std::move(v));
+  }
+  s.shape = place_columns(s);
+  return s;
+}
+
+/// The view's path among the sample's, a new one if there is none yet.
+int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
+  SensorPath path;
+  path.from = v.sensor->link;
+  path.to = v.target->link >= 0 ? v.target->link : rig.base;
+  if (v.model->scans()) path.scanning_joint = v.sensor->scanning_joint;
+  for (size_t i = 0; i < s.paths.size(); ++i)
+    if (s.paths[i].from == path.from && s.paths[i].to == path.to && s.paths[i].scanning_joint == path.scanning_joint)
+      return static_cast<int>(i);
+  path.steps = find_path(rig.tree, path.from, path.to);
+  if (v.model->scans()) {
+    path.scan_numbers = rig.joints[path.scanning_joint].model->size();
+    const auto scan_step = [&] {
+      for (size_t k = 0; k < path.steps.size(); ++k)
+        if (path.steps[k].joint == path.scanning_joint) return static_cast<int>(k);
+      return -1;
+    };
+    path.scan_step = scan_step();
+    if (path.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
+      path.steps = find_path(rig.tree, path.from, rig.base);
+      path.scan_step = scan_step();
+      for (const PathStep& step : find_path(rig.tree, rig.base, path.to)) path.steps.push_back(step);
+      if (path.scan_step < 0)
+        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig.tree.joints[path.scanning_joint].name +
+                                    "' is not between its link and the base");
+    }
+  }
+  for (size_t k = 0; k < path.steps.size(); ++k) {
+    const int j = path.steps[k].joint;
+    const Joint& joint = rig.tree.joints[j];
+    if (!joint.moves() || static_cast<int>(k) == path.scan_step) continue;
+    const int drv = driver(rig.tree, j).joint;
+    if (path.scan_step >= 0 && drv == path.scanning_joint && joint.mimic)
+      throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name +
+                                  "' follows the scanning joint; only one joint may move within a view");
+    if (std::find(s.joints.begin(), s.joints.end(), j) == s.joints.end()) s.joints.push_back(j);
+    if (setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 && std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
+      s.noisy.push_back(drv);
+  }
+  s.paths.push_back(std::move(path));
+  return static_cast<int>(s.paths.size()) - 1;
+}
+
+/// Columns that a group touches, then where each view's columns are among them.
+GroupShape Layout::place_columns(SampleLayout& s) const {
+  std::map<int, int> places;  // shared column -> place in the group
+  GroupShape shape;
+  shape.private_size = static_cast<int>(6 * s.targets.size() + s.noisy.size());
+  shape.rows = static_cast<int>(s.noisy.size());
+  const auto place_all = [&] {
+    for (SensorPath& path : s.paths) place_joints(path, places, s);
+    for (ViewLayout& v : s.views) place_view(v, places, s);
+  };
+  place_all();  // no column has a place yet: this finds out which there are
+  for (const ViewLayout& v : s.views) {
+    for (int c : v.map.kinematic)
+      if (c < 0) places[-c - 1] = 0;
+    for (const auto& o : v.map.own)
+      if (o.second < 0) places[-o.second - 1] = 0;
+    shape.rows += v.rows();
+  }
+  int place = shape.private_size;
+  for (auto& p : places) {
+    p.second = place++;
+    shape.columns.push_back(p.first);
+  }
+  place_all();
+  return shape;
+}
+
+namespace {
+
+/// Place of a shared column in its group; without a place yet -column - 1.
+int place_of(const std::map<int, int>& places, int column) {
+  const auto it = places.find(column);
+  return it == places.end() ? -column - 1 : it->second;
+}
+
+}  // namespace
+
+/// The path's columns of M: joints' offsets, scales, errors and origins.
+void Layout::place_joints(SensorPath& path, const std::map<int, int>& places, const SampleLayout& s) const {
+  path.motion.clear();
+  path.places.clear();
+  path.noise.clear();
+  path.noise_sigma.clear();
+  const auto add = [&](MotionColumns m, int place) {  // a column, or several that follow each other; what comes twice shares them
+    const auto it = std::find(path.places.begin(), path.places.end(), place);
+    m.first = static_cast<int>(it - path.places.begin());
+    if (it == path.places.end())
+      for (int i = 0; i < m.count; ++i) path.places.push_back(place < 0 ? place - i : place + i);
+    path.motion.push_back(m);
+  };
+  for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
+    const int j = path.steps[k].joint, origin = table.joint_origin[j];
+    if (freed[origin]) {
+      MotionColumns m{Source::origin, k};
+      m.parameter = origin;
+      m.count = static_cast<int>(freed[origin]->components.size());
+      add(m, place_of(places, first_column[origin]));
+    }
+    if (!rig.tree.joints[j].moves()) continue;
+    const Driver drv = driver(rig.tree, j);
+    MotionColumns m{Source::joint_number, k, drv.factor, drv.joint};
+    for (int n = 0; n < rig.joints[drv.joint].model->size(); ++n) {
+      const int parameter = table.joint_offset[drv.joint] + n;
+      m.number = n;
+      if (freed[parameter]) add(m, place_of(places, first_column[parameter]));
+    }
+    if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
+    m.source = Source::error;
+    if (setup.noise == NoiseMode::latent) {
+      const int slot = static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
+      add(m, static_cast<int>(6 * s.targets.size()) + slot);
+    } else if (setup.noise != NoiseMode::none) {
+      const auto it = std::find_if(path.noise.begin(), path.noise.end(), [&](const MotionColumns& n) { return n.joint == drv.joint; });
+      m.first = it == path.noise.end() ? static_cast<int>(path.noise_sigma.size()) : it->first;
+      if (it == path.noise.end()) path.noise_sigma.push_back(rig.joints[drv.joint].sigma);
+      path.noise.push_back(m);
+    }
+  }
+}
+
+/// Columns of L and of M, and where they are in the group.
+void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const SampleLayout& s) const {
+  const SensorPath& path = s.paths[v.path];
+  v.map = ViewColumns();
+  v.poses.clear();
+  const auto shared = [&](int column) { return place_of(places, column); };
+
+  // M: the target's pose, the sensor's, the joints.
+  const auto add_pose = [&](Source source, int parameter) {
+    if (!freed[parameter]) return;
+    MotionColumns m{source};
+    m.parameter = parameter;
+    m.count = static_cast<int>(freed[parameter]->components.size());
+    m.first = static_cast<int>(v.map.kinematic.size());
+    for (int i = 0; i < m.count; ++i) v.map.kinematic.push_back(shared(first_column[parameter] + i));
+    v.poses.push_back(m);
+  };
+  if (v.target_slot >= 0) {
+    MotionColumns m{Source::target_pose};
+    m.count = 6;
+    for (int i = 0; i < 6; ++i) v.map.kinematic.push_back(6 * v.target_slot + i);
+    v.poses.push_back(m);
+  } else {
+    add_pose(Source::target_pose, table.target_pose[v.target_index]);
+  }
+  add_pose(Source::sensor_pose, table.sensor_pose[v.sensor_index]);
+  const std::vector<int> poses = v.map.kinematic;
+  v.map.kinematic.insert(v.map.kinematic.end(), path.places.begin(), path.places.end());
+  std::sort(v.map.kinematic.begin(), v.map.kinematic.end());
+  const auto column_at = [&](int place) {
+    return static_cast<int>(std::lower_bound(v.map.kinematic.begin(), v.map.kinematic.end(), place) - v.map.kinematic.begin());
+  };
+  for (MotionColumns& m : v.poses) m.first = column_at(poses[m.first]);
+  v.path_column.clear();
+  for (int place : path.places) v.path_column.push_back(column_at(place));
+
+  // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
+  v.columns = Columns();
+  Columns& c = v.columns;
+  const int square = v.model->whole_pose() ? -1 : table.target_square[v.target_index];
+  const int points = v.model->whole_pose() ? -1 : table.target_points[v.target_index];
+  const bool points_freed = points >= 0 && freed[points];
+  v.kernel =
+      !v.covariances && !points_freed && (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none) ? v.model->kernel() : nullptr;
+  if (path.scan_step >= 0) {
+    c.sensor_side = 6;
+    c.joint = 12;
+    c.total = path.rows();
+  }
+  std::fill(std::begin(v.own), std::end(v.own), -1);
+  if (table.sensor_block[v.sensor_index] >= 0) {
+    const int first = table.sensor_block[v.sensor_index];
+    int own = 0, column = c.total;
+    for (size_t b = 0; b < v.sensor->parameters.size(); ++b) {
+      const int parameter = first + static_cast<int>(b);
+      if (freed[parameter]) {
+        if (c.parameters < 0) c.parameters = c.total;
+        for (size_t i = 0; i < freed[parameter]->components.size(); ++i) {
+          const int number = own + freed[parameter]->components[i];
+          v.own[number] = v.kernel ? column++ : c.total + number;
+          v.map.own.push_back({v.own[number], shared(first_column[parameter] + static_cast<int>(i))});
+        }
+      }
+      own += table.all[parameter].size();
+    }
+    if (c.parameters >= 0) c.total = v.kernel ? column : c.total + own;
+  }
+  if (square >= 0 && freed[square]) {
+    c.square = c.total++;
+    v.map.own.push_back({c.square, shared(first_column[square])});
+  }
+  if (points_freed) {
+    c.points = c.total;
+    c.total += table.all[points].size();
+    for (size_t i = 0; i < freed[points]->components.size(); ++i)
+      v.map.own.push_back({c.points + freed[points]->components[i], shared(first_column[points] + static_cast<int>(i))});
+  }
+}
+
+/// What the kernels read: layouts of grids, each set of seen points once, and room for weights and measured numbers, view after view.
+void Layout::place_data() {
+  std::map<std::pair<int, std::vector<int>>, size_t> grids;
+  for (auto& entry : layouts)
+    for (ViewLayout& v : entry.second->views) {
+      if (!v.kernel || !v.target->grid) continue;
+      const auto placed = grids.insert({{v.target_index, v.ids}, seen.size()});
+      v.points = placed.first->second;
+      if (!placed.second) continue;
+      for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < v.stride(); ++i) seen.push_back(v.target->layout(c, v.ids[std::min<size_t>(i, v.ids.size() - 1)]));
+    }
+  for (PlacedSample& s : samples)
+    for (PlacedView& v : s.views) {
+      if (v.layout->kernel) {
+        v.measured = seen.size();
+        seen.resize(seen.size() + kWeights + static_cast<size_t>(v.layout->stride()) * v.layout->model->numbers(), 0.0);
+      } else {
+        v.whitening = whitenings++;
+      }
+    }
+}
+
+void Layout::reload() {
+  for (PlacedSample& s : samples)
+    for (PlacedView& v : s.views) {
+      if (!v.layout->kernel) continue;
+      const int numbers = v.layout->model->numbers(), stride = v.layout->stride();
+      double* to = seen.data() + v.measured;
+      for (int k = 0; k < v.layout->model->rows(); ++k) to[k] = 1 / v.view->sigma[k];
+      for (size_t i = 0; i < v.layout->ids.size(); ++i)
+        for (int k = 0; k < numbers; ++k) to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
+    }
+}
+
+}  // namespace kincal

@@ -1,0 +1,139 @@
+// Which column stands where: every view's columns of L and M in its sample's group, every group's part of the state, and what the kernels
+// read. Nothing here depends on the state. For the sources of this folder only.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "../rig/recording.h"
+#include "expand.h"
+#include "setup.h"
+
+namespace kincal {
+
+/// What fills columns of M.
+enum class Source { joint_number, error, origin, sensor_pose, target_pose };
+
+constexpr size_t kWeights = 8;  // numbers in front of the measured ones: 1 / sigma of each component
+
+struct MotionColumns {
+  Source source;
+  int step = -1;       // in the path, for joints
+  double factor = 1;   // d position / d position of the driver
+  int joint = -1;      // the driver, whose reading and numbers count
+  int number = -1;     // which of them
+  int parameter = -1;  // of a partly freed pose, for its chart
+  int first = 0;       // column
+  int count = 1;
+};
+
+/// The joints from a sensor's link to a target's, shared by all views of a sample between the two. Their columns of M are computed once, in
+/// the frame of the sensor's link; where a scanning joint lies between, what is behind it is in the frame behind.
+struct SensorPath {
+  int from = -1, to = -1, scanning_joint = -1;
+  Path steps;
+  int scan_step = -1;                 // step of the scanning joint
+  int scan_numbers = 0;               // own numbers of its model
+  std::vector<MotionColumns> motion;  // M's columns of joints
+  std::vector<int> places;            // place in the group of each of these columns
+  std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
+  std::vector<double> noise_sigma;
+
+  int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
+};
+
+/// Shared by all views of a sensor and a target with the same points, whatever they measured.
+struct ViewLayout {
+  int sensor_index, target_index;
+  const Sensor* sensor = nullptr;
+  const Target* target = nullptr;
+  const SensorModel* model = nullptr;
+  std::vector<int> ids;
+  bool covariances = false;
+  int path = 0;          // among the sample's
+  int target_slot = -1;  // of a free target among the sample's
+  Columns columns;       // of the sensor's own L
+  ViewColumns map;
+  std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses
+  std::vector<int> path_column;      // and of the path: column of M of each
+  ViewKernel kernel = nullptr;       // if the sensor and its noise allow
+  int own[kMaxParameters];           // for the kernel: column of each own number or -1
+  size_t points = 0;                 // for the kernel: where in Layout::seen the layout of the seen points begins
+
+  int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
+  int rows() const { return blocks() * model->rows(); }
+  int stride() const { return padded(static_cast<int>(ids.size())); }
+  /// Rows of [L r] with the padding; residual k of block b is row(b, k).
+  int padded_rows() const { return kernel ? model->rows() * stride() : padded(rows()); }
+  int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
+};
+
+/// Shared by all samples with the same sensors, targets and points: computed once.
+struct SampleLayout {
+  std::vector<SensorPath> paths;
+  std::vector<ViewLayout> views;
+  std::vector<int> targets;  // free ones, in the order of their blocks
+  std::vector<int> noisy;    // joints with an error unknown, in order
+  std::vector<int> joints;   // joints whose motion some view needs
+  GroupShape shape;
+
+  int state_size() const { return static_cast<int>(12 * targets.size() + noisy.size()); }
+};
+
+struct PlacedView {
+  const View* view;
+  const ViewLayout* layout;
+  size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then the measured numbers begin
+  int whitening = -1;   // without: which of the whitenings
+};
+
+struct PlacedSample {
+  int index = -1;  // in Layout::recorded
+  int start = 0;   // of its part of the state: poses, then errors
+  const SampleLayout* layout = nullptr;
+  std::vector<PlacedView> views;
+
+  int errors() const { return start + 12 * static_cast<int>(layout->targets.size()); }
+};
+
+/// The layout of a whole problem. Its public numbers are read by the other sources of this folder, which do not change them.
+struct Layout {
+  /// `indices`: of the samples that take part. The recording must outlive the layout.
+  /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
+  Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup what);
+  Layout(const Layout&) = delete;
+  Layout& operator=(const Layout&) = delete;
+
+  /// Shared values that priors and partly freed poses count from.
+  const VectorXd& initial() const { return setup.initial.size() > 0 ? setup.initial : table.initial; }
+  /// Copies the measured numbers and sigmas of the samples to where the kernels read them.
+  void reload();
+
+  const Rig& rig;
+  const ParameterTable& table;
+  const std::vector<Sample>& recorded;
+  EstimationSetup setup;
+  std::vector<Component> columns;
+  std::vector<int> first_column;                                      // by parameter, -1: held
+  std::vector<const Freed*> freed;                                    // by parameter, null: held
+  std::map<std::vector<int>, std::unique_ptr<SampleLayout>> layouts;  // by what samples show
+  std::vector<PlacedSample> samples;
+  std::vector<GroupShape> groups;  // the samples', then that of the priors
+  std::vector<double> seen;        // what the kernels read: layouts, measured numbers
+  int whitenings = 0;              // views without a kernel
+  int state_size = 0;
+
+ private:
+  void place_sample(int index);
+  const SensorModel& model_of(const Sensor& sensor) const;
+  SampleLayout make_layout(const PlacedSample& placed) const;
+  int place_path(SampleLayout& sample, const ViewLayout& v) const;
+  GroupShape place_columns(SampleLayout& sample) const;
+  void place_joints(SensorPath& path, const std::map<int, int>& places, const SampleLayout& sample) const;
+  void place_view(ViewLayout& v, const std::map<int, int>& places, const SampleLayout& sample) const;
+  void place_data();
+  void place_priors();
+};
+
+}  // namespace kincal

@@ -1,0 +1,301 @@
+#include "rows.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "../../solver/decompositions.h"
+
+namespace kincal {
+namespace {
+
+SmallMatrix inverse_square_root(const SmallMatrix& c) {
+  const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
+  SmallMatrix scaled = eigen.eigenvectors();
+  for (Eigen::Index i = 0; i < c.cols(); ++i)
+    scaled.col(i) /= std::sqrt(std::max(eigen.eigenvalues()(i), 1e-14 * eigen.eigenvalues().maxCoeff()));
+  return scaled.lazyProduct(eigen.eigenvectors().transpose());
+}
+
+/// k rows of `columns` numbers, `ld` apart, times a k x k matrix from the left (K = k, or 0: any k up to 6), in place.
+template <int K>
+void multiply_rows(const double* matrix, int k, double* rows, Eigen::Index ld, Eigen::Index columns) {
+  const int n = K > 0 ? K : k;
+  for (Eigen::Index c = 0; c < columns; ++c) {
+    double in[6], out[6];
+    for (int i = 0; i < n; ++i) in[i] = rows[i * ld + c];
+    for (int i = 0; i < n; ++i) {
+      out[i] = matrix[i] * in[0];
+      for (int j = 1; j < n; ++j) out[i] += matrix[i + j * n] * in[j];
+    }
+    for (int i = 0; i < n; ++i) rows[i * ld + c] = out[i];
+  }
+}
+
+/// B diag(sigma^2) B'
+SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>& sigma) {
+  SmallMatrix scaled = b;
+  for (Eigen::Index i = 0; i < b.cols(); ++i) scaled.col(i) *= sigma(i);
+  return scaled.lazyProduct(scaled.transpose());
+}
+
+}  // namespace
+
+Rows::Rows(const Layout& layout, const Motion& motion) : layout_(layout), motion_(motion), whitenings_(layout.whitenings) { set_losses(); }
+
+void Rows::set_losses() {
+  losses_.assign(layout_.rig.sensors.size(), layout_.setup.loss);
+  for (size_t i = 0; i < layout_.setup.levels.size(); ++i) losses_[i].scale = layout_.setup.loss.scale * layout_.setup.levels[i];
+}
+
+/// The rest of the sensor's input.
+void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const {
+  ViewInput& in = scratch.input;
+  Eigen::Matrix3Xd& points = scratch.points[v.layout->target_index];
+  if (v.layout->target->grid) {
+    points = state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) * v.layout->target->layout;
+    in.layout = &v.layout->target->layout;
+  } else {
+    const Parameter& p = layout_.table.all[layout_.table.target_points[v.layout->target_index]];
+    points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
+    in.layout = nullptr;
+  }
+  in.points = &points;
+  in.ids = v.layout->ids.data();
+  in.count = static_cast<int>(v.layout->ids.size());
+  in.z = v.view->z.data();
+}
+
+/// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
+bool Rows::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives,
+                     Cost& cost) const {
+  motion_.view_poses(v, s, state, scratch);
+  return v.layout->kernel ? kernel_rows(v, state, scratch, derivatives, cost) : plain_rows(v, state, scratch, derivatives, cost);
+}
+
+/// view_rows() by the sensor's kernel.
+bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
+  const int stride = v.layout->stride(), w = v.layout->columns.total, rows = v.layout->padded_rows(),
+            count = static_cast<int>(v.layout->ids.size());
+  const double* points = layout_.seen.data() + v.layout->points;
+  if (!v.layout->target->grid) {
+    const double* from = state.data() + layout_.table.all[layout_.table.target_points[v.layout->target_index]].start;
+    for (int i = 0; i < stride; ++i)
+      for (int c = 0; c < 3; ++c) scratch.gathered[c * stride + i] = from[3 * v.layout->ids[std::min(i, count - 1)] + c];
+    points = scratch.gathered.data();
+  }
+  const Pose& pose = scratch.input.sensor_T_target;
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
+  const PointView view = {
+      points,
+      v.layout->target->grid ? state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) : 1.0,
+      rotation.data(),
+      pose.translation.data(),
+      scratch.input.parameters,
+      layout_.seen.data() + v.measured + kWeights,
+      layout_.seen.data() + v.measured,
+      count,
+      stride};
+  const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(), derivatives ? scratch.rows.data() : nullptr,
+                        scratch.rows.outerStride(), v.layout->own, v.layout->columns.square};
+  double squares;
+  if (!v.layout->kernel(view, to, squares)) return false;
+  cost.chi2 += squares;
+  if (layout_.setup.loss.kind == LossKind::none) {
+    cost.twice += squares;
+    return true;
+  }
+  bool scaled = false;
+  std::fill_n(scratch.slopes.begin(), rows, 0.0);
+  for (int i = 0; i < count; ++i) {
+    double squared = 0, slope;
+    for (int k = 0; k * stride < rows; ++k) squared += to.r[k * stride + i] * to.r[k * stride + i];
+    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    scaled = scaled || slope != 1;
+    for (int k = 0; k * stride < rows; ++k) scratch.slopes[k * stride + i] = std::sqrt(slope);
+  }
+  if (!derivatives || !scaled) return true;
+  for (int c = 0; c <= w; ++c) {
+    double* column = scratch.rows.col(c).data();
+    for (int i = 0; i < rows; ++i) column[i] *= scratch.slopes[i];
+  }
+  return true;
+}
+
+/// view_rows() by the sensor's evaluate().
+bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
+  view_input(v, state, scratch);
+  const int k = v.layout->model->rows(), blocks = v.layout->blocks(), rows = k * blocks, w = v.layout->columns.total;
+  auto weighted = scratch.evaluated.topLeftCorner(rows, w + 1);
+  if (derivatives) {
+    weighted.setZero();
+    Eigen::Ref<RowMatrix> l(weighted.leftCols(w));
+    if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(), &l)) return false;
+    weighted.col(w) = scratch.r.head(rows);
+  } else if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(), nullptr)) {
+    return false;
+  }
+  const Whitening& white = whitenings_[v.whitening];
+  const bool marginal = layout_.setup.noise == NoiseMode::marginal;  // the view's residuals belong together
+  for (int b = 0; b < blocks; ++b) {
+    auto r = scratch.r.segment(b * k, k);
+    if (!white.block.empty()) {
+      double* rows_of_block = weighted.row(b * k).data();
+      const Eigen::Index ld = weighted.outerStride();
+      if (k == 3) {
+        multiply_rows<3>(white.block[b].data(), k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<3>(white.block[b].data(), k, rows_of_block, ld, w + 1);
+      } else {
+        multiply_rows<0>(white.block[b].data(), k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<0>(white.block[b].data(), k, rows_of_block, ld, w + 1);
+      }
+    } else {
+      r = r.cwiseProduct(white.inverse_sigma);
+      if (derivatives)
+        for (int i = 0; i < k; ++i) weighted.row(b * k + i) *= white.inverse_sigma(i);
+    }
+    if (marginal) continue;
+    const double squared = r.squaredNorm();
+    double slope;
+    cost.chi2 += squared;
+    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
+  }
+  if (marginal) {
+    auto all = scratch.r.head(rows);
+    if (white.noise.size() > 0) {
+      const Eigen::Index q = white.noise.cols();
+      const auto take_away = [&](auto&& rows_of) {  // rows -= U root U' rows
+        auto projected = scratch.projected.topLeftCorner(q, rows_of.cols()), rooted = scratch.rooted.topLeftCorner(q, rows_of.cols());
+        projected.noalias() = white.noise.transpose().lazyProduct(rows_of);
+        rooted.noalias() = white.root.lazyProduct(projected);
+        rows_of.noalias() -= white.noise.lazyProduct(rooted);
+      };
+      if (derivatives) take_away(weighted);
+      take_away(all);
+    }
+    double squared = all.squaredNorm(), slope;
+    cost.chi2 += squared;
+    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    if (derivatives && slope != 1) weighted *= std::sqrt(slope);
+  }
+  if (derivatives) {
+    scratch.rows.topLeftCorner(rows, w + 1) = weighted;
+    scratch.rows.block(rows, 0, v.layout->padded_rows() - rows, w + 1).setZero();
+  }
+  return true;
+}
+
+/// Row of prior i, derivatives only if asked for: they stand at places place .. place + count - 1 of the priors' group. `row` may hold
+/// that of prior i - 1: priors of one pose share its logarithm.
+void Rows::prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const {
+  const Prior& prior = layout_.setup.priors[i];
+  const Parameter& p = layout_.table.all[prior.parameter];
+  const std::vector<int>& touched = layout_.groups.back().columns;
+  const std::vector<int>& components = layout_.freed[prior.parameter]->components;
+  const bool same = row.parameter == prior.parameter, whole = p.pose && layout_.freed[prior.parameter]->whole(p);
+  row.parameter = prior.parameter;
+  if (p.pose) {
+    if (!same) row.log = log_se3(inverse(get_pose(layout_.initial(), p.start)) * get_pose(state, p.start));
+    if (!same && derivatives && whole) row.inverse_jacobian = right_jacobian_se3(row.log).inverse();
+    row.r = row.log(prior.component) / prior.sigma;
+  } else {
+    row.r = (state(p.start + prior.component) - layout_.initial()(p.start + prior.component)) / prior.sigma;
+  }
+  if (!derivatives) return;
+  row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), layout_.first_column[prior.parameter]) - touched.begin());
+  row.count = whole ? 6 : 1;
+  if (whole) {
+    for (int k = 0; k < 6; ++k) row.derivative[k] = row.inverse_jacobian(prior.component, k) / prior.sigma;
+  } else {
+    row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
+    row.derivative[0] = 1 / prior.sigma;
+  }
+}
+
+bool Rows::renew(const VectorXd& state, Scratch& scratch) {
+  bool depends = false;
+  for (const PlacedSample& s : layout_.samples) {
+    bool walked = false;
+    for (const PlacedView& v : s.views) {
+      if (v.layout->kernel) continue;
+      const SensorPath& path = s.layout->paths[v.layout->path];
+      Whitening& white = whitenings_[v.whitening];
+      const View& view = *v.view;
+      const int k = v.layout->model->rows(), blocks = v.layout->blocks();
+      const Eigen::Map<const VectorXd> sigma(view.sigma.data(), static_cast<Eigen::Index>(view.sigma.size()));
+      const bool own_noise = v.layout->model->has_own_noise(), joints = !path.noise.empty();
+      depends = depends || own_noise || joints;
+      if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
+      white.block.clear();
+      if (!own_noise && !joints && view.covariance.empty()) continue;
+      if (!walked) {
+        motion_.motions(s, state, scratch);
+        motion_.walk_paths(s, state, scratch);
+        walked = true;
+      }
+      motion_.view_poses(v, s, state, scratch);
+      view_input(v, state, scratch);
+      if (own_noise || !view.covariance.empty()) white.block.resize(blocks);
+      for (int i = 0; i < static_cast<int>(white.block.size()); ++i) {
+        SmallMatrix& root = white.block[i];
+        if (!view.covariance.empty()) {
+          root = inverse_square_root(view.covariance[i]);
+          continue;
+        }
+        v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
+        const SmallMatrix b = scratch.own_noise;
+        if (b.rows() == 3 && b.cols() == 3)
+          root = sigma.cwiseInverse().asDiagonal() * Matrix3d(Matrix3d(b).inverse());
+        else
+          root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
+                                      : inverse_square_root(covariance_of(b, sigma));
+      }
+      if (!joints) continue;
+      // Jq S^1/2 = L Mq sigma, unwhitened.
+      RowMatrix l = RowMatrix::Zero(k * blocks, v.layout->columns.total);
+      VectorXd r(k * blocks);
+      Eigen::Ref<RowMatrix> reference(l);
+      if (!v.layout->model->evaluate(scratch.input, v.layout->columns, r.data(), &reference))
+        continue;  // undefined: the linearisation will say so
+      const int noisy = static_cast<int>(path.noise_sigma.size());
+      motion_.path_columns(path, path.noise, noisy, state, scratch, scratch.paths[v.layout->path]);
+      std::vector<int> in_order(noisy);
+      std::iota(in_order.begin(), in_order.end(), 0);
+      motion_.seen_from_sensor(v, s, state, in_order.data(), noisy, scratch);
+      MatrixXd jq = l.leftCols(path.rows()) * scratch.expand.m.topLeftCorner(path.rows(), noisy);
+      for (int i = 0; i < noisy; ++i) jq.col(i) *= path.noise_sigma[i];
+      if (layout_.setup.noise == NoiseMode::point) {
+        white.block.resize(blocks);
+        for (int i = 0; i < blocks; ++i) {
+          SmallMatrix covariance = jq.middleRows(i * k, k) * jq.middleRows(i * k, k).transpose();
+          if (!view.covariance.empty()) {
+            covariance += view.covariance[i];
+          } else if (own_noise) {
+            v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
+            covariance += covariance_of(scratch.own_noise, sigma);
+          } else {
+            covariance.diagonal() += sigma.cwiseAbs2();
+          }
+          white.block[i] = inverse_square_root(covariance);
+        }
+      } else {
+        for (int i = 0; i < blocks; ++i)
+          jq.middleRows(i * k, k) = white.block.empty() ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
+                                                        : MatrixXd(white.block[i] * jq.middleRows(i * k, k));
+        white.noise = jq;
+        const SymmetricEigen eigen = symmetric_eigen(jq.transpose() * jq);
+        const VectorXd w = eigen.values.cwiseMax(0.0);
+        const MatrixXd& q = eigen.vectors;
+        // 1 - 1 / sqrt(1 + w) over w, without cancellation for small w.
+        const VectorXd root = w.unaryExpr([](double x) { return 1 / (std::sqrt(1 + x) * (1 + std::sqrt(1 + x))); });
+        white.root = q * root.asDiagonal() * q.transpose();
+      }
+    }
+  }
+  return depends;
+}
+
+}  // namespace kincal

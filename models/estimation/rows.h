@@ -1,0 +1,52 @@
+// The whitened rows [L r] of views and priors at a state. How covariances of the noise modes become white stands at the head of
+// estimation.h. For the sources of this folder only.
+#pragma once
+
+#include <vector>
+
+#include "motion.h"
+
+namespace kincal {
+
+using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;  // on the stack
+
+/// How residuals of a view without a kernel become white.
+struct Whitening {
+  VectorXd inverse_sigma;          // one a row of a block, where nothing else is said
+  std::vector<SmallMatrix> block;  // one a block, or empty
+  MatrixXd noise;                  // mode marginal: U, whitened own noise assumed; or empty
+  MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
+};
+
+/// The row of a prior: its derivatives stand at places place .. place + count - 1 of the priors' group.
+struct PriorRow {
+  int parameter = -1, place = 0, count = 0;
+  double derivative[6];
+  double r = 0;
+  Vector6d log;
+  Matrix6d inverse_jacobian;
+};
+
+class Rows {
+ public:
+  Rows(const Layout& layout, const Motion& motion);
+  /// To be called when the setup's levels have changed.
+  void set_losses();
+  /// Covariances that depend on the state, evaluated at this one; false if there are none. Motion::prepare() has been called.
+  bool renew(const VectorXd& state, Scratch& scratch);
+
+  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
+  void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
+
+ private:
+  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+
+  const Layout& layout_;
+  const Motion& motion_;
+  std::vector<Loss> losses_;  // by sensor
+  std::vector<Whitening> whitenings_;
+};
+
+}  // namespace kincal

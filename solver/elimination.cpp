@@ -1,0 +1,377 @@
+#include "elimination.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <thread>
+
+namespace kincal {
+namespace {
+
+constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
+constexpr int kStackedRows = 64;             // eliminated rows that are multiplied at once
+
+/// The first place in an array with slack where a cache line begins.
+double* aligned(std::vector<double>& array) {
+  const std::uintptr_t at = reinterpret_cast<std::uintptr_t>(array.data());
+  return reinterpret_cast<double*>((at + 63) & ~std::uintptr_t(63));
+}
+
+/// Marquardt's scales: the squared column norms, but never far below the first ones.
+double scale_of(double norm, double& first_scale, bool first) {
+  if (first || first_scale == 0) first_scale = norm;
+  return std::max(norm, 1e-6 * first_scale);
+}
+
+}  // namespace
+
+Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
+    : problem(p),
+      ranges(dynamic_cast<const RangeProblem*>(&p)),
+      n(p.shared_size()),
+      groups(p.groups()),
+      system(n, groups, linear_solver, ranges != nullptr),
+      crew(std::max(1, threads)) {
+  problem.set_workers(crew.size());
+  size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
+  int deepest = 0;
+  stores.resize(groups.size());
+  for (size_t g = 0; g < groups.size(); ++g) {
+    const int k = groups[g].private_size;
+    stores[g] = {rows_size, factor_size, private_size};
+    const size_t r = static_cast<size_t>(k) * stride(g), f = static_cast<size_t>(k) * (k + kSlack);
+    rows_size += r;
+    factor_size += f;
+    largest_rows = std::max(largest_rows, r);
+    largest_factor = std::max(largest_factor, f);
+    widest = std::max(widest, static_cast<int>(groups[g].columns.size()));
+    deepest = std::max(deepest, k);
+    private_size += k;
+    rows += groups[g].rows;
+  }
+  if (!ranges) {
+    // Not filled: who works on a group touches its memory first.
+    group_rows.reset(new double[rows_size + kSlack]);
+    group_factors.reset(new double[factor_size + kSlack]);
+  }
+  place_pieces();
+  for (int i = 0; i < std::max(widest, n); ++i) {
+    identity.push_back(i);
+    block_origin.push_back(static_cast<std::ptrdiff_t>(i) * widest);
+  }
+  workers.resize(crew.size());
+  for (Worker& w : workers) {
+    w.shared.resize(ranges ? system.diagonal_storage() + kSlack : system.storage());
+    w.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
+    w.gradient.setZero(n);
+    w.eliminated_gradient.setZero(n);
+    if (ranges) {
+      w.rows.resize(largest_rows * RangeProblem::kRange + kSlack);
+      w.factor.resize(largest_factor * RangeProblem::kRange + kSlack);
+    }
+    w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
+    if (system.stacks()) w.stack.resize(static_cast<size_t>(kStackedRows + deepest) * system.ld() + kSlack);
+    if (!system.dense() && !ranges) w.block.resize(static_cast<size_t>(widest) * widest);
+    w.solution.resize(deepest + kSlack);
+  }
+  // Dense arrays may be read up to their slack: zero once.
+  shared_matrix.assign(ranges ? system.diagonal_storage() : system.storage(), 0.0);
+  damped_matrix.assign(system.storage(), 0.0);
+  if (system.in_blocks()) eliminated_blocks.assign(system.block_storage(), 0.0);
+  for (VectorXd* v : {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
+  for (VectorXd* v : {&private_step, &private_scale, &first_private_scale}) v->setZero(private_size);
+  right_side.assign(n + kSlack, 0.0);
+}
+
+/// Contiguous pieces of about equal work (rows and columns), the same for any number of threads.
+void Arrowhead::place_pieces() {
+  const auto eliminating = [](const GroupShape& g) {
+    const double m = static_cast<double>(g.columns.size());
+    return 20.0 * g.rows + 0.012 * g.private_size * m * m;
+  };
+  double total = 0;
+  for (const GroupShape& g : groups) total += eliminating(g);
+  // Each has matrices to be added up: as many as keep that small beside the rest.
+  const double storage = static_cast<double>(system.in_blocks() ? system.block_storage() : system.storage());
+  int most = kPieces;
+  while (most > kFewPieces && total < 8 * most * storage) most /= 2;
+  pieces = partition(most, eliminating);
+  fine_pieces = partition(kPieces, [](const GroupShape& g) { return g.rows + 5.0; });
+}
+
+template <class Work>
+std::vector<Piece> Arrowhead::partition(int most, const Work& work) const {
+  double total = 0, sum = 0;
+  for (const GroupShape& g : groups) total += work(g);
+  std::vector<Piece> out(1);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    sum += work(groups[g]);
+    out.back().last = static_cast<int>(g) + 1;
+    if (sum * most < total * out.size() || out.size() == static_cast<size_t>(most) || g + 1 == groups.size()) continue;
+    out.emplace_back();
+    out.back().first = static_cast<int>(g) + 1;
+  }
+  return out;
+}
+
+/// Runs work(piece, worker) over all pieces, of the partition for matrices or of the finer one for sums of numbers.
+template <class Work>
+void Arrowhead::over(std::vector<Piece>& partition, const Work& work) {
+  crew.run(static_cast<int>(partition.size()), [&](int piece, int worker) { work(partition[piece], worker); });
+}
+
+/// evaluate() of a piece's groups, summed; false where a residual is undefined.
+bool Arrowhead::evaluate_each(Piece& p, const VectorXd& state, int worker) const {
+  Cost one;
+  for (int g = p.first; g < p.last; ++g) {
+    if (!problem.evaluate(g, state, worker, one)) return false;
+    p.cost.twice += one.twice;
+    p.cost.chi2 += one.chi2;
+  }
+  return true;
+}
+
+bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
+  over(fine_pieces, [&](Piece& p, int worker) {
+    p.cost = {};
+    p.defined = ranges ? ranges->evaluate_range(p.first, p.last, state, worker, p.cost) : evaluate_each(p, state, worker);
+  });
+  cost = {};
+  bool defined = true;
+  for (const Piece& p : fine_pieces) {
+    cost.twice += p.cost.twice;
+    cost.chi2 += p.cost.chi2;
+    defined = defined && p.defined;
+  }
+  return defined && std::isfinite(cost.twice);
+}
+
+Arrowhead::Room Arrowhead::room(size_t g, int first, int worker) {
+  Worker& w = workers[worker];
+  return ranges ? Room{w.rows.data() + (stores[g].rows - stores[first].rows), w.factor.data() + (stores[g].factor - stores[first].factor)}
+                : Room{group_rows.get() + stores[g].rows, group_factors.get() + stores[g].factor};
+}
+
+/// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the worker's.
+bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
+  Worker& w = workers[worker];
+  if (ranges) ranges->prepare_range(first, last, state, worker);
+  for (int g = first; g < last; ++g) {
+    const int k = groups[g].private_size;
+    double* rows_of_group = room(g, first, worker).rows;
+    std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
+    GroupEquations to{rows_of_group, stride(g), w.shared.data(), system.origin(), groups[g].columns.data(), w.gradient.data()};
+    const bool local = !system.dense() && !ranges;
+    const size_t m = groups[g].columns.size();
+    if (ranges) to.origin = system.diagonal_origin();
+    if (local) {
+      std::fill(w.block.begin(), w.block.end(), 0.0);
+      w.right.assign(w.right.size(), 0.0);
+      to.shared = w.block.data();
+      to.origin = block_origin.data();
+      to.row = identity.data();
+      to.gradient = w.right.data();
+    }
+    Cost c;
+    if (!problem.linearise(g, state, worker, to, c)) return false;
+    p.cost.twice += c.twice;
+    p.cost.chi2 += c.chi2;
+    if (!local) continue;
+    system.add(g, w.block.data(), widest, w.shared.data());
+    for (size_t i = 0; i < m; ++i) w.gradient(groups[g].columns[i]) += w.right[i];
+  }
+  return true;
+}
+
+/// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not positive definite to rounding.
+bool Arrowhead::factor_private(size_t g, const Room& at, int width, double lambda) {
+  const int k = groups[g].private_size, ld = k + kSlack;
+  for (int j = 0; j < k; ++j)
+    for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
+  for (int i = 0; i < k; ++i) {
+    const double scale = private_scale(stores[g].private_start + i);
+    at.factor[i + static_cast<size_t>(i) * ld] += scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
+  }
+  return kernels().cholesky(at.factor, k, ld);
+}
+
+/// Eliminates the private unknowns of a group into the piece.
+bool Arrowhead::eliminate_group(size_t g, const Room& at, double lambda, int worker, int& stacked) {
+  const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
+  if (k == 0) return true;
+  if (!factor_private(g, at, width, lambda)) return false;
+  Worker& w = workers[worker];
+  const int right_width = padded(m + 1);
+  for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
+  kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
+  if (!system.stacks()) {
+    if (system.in_blocks())
+      system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, aligned(w.eliminated), w.eliminated_gradient.data());
+    else
+      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data());
+    return true;
+  }
+  const int* column = groups[g].columns.data();
+  for (int i = 0; i < k; ++i, ++stacked) {
+    double* to = w.stack.data() + static_cast<size_t>(stacked) * system.ld();
+    const double* from = w.right.data() + static_cast<size_t>(i) * right_width;
+    std::fill_n(to, n, 0.0);
+    for (int j = 0; j < m; ++j) to[column[j]] = from[j];
+    to[n] = from[m];
+  }
+  if (stacked >= kStackedRows) multiply(worker, stacked);
+  return true;
+}
+
+void Arrowhead::multiply(int worker, int& stacked) {
+  kernels().subtract_product(workers[worker].eliminated.data(), n + 1, system.ld(), workers[worker].stack.data(), stacked, system.ld());
+  stacked = 0;
+}
+
+/// The damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
+Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost) {
+  if (linearise) {
+    problem.prepare(state);
+    std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
+    shared_gradient.setZero();
+    cost = {};
+  }
+  std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+  std::fill(eliminated_blocks.begin(), eliminated_blocks.end(), 0.0);
+  reduced_gradient.setZero();
+  const bool fresh = linearise || ranges;
+  turn = 0;
+  over(pieces, [&](Piece& p, int worker) {
+    Worker& w = workers[worker];
+    p.defined = p.definite = true;
+    if (fresh) {
+      p.cost = {};
+      ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
+      w.gradient.setZero();
+    }
+    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0) : system.clear(w.eliminated.data());
+    w.eliminated_gradient.setZero();
+    int stacked = 0;
+    for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
+      const int last = std::min(p.last, first + RangeProblem::kRange);
+      if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
+      for (int g = first; g < last && p.defined; ++g) {
+        const Room at = room(g, first, worker);
+        if (linearise)
+          for (int i = 0; i < groups[g].private_size; ++i) {
+            const int place = stores[g].private_start + i;
+            private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
+          }
+        p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
+      }
+    }
+    if (stacked > 0) multiply(worker, stacked);
+    // Pieces are taken in order, so the one whose turn it is is always at work.
+    const int piece = static_cast<int>(&p - pieces.data());
+    while (turn.load(std::memory_order_acquire) != piece) std::this_thread::yield();
+    if (linearise) {
+      if (ranges)
+        kernels().add(shared_matrix.data(), w.shared.data(), static_cast<std::ptrdiff_t>(shared_matrix.size()));
+      else
+        system.accumulate(shared_matrix.data(), w.shared.data());
+      shared_gradient += w.gradient;
+      cost.twice += p.cost.twice;
+      cost.chi2 += p.cost.chi2;
+    }
+    if (system.in_blocks())
+      kernels().add(aligned(eliminated_blocks), aligned(w.eliminated), static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
+    else
+      system.accumulate(damped_matrix.data(), w.eliminated.data());
+    reduced_gradient += w.eliminated_gradient;
+    turn.store(piece + 1, std::memory_order_release);
+  });
+  bool defined = true, definite = true;
+  for (const Piece& p : pieces) {
+    defined = defined && p.defined;
+    definite = definite && p.definite;
+  }
+  if (linearise) {
+    const std::ptrdiff_t* origin = ranges ? system.diagonal_origin() : system.origin();
+    for (int i = 0; i < n; ++i) shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
+  }
+  if (!defined || !std::isfinite(cost.twice)) return Assembly::undefined;
+  if (!definite) return Assembly::indefinite;
+  if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
+  if (ranges)
+    system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
+  else
+    system.accumulate(damped_matrix.data(), shared_matrix.data());
+  reduced_gradient += shared_gradient;
+  if (system.stacks())
+    for (int i = 0; i < n; ++i) reduced_gradient(i) += damped_matrix[system.origin()[i] + n], damped_matrix[system.origin()[i] + n] = 0;
+  for (int i = 0; i < n; ++i) system.add_to_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
+  return Assembly::fine;
+}
+
+/// Step of the assembled system at damping lambda; promised decrease of twice the cost and length in standard deviations.
+bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, double& length) {
+  if (!system.factor(damped_matrix.data())) return false;
+  for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
+  system.solve(damped_matrix.data(), right_side.data());
+  for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];
+  double slope = shared_gradient.dot(shared_step), damping = 0;
+  for (int i = 0; i < n; ++i) damping += lambda * shared_scale(i) * shared_step(i) * shared_step(i);
+  over(fine_pieces, [&](Piece& p, int worker) {
+    p.slope = p.damping = 0;
+    p.definite = true;
+    for (int first = p.first; first < p.last; first += RangeProblem::kRange) {
+      const int last = std::min(p.last, first + RangeProblem::kRange);
+      if (ranges) substitute_range(p, first, last, state, lambda, worker);
+      for (int g = first; g < last && !ranges; ++g) substitute(p, g, room(g, first, worker), lambda, worker);
+    }
+  });
+  for (const Piece& p : fine_pieces) {
+    if (!p.definite) return false;
+    slope += p.slope;
+    damping += p.damping;
+  }
+  promised = -slope + damping;
+  length = std::sqrt(std::max(0.0, -slope - damping));
+  return std::isfinite(promised) && shared_step.allFinite() && private_step.allFinite();
+}
+
+void Arrowhead::substitute(Piece& p, size_t g, const Room& at, double lambda, int worker) {
+  const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size());
+  double* d = workers[worker].solution.data();
+  const int* column = groups[g].columns.data();
+  for (int i = 0; i < k; ++i) {
+    const double* row = at.rows + static_cast<size_t>(i) * stride(g) + k;
+    double total = row[m];
+    for (int j = 0; j < m; ++j) total += row[j] * shared_step(column[j]);
+    d[i] = -total;
+  }
+  private_steps(p, g, at.factor, {at.rows + k + m, stride(g)}, d, lambda);
+}
+
+/// substitute() for the groups of a range, from [P | a | a + Q dx] that the problem computes again.
+void Arrowhead::substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda, int worker) {
+  Worker& w = workers[worker];
+  ranges->recompute_rows(first, last, state, shared_step, worker, w.rows.data());
+  double* group = w.rows.data();
+  for (int g = first; g < last; ++g) {
+    const int k = groups[g].private_size, width = k + 2;
+    p.definite = factor_private(g, {group, w.factor.data()}, width, lambda) && p.definite;
+    for (int i = 0; i < k; ++i) w.solution[i] = -group[static_cast<size_t>(i) * width + k + 1];
+    private_steps(p, g, w.factor.data(), {group + k, width}, w.solution.data(), lambda);
+    group += static_cast<size_t>(k) * width;
+  }
+}
+
+/// Steps of a group from d = -(a + Q dx).
+void Arrowhead::private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d, double lambda) {
+  const int k = groups[g].private_size, start = stores[g].private_start;
+  kernels().solve_lower(factor, k, k + kSlack, d);
+  kernels().solve_lower_transposed(factor, k, k + kSlack, d);
+  for (int i = 0; i < k; ++i) {
+    private_step(start + i) = d[i];
+    p.slope += a.first[static_cast<size_t>(i) * a.stride] * d[i];
+    p.damping += lambda * private_scale(start + i) * d[i] * d[i];
+  }
+}
+
+}  // namespace kincal
