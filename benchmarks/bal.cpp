@@ -139,7 +139,7 @@ KincalBalRun solve_with_kincal(const BundleAdjustmentData& data, const KincalBal
   run.converged = summary.outcome == Outcome::converged;
   for (const auto& h : summary.history) run.costs.push_back(0.5 * h.first);
   run.start_cost = run.costs.empty() ? 0 : run.costs.front();
-  run.cost = 0.5 * summary.cost.twice;
+  run.cost = 0.5 * summary.cost.doubled;
   run.linear_solver = lm.linear_solver();
   return run;
 }

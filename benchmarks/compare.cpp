@@ -160,7 +160,7 @@ Run solve_robot(const RobotProblem& p, int threads) {
   run.wall = wall_seconds() - wall;
   run.setup = cpu - before;
   run.start_cost = summary.history.empty() ? 0 : 0.5 * summary.history.front().first;  // no losses: chi2 is twice the cost
-  run.cost = 0.5 * summary.cost.twice;
+  run.cost = 0.5 * summary.cost.doubled;
   run.iterations = summary.iterations;
   run.converged = summary.outcome == Outcome::converged;
   return run;

@@ -125,7 +125,7 @@ bool Arrowhead::evaluate_each(Piece& p, const VectorXd& state, int worker) const
   Cost one;
   for (int g = p.first; g < p.last; ++g) {
     if (!problem.evaluate(g, state, worker, one)) return false;
-    p.cost.twice += one.twice;
+    p.cost.doubled += one.doubled;
     p.cost.chi2 += one.chi2;
   }
   return true;
@@ -139,11 +139,11 @@ bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
   cost = {};
   bool defined = true;
   for (const Piece& p : fine_pieces) {
-    cost.twice += p.cost.twice;
+    cost.doubled += p.cost.doubled;
     cost.chi2 += p.cost.chi2;
     defined = defined && p.defined;
   }
-  return defined && std::isfinite(cost.twice);
+  return defined && std::isfinite(cost.doubled);
 }
 
 Arrowhead::Room Arrowhead::room(size_t g, int first, int worker) {
@@ -174,7 +174,7 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
     }
     Cost c;
     if (!problem.linearise(g, state, worker, to, c)) return false;
-    p.cost.twice += c.twice;
+    p.cost.doubled += c.doubled;
     p.cost.chi2 += c.chi2;
     if (!local) continue;
     system.add(g, w.block.data(), widest, w.shared.data());
@@ -275,7 +275,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
       else
         system.accumulate(shared_matrix.data(), w.shared.data());
       shared_gradient += w.gradient;
-      cost.twice += p.cost.twice;
+      cost.doubled += p.cost.doubled;
       cost.chi2 += p.cost.chi2;
     }
     if (system.in_blocks())
@@ -294,7 +294,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     const std::ptrdiff_t* origin = ranges ? system.diagonal_origin() : system.origin();
     for (int i = 0; i < n; ++i) shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
   }
-  if (!defined || !std::isfinite(cost.twice)) return Assembly::undefined;
+  if (!defined || !std::isfinite(cost.doubled)) return Assembly::undefined;
   if (!definite) return Assembly::indefinite;
   if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
   if (ranges)

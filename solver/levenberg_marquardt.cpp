@@ -95,7 +95,7 @@ struct LevenbergMarquardt::Workspace {
   bool accepts(const VectorXd& state, double twice, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
     return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.twice < twice || trial.promised <= 10 * kRoundingShare * twice || trial.length < kConvergedStep);
+           (trial.cost.doubled < twice || trial.promised <= 10 * kRoundingShare * twice || trial.length < kConvergedStep);
   }
   /// Computes a step of the assembled system and tries it, first accelerated where that may help; true if `moved` may be kept.
   bool try_step(const VectorXd& state, double twice, double lambda, Trial& trial) {
@@ -129,7 +129,7 @@ struct LevenbergMarquardt::Workspace {
   }
   /// The damping after an accepted step.
   static double next_damping(double lambda, double twice, const Trial& trial) {
-    const double gain = trial.promised > 0 && !trial.accelerated ? (twice - trial.cost.twice) / trial.promised : 1;
+    const double gain = trial.promised > 0 && !trial.accelerated ? (twice - trial.cost.doubled) / trial.promised : 1;
     if (std::abs(gain - 1) < kFaithful || trial.promised <= 10 * kRoundingShare * twice) return std::max(lambda / 30, kSmallestDamping);
     return std::max(lambda * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)), kSmallestDamping);  // Nielsen
   }
@@ -179,7 +179,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       return summary;
     }
     if (first) summary.history.push_back({summary.cost.chi2, lambda});
-    const double twice = summary.cost.twice;
+    const double twice = summary.cost.doubled;
     if (twice <= 1e-18 * w.arrowhead.rows) {
       summary.outcome = Outcome::converged;
       return summary;
@@ -191,7 +191,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     const double used = lambda;
     lambda = Workspace::next_damping(lambda, twice, trial);
     std::swap(state, w.moved);
-    const bool little = w.options.relative_decrease > 0 && twice - trial.cost.twice <= w.options.relative_decrease * twice;
+    const bool little = w.options.relative_decrease > 0 && twice - trial.cost.doubled <= w.options.relative_decrease * twice;
     summary.cost = trial.cost;
     ++summary.iterations;
     summary.history.push_back({trial.cost.chi2, used});

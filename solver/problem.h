@@ -21,9 +21,9 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// chi2: sum of squared whitened residuals; twice: twice the minimised cost, that is with the losses.
+/// chi2: sum of squared whitened residuals; doubled: twice the minimised cost, that is with the losses.
 struct Cost {
-  double twice = 0, chi2 = 0;
+  double doubled = 0, chi2 = 0;
 };
 
 struct GroupShape {

@@ -120,7 +120,7 @@ Observations BundleAdjustment::observations(const VectorXd& state) const {
 bool BundleAdjustment::evaluate_range(int first, int last, const VectorXd& state, int, Cost& cost) const {
   double squares = 0;
   const bool defined = bundle_kernels().observe(observations(state), start_[first], start_[last], nullptr, squares);
-  cost.twice += squares;
+  cost.doubled += squares;
   cost.chi2 += squares;
   return defined;
 }
@@ -149,7 +149,7 @@ bool BundleAdjustment::linearise(int group, const VectorXd&, int worker, const G
     const double* r = rows + static_cast<size_t>(k) * kObservationNumbers + 22;
     cost.chi2 += r[0] * r[0] + r[1] * r[1];
   }
-  cost.twice = cost.chi2;
+  cost.doubled = cost.chi2;
   return true;
 }
 

@@ -63,7 +63,7 @@ std::vector<int> that_can_start(const Recording& recording, const std::vector<in
       start_targets(recording, {i}, sensors, {LossKind::soft_l1, 3}, values);
       const VectorXd state = one.pack(values);
       one.renew(state);
-      defined = one.groups().empty() || (one.evaluate(0, state, 0, cost) && std::isfinite(cost.twice));
+      defined = one.groups().empty() || (one.evaluate(0, state, 0, cost) && std::isfinite(cost.doubled));
     } catch (const std::runtime_error&) {
       defined = false;
     }
@@ -149,7 +149,7 @@ StepResult step_result(const StepPlan& plan, const Minimised& step, const Soluti
   out.history = step.summary.history;
   out.chi2_initial = step.summary.history.front().first;
   out.chi2 = step.summary.cost.chi2;
-  out.cost = step.summary.cost.twice / 2;
+  out.cost = step.summary.cost.doubled / 2;
   out.dof = step.last->observability.dof();
   out.unobservable = named_directions(solution.table(), step.last->problem->columns(), step.last->observability);
   return out;
@@ -276,7 +276,7 @@ const Solution& Calibration::solve() {
   problem.unpack(state, solution.values);
   problem.renew(state);
   solution.chi2 = summary.cost.chi2;
-  solution.cost = summary.cost.twice / 2;
+  solution.cost = summary.cost.doubled / 2;
   solution.stale = true;
   solution.message.clear();
   solution.status = solution.unobservable.empty() ? Status::converged : Status::unobservable;

@@ -141,7 +141,7 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     const VectorXd state = problem.pack(values);
     problem.renew(state);
     Cost cost;
-    return !problem.empty() && problem.evaluate(0, state, 0, cost) && std::isfinite(cost.twice) ? cost.twice : kInfinity;
+    return !problem.empty() && problem.evaluate(0, state, 0, cost) && std::isfinite(cost.doubled) ? cost.doubled : kInfinity;
   };
   std::set<std::pair<std::string, int>> turned;  // sample, place of the view
   std::set<std::string> where;

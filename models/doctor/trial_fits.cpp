@@ -105,7 +105,7 @@ Startable leave_out_undefined(const Recording& recording, const EstimationSetup&
   std::set<int> bad;
   Cost cost;
   for (size_t g = 0; g < trial.groups().size(); ++g)
-    if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.twice))
+    if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.doubled))
       bad.insert(trial.sample_of(static_cast<int>(g)));
   if (!bad.empty()) {
     out.samples.erase(std::remove_if(out.samples.begin(), out.samples.end(), [&](int s) { return bad.count(s) > 0; }), out.samples.end());
@@ -323,7 +323,7 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context, cons
     if (!last) continue;
     problem.renew(minimum.state);
     out.chi2 = minimum.cost.chi2;
-    out.cost = minimum.cost.twice;
+    out.cost = minimum.cost.doubled;
     out.dof = -problem.shared_size();
     if (minimum.gave_up) {
       out.chi2 = kInfinity;

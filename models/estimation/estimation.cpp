@@ -124,7 +124,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, false, row);
-      cost.twice = cost.chi2 += row.r * row.r;
+      cost.doubled = cost.chi2 += row.r * row.r;
     }
     return true;
   }
@@ -137,7 +137,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   const int errors = s.errors();
   for (size_t i = 0; i < s.layout->noisy.size(); ++i) {
     const double e = state(errors + static_cast<int>(i)) / layout.rig.joints[s.layout->noisy[i]].sigma;
-    cost.twice += e * e;
+    cost.doubled += e * e;
     cost.chi2 += e * e;
   }
   return true;
@@ -152,7 +152,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, true, row);
-      cost.twice = cost.chi2 += row.r * row.r;
+      cost.doubled = cost.chi2 += row.r * row.r;
       for (int a = 0; a < row.count; ++a) {
         for (int b = 0; b <= a; ++b)
           to.shared[to.origin[to.row[row.place + b]] + to.row[row.place + a]] += row.derivative[a] * row.derivative[b];
@@ -183,7 +183,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     const size_t at = 6 * s.layout->targets.size() + i;
     to.rows[at * to.stride + at] += w * w;
     to.rows[at * to.stride + size] += w * e;
-    cost.twice += e * e;
+    cost.doubled += e * e;
     cost.chi2 += e * e;
   }
   return true;

@@ -104,7 +104,7 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
   if (!v.layout->kernel(view, to, squares)) return false;
   cost.chi2 += squares;
   if (layout_.setup.loss.kind == LossKind::none) {
-    cost.twice += squares;
+    cost.doubled += squares;
     return true;
   }
   bool scaled = false;
@@ -112,7 +112,7 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
   for (int i = 0; i < count; ++i) {
     double squared = 0, slope;
     for (int k = 0; k * stride < rows; ++k) squared += to.r[k * stride + i] * to.r[k * stride + i];
-    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    cost.doubled += losses_[v.layout->sensor_index](squared, slope);
     scaled = scaled || slope != 1;
     for (int k = 0; k * stride < rows; ++k) scratch.slopes[k * stride + i] = std::sqrt(slope);
   }
@@ -160,7 +160,7 @@ bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scrat
     const double squared = r.squaredNorm();
     double slope;
     cost.chi2 += squared;
-    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    cost.doubled += losses_[v.layout->sensor_index](squared, slope);
     if (derivatives && slope != 1) weighted.middleRows(b * k, k) *= std::sqrt(slope);
   }
   if (marginal) {
@@ -178,7 +178,7 @@ bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scrat
     }
     double squared = all.squaredNorm(), slope;
     cost.chi2 += squared;
-    cost.twice += losses_[v.layout->sensor_index](squared, slope);
+    cost.doubled += losses_[v.layout->sensor_index](squared, slope);
     if (derivatives && slope != 1) weighted *= std::sqrt(slope);
   }
   if (derivatives) {

@@ -18,7 +18,7 @@ std::set<int> undefined_samples(Estimation& problem, const Values& values) {
   std::set<int> out;
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     Cost cost;
-    const bool defined = problem.evaluate(static_cast<int>(g), state, 0, cost) && std::isfinite(cost.twice);
+    const bool defined = problem.evaluate(static_cast<int>(g), state, 0, cost) && std::isfinite(cost.doubled);
     const int sample = problem.sample_of(static_cast<int>(g));
     if (!defined && sample >= 0) out.insert(sample);
   }

@@ -21,8 +21,8 @@ std::optional<double> cost_at(Estimation& problem, const Values& values) {
   const VectorXd state = problem.pack(values);
   problem.renew(state);
   Cost cost;
-  if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.twice)) return std::nullopt;
-  return cost.twice;
+  if (!problem.evaluate(0, state, 0, cost) || !std::isfinite(cost.doubled)) return std::nullopt;
+  return cost.doubled;
 }
 
 /// Free targets that a sample's views of the marked sensors show, in the order of the views.
@@ -46,8 +46,8 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key, const
     SolverOptions options;
     options.max_iterations = 60;
     const SolveSummary summary = LevenbergMarquardt(problem, options).solve(state);
-    if (summary.outcome != Outcome::undefined_start && summary.cost.twice < least * (1 - 1e-9)) {
-      least = summary.cost.twice;
+    if (summary.outcome != Outcome::undefined_start && summary.cost.doubled < least * (1 - 1e-9)) {
+      least = summary.cost.doubled;
       problem.unpack(state, trial);
       best = trial.targets[key];
     }

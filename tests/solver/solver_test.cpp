@@ -790,10 +790,10 @@ TEST_CASE("levenberg-marquardt: at the minimum the gradient vanishes, with noise
         Cost c;
         REQUIRE(s.problem->evaluate(static_cast<int>(g), state, 0, c));
         sum.chi2 += c.chi2;
-        sum.twice += c.twice;
+        sum.doubled += c.doubled;
       }
       CHECK(summary.cost.chi2 == Approx(sum.chi2).epsilon(1e-8));
-      CHECK(summary.cost.twice == Approx(sum.twice).epsilon(1e-8));
+      CHECK(summary.cost.doubled == Approx(sum.doubled).epsilon(1e-8));
     }
 }
 
@@ -1005,7 +1005,7 @@ class Curves final : public Problem {
       const double r = state(1 + group) * std::exp(state(0) * k * 0.3) - datum(group, k);
       cost.chi2 += r * r;
     }
-    cost.twice = cost.chi2;
+    cost.doubled = cost.chi2;
     return std::isfinite(cost.chi2);
   }
   bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {

@@ -99,7 +99,7 @@ Cost total(const BundleAdjustment& problem, const VectorXd& state) {
   Cost sum, one;
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     REQUIRE(problem.evaluate(static_cast<int>(g), state, 0, one));
-    sum.twice += one.twice;
+    sum.doubled += one.doubled;
     sum.chi2 += one.chi2;
   }
   return sum;
@@ -184,12 +184,12 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
     REQUIRE(problem.groups().size() == 70);
     VectorXd state = problem.initial(), moved;
     INFO(cameras << " cameras");
-    CHECK(total(problem, state).twice == Approx(plain_cost(d)).epsilon(1e-12));
+    CHECK(total(problem, state).doubled == Approx(plain_cost(d)).epsilon(1e-12));
     problem.retract(state, random_vector(9 * cameras, 0.01, random), random_vector(210, 0.05, random), moved);
     state = moved;
     BundleAdjustmentData there = d;
     problem.unpack(state, there.cameras, there.points);
-    CHECK(total(problem, state).twice == Approx(plain_cost(there)).epsilon(1e-12));
+    CHECK(total(problem, state).doubled == Approx(plain_cost(there)).epsilon(1e-12));
     CHECK(total(problem, state).chi2 == Approx(plain_cost(there)).epsilon(1e-12));
     problem.prepare(state);
     CHECK_FALSE(problem.renew(state));
@@ -197,14 +197,14 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
     // Sums of ranges, added to what is there.
     for (const auto& [first, last] : std::vector<std::pair<int, int>>{{0, 70}, {0, 1}, {3, 3}, {17, 41}, {69, 70}}) {
       Cost sum, one, range;
-      range.twice = range.chi2 = 5;
+      range.doubled = range.chi2 = 5;
       for (int g = first; g < last; ++g) {
         REQUIRE(problem.evaluate(g, state, 0, one));
-        sum.twice += one.twice;
+        sum.doubled += one.doubled;
         sum.chi2 += one.chi2;
       }
       REQUIRE(problem.evaluate_range(first, last, state, 0, range));
-      CHECK(range.twice == Approx(sum.twice + 5).epsilon(1e-12));
+      CHECK(range.doubled == Approx(sum.doubled + 5).epsilon(1e-12));
       CHECK(range.chi2 == Approx(sum.chi2 + 5).epsilon(1e-12));
     }
 
@@ -227,7 +227,7 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
           Cost cost, evaluated;
           const MatrixXd gram = light_equations(problem, g, state, block, cost), expected = rows.transpose() * rows;
           REQUIRE(problem.evaluate(g, state, 0, evaluated));
-          CHECK(cost.twice == Approx(evaluated.twice).epsilon(1e-13));
+          CHECK(cost.doubled == Approx(evaluated.doubled).epsilon(1e-13));
           CHECK(cost.chi2 == Approx(evaluated.chi2).epsilon(1e-13));
           const VectorXd scale = expected.diagonal().cwiseSqrt();
           double worst = 0;
@@ -266,12 +266,12 @@ TEST_CASE("bundle adjustment: packs of every fill") {
     problem.set_workers(1);
     Cost cost;
     REQUIRE(problem.evaluate(0, problem.initial(), 0, cost));
-    CHECK(cost.twice == Approx(plain_cost(d)).epsilon(1e-12).margin(1e-300));
+    CHECK(cost.doubled == Approx(plain_cost(d)).epsilon(1e-12).margin(1e-300));
     MatrixXd rows;
     REQUIRE(problem.square_root(0, problem.initial(), 0, rows));
     CHECK(rows.rows() == 2 * seen);
     CHECK(rows.cols() == 4 + 9 * seen);
-    if (seen > 0) CHECK(rows.rightCols(1).squaredNorm() == Approx(cost.twice).epsilon(1e-12));
+    if (seen > 0) CHECK(rows.rightCols(1).squaredNorm() == Approx(cost.doubled).epsilon(1e-12));
   }
 }
 
@@ -371,7 +371,7 @@ TEST_CASE("bundle adjustment: points and cameras that nobody observes stay where
     const VectorXd before = state;
     const SolveSummary& summary = solver.solve(state);
     CHECK(summary.outcome == Outcome::converged);
-    CHECK(summary.cost.twice < summary.history.front().first);
+    CHECK(summary.cost.doubled < summary.history.front().first);
     for (const int c : {1, 4, 5}) CHECK((state - before).segment(16 * c, 15).cwiseAbs().maxCoeff() < 1e-15);
     for (const int p : {0, 13, 29}) CHECK((state - before).segment(16 * 6 + 4 * p, 3).isZero(0));
   }
@@ -398,7 +398,7 @@ TEST_CASE("bundle adjustment: exact data lead to a cost of nothing, dense and CH
     const SolveSummary& summary = solver.solve(state);
     INFO(summary.iterations << " iterations");
     CHECK(summary.outcome == Outcome::converged);
-    CHECK(summary.cost.twice < 1e-12);
+    CHECK(summary.cost.doubled < 1e-12);
     BundleAdjustmentData there = d;
     problem.unpack(state, there.cameras, there.points);
     CHECK(plain_cost(there) < 1e-12);
@@ -474,11 +474,11 @@ TEST_CASE("bundle adjustment: noisy data, the minimum of a dense solver") {
       const SolveSummary& summary = solver.solve(state);
       INFO("seed " << seed << ", " << summary.iterations << " iterations");
       CHECK(summary.outcome == Outcome::converged);
-      CHECK(summary.cost.twice == Approx(expected).epsilon(1e-8));
+      CHECK(summary.cost.doubled == Approx(expected).epsilon(1e-8));
       BundleAdjustmentData there = d;
       problem.unpack(state, there.cameras, there.points);
-      CHECK(plain_cost(there) == Approx(summary.cost.twice).epsilon(1e-10));
-      costs.push_back(summary.cost.twice);
+      CHECK(plain_cost(there) == Approx(summary.cost.doubled).epsilon(1e-10));
+      costs.push_back(summary.cost.doubled);
     }
     CHECK(costs[0] == Approx(costs[1]).epsilon(1e-9));
   }
@@ -537,7 +537,7 @@ TEST_CASE("bundle adjustment: dense and CHOLMOD reduced systems are those of the
       found[k] = start;
       const SolveSummary& summary = solver.solve(found[k]);
       CHECK(summary.outcome == Outcome::converged);
-      cost[k] = summary.cost.twice;
+      cost[k] = summary.cost.doubled;
     }
     CHECK(cost[0] == Approx(cost[1]).epsilon(1e-9));
   }
@@ -599,7 +599,7 @@ TEST_CASE("bundle adjustment: points whose depth nobody knows do no harm") {
       const SolveSummary& summary = solver.solve(state);
       INFO((k ? "without" : "with") << ", " << summary.iterations << " iterations");
       CHECK(summary.outcome == Outcome::converged);
-      cost[k] = summary.cost.twice;
+      cost[k] = summary.cost.doubled;
     }
     CHECK(cost[0] == Approx(cost[1]).epsilon(1e-7));
   }

@@ -363,7 +363,7 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
     for (Eigen::Index i = 0; i < v.whitened.size(); i += b) {
       const double squared = v.whitened.segment(i, b).squaredNorm();
       c.chi2 += squared;
-      c.twice += rho(setup.loss, squared);
+      c.doubled += rho(setup.loss, squared);
     }
   }
   Values values;
@@ -373,7 +373,7 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
     const double squared = std::pow(e / s.rig.joints[key.second].sigma, 2);
     if (setup.noise != NoiseMode::latent) continue;
     by_hand[key.first].chi2 += squared;
-    by_hand[key.first].twice += squared;
+    by_hand[key.first].doubled += squared;
   }
 
   for (size_t g = 0; g < problem.groups().size(); ++g) {
@@ -397,7 +397,7 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
     if (sample < 0) continue;
     const Cost& hand = by_hand.at(sample);
     for (const Cost& c : {linearised, evaluated})
-      worst.cost = std::max({worst.cost, std::abs(c.chi2 / hand.chi2 - 1), std::abs(c.twice / hand.twice - 1)});
+      worst.cost = std::max({worst.cost, std::abs(c.chi2 / hand.chi2 - 1), std::abs(c.doubled / hand.doubled - 1)});
     // linearise() adds: a second call doubles.
     Cost again;
     REQUIRE(add_equations(problem, group, state, 0, gram, again));
@@ -530,7 +530,7 @@ TEST_CASE("estimation: a loss acts on a whole view in mode marginal, also where 
   problem.renew(state);
   Cost cost;
   REQUIRE(problem.evaluate(0, state, 0, cost));
-  CHECK(cost.twice == Approx(std::log(1 + cost.chi2)).epsilon(1e-12));
+  CHECK(cost.doubled == Approx(std::log(1 + cost.chi2)).epsilon(1e-12));
 }
 
 TEST_CASE("estimation: what influences a view is what moves its residuals") {
@@ -824,7 +824,7 @@ TEST_CASE("estimation: priors are Gaussians around the rig's values") {
     Cost cost;
     REQUIRE(problem->evaluate(group, state, 0, cost));
     CHECK(cost.chi2 == Approx(sum).epsilon(1e-9));
-    CHECK(cost.twice == Approx(sum).epsilon(1e-9));
+    CHECK(cost.doubled == Approx(sum).epsilon(1e-9));
     std::sort(expected.begin(), expected.end());
     std::sort(found.begin(), found.end());
     for (size_t i = 0; i < expected.size(); ++i) CHECK(std::abs(expected[i] - found[i]) < 1e-9 * (1 + std::abs(expected[i])));

@@ -71,7 +71,7 @@ void compare(Estimation& problem, LevenbergMarquardt& solver, const Rig& rig, co
   CHECK(summary.outcome == expected.outcome);
   CHECK(summary.iterations == expected.iterations);
   CHECK(summary.cost.chi2 == expected.cost.chi2);
-  CHECK(summary.cost.twice == expected.cost.twice);
+  CHECK(summary.cost.doubled == expected.cost.doubled);
   CHECK(summary.history == expected.history);
   CHECK(summary.undefined_group == expected.undefined_group);
   // Residuals are of the new numbers as well.
