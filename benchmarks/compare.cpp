@@ -148,7 +148,7 @@ void compare_threads(const std::string& problem, const std::string& who, const s
 Run solve_robot(const RobotProblem& p, int threads) {
   Run run;
   const double before = cpu_seconds();
-  Estimation estimation(p.rig, p.table, p.samples, p.all(), p.setup);
+  Estimation estimation(p, p.training(), p.setup);
   VectorXd state = estimation.pack(p.start);
   const double cpu = cpu_seconds(), wall = wall_seconds();
   SolverOptions options;
@@ -169,7 +169,7 @@ Run solve_robot(const RobotProblem& p, int threads) {
 /// kincal's and the strongest peer's seconds, for the growth.
 std::pair<double, double> robot(int boards, const Settings& settings, json& report) {
   const RobotProblem p = pr2_like(boards);
-  const Counts c = count(Estimation(p.rig, p.table, p.samples, p.all(), p.setup));
+  const Counts c = count(Estimation(p, p.training(), p.setup));
   std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows, c.shared, c.private_unknowns);
   CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest), compressed(p, PeerForm::compressed);
   std::vector<Contestant> contestants = {{"kincal", [&] { return solve_robot(p, 1); }},

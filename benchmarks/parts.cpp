@@ -29,7 +29,7 @@ struct Started {
   Estimation estimation;
   VectorXd state;
 
-  explicit Started(const RobotProblem& p) : estimation(p.rig, p.table, p.samples, p.all(), p.setup), state(estimation.pack(p.start)) {
+  explicit Started(const RobotProblem& p) : estimation(p, p.training(), p.setup), state(estimation.pack(p.start)) {
     estimation.renew(state);
     estimation.prepare(state);
   }

@@ -2,9 +2,9 @@
 
 #include <stdexcept>
 
+#include "../models/rig/selection.h"
 #include "../models/sensors/sensors.h"
 #include "random.h"
-#include "../models/rig/selection.h"
 
 namespace kincal::benchmarks {
 namespace {
@@ -232,7 +232,7 @@ bool draw_sample(RobotProblem& p, const Pose& base_T_board, const std::vector<Li
 }
 
 void check(const RobotProblem& p, long rows, long shared, long private_unknowns) {
-  const Estimation estimation(p.rig, p.table, p.samples, p.all(), p.setup);
+  const Estimation estimation(p, p.training(), p.setup);
   const Counts c = count(estimation);
   if (c.rows != rows || c.shared != shared || c.private_unknowns != private_unknowns)
     throw std::logic_error(p.name + " has " + std::to_string(c.rows) + " residuals, " + std::to_string(c.shared) + " shared and " +
@@ -240,12 +240,6 @@ void check(const RobotProblem& p, long rows, long shared, long private_unknowns)
 }
 
 }  // namespace
-
-std::vector<int> RobotProblem::all() const {
-  std::vector<int> indices(samples.size());
-  for (size_t i = 0; i < indices.size(); ++i) indices[i] = static_cast<int>(i);
-  return indices;
-}
 
 Counts count(const Estimation& estimation) {
   Counts c;

@@ -8,18 +8,13 @@
 
 namespace kincal::benchmarks {
 
-/// Everything that one estimation needs. `start` is where it starts; `truth` made the data.
-struct RobotProblem {
+/// A recording and all else that one estimation needs. `start` is where it starts; `truth` made the data.
+struct RobotProblem : Recording {
   std::string name;
-  Rig rig;
-  ParameterTable table;
-  std::vector<Sample> samples;
   EstimationSetup setup;
   Values start, truth;
 
-  RobotProblem(std::string n, Rig r) : name(std::move(n)), rig(std::move(r)), table(rig) {}
-  /// Indices of all samples.
-  std::vector<int> all() const;
+  RobotProblem(std::string n, Rig r) : Recording(std::move(r), {}), name(std::move(n)) {}
 };
 
 struct Counts {

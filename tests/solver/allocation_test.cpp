@@ -270,7 +270,7 @@ TEST_CASE("allocations: a PR2-like robot solved again allocates nothing") {
             EstimationSetup setup = p.setup;
             setup.noise = mode;
             setup.loss = loss;
-            Estimation problem(p.rig, p.table, p.samples, p.all(), setup);
+            Estimation problem(p, p.training(), setup);
             Values values = p.start;
             if (far)
               for (auto& [key, pose] : values.targets) pose = to_pose(isometry(pose) * exponential(random.twist(0.1, 0.4)));
@@ -300,7 +300,7 @@ TEST_CASE("allocations: a robot with every type of sensor solved again allocates
           EstimationSetup setup = s.problem->setup();
           for (const Freed& f : setup.free)
             for (const int c : f.components) setup.priors.push_back({f.parameter, c, 1.0});
-          if (off > 0.01) s.problem = std::make_unique<Estimation>(s.rig, *s.table, s.samples, all_of(s.samples), setup);
+          if (off > 0.01) s.problem = std::make_unique<Estimation>(s, s.training(), setup);
           SolverOptions options;
           options.threads = threads;
           options.max_iterations = 60;

@@ -519,17 +519,17 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
     if (p.shared_only) {
       // Increments as unknowns are: log(T0^-1 T) for poses, differences else; metric: squared column norms, as the format's scaling.
       Values after;
-      after.shared = s.table->initial;
+      after.shared = s.table.initial;
       s.problem->unpack(state, after);
       const Stacked stacked = stack(*s.problem, state);
       VectorXd moved_by(s.problem->shared_size());
       for (int c = 0; c < s.problem->shared_size(); ++c) {
         const auto [index, component] = s.problem->columns()[c];
-        const Parameter& parameter = s.table->all[index];
+        const Parameter& parameter = s.table.all[index];
         moved_by(c) =
             parameter.pose
-                ? log_se3(inverse(get_pose(s.table->initial, parameter.start)) * get_pose(after.shared, parameter.start))(component)
-                : after.shared(parameter.start + component) - s.table->initial(parameter.start + component);
+                ? log_se3(inverse(get_pose(s.table.initial, parameter.start)) * get_pose(after.shared, parameter.start))(component)
+                : after.shared(parameter.start + component) - s.table.initial(parameter.start + component);
       }
       const VectorXd norm = stacked.j.rightCols(s.problem->shared_size()).colwise().norm();
       const VectorXd scaled = norm.cwiseProduct(moved_by);
@@ -559,7 +559,7 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
     CHECK(cured.directions.empty());
     CHECK(std::count(cured.unobservable.begin(), cured.unobservable.end(), 0) == s.problem->shared_size());
     Values found;
-    found.shared = s.table->initial;
+    found.shared = s.table.initial;
     s.problem->unpack(state, found);
     CHECK((found.shared - ParameterTable(truth).initial).cwiseAbs().maxCoeff() < 1e-6);
   }
@@ -611,7 +611,7 @@ namespace {
 
 VectorXd shared_of(const Setting& s, const VectorXd& state) {
   Values v;
-  v.shared = s.table->initial;
+  v.shared = s.table.initial;
   s.problem->unpack(state, v);
   return v.shared;
 }
@@ -724,8 +724,8 @@ TEST_CASE("observability: priors count as rows and hold a gauge") {
   s.make({"cam1"}, {"joint/tilt/offset", "joint/tilt/origin"});
   const long rows = observe_at(s, s.start()).rows;
   EstimationSetup setup = s.problem->setup();
-  setup.priors = {{s.table->joint_offset[joint_index(s.rig, "tilt")], 0, 0.01}};
-  s.problem = std::make_unique<Estimation>(s.rig, *s.table, s.samples, all_of(s.samples), setup);
+  setup.priors = {{s.table.joint_offset[joint_index(s.rig, "tilt")], 0, 0.01}};
+  s.problem = std::make_unique<Estimation>(s, s.training(), setup);
   const Observability o = observe_at(s, s.start());
   CHECK(o.directions.empty());
   CHECK(o.rows == rows + 1);
@@ -749,7 +749,7 @@ TEST_CASE("levenberg-marquardt: truth without noise is recovered to 1e-8, in eve
     // Of partly freed poses every component is compared: the held ones are the truth's.
     CHECK((shared_of(s, state) - ParameterTable(truth).initial).cwiseAbs().maxCoeff() < 1e-8);
     Values found;
-    found.shared = s.table->initial;
+    found.shared = s.table.initial;
     s.problem->unpack(state, found);
     for (size_t k = 0; k < s.boards.size(); ++k)
       for (const auto& [target, board] : s.boards[k]) {
@@ -767,7 +767,7 @@ TEST_CASE("levenberg-marquardt: at the minimum the gradient vanishes, with noise
       REQUIRE(solve(s, state).outcome == Outcome::converged);
       if (loss != LossKind::none) {  // from the minimum without a loss, as a following step would
         Values there;
-        there.shared = s.table->initial;
+        there.shared = s.table.initial;
         s.problem->unpack(state, there);
         s.make(sensor_names(s.rig), kDetermined, mode, {loss, loss == LossKind::tukey ? 20.0 : 2.0});
         s.values = there;
@@ -817,8 +817,8 @@ TEST_CASE("levenberg-marquardt: dense and CHOLMOD agree") {
       shared[k].resize(s.problem->shared_size());
       for (int c = 0; c < s.problem->shared_size(); ++c) {
         const auto [index, component] = s.problem->columns()[c];
-        const Parameter& p = s.table->all[index];
-        shared[k](c) = p.pose ? log_se3(inverse(get_pose(s.table->initial, p.start)) * get_pose(values_now, p.start))(component)
+        const Parameter& p = s.table.all[index];
+        shared[k](c) = p.pose ? log_se3(inverse(get_pose(s.table.initial, p.start)) * get_pose(values_now, p.start))(component)
                               : values_now(p.start + component);
       }
       sigma = o.covariance.diagonal().cwiseSqrt();
@@ -978,7 +978,7 @@ TEST_CASE("levenberg-marquardt: a trial that puts a point behind its camera is r
     met += watched.undefined > 0;
     for (size_t i = 1; i < summary.history.size(); ++i) CHECK(summary.history[i].first <= summary.history[i - 1].first * (1 + 1e-12));
     Values found;
-    found.shared = s.table->initial;
+    found.shared = s.table.initial;
     s.problem->unpack(state, found);
     CHECK((isometry(found.targets.at({0, board})).matrix() - p.boards.at(board).matrix()).cwiseAbs().maxCoeff() < 0.05);
   }

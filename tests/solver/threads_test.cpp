@@ -110,7 +110,7 @@ TEST_CASE("threads: a PR2-like robot, the same bits") {
           [&] {
             EstimationSetup setup = robot->setup;
             setup.noise = mode;
-            auto problem = std::make_unique<Estimation>(robot->rig, robot->table, robot->samples, robot->all(), setup);
+            auto problem = std::make_unique<Estimation>(*robot, robot->training(), setup);
             const VectorXd start = problem->pack(robot->start);
             return std::make_tuple(robot, std::move(problem), start);
           },

@@ -233,7 +233,7 @@ TEST_CASE("loops: nothing at the truth without noise, a wrong mount shows in the
   const std::vector<Sample> samples = gripping_samples(rig, 24, 5, nullptr);
   const Calibration calibration(rig, samples);
   const ParameterTable& table = calibration.table();
-  const std::vector<Loop> exact = loops(calibration, at_values(table.initial));
+  const std::vector<Loop> exact = loops(calibration, at_values(calibration.initial()));
   std::set<std::string> seen;
   for (const Loop& loop : exact) {
     CAPTURE(loop.from, loop.to, loop.train.points);
@@ -246,7 +246,7 @@ TEST_CASE("loops: nothing at the truth without noise, a wrong mount shows in the
   CHECK(seen.size() == rig.sensors.size());
 
   const int camera = sensor_index(rig, "bc5"), pose = table.all[table.sensor_pose[camera]].start;
-  VectorXd wrong = table.initial;
+  VectorXd wrong = calibration.initial();
   Vector6d xi;
   xi << 0.004, -0.003, 0.002, 0.01, -0.02, 0.015;
   set_pose(wrong, pose, get_pose(wrong, pose) * to_pose(exponential(xi)));
@@ -310,7 +310,7 @@ TEST_CASE("loops: a point behind the camera makes the figure unknown, who never 
                                  }),
                   s.views.end());
   const Calibration calibration(rig, samples);
-  VectorXd wrong = calibration.table().initial;
+  VectorXd wrong = calibration.initial();
   const int pose = calibration.table().all[calibration.table().sensor_pose[sensor_index(rig, "bc5")]].start;
   Pose turned = get_pose(wrong, pose);
   turned.rotation = turned.rotation * rpy(0, kPi, 0);

@@ -186,7 +186,7 @@ TEST_CASE("frames: pose and derivative against an independent forward model", "[
       };
       for (size_t c = 0; c < unknowns.columns.size(); ++c) {
         const Vector6d numeric = difference(base_T(moved_by(c, h), *frame, posture), base_T(moved_by(c, -h), *frame, posture));
-        INFO(name << " by " << table.all[unknowns.columns[c].first].component_name(unknowns.columns[c].second));
+        INFO(name << " by " << table.name(unknowns.columns[c]));
         CHECK((d.by_unknowns.col(static_cast<Eigen::Index>(c)) - numeric).norm() < 1e-8);
       }
       // Noise of the readings: the sum over joints of the squared motion by one sigma.
@@ -247,7 +247,7 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
   CHECK(report.held.empty());
   CHECK(report.base == "base");
 
-  Estimation problem(rig, table, calibration.samples(), calibration.training(), result.setup);
+  Estimation problem(calibration.recording(), calibration.training(), result.setup);
   const VectorXd state = problem.pack(result.values);
   Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(result.covariance);
   const MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();

@@ -33,13 +33,10 @@ const char* mode_name(NoiseMode m) {
 const std::vector<LossKind> kLosses = {LossKind::none, LossKind::huber, LossKind::soft_l1, LossKind::cauchy, LossKind::tukey};
 
 /// The rig as somebody has it, samples of a robot that is a little different, and values that are different again.
-struct Scene {
-  Rig rig;
-  ParameterTable table;
-  std::vector<Sample> samples;
+struct Scene : Recording {
   Values values;
 
-  Scene(int count, unsigned long seed) : rig(make_rig(seed)), table(rig) {
+  Scene(int count, unsigned long seed) : Recording(make_rig(seed), {}) {
     Random random(seed);
     std::vector<TruePosture> postures;
     const Rig truth = nasty_robot();
@@ -61,13 +58,13 @@ struct Scene {
     setup.noise = mode;
     setup.loss = loss;
     setup.sensors = sensors;
-    Estimation all(rig, table, samples, all_of(samples), setup);
+    Estimation all(*this, training(), setup);
     const std::vector<char> used = all.influencing();
     for (const Freed& f : free)
       if (used[f.parameter] || std::any_of(priors.begin(), priors.end(), [&](const Prior& p) { return p.parameter == f.parameter; }))
         setup.free.push_back(f);
     setup.priors = priors;
-    return std::make_unique<Estimation>(rig, table, samples, all_of(samples), setup);
+    return std::make_unique<Estimation>(*this, training(), setup);
   }
 
   /// Everything, whole.
@@ -516,15 +513,15 @@ TEST_CASE("estimation: a loss acts on a whole view in mode marginal, also where 
   posture.boards[target] = isometry(random.pose(1, 1));
   std::vector<Sample> samples = {make_sample(rig, posture, "a")};
   REQUIRE(add_view(samples[0], rig, 0, target, posture, &random));
-  const ParameterTable table(rig);
+  const Recording recording(rig, samples);
   EstimationSetup setup;
   setup.sensors = {0};
   setup.noise = NoiseMode::marginal;
   setup.loss = {LossKind::cauchy, 1};
-  Estimation problem(rig, table, samples, {0}, setup);
+  Estimation problem(recording, {0}, setup);
   problem.set_workers(1);
   Values values;
-  values.shared = table.initial;
+  values.shared = recording.table.initial;
   values.targets[{0, target}] = to_pose(posture.boards[target]);
   const VectorXd state = problem.pack(values);
   problem.renew(state);
@@ -544,7 +541,6 @@ TEST_CASE("estimation: what influences a view is what moves its residuals") {
     const std::vector<char> claimed = problem->influencing();
     REQUIRE(claimed.size() == s.table.all.size());
     const Rig here = with_values(s.rig, s.table, s.values.shared);
-    const ParameterTable here_table(here);
     for (size_t p = 0; p < s.table.all.size(); ++p) {
       const std::string& name = s.table.all[p].name;
       const Rig other = moved(here, {name}, random, 0.01, 0.02, 5, 0.02);
@@ -618,7 +614,7 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   EstimationSetup setup;
   setup.sensors = all_sensors(s.rig);
   setup.only_target = target_index(s.rig, "probe");
-  Estimation problem(s.rig, s.table, s.samples, {4, 2}, setup);
+  Estimation problem(s, {4, 2}, setup);
   problem.set_workers(1);
   REQUIRE(problem.groups().size() == 2);
   std::set<int> groups = {problem.sample_of(0), problem.sample_of(1)};
@@ -634,12 +630,12 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   CHECK(samples == groups);
 
   // A laser needs no reading of its own scanning joint, nobody one of joints that are not on a way.
-  std::vector<Sample> fewer = s.samples;
-  for (Sample& sample : fewer)
+  Recording fewer = s;
+  for (Sample& sample : fewer.samples)
     for (const char* joint : {"scan", "idle", "pan", "tilt"}) sample.readings[joint_index(s.rig, joint)] = std::nan("");
   EstimationSetup laser;
   laser.sensors = {sensor_index(s.rig, "laser")};
-  Estimation without(s.rig, s.table, fewer, all_of(fewer), laser), with(s.rig, s.table, s.samples, all_of(fewer), laser);
+  Estimation without(fewer, s.training(), laser), with(s, s.training(), laser);
   without.set_workers(1);
   with.set_workers(1);
   const VectorXd x = without.pack(s.values);
@@ -652,7 +648,7 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   // Nothing that the sensors see: no group.
   EstimationSetup none;
   none.sensors = {};
-  CHECK(Estimation(s.rig, s.table, s.samples, all_of(s.samples), none).empty());
+  CHECK(Estimation(s, s.training(), none).empty());
 }
 
 TEST_CASE("estimation: a joint that follows a scanning one on the laser's way is refused, and a floating one") {
@@ -665,7 +661,6 @@ TEST_CASE("estimation: a joint that follows a scanning one on the laser's way is
   add_tracker(rig, "tracker", "away", Pose(), {1, 1, 1});
   add_grid(rig, "board", 2, 2, 0.1);
   finish_tree(rig.tree);
-  const ParameterTable table(rig);
   for (const int sensor : {0, 1}) {
     Sample sample = make_sample(rig, empty_posture(rig), "a");
     View v;
@@ -675,10 +670,10 @@ TEST_CASE("estimation: a joint that follows a scanning one on the laser's way is
     v.z = {0, 0, 1};
     v.sigma = rig.sensors[sensor].sigma;
     sample.views = {v};
-    const std::vector<Sample> samples = {sample};
+    const Recording recording(rig, {sample});
     EstimationSetup setup;
     setup.sensors = {sensor};
-    CHECK_THROWS_AS(Estimation(rig, table, samples, {0}, setup), std::invalid_argument);
+    CHECK_THROWS_AS(Estimation(recording, {0}, setup), std::invalid_argument);
   }
 }
 

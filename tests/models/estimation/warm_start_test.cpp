@@ -58,12 +58,12 @@ void with_covariances(std::vector<Sample>& samples, int sensor, Random& random) 
     }
 }
 
-void compare(Estimation& problem, LevenbergMarquardt& solver, const Rig& rig, const ParameterTable& table,
-             const std::vector<Sample>& samples, const SolverOptions& options, const Values& values) {
+void compare(Estimation& problem, LevenbergMarquardt& solver, const Recording& recording, const SolverOptions& options,
+             const Values& values) {
   problem.reload();
   VectorXd state = problem.pack(values);
   const SolveSummary& summary = solver.solve(state);
-  Estimation fresh(rig, table, samples, all_of(samples), problem.setup());
+  Estimation fresh(recording, recording.training(), problem.setup());
   LevenbergMarquardt fresh_solver(fresh, options);
   VectorXd fresh_state = fresh.pack(values);
   const SolveSummary& expected = fresh_solver.solve(fresh_state);
@@ -101,7 +101,7 @@ TEST_CASE("warm start: a robot with every type of sensor") {
         EstimationSetup setup = s.problem->setup();
         for (const Freed& f : setup.free)
           if (choice == LinearSolver::cholmod) setup.priors.push_back({f.parameter, f.components[0], 0.5});
-        Estimation problem(s.rig, *s.table, s.samples, all_of(s.samples), setup);
+        Estimation problem(s, s.training(), setup);
         SolverOptions options;
         options.linear_solver = choice;
         options.threads = threads;
@@ -113,7 +113,7 @@ TEST_CASE("warm start: a robot with every type of sensor") {
         CHECK(same_bits(once, twice));
         for (const double size : {1.0, 5.0, 0.0}) {
           replace(s.samples, size, random);
-          compare(problem, solver, s.rig, *s.table, s.samples, options, s.values);
+          compare(problem, solver, s, options, s.values);
         }
       }
 }
@@ -125,14 +125,14 @@ TEST_CASE("warm start: a PR2-like robot") {
   for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent}) {
     EstimationSetup setup = p.setup;
     setup.noise = mode;
-    Estimation problem(p.rig, p.table, p.samples, p.all(), setup);
+    Estimation problem(p, p.training(), setup);
     SolverOptions options;
     LevenbergMarquardt solver(problem, options);
     VectorXd state = problem.pack(p.start);
     CHECK(solver.solve(state).outcome == Outcome::converged);
     for (int round = 0; round < 3; ++round) {
       replace(p.samples, 2, random);
-      compare(problem, solver, p.rig, p.table, p.samples, options, p.start);
+      compare(problem, solver, p, options, p.start);
     }
   }
 }
@@ -146,7 +146,7 @@ TEST_CASE("warm start: after solves that came to nothing") {
   LevenbergMarquardt solver(*s.problem, options);
   VectorXd state = s.start();
   solver.solve(state);
-  const auto compare_now = [&] { compare(*s.problem, solver, s.rig, *s.table, s.samples, options, s.values); };
+  const auto compare_now = [&] { compare(*s.problem, solver, s, options, s.values); };
 
   // Not a number among what was measured, of a sensor with a packed kernel and of one without.
   for (const char* name : {"bc5", "laser", "kb", "tracker"}) {

@@ -8,12 +8,12 @@
 #include <catch2/catch.hpp>
 
 #include "../../../models/rig/parameters.h"
+#include "../../../models/rig/selection.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
-#include "../../../models/rig/selection.h"
 
 using namespace kincal;
 using fixture::add_joint;
@@ -23,7 +23,7 @@ using fixture::link_index;
 
 namespace {
 
-constexpr double kHalf = fixture::kPi / 2;
+constexpr double kHalf = kPi / 2;
 
 /// "joint .x .ry" of every joint, in the order given.
 std::vector<std::string> text(const Tree& tree, const std::vector<OriginComponents>& found) {

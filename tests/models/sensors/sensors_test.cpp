@@ -25,7 +25,8 @@ struct Stage {
   std::shared_ptr<const SensorModel> owner;
   const SensorModel* model = nullptr;
   Pose pose;
-  std::optional<Scan> scan;
+  mutable std::optional<Scan> scan;
+  std::vector<double> joint;  // numbers of the scanning joint: offset, scale
   std::vector<double> parameters;
   Eigen::Matrix3Xd points, layout;
   std::vector<int> ids;
@@ -34,6 +35,7 @@ struct Stage {
   ViewInput input() const {
     ViewInput in;
     in.sensor_T_target = pose;
+    if (scan) scan->own = joint.data();
     in.scan = scan ? &*scan : nullptr;
     in.parameters = parameters.empty() ? nullptr : parameters.data();
     in.points = &points;
@@ -100,14 +102,14 @@ std::vector<Number> numbers(const Stage& s, double step, Columns& c) {
     out.push_back({"joint offset", c.joint,
                    [&s](double h) {
                      Stage m = s;
-                     m.scan->offset += h;
+                     m.joint[0] += h;
                      return m;
                    },
                    step});
     out.push_back({"joint scale", c.joint + 1,
                    [&s](double h) {
                      Stage m = s;
-                     m.scan->scale += h;
+                     m.joint[1] += h;
                      return m;
                    },
                    step});
@@ -225,8 +227,9 @@ Stage laser_stage(Random& random, bool prismatic, int direction) {
   scan.axis = random.direction();
   scan.prismatic = prismatic;
   scan.direction = direction;
-  scan.offset = random.uniform(-0.2, 0.2);
-  scan.scale = random.uniform(0.8, 1.2);
+  scan.model = linear_joint().get();
+  s.joint = {random.uniform(-0.2, 0.2), 0};
+  s.joint[1] = random.uniform(0.8, 1.2);
   s.scan = scan;
   for (int i = 0; i < 4; ++i) {
     s.z.push_back(random.uniform(-1, 1));
@@ -237,8 +240,9 @@ Stage laser_stage(Random& random, bool prismatic, int direction) {
 }
 
 /// far_T_sensor of a scan at a reading, far: the other side of the joint.
-Isometry3d far_T_sensor(const Scan& scan, double reading) {
-  const double q = scan.direction * (scan.scale * reading + scan.offset);
+Isometry3d far_T_sensor(const Stage& s, double reading) {
+  const Scan& scan = *s.scan;
+  const double q = scan.direction * (s.joint[1] * reading + s.joint[0]);
   Isometry3d motion = Isometry3d::Identity();
   if (scan.prismatic)
     motion = Eigen::Translation3d(q * scan.axis);
@@ -506,14 +510,14 @@ TEST_CASE("tilting laser: value, derivatives and own noise") {
     const VectorXd r = s.residual();
     for (int i = 0; i < 4; ++i) {
       const double* z = s.z.data() + 3 * i;
-      const Isometry3d far_T = far_T_sensor(*s.scan, z[0]);
+      const Isometry3d far_T = far_T_sensor(s, z[0]);
       const Vector3d p = far_T.inverse() * isometry(s.scan->behind_T_target) * Vector3d(s.points.col(s.ids[i]));
       INFO("trial " << trial << ", ray " << i);
       CHECK((r.segment<3>(3 * i) - (p - ray_point(z[1], z[2]))).norm() < 1e-13);
 
       // The point the ray hits, seen from the far side, by joint reading, bearing and range; turned back into the sensor's frame.
       Matrix3d numeric;
-      numeric.col(0) = derivative([&](double h) { return VectorXd(far_T_sensor(*s.scan, z[0] + h) * ray_point(z[1], z[2])); }, 1e-3);
+      numeric.col(0) = derivative([&](double h) { return VectorXd(far_T_sensor(s, z[0] + h) * ray_point(z[1], z[2])); }, 1e-3);
       numeric.col(1) = derivative([&](double h) { return VectorXd(far_T * ray_point(z[1] + h, z[2])); }, 1e-3);
       numeric.col(2) = derivative([&](double h) { return VectorXd(far_T * ray_point(z[1], z[2] + h)); }, 1e-3);
       numeric = (far_T.linear().transpose() * numeric).eval();
@@ -533,7 +537,7 @@ TEST_CASE("tilting laser: derivatives with everything at the identity but for 1e
     Stage s = laser_stage(random, prismatic, -1);
     s.scan->sensor_T_before = to_pose(error_of(1e-8, 1e-8, random));
     s.scan->behind_T_target = to_pose(error_of(1e-8, 1e-8, random));
-    s.scan->offset = 0;
+    s.joint[0] = 0;
     for (size_t i = 0; i < s.z.size(); i += 3) s.z[i] = i == 0 ? 0 : 1e-8;
     check_derivatives(s);
   }

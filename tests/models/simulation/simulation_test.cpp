@@ -22,11 +22,13 @@
 #include "../../../io/rig/samples_file.h"
 #include "../../../io/rig/simulation_file.h"
 #include "../../../models/calibration/calibration.h"
-#include "../../../models/fitting/starts.h"
-#include "../../../models/sensors/sensors.h"
-#include "../../../models/sensors/tilting_laser.h"
+#include "../../../models/estimation/estimation.h"
+#include "../../../models/rig/configuration.h"
+#include "../../../models/rig/numbers.h"
 #include "../../../models/rig/selection.h"
 #include "../../../models/rig/targets.h"
+#include "../../../models/sensors/sensors.h"
+#include "../../../models/sensors/tilting_laser.h"
 
 using namespace kincal;
 using Catch::Matchers::Contains;
@@ -34,7 +36,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 Joint& add_joint(Tree& tree, JointType type, const std::string& parent, const std::string& child, const Vector3d& axis, const Vector3d& xyz,
@@ -151,23 +152,21 @@ SimulationOptions options_of(std::uint64_t seed, int samples) {
   return options;
 }
 
-/// Residuals at the truth and the targets' true poses; `readings`: the true ones in place of the logged ones.
-std::vector<ViewResiduals> residuals_at_truth(const Rig& rig, const ParameterTable& table, Simulation& simulation, bool readings) {
+/// Residuals at the truth and the targets' true poses, of `recording`, whose samples become the simulation's; `readings`: with the true
+/// readings in place of the logged ones.
+std::vector<ViewResiduals> residuals_at_truth(Recording& recording, const Simulation& simulation, bool readings) {
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
-  for (size_t s = 0; s < rig.sensors.size(); ++s) setup.sensors.push_back(static_cast<int>(s));
-  std::vector<int> all;
-  for (size_t i = 0; i < simulation.samples.size(); ++i) {
-    all.push_back(static_cast<int>(i));
-    if (readings) simulation.samples[i].readings = simulation.true_readings[i];
-  }
+  setup.sensors = indices(recording.rig.sensors.size());
+  recording.samples = simulation.samples;
+  for (size_t i = 0; readings && i < recording.samples.size(); ++i) recording.samples[i].readings = simulation.true_readings[i];
   Values values;
   values.shared = simulation.truth;
   values.targets = simulation.targets;
-  Estimation estimation(rig, table, simulation.samples, all, setup);
+  Estimation estimation(recording, indices(recording.samples.size()), setup);
   const VectorXd state = estimation.pack(values);
   estimation.renew(state);
-  return estimation.residuals(state);  // View pointers stay good: they point into simulation.samples
+  return estimation.residuals(state);  // their views are the recording's
 }
 
 Rig without_noise(Rig rig) {
@@ -208,19 +207,19 @@ void check_standard(const std::string& what, double squares, double sum, double 
 }  // namespace
 
 TEST_CASE("without noise every residual at the truth is 0", "[simulation]") {
-  const Rig rig = without_noise(make_rig());
-  const ParameterTable table(rig);
-  const VectorXd truth = draw_truth(table, kSpread, 5);
+  Recording recording(without_noise(make_rig()), {});
+  const Rig& rig = recording.rig;
+  const VectorXd truth = draw_truth(recording.table, kSpread, 5);
   SimulationOptions options = options_of(3, 80);
   for (int s = 0; s < 11; ++s)  // all that can be, whatever is usual
     for (int t = 0; t < 4; ++t)
       if (s > 0 || t == 0) options.pairs.push_back({s, t});
-  Simulation simulation = simulate(rig, table, truth, options);
+  const Simulation simulation = simulate(rig, recording.table, truth, options);
   CHECK(simulation.samples.size() == 80);
   CHECK(simulation.idle.empty());
   std::set<std::pair<int, int>> seen;
   double worst = 0;
-  for (const ViewResiduals& r : residuals_at_truth(rig, table, simulation, false)) {
+  for (const ViewResiduals& r : residuals_at_truth(recording, simulation, false)) {
     seen.insert({r.view->sensor, r.view->target});
     const double unit = rig.sensors[r.view->sensor].type == "camera" ? 1000 : 1;
     worst = std::max(worst, r.raw.cwiseAbs().maxCoeff() / unit);
@@ -241,9 +240,9 @@ TEST_CASE("without noise every residual at the truth is 0", "[simulation]") {
 }
 
 TEST_CASE("noise is what the rig says", "[simulation]") {
-  const Rig rig = make_rig();
-  const ParameterTable table(rig);
-  Simulation simulation = simulate(rig, table, draw_truth(table, kSpread, 5), options_of(11, 400));
+  Recording recording(make_rig(), {});
+  const Rig& rig = recording.rig;
+  const Simulation simulation = simulate(rig, recording.table, draw_truth(recording.table, kSpread, 5), options_of(11, 400));
   REQUIRE(simulation.samples.size() == 400);
 
   for (size_t j = 0; j < rig.joints.size(); ++j) {
@@ -259,7 +258,7 @@ TEST_CASE("noise is what the rig says", "[simulation]") {
       check_standard(rig.tree.joints[j].name, squares, sum, count);
   }
 
-  const std::vector<ViewResiduals> residuals = residuals_at_truth(rig, table, simulation, true);
+  const std::vector<ViewResiduals> residuals = residuals_at_truth(recording, simulation, true);
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const int rows = rig.sensors[s].model->rows();
     std::vector<double> squares(rows, 0), sum(rows, 0);
@@ -281,10 +280,11 @@ TEST_CASE("errors of poses have exactly the formats' side and components, howeve
   rig.targets = {rig.targets[0]};
   rig.sensors[0].sigma = {0.001, 0.3, 0.02, 0.7, 0.01, 0.1};
   rig.sensors[1].sigma = {0.02, 0.001, 0.3, 0.1, 0.01, 0.7};
-  const ParameterTable table(rig);
-  Simulation simulation = simulate(rig, table, draw_truth(table, {{"joint/*", 0.01}, {"sensor/*", 0.01}}, 5), options_of(11, 3000));
+  Recording recording(rig, {});
+  const ParameterTable& table = recording.table;
+  const Simulation simulation = simulate(rig, table, draw_truth(table, {{"joint/*", 0.01}, {"sensor/*", 0.01}}, 5), options_of(11, 3000));
   double squares[12] = {}, sum[12] = {};
-  for (const ViewResiduals& r : residuals_at_truth(rig, table, simulation, true))
+  for (const ViewResiduals& r : residuals_at_truth(recording, simulation, true))
     for (int i = 0; i < 6; ++i) squares[6 * r.view->sensor + i] += std::pow(r.whitened(i), 2), sum[6 * r.view->sensor + i] += r.whitened(i);
   for (int i = 0; i < 12; ++i) check_standard(std::to_string(i), squares[i], sum[i], 3000);
 }
@@ -292,13 +292,13 @@ TEST_CASE("errors of poses have exactly the formats' side and components, howeve
 TEST_CASE("all views of a sample share the error of a reading", "[simulation]") {
   Rig rig = without_noise(make_rig());
   for (JointSettings& joint : rig.joints) joint.sigma = 0.01;
-  const ParameterTable table(rig);
-  Simulation simulation = simulate(rig, table, table.initial, options_of(2, 20));
+  Recording recording(rig, {});
+  const Simulation simulation = simulate(rig, recording.table, recording.table.initial, options_of(2, 20));
   double off = 0;
-  for (const ViewResiduals& r : residuals_at_truth(rig, table, simulation, false)) off = std::max(off, r.raw.cwiseAbs().maxCoeff());
+  for (const ViewResiduals& r : residuals_at_truth(recording, simulation, false)) off = std::max(off, r.raw.cwiseAbs().maxCoeff());
   CHECK(off > 1);
   off = 0;
-  for (const ViewResiduals& r : residuals_at_truth(rig, table, simulation, true)) off = std::max(off, r.raw.cwiseAbs().maxCoeff());
+  for (const ViewResiduals& r : residuals_at_truth(recording, simulation, true)) off = std::max(off, r.raw.cwiseAbs().maxCoeff());
   CHECK(off < 1e-9);
 }
 
@@ -358,17 +358,14 @@ TEST_CASE("rays hit the points again", "[simulation]") {
       const Sensor& s = rig.sensors[v.sensor];
       if (s.type != "tilting_laser") continue;
       const Target& target = rig.targets[v.target];
-      Sample robot;
-      robot.readings = simulation.true_readings[i];
-      const Pose base_T_target = target.link < 0 ? simulation.targets.at({static_cast<int>(i), v.target})
-                                                 : base_T_link(rig, table, simulation.truth, robot, target.link) *
-                                                       get_pose(simulation.truth, table.all[table.target_pose[v.target]].start);
+      const Configuration robot(rig, table, simulation.truth, simulation.true_readings[i]);
+      const Pose base_T_target =
+          target.link < 0 ? simulation.targets.at({static_cast<int>(i), v.target}) : robot.base_T_target(v.target);
       const Eigen::Matrix3Xd points = target_points(rig, table, simulation.truth, v.target);
       const Joint& joint = rig.tree.joints[s.scanning_joint];
       for (size_t k = 0; k < v.ids.size(); ++k) {
         const double* z = v.z.data() + 3 * k;
-        const Vector3d hit = base_T_link(rig, table, simulation.truth, robot, s.link, s.scanning_joint, z[0]) *
-                             get_pose(simulation.truth, table.all[table.sensor_pose[v.sensor]].start) * TiltingLaser::measured_point(z);
+        const Vector3d hit = robot.with(s.scanning_joint, z[0]).base_T_sensor(v.sensor) * TiltingLaser::measured_point(z);
         CHECK((hit - base_T_target * Vector3d(points.col(v.ids[k]))).norm() < 1e-12);
         CHECK(z[0] >= joint.lower);
         CHECK(z[0] <= joint.upper);

@@ -19,16 +19,15 @@ namespace {
 /// A laboratory with a bench at the truth.
 struct Judge {
   Laboratory lab;
-  ParameterTable table{lab.rig};
   Bench bench;
 
-  explicit Judge(int seed) : lab(seed), bench{lab.rig, table, {}, lab.truth, {}, {}, {}} {
+  explicit Judge(int seed) : lab(seed), bench{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
     for (size_t s = 0; s < lab.rig.sensors.size(); ++s) {
       bench.sensors.push_back(static_cast<int>(s));
       bench.levels.push_back(1);
     }
   }
-  Verdict of(const Sample& sample) const { return judge_sample(bench, sample, all_in(lab.rig, sample), Values()); }
+  Verdict of(const Sample& sample) { return judge_sample(bench, sample, all_in(lab.rig, sample), Values()); }
   /// The first sample whose views, the second and third of cameras, are four and more of one target: the others can prove one wrong.
   Sample& seen_often() {
     for (Sample& sample : lab.samples) {
@@ -44,7 +43,7 @@ struct Judge {
 }  // namespace
 
 TEST_CASE("consensus: a right sample is left as it is") {
-  const Judge judge(11);
+  Judge judge(11);
   for (const Sample& sample : judge.lab.samples) {
     INFO(sample.id);
     const Verdict verdict = judge.of(sample);

@@ -21,7 +21,6 @@
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
-using fixture::kPi;
 
 namespace {
 
