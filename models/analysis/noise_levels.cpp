@@ -7,6 +7,7 @@
 
 #include "../../solver/decompositions.h"
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 
 namespace kincal {
 namespace {
@@ -311,8 +312,17 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
   return out;
 }
 
-std::vector<NoiseLevel> noise_levels(const Linearisation& at) {
-  return noise_levels(at.problem(), at.solution.rig(), at.state(), at.observability().covariance);
+NoiseLevels noise_levels(const Linearisation& at) {
+  return {noise_levels(at.problem(), at.solution.rig(), at.state(), at.observability().covariance)};
+}
+
+std::string NoiseLevels::text() const {
+  std::string out;
+  for (const NoiseLevel& l : *this)
+    if (l.differs())
+      out += l.of + (l.part.empty() ? "" : " (" + l.part + ")") + kincal::text(": seen %.3g ", l.seen) + l.unit +
+             kincal::text(", assumed %.3g\n", l.assumed);
+  return out;
 }
 
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels) {

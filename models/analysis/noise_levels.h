@@ -53,11 +53,15 @@ struct NoiseLevel {
   bool differs() const;
 };
 
-/// The noise levels at a solution.
-std::vector<NoiseLevel> noise_levels(const Linearisation& at);
+/// Those of a solution's sensors and joints.
+struct NoiseLevels : std::vector<NoiseLevel> {
+  /// A line for each that differs from what was assumed.
+  std::string text() const;
+};
+NoiseLevels noise_levels(const Linearisation& at);
 /// The noise levels at a solution, with the problem prepared there (Problem::prepare) and covariances as last renewed. `covariance`: of the
-/// shared unknowns at the solution (observe()). In modes marginal and point only sensors without noisy joints can be
-/// told.
+/// shared unknowns at the solution (observe()). In modes marginal and point only sensors without
+/// noisy joints can be told.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance);
 
 /// Multiplies the sigmas of what can be told by seen / assumed: of the rig, and of all views, those with sigmas or covariances of their

@@ -5,8 +5,7 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "../../solver/levenberg_marquardt.h"
-#include "../fitting/starts.h"
+#include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "linearisation.h"
 
@@ -73,34 +72,17 @@ std::vector<std::vector<int>> judged_together(const Recording& recording, const 
   return groups;
 }
 
-/// Free targets, joint errors and what the setup frees, estimated from some samples; false: no start can be evaluated.
-bool minimise(const Recording& recording, const std::vector<int>& samples, const Values* start, Estimation& problem, Values& values,
-              VectorXd& state, SolveSummary& summary) {
-  const EstimationSetup& setup = problem.setup();
-  std::vector<int> to_start;
+/// The poses of free targets of some samples that are known.
+Values known_values(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared, const Values* start) {
+  Values out;
+  out.shared = shared;
+  if (!start) return out;
   for (int i : samples)
     for (const View& v : recording.samples[i].views) {
-      if (recording.rig.targets[v.target].link >= 0) continue;
-      const auto known = start ? start->targets.find({i, v.target}) : std::map<std::pair<int, int>, Pose>::const_iterator();
-      if (start && known != start->targets.end())
-        values.targets[{i, v.target}] = known->second;
-      else if (to_start.empty() || to_start.back() != i)
-        to_start.push_back(i);
+      const auto known = start->targets.find({i, v.target});
+      if (recording.rig.targets[v.target].link < 0 && known != start->targets.end()) out.targets[{i, v.target}] = known->second;
     }
-  const auto solve = [&] {
-    state = problem.pack(values);
-    summary = LevenbergMarquardt(problem, SolverOptions()).solve(state);
-    return summary.outcome != Outcome::undefined_start;
-  };
-  try {
-    start_targets(recording, to_start, setup.sensors, setup.loss, values);
-    if (solve()) return true;  // else the given poses are behind a camera at these values
-    values.targets.clear();
-    start_targets(recording, samples, setup.sensors, setup.loss, values);
-    return solve();
-  } catch (const std::runtime_error&) {
-    return false;
-  }
+  return out;
 }
 
 Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared, const VectorXd& initial,
@@ -111,6 +93,7 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
   setup.initial = initial;
   setup.noise = how.noise;
   setup.loss = how.loss;
+  setup.loss.from_data = false;  // at the levels as they are
   setup.levels = how.levels;
   setup.sensors = indices(recording.rig.sensors.size());
   const std::vector<std::vector<int>> groups = judged_together(recording, samples, setup, how.free);
@@ -120,16 +103,22 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
       setup.free = how.free;
     else
       setup.free.clear();
-    Estimation problem(recording, group, setup);
-    if (problem.groups().empty()) continue;
-    Values values;
-    values.shared = shared;
-    VectorXd state;
-    SolveSummary summary;
-    if (!minimise(recording, group, how.start, problem, values, state, summary)) {
+    FitOptions options;
+    options.trust_start = true;
+    Fit one;
+    try {
+      one = fit(recording, group, setup, known_values(recording, group, shared, how.start), options);
+    } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
+      one.summary.outcome = Outcome::undefined_start;
+    }
+    if (!one.defined()) {
       for (int i : group) out.undefined.push_back(recording.samples[i].id);
       continue;
     }
+    if (one.problem->groups().empty()) continue;
+    Estimation& problem = *one.problem;
+    const VectorXd& state = one.state;
+    const SolveSummary& summary = one.summary;
     out.converged = out.converged && summary.outcome == Outcome::converged;
     out.chi2 += summary.cost.chi2;
     if (how.with_dof) {

@@ -242,6 +242,15 @@ void give_reasons(const Recording& recording, const Solution& solution, Found& f
 
 }  // namespace
 
+std::string Explanation::text() const {
+  std::string out;
+  for (const WeakDirection& w : weak)
+    out += w.parameters[0].first +
+           (std::isfinite(w.sigma) ? kincal::text(": known to %.3g ", w.sigma) + w.unit + " from the data alone" : ": not determined by the data") +
+           "\n  why: " + w.why + "\n  cure: " + w.cure + "\n";
+  return out;
+}
+
 Explanation explain(const Linearisation& at) {
   const Solution& solution = at.solution;
   Explanation out;

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "../fitting/robust.h"
-#include "../fitting/starts.h"
+#include "../fitting/fit.h"
+#include "../fitting/unknown_poses.h"
 #include "../rig/numbers.h"
 
 namespace kincal {
@@ -49,29 +49,6 @@ void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) 
   solution.initial = solution.values.shared = started.shared;
 }
 
-/// Starts the free targets of the training samples; those samples where that can be done and no residual is undefined then.
-std::vector<int> that_can_start(const Recording& recording, const std::vector<int>& sensors, Values& values) {
-  EstimationSetup setup;
-  setup.noise = NoiseMode::none;
-  setup.sensors = sensors;
-  std::vector<int> out;
-  for (int i : recording.training()) {
-    Estimation one(recording, {i}, setup);
-    Cost cost;
-    bool defined = true;
-    try {
-      start_targets(recording, {i}, sensors, {LossKind::soft_l1, 3}, values);
-      const VectorXd state = one.pack(values);
-      one.renew(state);
-      defined = one.groups().empty() || (one.evaluate(0, state, 0, cost) && std::isfinite(cost.doubled));
-    } catch (const std::runtime_error&) {
-      defined = false;
-    }
-    if (defined) out.push_back(i);
-  }
-  return out;
-}
-
 std::string undefined_text(const Recording& recording, const StepPlan& plan, const Sample& sample) {
   std::string views;
   for (const View& v : sample.views)
@@ -82,14 +59,8 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, con
          ". Check poses, joint readings and the sensor's link";
 }
 
-/// A step's minimisation; what it leaves stands in `last` and `solver`.
-struct Minimised {
-  std::unique_ptr<LastProblem> last;
-  std::unique_ptr<LevenbergMarquardt> solver;
-  SolveSummary summary;
-};
-
-Minimised minimise(const StepPlan& plan, const CalibrationOptions& options, bool robust, Solution& solution) {
+/// A step's fit. `robust`: as StepVariations has it. Throws Ended.
+Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust, Solution& solution) {
   const Recording& recording = *solution.recording;
   EstimationSetup setup;
   setup.noise = options.noise;
@@ -98,60 +69,52 @@ Minimised minimise(const StepPlan& plan, const CalibrationOptions& options, bool
   setup.free = plan.free;
   setup.priors = plan.priors;
   setup.initial = solution.initial;
-  const std::vector<int> taking_part = robust ? that_can_start(recording, plan.sensors, solution.values) : recording.training();
-  if (taking_part.empty())
-    throw Ended{Status::undefined_start, "step '" + plan.name + "': no sample can start: points lie behind their cameras"};
-  Minimised out;
-  out.last = std::make_unique<LastProblem>();
-  out.last->problem = std::make_unique<Estimation>(recording, taking_part, setup);
-  Estimation& problem = *out.last->problem;
-  if (!robust) {
-    try {
-      start_targets(recording, taking_part, plan.sensors, setup.loss, solution.values);
-    } catch (const std::runtime_error& error) {
-      throw Ended{Status::undefined_start, error.what()};
-    }
+  FitOptions fit_options;
+  fit_options.solver.threads = options.threads;
+  fit_options.solver.linear_solver = options.linear_solver;
+  if (robust) {
+    fit_options.start_loss = Loss{LossKind::soft_l1, 3};
+    fit_options.leave_out_undefined = true;
+    fit_options.converge = false;
   }
-  VectorXd& state = out.last->state;
-  state = problem.pack(solution.values);
-
-  SolverOptions solver_options;
-  solver_options.threads = options.threads;
-  solver_options.linear_solver = options.linear_solver;
   if (options.progress) {
-    solver_options.progress = [progress = options.progress, name = plan.name](int iteration, double chi2, double damping) {
+    fit_options.solver.progress = [progress = options.progress, name = plan.name](int iteration, double chi2, double damping) {
       return progress(name, iteration, chi2, damping);
     };
     if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
   }
-  out.solver = std::make_unique<LevenbergMarquardt>(problem, solver_options);
-  if (setup.loss.from_data) out.summary = solve_graduated(problem, recording.rig, solver_options, state);
-  if (!robust && out.summary.outcome != Outcome::undefined_start && out.summary.outcome != Outcome::cancelled)
-    out.summary = out.solver->solve(state);
+  Fit out;
+  try {
+    out = fit(recording, recording.training(), std::move(setup), std::move(solution.values), fit_options);
+  } catch (const std::runtime_error& error) {  // no pose of a target can be evaluated
+    throw Ended{Status::undefined_start, error.what()};
+  }
+  solution.values = std::move(out.values);
+  if (out.problem->empty())
+    throw Ended{Status::undefined_start, "step '" + plan.name + "': no sample can start: points lie behind their cameras"};
   if (out.summary.outcome == Outcome::cancelled) throw Ended{Status::cancelled, "cancelled"};
-  if (out.summary.outcome == Outcome::undefined_start)
+  if (!out.defined())
     throw Ended{Status::undefined_start,
-                undefined_text(recording, plan, recording.samples[problem.sample_of(out.summary.undefined_group)])};
-  problem.unpack(state, solution.values);
-  problem.renew(state);
+                undefined_text(recording, plan, recording.samples[out.problem->sample_of(out.summary.undefined_group)])};
+  out.problem->renew(out.state);
   return out;
 }
 
 /// What a step reports of itself.
-StepResult step_result(const StepPlan& plan, const Minimised& step, const Solution& solution) {
+StepResult step_result(const StepPlan& plan, const Fit& step, const Observability& observability, const Solution& solution) {
   StepResult out;
   out.name = plan.name;
   out.unused = plan.unused;
   out.held_out = plan.held_out;
-  out.linear_solver = step.solver->linear_solver();
+  if (step.solver) out.linear_solver = step.solver->linear_solver();
   out.converged = step.summary.outcome == Outcome::converged;
   out.iterations = step.summary.iterations;
   out.history = step.summary.history;
   out.chi2_initial = step.summary.history.front().first;
   out.chi2 = step.summary.cost.chi2;
   out.cost = step.summary.cost.doubled / 2;
-  out.dof = step.last->observability.dof();
-  out.unobservable = named_directions(solution.table(), step.last->problem->columns(), step.last->observability);
+  out.dof = observability.dof();
+  out.unobservable = named_directions(solution.table(), solution.columns, observability);
   return out;
 }
 
@@ -170,13 +133,14 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     const bool last = &plan == &plans.back();
     const auto begin = std::chrono::steady_clock::now();
     if (variations.before_step) variations.before_step(plan, solution.initial, solution.values.shared);
-    Minimised step = minimise(plan, options, variations.robust, solution);
-    solution.columns = step.last->problem->columns();
-    step.last->observability = observe(*step.last->problem, step.last->state, last ? &step.last->left : nullptr);
-    StepResult result = step_result(plan, step, solution);
+    Fit step = fit_step(plan, options, variations.robust, solution);
+    solution.columns = step.problem->columns();
+    auto observed = std::make_unique<LastProblem>();
+    observed->observability = observe(*step.problem, step.state, last ? &observed->left : nullptr);
+    StepResult result = step_result(plan, step, observed->observability, solution);
     result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && result.converged;
-    set_sigmas(solution, step.last->observability, plan.name, plan.priors);
+    set_sigmas(solution, observed->observability, plan.name, plan.priors);
     solution.steps.push_back(std::move(result));
     merge(solution.seen_held_out, plan.seen_held_out);
     if (!last) continue;
@@ -187,10 +151,12 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     solution.unobservable = end.unobservable;
     solution.status = !all_converged ? Status::not_converged : !end.unobservable.empty() ? Status::unobservable : Status::converged;
     if (!all_converged) solution.message = "a step did not converge";
-    solution.covariance = step.last->observability.covariance;
-    solution.setup = step.last->problem->setup();
+    solution.covariance = observed->observability.covariance;
+    solution.setup = step.problem->setup();
     set_values(solution);
-    solution.last = std::move(step.last);
+    observed->problem = std::move(step.problem);
+    observed->state = std::move(step.state);
+    solution.last = std::move(observed);
     run.solver = std::move(step.solver);
   }
 }

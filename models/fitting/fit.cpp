@@ -79,9 +79,8 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
     out.summary = solve_graduated(problem, recording.rig, options.solver, out.state, options.levels);
     if (!options.converge || out.summary.outcome == Outcome::undefined_start || out.summary.outcome == Outcome::cancelled) return;
   }
-  LevenbergMarquardt solver(problem, options.solver);
-  out.summary = solver.solve(out.state);
-  out.linear_solver = solver.linear_solver();
+  out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
+  out.summary = out.solver->solve(out.state);
 }
 
 }  // namespace

@@ -37,7 +37,7 @@ struct Fit {
   /// undefined_start: nothing was minimised, `values` has the started targets. The same if no sample is left. A problem without
   /// measurements is converged, without history.
   SolveSummary summary;
-  const char* linear_solver = "";       // how the shared system was solved; empty: it was not
+  std::unique_ptr<LevenbergMarquardt> solver;  // that made it; null: nothing but a graduated fit was made
   std::vector<int> left_out;            // samples that could not start, ascending
 
   bool defined() const { return summary.outcome != Outcome::undefined_start; }

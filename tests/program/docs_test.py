@@ -5,9 +5,10 @@
 
 Proves: every command in a ```sh block ends with the exit status it states (0, or `# exit N` at the end of the line); blocks of one
 document run in order, in one scratch copy of examples/ with the program as build/release/kincal and as `kincal` on the PATH; so do
-the indented commands of examples/pr2/README.md. Links between documents, and to their headings, lead somewhere. Options that the
+the indented commands of examples/pr2/README.md. Links between documents, and to their headings, lead somewhere; files of the
+project that they name exist. Options that the
 documents name and options that the program has are the same, warning ids likewise. The program of docs/adding-a-sensor.md compiles
-against the built libraries and prints what the document shows; its check of derivatives passes. No document names a path of one machine.
+against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. No document names a path of one machine.
 Does not prove: that shown output is today's (but for adding-a-sensor.md), nor that what the text says is right.
 """
 import os
@@ -28,7 +29,7 @@ def fail(place, what):
 
 
 def documents(source):
-    found = [os.path.join(source, name) for name in ("README.md", "CHANGELOG.md")]
+    found = [os.path.join(source, name) for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
     docs = os.path.join(source, "docs")
     found += [os.path.join(docs, name) for name in sorted(os.listdir(docs)) if name.endswith(".md")]
     return found
@@ -171,6 +172,16 @@ def check_text(path):
                 fail(f"{path}:{number}", "a path of one machine")
 
 
+def check_paths(path, source):
+    """Files and folders of the project that a document names between backquotes exist; {a,b} stands for several."""
+    for number, line in prose(path):
+        for name in re.findall(r"`((?:kinematics|solver|models|io|apps|tests|scripts|docs)/[\w/.,{}-]*)`", line):
+            choice = re.search(r"\{([^}]*)\}", name)
+            for one in [name.replace(choice.group(0), c.strip()) for c in choice.group(1).split(",")] if choice else [name]:
+                if not os.path.exists(os.path.join(source, one)):
+                    fail(f"{path}:{number}", f"there is no {one}")
+
+
 # ---------------------------------------------------------------- tables against the program
 def check_options(source, binary):
     """Every --option in the documents is one that the program has, and every one it has stands in a document."""
@@ -199,7 +210,9 @@ def check_warnings(source):
             if name.endswith(".cpp"):
                 with open(os.path.join(folder, name), encoding="utf-8") as file:
                     code += file.read()
-    ids = set(re.findall(r'(?:add|say)\(\s*"([a-z_0-9]+)"', code)) | set(re.findall(r'warnings\.push_back\(\s*\{"([a-z_0-9]+)",', code))
+    ids = set(re.findall(r'(?:warnings\.push_back\(\s*|\bWarning)\{"([a-z_0-9]+)",', code))
+    with open(os.path.join(source, "models", "report", "warnings.cpp"), encoding="utf-8") as file:
+        ids |= set(re.findall(r'out\.push_back\(\s*\{"([a-z_0-9]+)",', file.read()))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
@@ -231,8 +244,8 @@ def check_sensor(source, binary):
     found = blocks(path)
     code = [lines for info, _, lines in found if info == "cpp"]
     plain = [lines for info, _, lines in found if info == ""]
-    if len(code) != 3 or len(plain) != 1:
-        fail(path, "three blocks of C++ (sensor, program, check) and one of output are expected")
+    if len(code) != 4 or len(plain) != 1:
+        fail(path, "four blocks of C++ (sensor, program, check, joint model) and one of output are expected")
         return ""
     kind = values.get("CMAKE_BUILD_TYPE", "").upper()
     flags = shlex.split(values.get("CMAKE_CXX_FLAGS", "")) + shlex.split(values.get(f"CMAKE_CXX_FLAGS_{kind}", ""))
@@ -243,10 +256,13 @@ def check_sensor(source, binary):
         links += [values.get("CHOLMOD_LIBRARY", "-lcholmod")]
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         os.symlink(os.path.abspath(source), os.path.join(scratch, "kincal"))
-        for name, lines in zip(("bearing.h", "main.cpp", "check.cpp"), code):
+        joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",
+                 "  const QuadraticJoint joint;",
+                 "  return joint.further().size() == 1 && std::abs(joint.position(joint.reading(0.7, own), own) - 0.7) < 1e-12 ? 0 : 1;", "}"]
+        for name, lines in zip(("bearing.h", "main.cpp", "check.cpp", "quadratic.h", "joint.cpp"), code + [joint]):
             with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
-        for name in ("main", "check"):
+        for name in ("main", "check", "joint"):
             command = [values.get("CMAKE_CXX_COMPILER", "c++"), *flags, "-I", scratch, "-isystem", eigen, f"{name}.cpp", *libraries, *links, "-o", name]
             done = subprocess.run(command, cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
             if done.returncode:
@@ -270,6 +286,7 @@ def main():
         count += run_document(path, source, binary)
         links += check_links(path, source)
         check_text(path)
+        check_paths(path, source)
     example = os.path.join(source, "examples", "pr2", "README.md")
     count += run_document(example, source, binary)
     links += check_links(example, source)

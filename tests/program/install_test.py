@@ -75,6 +75,7 @@ def main():
         check(source + "/" not in commands and build + "/" not in commands, "the source or build tree is visible to the consumer")
         run(cmake, "--build", os.path.join(project, "build"), "--parallel", "1")
         print(run(os.path.join(project, "build", "own_sensor")), end="")
+        print(run(os.path.join(project, "build", "head_calibrator")), end="")
 
         # the embedding against the installed program
         for name, text in (("robot.urdf", cli_test.URDF), ("rig.yaml", cli_test.RIG), ("samples.jsonl", cli_test.lines(cli_test.make_samples()))):
