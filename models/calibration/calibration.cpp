@@ -85,7 +85,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   }
   Fit out;
   try {
-    out = fit(recording, recording.training(), std::move(setup), std::move(solution.values), fit_options);
+    out = fit(recording, recording.training(), std::move(setup), solution.values, fit_options);
   } catch (const std::runtime_error& error) {  // no pose of a target can be evaluated
     throw Ended{Status::undefined_start, error.what()};
   }

@@ -3,7 +3,8 @@
 //
 // Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in any thread: on a PR2-like robot and on
 // the nasty one with every type of sensor, dense, in noise modes none and latent, with priors, with losses, with rejected steps, through the
-// accelerated tail, with 1 and 2 threads; likewise bundle adjustment; and Estimation::reload(). In marginal and point only renew() may.
+// accelerated tail, with 1 and 2 threads; likewise bundle adjustment; Estimation::reload(); and a Calibration whose samples are replaced
+// before it solves again. In marginal and point only renew() may.
 // Does not prove: anything about CHOLMOD, or about the first call.
 #include <cxxabi.h>
 #include <dlfcn.h>
@@ -19,6 +20,7 @@
 
 #include "../../benchmarks/pr2_like.h"
 #include "../../models/bundle_adjustment/bundle_adjustment.h"
+#include "../../models/calibration/calibration.h"
 #include "../../models/estimation/estimation.h"
 #include "../../models/rig/parameters.h"
 #include "../../solver/levenberg_marquardt.h"
@@ -337,6 +339,39 @@ TEST_CASE("allocations: reload() allocates nothing") {
     if (count > 0) UNSCOPED_INFO(origins(count));
     CHECK(count == 0);
   }
+}
+
+TEST_CASE("allocations: a calibration whose samples are replaced solves again without any") {
+  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
+    for (const int threads : {1, 2}) {
+      INFO("mode " << static_cast<int>(mode) << ", " << threads << " threads");
+      Setting s = nasty_in(mode, {}, 8, 941, 5e-3);
+      Step step;
+      step.name = "all";
+      step.sensors = all_sensors(s.rig);
+      step.free = kDetermined;
+      s.rig.steps = {step};
+      CalibrationOptions options;
+      options.noise = mode;
+      options.threads = threads;
+      options.linear_solver = LinearSolver::dense;
+      Calibration calibration(make_recording(s.rig, s.samples), options);
+      REQUIRE(calibration.solve().usable());
+      for (int again = 0; again < 2; ++again) {
+        for (Sample& sample : s.samples) {
+          for (double& reading : sample.readings) reading += 1e-5;
+          for (View& v : sample.views)
+            for (double& z : v.z) z *= 1 + 1e-6;
+        }
+        Watch watch;
+        for (size_t i = 0; i < s.samples.size(); ++i) calibration.replace(static_cast<int>(i), s.samples[i]);
+        const Solution& solution = calibration.solve();
+        const long count = watch.stop();
+        if (count > 0) UNSCOPED_INFO(origins(count));
+        CHECK(count == 0);
+        CHECK(solution.usable());
+      }
+    }
 }
 
 TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
