@@ -14,6 +14,7 @@
 #include <ctime>
 #include <fstream>
 #include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -191,15 +192,13 @@ std::pair<double, double> robot(int boards, const Settings& settings, json& repo
 /// `none`, all steps before it run as well. Medians over all iterations but the first (which has set-up in it) of runs in turns.
 void compare_noise(const std::string& folder, const Settings& settings, json& report) {
   const RigFile rig = read_rig(folder + "/rig.yaml");
-  const std::vector<Sample> samples = read_samples(folder + "/samples.jsonl", rig.rig);
+  const std::shared_ptr<const Recording> recording = make_recording(rig.rig, read_samples(folder + "/samples.jsonl", rig.rig));
   const std::string last = rig.rig.steps.back().name;
   std::vector<double> seconds[2];
   for (int round = 0; round < settings.rounds; ++round)
     for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::none}) {
-      Calibration calibration(rig.rig, samples);
       CalibrationOptions options;
       options.noise = mode;
-      options.judge = false;
       double before = 0;
       options.progress = [&](const std::string& step, int iteration, double, double) {
         const double now = cpu_seconds();
@@ -207,7 +206,7 @@ void compare_noise(const std::string& folder, const Settings& settings, json& re
         before = now;
         return true;
       };
-      calibration.run(options);
+      calibrate(recording, options);
     }
   const double latent = quantile(seconds[0], 0.5), none = quantile(seconds[1], 0.5);
   std::printf("\npr2-simulated-large, step %s: an iteration takes %.2f ms with joint noise latent, %.2f ms with none: %.2f times\n",

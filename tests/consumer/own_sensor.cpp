@@ -1,7 +1,7 @@
 // A sensor type that kincal does not know: it sees the direction of a point (azimuth, elevation), not its distance. Two of them
 // on the base look at six lamps in the hand of a small arm; the samples are made here, without noise, with kinematics written
 // out by hand. Mounts, joint offsets and a gear must come out as planted, to 1e-6: from rough poses, and from none at all.
-#include <kincal/models/calibration/calibration.h>
+#include <kincal/models/report/study.h>
 
 #include <cmath>
 #include <cstdio>
@@ -127,10 +127,10 @@ std::vector<Sample> make_samples(const Rig& rig, const Truth& truth) {
 }
 
 bool recovers(const char* title, const Rig& rig, const Truth& truth) {
-  Calibration calibration(rig, make_samples(rig, truth));
-  const std::optional<CalibrationResult> result = calibration.run(CalibrationOptions());
+  const std::optional<Report> report = study(make_recording(rig, make_samples(rig, truth)), StudyOptions());
+  const Solution& solution = report->solution;
   double worst = 0;
-  for (const ParameterEstimate& p : result->parameters) {
+  for (const ParameterEstimate& p : solution.parameters) {
     if (p.pose) {
       const Pose e = inverse(truth.base_T_sensor[p.name == "sensor/right/pose"]) * *p.pose;
       worst = std::max({worst, e.translation.norm(), log_so3(e.rotation).norm()});
@@ -139,10 +139,10 @@ bool recovers(const char* title, const Rig& rig, const Truth& truth) {
       worst = std::max(worst, std::abs(p.value[0] - t));
     }
   }
-  const SensorResult& left = result->sensors[0];
-  std::printf("%s: %zu parameters, worst error %.2g, chi2 %.2g, dof %ld, held out %.2g %s in %ld points\n", title, result->parameters.size(), worst, result->chi2,
-              result->dof, left.test.rms, left.unit.c_str(), left.test.points);
-  return result->status == Status::converged && result->parameters.size() == 5 && worst < 1e-6 && result->chi2 < 1e-6 && left.unit == "rad" &&
+  const SensorResult& left = report->residuals.sensors[0];
+  std::printf("%s: %zu parameters, worst error %.2g, chi2 %.2g, dof %ld, held out %.2g %s in %ld points\n", title, solution.parameters.size(), worst, solution.chi2,
+              solution.dof, left.test.rms, left.unit.c_str(), left.test.points);
+  return solution.status == Status::converged && solution.parameters.size() == 5 && worst < 1e-6 && solution.chi2 < 1e-6 && left.unit == "rad" &&
          left.test.points == 36 && left.test.rms < 1e-6;
 }
 

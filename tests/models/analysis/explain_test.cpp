@@ -5,11 +5,11 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
-#include "../../../models/calibration/calibration.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
+#include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -52,7 +52,7 @@ std::vector<Sample> samples_of(const Rig& rig, const std::vector<std::pair<std::
   return out;
 }
 
-CalibrationResult run(Rig rig, const std::vector<Sample>& samples, const std::vector<std::string>& free,
+Report run(Rig rig, const std::vector<Sample>& samples, const std::vector<std::string>& free,
                       const std::vector<PriorSetting>& priors = {}) {
   Step step;
   step.name = "all";
@@ -60,10 +60,7 @@ CalibrationResult run(Rig rig, const std::vector<Sample>& samples, const std::ve
   step.free = free;
   step.priors = priors;
   rig.steps = {step};
-  Calibration calibration(rig, samples);
-  std::optional<CalibrationResult> result = calibration.run({});
-  REQUIRE(result);
-  return *result;
+  return study_of(rig, samples);
 }
 
 bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
@@ -77,9 +74,9 @@ bool names(const WeakDirection& weak, const std::string& name) {
 TEST_CASE("explain: the last joint's offset and the roll of what it holds") {
   Rig rig = small_arm();
   add_points(rig, "marks", four_points(), "tool", at({0.05, 0.02, 0.1}, {0.3, 0, 0}));
-  const CalibrationResult r =
+  const Report r =
       run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"joint/b/offset", "joint/c/offset", "target/marks/pose"});
-  REQUIRE(r.status == Status::unobservable);
+  REQUIRE(r.solution.status == Status::unobservable);
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
   CHECK(w.reason == "same_axis");
@@ -102,10 +99,10 @@ TEST_CASE("explain: a joint that never moved, and one that hardly did") {
   const auto samples = samples_of(rig, {{"tracker", "marks"}}, 14, [&](TruePosture& p, Random& random) {
     p.readings[joint_index(rig, "b")] = 0.4 + spread * random.uniform(-0.5, 0.5);
   });
-  const CalibrationResult r = run(rig, samples, {"joint/a/offset", "joint/c/origin"});
+  const Report r = run(rig, samples, {"joint/a/offset", "joint/c/origin"});
   if (spread == 1.0) {
     CHECK(r.explanation.weak.empty());
-    CHECK(r.status == Status::converged);
+    CHECK(r.solution.status == Status::converged);
     return;
   }
   REQUIRE(r.explanation.weak.size() == 1);
@@ -121,7 +118,7 @@ TEST_CASE("explain: the base's offset against the placement of all targets") {
   add_tracker(rig, "probe", "tool", at({0.02, 0.1, 0.3}, {0.5, 0, 0}), {1e-4, 1e-4, 1e-4});
   add_points(rig, "left", four_points(), "base", at({0.6, 0.3, 0.2}, {0.1, 0, 1}));
   add_points(rig, "right", four_points(), "base", at({0.6, -0.3, 0.2}, {0.1, 0.2, 0}));
-  const CalibrationResult r = run(rig, samples_of(rig, {{"probe", "left"}, {"probe", "right"}}, 12),
+  const Report r = run(rig, samples_of(rig, {{"probe", "left"}, {"probe", "right"}}, 12),
                                   {"joint/a/offset", "joint/b/offset", "target/left/pose", "target/right/pose"});
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
@@ -137,7 +134,7 @@ TEST_CASE("explain: a single point, and points on a line") {
   line << 0, 0.05, 0.1, 0, 0, 0, 0, 0, 0;
   const bool single = GENERATE(true, false);
   add_points(rig, "marks", single ? point : line, "tool", at({0.05, 0.2, 0.1}));
-  const CalibrationResult r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"target/marks/pose"});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"target/marks/pose"});
   REQUIRE(r.explanation.weak.size() == (single ? 3u : 1u));
   for (const WeakDirection& w : r.explanation.weak) {
     CHECK(w.reason == "on_axis");
@@ -152,7 +149,7 @@ TEST_CASE("explain: a ball on the axis of the last joint") {
   Eigen::Matrix3Xd ball(3, 1);
   ball << 0, 0, 0;
   add_points(rig, "ball", ball, "tool", at({0.2, 0, 0}));
-  const CalibrationResult r = run(rig, samples_of(rig, {{"tracker", "ball"}}, 15), {"joint/c/origin.y", "joint/c/origin.rz"});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "ball"}}, 15), {"joint/c/origin.y", "joint/c/origin.rz"});
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
   CHECK(w.reason == "on_axis");
@@ -168,7 +165,7 @@ TEST_CASE("explain: free targets go along") {
   const auto samples = samples_of(rig, {{"tracker", "loose"}, {"second", "loose"}}, 6, [&](TruePosture& p, Random& random) {
     p.boards[target_index(rig, "loose")] = isometry(random.pose(0.5, 1));
   });
-  const CalibrationResult r = run(rig, samples, {"sensor/tracker/pose", "sensor/second/pose"});
+  const Report r = run(rig, samples, {"sensor/tracker/pose", "sensor/second/pose"});
   REQUIRE(r.explanation.weak.size() == 6);
   for (const WeakDirection& w : r.explanation.weak) {
     CHECK(w.reason == "free_targets");
@@ -179,12 +176,12 @@ TEST_CASE("explain: free targets go along") {
 TEST_CASE("explain: nothing depends on it") {
   Rig rig = small_arm();
   add_points(rig, "marks", four_points(), "tool", at({0.05, 0.02, 0.1}));
-  const CalibrationResult r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 6), {"joint/b/offset", "joint/idle/offset"});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 6), {"joint/b/offset", "joint/idle/offset"});
   REQUIRE(r.explanation.weak.size() == 1);
   CHECK(r.explanation.weak[0].reason == "nothing_depends");
   CHECK(has(r.explanation.weak[0].why, "nothing that is measured depends on joint/idle/offset"));
   const auto still = samples_of(rig, {{"tracker", "marks"}}, 6, [&](TruePosture& p, Random&) { p.readings[joint_index(rig, "b")] = 0; });
-  const CalibrationResult zero = run(rig, still, {"joint/a/offset", "joint/b/scale"});
+  const Report zero = run(rig, still, {"joint/a/offset", "joint/b/scale"});
   REQUIRE(zero.explanation.weak.size() == 1);
   CHECK(has(zero.explanation.weak[0].why, "b reads 0 in all samples"));
   CHECK(zero.explanation.weak[0].joints == std::vector<std::string>{"b"});
@@ -195,7 +192,7 @@ TEST_CASE("explain: sizes when only angles are measured") {
   rig.sensors.clear();
   add_camera(rig, "eye", "base", at({0, 0, 0}));
   add_grid(rig, "board", 4, 5, 0.05, "base", at({-0.1, -0.1, 1.2}, {0.4, 0.3, 0.1}));
-  const CalibrationResult r = run(rig, samples_of(rig, {{"eye", "board"}}, 5), {"target/board/pose", "target/board/square"});
+  const Report r = run(rig, samples_of(rig, {{"eye", "board"}}, 5), {"target/board/pose", "target/board/square"});
   REQUIRE(r.explanation.weak.size() == 1);
   CHECK(r.explanation.weak[0].reason == "size");
   CHECK(has(r.explanation.weak[0].why, "cameras measure angles"));
@@ -212,7 +209,7 @@ TEST_CASE("explain: one orientation of the board") {
                    tilted ? Vector3d(random.vector(0.6)) : Vector3d(0, 0, random.uniform(-0.02, 0.02)));
     p.boards[target_index(rig, "board")] = isometry(pose);
   });
-  const CalibrationResult r = run(rig, samples, {"sensor/eye/intrinsics"});
+  const Report r = run(rig, samples, {"sensor/eye/intrinsics"});
   if (tilted) {
     CHECK(r.explanation.weak.empty());
     return;
@@ -229,8 +226,8 @@ TEST_CASE("explain: what a prior decides, and strong correlations from the data 
   PriorSetting prior;
   prior.pattern = "joint/c/offset";
   prior.translation = 0.01;
-  const CalibrationResult r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"joint/c/offset", "target/marks/pose"}, {prior});
-  CHECK(r.status == Status::converged);
+  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"joint/c/offset", "target/marks/pose"}, {prior});
+  CHECK(r.solution.status == Status::converged);
   REQUIRE(r.explanation.prior_decides.size() == 1);
   CHECK(r.explanation.prior_decides[0].name == "joint/c/offset");
   CHECK(r.explanation.prior_decides[0].sigma == Approx(0.01).epsilon(0.01));

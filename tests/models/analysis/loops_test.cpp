@@ -7,9 +7,9 @@
 #include "../../../models/analysis/loops.h"
 
 #include <catch2/catch.hpp>
+#include <memory>
 #include <set>
 
-#include "../../../models/calibration/calibration.h"
 #include "../../../models/rig/parameters.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
@@ -74,11 +74,13 @@ std::vector<Sample> gripping_samples(const Rig& truth, int count, unsigned long 
   return out;
 }
 
-/// Only what loops() reads.
-CalibrationResult at_values(const VectorXd& values) {
-  CalibrationResult result;
-  result.values.shared = values;
-  return result;
+/// Only what loops() reads: from the rig's values to these.
+Solution at_values(const std::shared_ptr<const Recording>& recording, const VectorXd& values) {
+  Solution solution;
+  solution.recording = recording;
+  solution.initial = recording->table.initial;
+  solution.values.shared = values;
+  return solution;
 }
 
 using Pair = std::pair<std::string, std::string>;
@@ -231,9 +233,9 @@ std::map<Pair, Reference> reference(const Rig& rig, const std::vector<Sample>& s
 TEST_CASE("loops: nothing at the truth without noise, a wrong mount shows in the loops of that camera, and only there", "[loops]") {
   const Rig rig = robot();
   const std::vector<Sample> samples = gripping_samples(rig, 24, 5, nullptr);
-  const Calibration calibration(rig, samples);
-  const ParameterTable& table = calibration.table();
-  const std::vector<Loop> exact = loops(calibration, at_values(calibration.initial()));
+  const std::shared_ptr<const Recording> recording = make_recording(rig, samples);
+  const ParameterTable& table = recording->table;
+  const std::vector<Loop> exact = loops(at_values(recording, recording->table.initial));
   std::set<std::string> seen;
   for (const Loop& loop : exact) {
     CAPTURE(loop.from, loop.to, loop.train.points);
@@ -246,11 +248,11 @@ TEST_CASE("loops: nothing at the truth without noise, a wrong mount shows in the
   CHECK(seen.size() == rig.sensors.size());
 
   const int camera = sensor_index(rig, "bc5"), pose = table.all[table.sensor_pose[camera]].start;
-  VectorXd wrong = calibration.initial();
+  VectorXd wrong = recording->table.initial;
   Vector6d xi;
   xi << 0.004, -0.003, 0.002, 0.01, -0.02, 0.015;
   set_pose(wrong, pose, get_pose(wrong, pose) * to_pose(exponential(xi)));
-  const std::vector<Loop> planted = loops(calibration, at_values(wrong));
+  const std::vector<Loop> planted = loops(at_values(recording, wrong));
   REQUIRE(planted.size() == exact.size());
   int showing = 0;
   for (size_t i = 0; i < planted.size(); ++i) {
@@ -274,8 +276,8 @@ TEST_CASE("loops: with noise and wrong values as the independent model has them"
   const std::vector<std::string> wrong = {"joint/*/offset",      "joint/*/origin",  "sensor/*/pose",
                                           "sensor/*/intrinsics", "target/*/square", "target/*/points"};
   const Rig start = moved(rig, wrong, random, 0.004, 0.004, 2, 0), end = moved(rig, wrong, random, 0.001, 0.001, 0.5, 0);
-  const Calibration calibration(start, samples);
-  const std::vector<Loop> found = loops(calibration, at_values(ParameterTable(end).initial));
+  const std::shared_ptr<const Recording> recording = make_recording(start, samples);
+  const std::vector<Loop> found = loops(at_values(recording, ParameterTable(end).initial));
   const auto before = reference(start, samples, true), after = reference(end, samples, true);
   const auto before_test = reference(start, samples, false), after_test = reference(end, samples, false);
   std::set<Pair> pairs;
@@ -309,14 +311,14 @@ TEST_CASE("loops: a point behind the camera makes the figure unknown, who never 
                                           (sensor == "tracker" || sensor == "mocap");
                                  }),
                   s.views.end());
-  const Calibration calibration(rig, samples);
-  VectorXd wrong = calibration.initial();
-  const int pose = calibration.table().all[calibration.table().sensor_pose[sensor_index(rig, "bc5")]].start;
+  const std::shared_ptr<const Recording> recording = make_recording(rig, samples);
+  VectorXd wrong = recording->table.initial;
+  const int pose = recording->table.all[recording->table.sensor_pose[sensor_index(rig, "bc5")]].start;
   Pose turned = get_pose(wrong, pose);
   turned.rotation = turned.rotation * rpy(0, kPi, 0);
   set_pose(wrong, pose, turned);
   int unknown = 0;
-  for (const Loop& loop : loops(calibration, at_values(wrong))) {
+  for (const Loop& loop : loops(at_values(recording, wrong))) {
     CAPTURE(loop.from, loop.to);
     CHECK_FALSE((loop.from == "tracker" && loop.to == "mocap"));
     CHECK_FALSE((loop.from == "mocap" && loop.to == "tracker"));

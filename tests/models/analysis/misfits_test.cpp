@@ -6,10 +6,10 @@
 // Does not prove: names after a fit that gross outliers have ruined (outliers_test.cpp), nor where exactly the bounds lie.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <optional>
 
-#include "../../../models/calibration/calibration.h"
+#include "../../../models/report/warnings.h"
 #include "../../fixtures/example.h"
+#include "../../fixtures/study.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -18,9 +18,12 @@ namespace {
 
 /// What a calibration of the laboratory's samples says of misfits.
 std::vector<Warning> misfits_in(const Laboratory& lab) {
-  const std::optional<CalibrationResult> result = Calibration(lab.rig, lab.samples).run(CalibrationOptions());
+  Report report;
+  report.solution = solution_of(lab.rig, lab.samples);
+  report.residuals = residuals_of(report.solution);
+  report.misfits = misfits(report.solution, report.residuals);
   std::vector<Warning> out;
-  for (const Warning& w : result->warnings)
+  for (const Warning& w : warnings(report))
     if (w.id.rfind("outlier", 0) == 0) out.push_back(w);
   return out;
 }

@@ -17,7 +17,6 @@
 #include <numeric>
 #include <set>
 
-#include "../../../models/calibration/calibration.h"
 #include "../../../models/estimation/estimation.h"
 #include "../../../models/rig/parameters.h"
 #include "../../../models/simulation/simulation.h"
@@ -25,6 +24,7 @@
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
+#include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -234,12 +234,11 @@ TEST_CASE("frames: random postures are within limits and the same for a seed", "
 
 TEST_CASE("frames: predicted sigma against parameters drawn from the covariance and really moved", "[validation]") {
   const Rig rig = tracked_arm();
-  Calibration calibration(rig, simulated(rig, some_truth(rig), 25, 11));
-  const CalibrationResult result = *calibration.run({});
+  const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 25, 11));
   REQUIRE(result.status == Status::converged);
-  const ParameterTable& table = calibration.table();
+  const ParameterTable& table = result.table();
   const Frame frame = *find_frame(rig, table, "tool");
-  const FrameReport report = report_frame(calibration, result, frame);
+  const FrameReport report = report_frame(result, last_unknowns(linearise(result)), frame);
   REQUIRE(report.workspaces.size() == 2);
   CHECK(report.workspaces[0].workspace == "samples");
   CHECK(report.workspaces[0].postures == 25);
@@ -247,7 +246,7 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
   CHECK(report.held.empty());
   CHECK(report.base == "base");
 
-  Estimation problem(calibration.recording(), calibration.training(), result.setup);
+  Estimation problem(*result.recording, result.training(), result.setup);
   const VectorXd state = problem.pack(result.values);
   Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(result.covariance);
   const MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
@@ -261,7 +260,7 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
     Values drawn = result.values;
     problem.unpack(moved, drawn);
     const Rig now = with_values(rig, table, result.values.shared), then = with_values(rig, table, drawn.shared);
-    for (const Sample& s : calibration.samples()) {
+    for (const Sample& s : result.samples()) {
       TruePosture posture = empty_posture(rig), read = posture;
       posture.readings = read.readings = s.readings;
       for (size_t j = 0; j < rig.joints.size(); ++j) read.errors[j] = rig.joints[j].sigma * random.normal();
@@ -292,13 +291,10 @@ TEST_CASE("frames: predicted sigma against the truth over simulated robots", "[v
   double error = 0, predicted = 0;
   long n = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
-    Calibration calibration(rig, simulated(rig, truth, 15, seed));
-    CalibrationOptions options;
-    options.judge = false;
-    const CalibrationResult result = *calibration.run(options);
+    const Solution result = solution_of(rig, simulated(rig, truth, 15, seed));
     REQUIRE(result.status == Status::converged);
-    const Unknowns unknowns = last_unknowns(calibration, result);
-    const Rig estimated = with_values(rig, calibration.table(), result.values.shared);
+    const Unknowns unknowns = last_unknowns(linearise(result));
+    const Rig estimated = with_values(rig, result.table(), result.values.shared);
     for (const Readings& readings : postures) {
       TruePosture posture = empty_posture(rig);
       posture.readings = readings;
@@ -316,11 +312,13 @@ TEST_CASE("frames: predicted sigma against the truth over simulated robots", "[v
 TEST_CASE("frames: a direction that nothing determines is reported where it moves the frame", "[validation]") {
   Rig rig = tracked_arm();
   rig.steps[0].free.push_back("joint/turn/offset");  // with the tracker's pose: turns everything
-  Calibration calibration(rig, simulated(rig, some_truth(rig), 20, 3));
-  const CalibrationResult result = *calibration.run({});
+  const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 20, 3));
   REQUIRE(result.status == Status::unobservable);
   REQUIRE(result.unobservable.size() == 1);
-  const auto report = [&](const char* name) { return report_frame(calibration, result, *find_frame(rig, calibration.table(), name)); };
+  const auto report_of = [](const Solution& solution, const char* name) {
+    return report_frame(solution, last_unknowns(linearise(solution)), *find_frame(solution.rig(), solution.table(), name));
+  };
+  const auto report = [&](const char* name) { return report_of(result, name); };
   const FrameReport tool = report("tool");
   CHECK(std::isnan(tool.workspaces[0].position.rms));
   CHECK(std::isnan(tool.workspaces[0].rotation.worst));
@@ -333,12 +331,11 @@ TEST_CASE("frames: a direction that nothing determines is reported where it move
   // A free number that no measurement depends on (the whole stand's place) harms its own frame only.
   Rig other = tracked_arm();
   other.steps[0].free.push_back("joint/stand/origin.x");
-  Calibration second(other, simulated(other, some_truth(other), 20, 3));
-  const CalibrationResult dead = *second.run({});
+  const Solution dead = solution_of(other, simulated(other, some_truth(other), 20, 3));
   REQUIRE(dead.status == Status::unobservable);
-  CHECK(std::isnan(report_frame(second, dead, *find_frame(other, second.table(), "stand")).workspaces[0].position.rms));
-  CHECK(report_frame(second, dead, *find_frame(other, second.table(), "stand")).workspaces[0].rotation.rms == 0);
-  CHECK(report_frame(second, dead, *find_frame(other, second.table(), "tool")).workspaces[0].position.rms > 1e-6);
+  CHECK(std::isnan(report_of(dead, "stand").workspaces[0].position.rms));
+  CHECK(report_of(dead, "stand").workspaces[0].rotation.rms == 0);
+  CHECK(report_of(dead, "tool").workspaces[0].position.rms > 1e-6);
 }
 
 TEST_CASE("frames: what the last step holds is taken as exact and named", "[validation]") {
@@ -347,9 +344,8 @@ TEST_CASE("frames: what the last step holds is taken as exact and named", "[vali
   last.name = "last";
   last.free = {"sensor/tracker/pose", "joint/lift/offset"};
   rig.steps.push_back(last);
-  Calibration calibration(rig, simulated(rig, some_truth(rig), 20, 3));
-  const CalibrationResult result = *calibration.run({});
-  const FrameReport report = report_frame(calibration, result, *find_frame(rig, calibration.table(), "fore"));
+  const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 20, 3));
+  const FrameReport report = report_frame(result, last_unknowns(linearise(result)), *find_frame(rig, result.table(), "fore"));
   CHECK(report.held == std::vector<std::string>{"joint/bend/offset", "joint/bend/scale", "joint/bend/origin.x"});
 }
 
@@ -465,9 +461,9 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
     for (size_t i = 0; i < samples.size(); i += 5) samples[i].train = false;  // takes no part
     if (by_target)
       for (size_t i = 0; i < samples.size(); ++i) samples[i].train = i >= 6;
-    Calibration calibration(here, samples);
-    const CalibrationResult result = *calibration.run({});
-    const CrossValidation cross = *cross_validate(calibration, {}, 4);
+    const Solution result = solution_of(here, samples);
+    const Residuals whole = residuals_of(result);
+    const CrossValidation cross = *cross_validate(result.recording, {}, 4);
     CHECK(cross.by_target == by_target);
     REQUIRE(cross.folds.size() == 4);
     REQUIRE(cross.sensors.size() == 1);
@@ -483,18 +479,18 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
           split.push_back(samples[i]);
           split.back().train = folds.of[i] != f;
         }
-      const CalibrationResult one = *Calibration(here, split).run({});
+      const Solution one = solution_of(here, split);
       CHECK(one.steps[0].held_out.size() == (by_target ? 1 : 0));
-      const SplitStatistics& test = one.sensors[0].test;
+      const SplitStatistics test = residuals_of(one).sensors[0].test;
       squared += test.rms * test.rms * test.points;
       read += test.rms_as_read * test.rms_as_read * test.points;
       points += test.points;
     }
     const HeldOutError& e = cross.sensors[0];
     CHECK(e.points == points);
-    CHECK(e.points == 3 * static_cast<long>(calibration.training().size()));
+    CHECK(e.points == 3 * static_cast<long>(result.training().size()));
     CHECK(e.missing == 0);
-    CHECK(e.blocks == (by_target ? 4 : static_cast<long>(calibration.training().size())));
+    CHECK(e.blocks == (by_target ? 4 : static_cast<long>(result.training().size())));
     CHECK(e.by_target == by_target);
     CHECK(e.rms == Approx(std::sqrt(squared / points)).epsilon(1e-12));
     CHECK(e.rms_as_read == Approx(std::sqrt(read / points)).epsilon(1e-12));
@@ -502,65 +498,64 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
     CHECK(e.of_rms.high > e.rms);
 
     // The result's own test split, with intervals.
-    const std::vector<HeldOutError> test = held_out_errors(calibration, result);
+    const std::vector<HeldOutError> test = held_out_errors(result, whole);
     REQUIRE(test.size() == 1);
-    CHECK(test[0].points == result.sensors[0].test.points);
-    CHECK(test[0].rms == Approx(result.sensors[0].test.rms).epsilon(1e-12));
-    CHECK(test[0].rms_as_read == Approx(result.sensors[0].test.rms_as_read).epsilon(1e-12));
+    CHECK(test[0].points == whole.sensors[0].test.points);
+    CHECK(test[0].rms == Approx(whole.sensors[0].test.rms).epsilon(1e-12));
+    CHECK(test[0].rms_as_read == Approx(whole.sensors[0].test.rms_as_read).epsilon(1e-12));
 
     // Nothing of it depends on the order of the samples.
-    Calibration other(here, shuffled(samples, 8));
-    const CrossValidation again = *cross_validate(other, {}, 4);
+    const CrossValidation again = *cross_validate(make_recording(here, shuffled(samples, 8)), {}, 4);
     CHECK(again.sensors[0].rms_as_read == Approx(e.rms_as_read).epsilon(1e-6));
     for (int f = 0; f < 4; ++f) CHECK(again.folds[f].held_out == cross.folds[f].held_out);
 
     CalibrationOptions cancel;
     int calls = 0;
     cancel.progress = [&](const std::string&, int, double, double) { return ++calls < 8; };
-    CHECK(!cross_validate(calibration, cancel, 4));
+    CHECK(!cross_validate(result.recording, cancel, 4));
   }
 }
 
 TEST_CASE("tolerances are judged on data that the fit did not see", "[validation]") {
-  CalibrationResult result;
-  result.chi2 = 120;
-  result.dof = 100;
+  Validation validation;
+  std::vector<SensorResult> sensors;
+  const auto judged = [&](const Requirement& requirement) { return judge_requirement(requirement, validation, sensors, 120, 100); };
   SensorResult sensor;
   sensor.name = "tracker";
   sensor.unit = "m";
   sensor.train.rms_as_read = 0.0001;
-  result.sensors.push_back(sensor);
+  sensors.push_back(sensor);
   Requirement r;
   r.text = "sensor/tracker<0.2mm";
   r.name = "tracker";
   r.limit = 0.0002;
   r.unit = "mm";
   r.factor = 1e-3;
-  CHECK(judge_requirement(r, result).from == "train");
-  CHECK(judge_requirement(r, result).met);
-  CHECK_THAT(judgement_text(judge_requirement(r, result)), Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
+  CHECK(judged(r).from == "train");
+  CHECK(judged(r).met);
+  CHECK_THAT(judgement_text(judged(r)), Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
   HeldOutError e;
   e.sensor = "tracker";
   e.points = 10;
   e.rms_as_read = 0.0003;
-  result.validation.cross_validation.emplace();
-  result.validation.cross_validation->sensors = {e};
-  CHECK(judge_requirement(r, result).from == "cross_validation");
-  CHECK(!judge_requirement(r, result).met);
+  validation.cross_validation.emplace();
+  validation.cross_validation->sensors = {e};
+  CHECK(judged(r).from == "cross_validation");
+  CHECK(!judged(r).met);
   e.rms_as_read = 0.00019;
-  result.validation.test = {e};
-  CHECK(judge_requirement(r, result).from == "test");
-  CHECK(judge_requirement(r, result).met);
-  result.validation.test[0].missing = 1;  // a view that cannot even be evaluated is no success
-  CHECK(!judge_requirement(r, result).met);
-  CHECK_THAT(judgement_text(judge_requirement(r, result)), Contains("1 held-out views cannot be evaluated"));
+  validation.test = {e};
+  CHECK(judged(r).from == "test");
+  CHECK(judged(r).met);
+  validation.test[0].missing = 1;  // a view that cannot even be evaluated is no success
+  CHECK(!judged(r).met);
+  CHECK_THAT(judgement_text(judged(r)), Contains("1 held-out views cannot be evaluated"));
 
   Requirement chi2;
   chi2.text = "chi2/dof<1.5";
   chi2.quantity = Requirement::Quantity::chi2_per_dof;
   chi2.limit = 1.5;
-  CHECK(judge_requirement(chi2, result).measured == Approx(1.2));
-  CHECK(judge_requirement(chi2, result).met);
+  CHECK(judged(chi2).measured == Approx(1.2));
+  CHECK(judged(chi2).met);
   Requirement frame;
   frame.text = "frame/tool<1mm";
   frame.quantity = Requirement::Quantity::frame;
@@ -571,11 +566,11 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   FrameReport report;
   report.frame = "tool";
   report.workspaces.push_back({"samples", 3, {0.0005, 0.0005, 0.0005}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
-  result.validation.frames.push_back(report);
-  CHECK(judge_requirement(frame, result).met);
-  result.validation.frames[0].workspaces[0].position = {std::nan(""), std::nan(""), std::nan("")};
-  CHECK(!judge_requirement(frame, result).met);
-  CHECK_THAT(judgement_text(judge_requirement(frame, result)), Contains("unknown") && Contains("do not determine"));
-  result.validation.requirements = {judge_requirement(chi2, result), judge_requirement(frame, result)};
-  CHECK(!result.validation.met());
+  validation.frames.push_back(report);
+  CHECK(judged(frame).met);
+  validation.frames[0].workspaces[0].position = {std::nan(""), std::nan(""), std::nan("")};
+  CHECK(!judged(frame).met);
+  CHECK_THAT(judgement_text(judged(frame)), Contains("unknown") && Contains("do not determine"));
+  validation.requirements = {judged(chi2), judged(frame)};
+  CHECK(!validation.met());
 }

@@ -14,9 +14,8 @@
 #include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/samples_file.h"
 #include "../../../io/rig/simulation_file.h"
-#include "../../../models/calibration/calibration.h"
-#include "../../../models/fitting/starts.h"
 #include "../../../models/simulation/simulation.h"
+#include "../../fixtures/study.h"
 
 using namespace kincal;
 
@@ -46,35 +45,33 @@ struct Laboratory {
   }
 };
 
-CalibrationResult calibrate(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise = NoiseMode::latent) {
+Solution calibrate(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise = NoiseMode::latent) {
   CalibrationOptions options;
   options.noise = noise;
-  options.judge = false;
-  return *Calibration(rig, samples).run(options);
+  return fixture::solution_of(rig, samples, options);
 }
 
 /// Estimate minus truth of the last step's freed components, in the sense of the covariance: a wholly freed pose as the increment on the
 /// right at the estimate, else component by component.
-VectorXd errors(const CalibrationResult& result, const ParameterTable& table, const VectorXd& truth) {
-  VectorXd e(static_cast<Eigen::Index>(result.covariance_names.size()));
+VectorXd errors(const Solution& result, const ParameterTable& table, const VectorXd& truth) {
+  VectorXd e(static_cast<Eigen::Index>(result.columns.size()));
   for (Eigen::Index i = 0; i < e.size(); ++i) {
-    const Freed f = table.select(result.covariance_names[i]).at(0);
-    const Parameter& p = table.all[f.parameter];
-    const int c = f.components.at(0);
+    const Parameter& p = table.all[result.columns[i].parameter];
+    const int c = result.columns[i].index;
     if (!p.pose) {
       e(i) = result.values.shared(p.start + c) - truth(p.start + c);
       continue;
     }
     const Pose estimate = get_pose(result.values.shared, p.start), real = get_pose(truth, p.start),
                initial = get_pose(table.initial, p.start);
-    const bool whole = std::count_if(result.covariance_names.begin(), result.covariance_names.end(),
-                                     [&](const std::string& n) { return n.rfind(p.name + ".", 0) == 0; }) == 6;
+    const bool whole = std::count_if(result.columns.begin(), result.columns.end(),
+                                     [&](const Component& other) { return other.parameter == result.columns[i].parameter; }) == 6;
     e(i) = whole ? -log_se3(inverse(estimate) * real)(c) : (log_se3(inverse(initial) * estimate) - log_se3(inverse(initial) * real))(c);
   }
   return e;
 }
 
-double nees(const CalibrationResult& result, const VectorXd& e) { return e.dot(result.covariance.ldlt().solve(e)); }
+double nees(const Solution& result, const VectorXd& e) { return e.dot(result.covariance.ldlt().solve(e)); }
 
 }  // namespace
 
@@ -99,7 +96,7 @@ Honesty honesty(Laboratory& lab, NoiseMode mode, int seeds, const std::vector<Sp
           lab.truth.segment(p.start, p.pose ? 12 : p.size()) = drawn.segment(p.start, p.pose ? 12 : p.size());
         }
     }
-    const CalibrationResult result = calibrate(lab.rig, lab.samples(seed), mode);
+    const Solution result = calibrate(lab.rig, lab.samples(seed), mode);
     CAPTURE(seed, static_cast<int>(mode));
     REQUIRE(result.status == Status::converged);
     const VectorXd e = errors(result, lab.table, lab.truth), sigma = result.covariance.diagonal().cwiseSqrt();
@@ -160,7 +157,7 @@ TEST_CASE("example: latent mode is honest with ten times the joint noise, and wi
   lab.rig.steps = {step};
   // What is not freed of these poses stays as the rig has it.
   std::vector<Spread> drawn;
-  for (const StepPlan& plan : Calibration(lab.rig, lab.samples(1)).plan({}))
+  for (const StepPlan& plan : resolve_steps(Recording(lab.rig, lab.samples(1)), {}))
     for (const Prior& p : plan.priors) drawn.push_back({lab.table.all[p.parameter].component_name(p.component), p.sigma});
   const Honesty prior = honesty(lab, NoiseMode::latent, kSeeds / 4, drawn);
   CHECK(prior.chi2 == Approx(1).margin(0.03));
@@ -193,12 +190,12 @@ TEST_CASE("example: the other noise modes are not", "[example][statistics]") {
 
 TEST_CASE("example: all steps in turn recover the truth, the laser's gear reduction among it", "[example]") {
   Laboratory lab;
-  const CalibrationResult result = calibrate(lab.rig, lab.samples(1));
+  const Solution result = calibrate(lab.rig, lab.samples(1));
   REQUIRE(result.steps.size() == lab.rig.steps.size());
   CHECK(result.status == Status::converged);
   const VectorXd e = errors(result, lab.table, lab.truth);
   for (Eigen::Index i = 0; i < e.size(); ++i) {
-    CAPTURE(result.covariance_names[i]);
+    CAPTURE(lab.table.name(result.columns[i]));
     CHECK(std::abs(e(i)) < 4.5 * std::sqrt(result.covariance(i, i)));
   }
   const auto scale = std::find_if(result.parameters.begin(), result.parameters.end(),
@@ -219,7 +216,7 @@ TEST_CASE("example: without noise the truth comes back exactly", "[example]") {
   std::vector<Sample> samples = simulate(quiet, lab.table, lab.truth, lab.options).samples;
   for (Sample& s : samples)
     for (View& v : s.views) v.sigma = lab.rig.sensors[v.sensor].sigma;
-  const CalibrationResult result = calibrate(lab.rig, samples);
+  const Solution result = calibrate(lab.rig, samples);
   CHECK(result.status == Status::converged);
   CHECK(errors(result, lab.table, lab.truth).cwiseAbs().maxCoeff() < 1e-8);
 }
@@ -227,11 +224,10 @@ TEST_CASE("example: without noise the truth comes back exactly", "[example]") {
 TEST_CASE("example: the written robot and rig hold the result", "[example]") {
   // The URDF differs in the lines of changed origins only, and a calibration that starts from the written files stays where it is.
   const RigFile rig_file = read_rig(kExample + "rig.yaml");
-  Calibration calibration(rig_file.rig, read_samples(kExample + "samples.jsonl", rig_file.rig));
-  const CalibrationResult result = *calibration.run(CalibrationOptions());
+  const Report report = fixture::study_of(rig_file.rig, read_samples(kExample + "samples.jsonl", rig_file.rig));
   ResultOptions options;
   options.samples_path = kExample + "samples.jsonl";
-  const ResultFiles files = make_results(rig_file, calibration, result, options);
+  const ResultFiles files = make_results(rig_file, report, options);
 
   std::istringstream before(rig_file.urdf.text), after(files.robot_urdf);
   int changed = 0;
@@ -248,14 +244,12 @@ TEST_CASE("example: the written robot and rig hold the result", "[example]") {
   const std::string folder = (std::filesystem::temp_directory_path() / ("kincal_example_" + std::to_string(getpid()))).string();
   REQUIRE(write_results(folder, files, false, nullptr));
   const RigFile written = read_rig(folder + "/rig.yaml");
-  Calibration again(written.rig, read_samples(kExample + "samples.jsonl", written.rig));
-  CalibrationOptions last;
-  const CalibrationResult second = *again.run(last);
-  CHECK(second.status == Status::converged);
+  const Report second = fixture::study_of(written.rig, read_samples(kExample + "samples.jsonl", written.rig));
+  CHECK(second.solution.status == Status::converged);
   // Not to the last digit: the laser's mount is freed in part, and its held components (x, y, ry) are now held about another pose.
-  CHECK(second.chi2 == Approx(result.chi2).epsilon(1e-7));
-  for (size_t i = 0; i < result.sensors.size(); ++i)
-    CHECK(second.sensors[i].train.rms_before == Approx(result.sensors[i].train.rms_as_read).epsilon(1e-4));
+  CHECK(second.solution.chi2 == Approx(report.solution.chi2).epsilon(1e-7));
+  for (size_t i = 0; i < report.residuals.sensors.size(); ++i)
+    CHECK(second.residuals.sensors[i].train.rms_before == Approx(report.residuals.sensors[i].train.rms_as_read).epsilon(1e-4));
   std::filesystem::remove_all(folder);
 }
 
@@ -277,9 +271,8 @@ TEST_CASE("example: freed gauges are found and named", "[example]") {
   for (const Gauge& g : gauges) {
     CAPTURE(g.free);
     CalibrationOptions options;
-    options.judge = false;
     options.free = {g.free};
-    const CalibrationResult result = *Calibration(lab.rig, samples).run(options);
+    const Solution result = fixture::solution_of(lab.rig, samples, options);
     CHECK(result.status == Status::unobservable);
     CHECK(result.unobservable.size() == g.directions);
     for (const std::string& name : g.named) {
@@ -357,7 +350,7 @@ TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found
     }
     std::vector<Sample> more = samples;
     for (Sample& s : more) s.readings.resize(known.tree.joints.size(), std::nan(""));
-    const CalibrationResult a = calibrate(known, more), b = calibrate(unknown, more);
+    const Solution a = calibrate(known, more), b = calibrate(unknown, more);
     CAPTURE(absent);
     CHECK(a.status == Status::converged);
     CHECK(b.status == Status::converged);

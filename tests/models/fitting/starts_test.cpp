@@ -603,12 +603,10 @@ TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
       step.free_where = {"test"};
       rig.steps = {step};
       // Of camera and hand with a free board everything is determined but nothing else.
-      Calibration calibration(rig, u.samples);
-      const auto result = calibration.run({});
-      REQUIRE(result);
-      CHECK(result->status == Status::converged);
-      chi2[absent] = result->chi2;
-      for (const ParameterEstimate& p : result->parameters) {
+      const Solution result = calibrate(make_recording(rig, u.samples), {});
+      CHECK(result.status == Status::converged);
+      chi2[absent] = result.chi2;
+      for (const ParameterEstimate& p : result.parameters) {
         REQUIRE(p.pose);
         values[absent].insert(values[absent].end(), p.pose->rotation.data(), p.pose->rotation.data() + 9);
         values[absent].insert(values[absent].end(), p.pose->translation.data(), p.pose->translation.data() + 3);

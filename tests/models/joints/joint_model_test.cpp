@@ -15,7 +15,6 @@
 #include <map>
 
 #include "../../../models/analysis/frames.h"
-#include "../../../models/calibration/calibration.h"
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/quadratic_joint.h"
@@ -23,6 +22,7 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 #include "../../fixtures/stacked.h"
+#include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -282,7 +282,7 @@ TEST_CASE("joint models: a calibration finds a planted bend, and does not fit wi
       step.free = {"joint/elbow/offset", "joint/elbow/scale", "sensor/tracker/pose"};
       if (free_bend) step.free.push_back("joint/elbow/bend");
       given.steps = {step};
-      const CalibrationResult result = *Calibration(given, samples).run({});
+      const Solution result = solution_of(given, samples);
       CHECK(result.status == Status::converged);
       const double misfit = result.chi2 / static_cast<double>(result.dof);
       if (!free_bend) {
@@ -290,7 +290,7 @@ TEST_CASE("joint models: a calibration finds a planted bend, and does not fit wi
         continue;
       }
       CHECK((noise ? std::abs(misfit - 1) < 0.3 : misfit < 1e-12));
-      CHECK(result.sensors[0].test.rms < (noise ? 0.003 : 1e-9));
+      CHECK(residuals_of(result).sensors[0].test.rms < (noise ? 0.003 : 1e-9));
       size_t found = 0;
       for (const ParameterEstimate& p : result.parameters) {
         const auto it = planted.find(p.name);

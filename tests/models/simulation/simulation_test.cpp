@@ -537,8 +537,7 @@ TEST_CASE("the example's postures are all seen, and random ones show every senso
   SECTION("written, read and calibrated: the truth within its sigmas") {
     const Scratch scratch;
     const std::string path = scratch.write("samples.jsonl", samples_text(file.rig, simulation.samples));
-    Calibration calibration(file.rig, read_samples(path, file.rig));
-    const CalibrationResult result = *calibration.run({});
+    const Solution result = calibrate(make_recording(file.rig, read_samples(path, file.rig)), {});
     CHECK(result.status == Status::converged);
     CHECK(result.chi2 / static_cast<double>(result.dof) == Approx(1).margin(0.05));
     double squares = 0, count = 0;

@@ -16,18 +16,18 @@ using namespace kincal::fixture;
 
 namespace {
 
-/// A laboratory with a bench at the truth.
+/// A laboratory with a reference at the truth.
 struct Judge {
   Laboratory lab;
-  Bench bench;
+  ReferenceFit reference;
 
-  explicit Judge(int seed) : lab(seed), bench{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
+  explicit Judge(int seed) : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
     for (size_t s = 0; s < lab.rig.sensors.size(); ++s) {
-      bench.sensors.push_back(static_cast<int>(s));
-      bench.levels.push_back(1);
+      reference.sensors.push_back(static_cast<int>(s));
+      reference.levels.push_back(1);
     }
   }
-  Verdict of(const Sample& sample) { return judge_sample(bench, sample, all_in(lab.rig, sample), Values()); }
+  Verdict of(const Sample& sample) { return judge_sample(reference, sample, all_in(lab.rig, sample), Values()); }
   /// The first sample whose views, the second and third of cameras, are four and more of one target: the others can prove one wrong.
   Sample& seen_often() {
     for (Sample& sample : lab.samples) {
@@ -123,6 +123,6 @@ TEST_CASE("consensus: a sensor's level says what is usual") {
   View& view = judge.lab.first_camera(index);
   for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 10 : -10) * view.sigma[i % 2];
   CHECK_FALSE(judge.of(judge.lab.samples[index]).clean());
-  judge.bench.levels.assign(judge.bench.levels.size(), 10);
+  judge.reference.levels.assign(judge.reference.levels.size(), 10);
   CHECK(judge.of(judge.lab.samples[index]).clean());
 }

@@ -92,7 +92,7 @@ LocalOptions within(double distance, NoiseMode noise = NoiseMode::latent) {
 
 /// rms over fresh samples, readings exact, m.
 double rms(const Rig& rig, const std::vector<Sample>& samples) {
-  return Calibration(rig, samples).evaluate(NoiseMode::none, {}).sensors.at(0).train.rms;
+  return evaluate(Recording(rig, samples), NoiseMode::none, {}).sensors.at(0).train.rms;
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include "../../../models/trials/outliers.h"
 #include "../../fixtures/example.h"
 #include "../../fixtures/random.h"
+#include "../../fixtures/study.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -27,12 +28,6 @@ double chi2_tail(double x, int n) {
     term *= x / 2 / (k + 1);
   }
   return sum;
-}
-
-CalibrationResult run(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise) {
-  CalibrationOptions options;
-  options.noise = noise;
-  return *Calibration(rig, samples).run(options);
 }
 
 }  // namespace
@@ -81,10 +76,10 @@ TEST_CASE("outliers: found and taken out in every noise mode, as if they had nev
 
     CalibrationOptions options;
     options.noise = noise;
-    const std::optional<Cleaned> clean = calibrate_without_outliers(Calibration(lab.rig, lab.samples), options);
+    const std::optional<Cleaned> clean = calibrate_without_outliers(make_recording(lab.rig, lab.samples), options);
     REQUIRE(clean);
     std::vector<std::string> named;
-    for (const Rejected& r : clean->result.rejected) {
+    for (const Rejected& r : clean->rejected) {
       std::string name = r.sample + " " + r.sensor;
       for (int id : r.ids) name += " " + std::to_string(id);
       named.push_back(name);
@@ -111,10 +106,10 @@ TEST_CASE("outliers: found and taken out in every noise mode, as if they had nev
     points.z = kept_z;
     lab.samples[two[1]].views.erase(lab.samples[two[1]].views.begin() + (&flipped - lab.samples[two[1]].views.data()));
     lab.samples.erase(lab.samples.begin() + static_cast<std::ptrdiff_t>(two[2]));
-    const CalibrationResult by_hand = run(lab.rig, lab.samples, noise);
-    CHECK(clean->result.chi2 == by_hand.chi2);
-    CHECK(clean->result.values.shared == by_hand.values.shared);
-    CHECK(clean->calibration.samples().size() == lab.samples.size());
+    const Solution by_hand = solution_of(lab.rig, lab.samples, options);
+    CHECK(clean->solution.chi2 == by_hand.chi2);
+    CHECK(clean->solution.values.shared == by_hand.values.shared);
+    CHECK(clean->solution.samples().size() == lab.samples.size());
   }
 }
 
@@ -123,8 +118,8 @@ TEST_CASE("outliers: a sample that cannot start stays out, and none at all is an
   const std::vector<size_t> two = lab.seen_twice();
   View& view = lab.first_camera(two[0]);
   for (double& z : view.z) z = 1e9;  // no direction
-  const std::optional<Cleaned> clean = calibrate_without_outliers(Calibration(lab.rig, lab.samples), CalibrationOptions());
+  const std::optional<Cleaned> clean = calibrate_without_outliers(make_recording(lab.rig, lab.samples), {});
   REQUIRE(clean);
-  REQUIRE(clean->result.rejected.size() == 1);
-  CHECK(clean->result.rejected[0].sample == lab.samples[two[0]].id);
+  REQUIRE(clean->rejected.size() == 1);
+  CHECK(clean->rejected[0].sample == lab.samples[two[0]].id);
 }

@@ -13,11 +13,12 @@
 
 #include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/samples_file.h"
-#include "../../../models/calibration/calibration.h"
+#include "../../../models/report/warnings.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
+#include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -59,16 +60,22 @@ std::vector<Sample> follow(const Rig& nominal, double range) {
   return out;
 }
 
-CalibrationResult restarted(const Rig& rig, const std::vector<Sample>& samples, int count, const CalibrationOptions& options = {}) {
-  Calibration calibration(rig, samples);
-  CalibrationResult result = *calibration.run(options);
-  const std::vector<double> before = result.parameters[0].value;
-  REQUIRE(add_restarts(calibration, options, count, result));
-  CHECK(result.parameters[0].value == before);
-  REQUIRE(result.restarts);
-  const Restarts& r = *result.restarts;
+/// A solution with its restarts, and what is said of them.
+struct Restarted : Solution {
+  Restarts restarts;
+  std::string warning;  // of id "minima"
+};
+
+Restarted restarted(const Rig& rig, const std::vector<Sample>& samples, int count) {
+  Report report;
+  report.solution = solution_of(rig, samples);
+  const std::vector<double> before = report.solution.parameters[0].value;
+  report.restarts = restarts(report.solution, {}, count);
+  CHECK(report.solution.parameters[0].value == before);
+  REQUIRE(report.restarts);
+  const Restarts& r = *report.restarts;
   CHECK(r.count == count);
-  CHECK(r.minima[0].cost == result.cost);
+  CHECK(r.minima[0].cost == report.solution.cost);
   CHECK(r.minima[0].differs.empty());
   int ended = r.failed;
   for (size_t i = 0; i < r.minima.size(); ++i) {
@@ -77,14 +84,10 @@ CalibrationResult restarted(const Rig& rig, const std::vector<Sample>& samples, 
     CHECK((i < 2 || r.minima[i - 1].cost <= r.minima[i].cost));
   }
   CHECK(ended == count);
-  return result;
-}
-
-std::string warning(const CalibrationResult& result, const std::string& id) {
-  std::string out;
-  for (const Warning& w : result.warnings)
-    if (w.id == id) out += w.text;
-  return out;
+  std::string said;
+  for (const Warning& w : warnings(report))
+    if (w.id == "minima") said += w.text;
+  return {report.solution, r, said};
 }
 
 }  // namespace
@@ -92,9 +95,9 @@ std::string warning(const CalibrationResult& result, const std::string& id) {
 TEST_CASE("restarts: two minima that are equally good", "[restarts]") {
   Rig rig = arm();
   rig.joints[1].offset = 0.03;
-  const CalibrationResult result = restarted(rig, follow(rig, 0), 30);
+  const Restarted result = restarted(rig, follow(rig, 0), 30);
   CHECK(result.parameters[1].value[0] == Approx(0.04).margin(1e-3));
-  const Restarts& r = *result.restarts;
+  const Restarts& r = result.restarts;
   REQUIRE(r.minima.size() == 2);
   CHECK(r.failed == 0);
   CHECK(r.minima[0].count >= 5);
@@ -109,38 +112,36 @@ TEST_CASE("restarts: two minima that are equally good", "[restarts]") {
     const double mirrored = -2 * result.parameters[1].value[0];
     CHECK(d.second == Approx((elbow ? mirrored : -mirrored / 2) / result.parameters[elbow].sigma[0]).epsilon(1e-3));
   }
-  CHECK_THAT(warning(result, "minima"), Contains("as good as this result") && Contains("joint/elbow/offset") && Contains("of 30"));
+  CHECK_THAT(result.warning, Contains("as good as this result") && Contains("joint/elbow/offset") && Contains("of 30"));
 }
 
 TEST_CASE("restarts: from the wrong minimum the better one is found and named, from the right one there is no warning", "[restarts]") {
   Rig rig = arm();
   const std::vector<Sample> samples = follow(rig, 0.01);
   rig.joints[1].offset = 0.03;
-  const CalibrationResult right = restarted(rig, samples, 30);
+  const Restarted right = restarted(rig, samples, 30);
   CHECK(right.parameters[1].value[0] == Approx(0.04).margin(1e-3));
-  REQUIRE(right.restarts->minima.size() == 2);
-  CHECK(right.restarts->minima[1].cost > 2 * right.restarts->minima[0].cost);
-  CHECK(warning(right, "minima").empty());
+  REQUIRE(right.restarts.minima.size() == 2);
+  CHECK(right.restarts.minima[1].cost > 2 * right.restarts.minima[0].cost);
+  CHECK(right.warning.empty());
 
   rig.joints[1].offset = -0.05;
-  const CalibrationResult wrong = restarted(rig, samples, 30);
+  const Restarted wrong = restarted(rig, samples, 30);
   CHECK(wrong.status == Status::converged);
   CHECK(wrong.parameters[1].value[0] < -0.02);
-  REQUIRE(wrong.restarts->minima.size() == 2);
-  CHECK(wrong.restarts->minima[0].cost == Approx(right.restarts->minima[1].cost).epsilon(1e-6));
-  CHECK(wrong.restarts->minima[1].cost == Approx(right.cost).epsilon(1e-6));
-  CHECK_THAT(warning(wrong, "minima"), Contains("better minimum") && Contains("joint/elbow/offset"));
+  REQUIRE(wrong.restarts.minima.size() == 2);
+  CHECK(wrong.restarts.minima[0].cost == Approx(right.restarts.minima[1].cost).epsilon(1e-6));
+  CHECK(wrong.restarts.minima[1].cost == Approx(right.cost).epsilon(1e-6));
+  CHECK_THAT(wrong.warning, Contains("better minimum") && Contains("joint/elbow/offset"));
 }
 
 TEST_CASE("restarts: all alike on the example", "[restarts]") {
   const std::string folder = std::string(KINCAL_SOURCE_DIR) + "/examples/pr2/";
   const Rig rig = read_rig(folder + "rig.yaml").rig;
-  CalibrationOptions options;
-  options.judge = false;
-  const CalibrationResult result = restarted(rig, read_samples(folder + "samples.jsonl", rig), 8, options);
-  CHECK(result.restarts->minima.size() == 1);
-  CHECK(result.restarts->minima[0].count == 8);
-  CHECK(warning(result, "minima").empty());
+  const Restarted result = restarted(rig, read_samples(folder + "samples.jsonl", rig), 8);
+  CHECK(result.restarts.minima.size() == 1);
+  CHECK(result.restarts.minima[0].count == 8);
+  CHECK(result.warning.empty());
 }
 
 TEST_CASE("restarts: moved as far as priors say, the same way every time", "[restarts]") {
@@ -153,33 +154,31 @@ TEST_CASE("restarts: moved as far as priors say, the same way every time", "[res
   prior.translation = 1e-3;
   rig.steps[0].priors = {prior};
   // With priors of 1 mrad no start is near the other elbow 0.07 rad away.
-  const CalibrationResult near = restarted(rig, samples, 30);
-  CHECK(near.restarts->minima.size() == 1);
+  const Restarted near = restarted(rig, samples, 30);
+  CHECK(near.restarts.minima.size() == 1);
   rig.steps[0].priors[0].translation = 0.5;
-  const CalibrationResult far = restarted(rig, samples, 30), again = restarted(rig, samples, 30);
-  REQUIRE(far.restarts->minima.size() >= 2);
-  REQUIRE(again.restarts->minima.size() == far.restarts->minima.size());
-  for (size_t i = 0; i < far.restarts->minima.size(); ++i) {
-    CHECK(again.restarts->minima[i].count == far.restarts->minima[i].count);
-    CHECK(again.restarts->minima[i].cost == far.restarts->minima[i].cost);
-    CHECK(again.restarts->minima[i].differs == far.restarts->minima[i].differs);
+  const Restarted far = restarted(rig, samples, 30), again = restarted(rig, samples, 30);
+  REQUIRE(far.restarts.minima.size() >= 2);
+  REQUIRE(again.restarts.minima.size() == far.restarts.minima.size());
+  for (size_t i = 0; i < far.restarts.minima.size(); ++i) {
+    CHECK(again.restarts.minima[i].count == far.restarts.minima[i].count);
+    CHECK(again.restarts.minima[i].cost == far.restarts.minima[i].cost);
+    CHECK(again.restarts.minima[i].differs == far.restarts.minima[i].differs);
   }
 }
 
 TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") {
   Rig rig = arm();
   const std::vector<Sample> samples = follow(rig, 0.01);
-  Calibration calibration(rig, samples);
-  CalibrationResult result = *calibration.run({});
+  const Solution result = solution_of(rig, samples);
   CalibrationOptions options;
   std::string last;
   options.progress = [&](const std::string& step, int, double, double) {
     last = step;
     return step != "restart 3";
   };
-  CHECK_FALSE(add_restarts(calibration, options, 5, result));
+  CHECK_FALSE(restarts(result, options, 5));
   CHECK(last == "restart 3");
-  CHECK_FALSE(result.restarts);
 
   // A camera 0.12 m before a board: with the pose off by 5 cm and 5 degrees some starts have points behind it, and all are moved nearer
   // until they have not. A prior of 50 m leaves no start that can be evaluated at all, most of the time.
@@ -196,12 +195,12 @@ TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") 
   step.sensors = {0};
   step.free = {"sensor/camera/pose"};
   near.steps = {step};
-  const CalibrationResult halved = restarted(near, {s}, 20);
-  CHECK(halved.restarts->failed == 0);
+  const Restarted halved = restarted(near, {s}, 20);
+  CHECK(halved.restarts.failed == 0);
   PriorSetting wide;
   wide.pattern = "sensor/camera/pose";
   wide.translation = wide.rotation = 50;
   near.steps[0].priors = {wide};
-  const CalibrationResult failing = restarted(near, {s}, 20);
-  CHECK(failing.restarts->failed > 0);
+  const Restarted failing = restarted(near, {s}, 20);
+  CHECK(failing.restarts.failed > 0);
 }

@@ -116,8 +116,7 @@ TEST_CASE("staging: its steps run and find the truth") {
   const std::vector<Sample> samples = samples_of(rig, {{"joint/j2/offset", -0.008}, {"joint/j3/offset", 0.01}}, 40, 6);
   const Staging s = *stage(rig, samples, {});
   rig.steps = s.steps;
-  Calibration calibration(rig, samples);
-  const CalibrationResult result = *calibration.run({});
+  const Solution result = calibrate(make_recording(rig, samples), {});
   CHECK(result.status == Status::converged);
   for (const ParameterEstimate& e : result.parameters) {
     if (e.name == "joint/j2/offset") CHECK(std::abs(e.value[0] + 0.008) < 4 * e.sigma[0]);
