@@ -17,7 +17,7 @@ import sys
 
 # ---------------------------------------------------------------------------------------------- the rules
 KINEMATICS, SOLVER = "kinematics", "solver"
-FLOORS = [["sensors", "joints"], ["rig"], ["estimation"], ["fitting"], ["calibration"], ["analysis"], ["doctor", "trials"], ["report"]]
+FLOORS = [["joints"], ["sensors"], ["rig"], ["estimation"], ["fitting"], ["calibration"], ["analysis"], ["doctor", "trials"], ["report"]]
 MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment"]
 
 
@@ -33,7 +33,7 @@ MAY_INCLUDE = {
     SOLVER: [],
     **{f"models/{room}": [KINEMATICS, SOLVER, *below(room)] for floor in FLOORS for room in floor},
     "models/simulation": [KINEMATICS, SOLVER, "models/sensors", "models/joints", "models/rig", "models/fitting"],
-    "models/bundle_adjustment": [SOLVER, "models/sensors"],
+    "models/bundle_adjustment": [KINEMATICS, SOLVER, "models/sensors"],
     "io/document": [KINEMATICS, *MODELS],
     "io/urdf": [KINEMATICS, *MODELS, "io/document"],
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-
 #include "../fitting/starts.h"
 #include "../sensors/tilting_laser.h"
 

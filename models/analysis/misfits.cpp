@@ -10,6 +10,7 @@
 #include "../rig/words.h"
 
 namespace kincal {
+
 Misfits misfits(const Solution& solution, const Residuals& residuals) {
   const Rig& rig = solution.rig();
   const auto sticks_out = [](double ratio, long count) { return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count)); };

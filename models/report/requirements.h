@@ -6,9 +6,6 @@
 
 namespace kincal {
 
-struct Validation;
-struct SensorResult;
-
 /// A tolerance. Sensor: rms as read, of the test split if it has points of the sensor, else cross-validated, else of training. Frame: rms
 /// of the predicted sigma over the samples' postures (without such over the joints' limits), of the calibration alone.
 struct Requirement {
@@ -31,9 +28,5 @@ struct Judgement {
 
 /// "sensor/tracker<0.2mm: 0.169 mm, held out", or why there is nothing to measure.
 std::string judgement_text(const Judgement& judgement);
-
-/// Measures what is required in `result` and its `validation`, whose frames must contain that of the requirement.
-Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
-                            double chi2, long dof);
 
 }  // namespace kincal

@@ -26,4 +26,8 @@ struct Validation {
   }
 };
 
+/// Measures what is required in `result` and its `validation`, whose frames must contain that of the requirement.
+Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
+                            double chi2, long dof);
+
 }  // namespace kincal

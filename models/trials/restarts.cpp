@@ -16,21 +16,29 @@ constexpr int kHalvings = 6;
 constexpr double kSameCost = 1e-6, kSameSigmas = 0.01;
 constexpr size_t kNamed = 10;
 
-/// Moves what a step frees and `moved` does not have yet, which it gets.
-void scatter(const ParameterTable& table, const VectorXd& initial_values, const StepPlan& plan, double share, Draws& draws, std::vector<std::vector<char>>& moved,
-             VectorXd& values) {
+/// How a restart moves its starts: by a share of the usual distances, each component once.
+struct Scatter {
+  double share = 1;
+  Draws draws;
+  std::vector<std::vector<char>> moved;  // by parameter and component
+};
+
+/// Moves what a step frees and `scatter` has not moved yet.
+void move_start(const Recording& recording, const StepPlan& plan, const VectorXd& initial_values, Scatter& scatter, VectorXd& values) {
+  const ParameterTable& table = recording.table;
   const VectorXd from = values;
   for (const Freed& f : plan.free) {
     const Parameter& p = table.all[f.parameter];
     VectorXd by = VectorXd::Zero(p.size());
-    moved[f.parameter].resize(p.size(), 0);
+    std::vector<char>& moved = scatter.moved[f.parameter];
+    moved.resize(p.size(), 0);
     for (int c : f.components) {
-      if (moved[f.parameter][c]) continue;
-      moved[f.parameter][c] = 1;
+      if (moved[c]) continue;
+      moved[c] = 1;
       double size = usual_error(table, {f.parameter, c}, from);
       for (const Prior& prior : plan.priors)
         if (prior.parameter == f.parameter && prior.component == c) size = prior.sigma;
-      by(c) = share * size * draws.normal();
+      by(c) = scatter.share * size * scatter.draws.normal();
     }
     if (!p.pose) {
       values.segment(p.start, p.size()) += by;
@@ -69,11 +77,11 @@ bool same(const Solution& a, const Solution& b) {
 Solution run_again(const Solution& solution, const CalibrationOptions& options, int n) {
   Solution end;
   for (int halving = 0; halving <= kHalvings; ++halving) {
-    Draws draws(static_cast<std::uint64_t>(n));
-    std::vector<std::vector<char>> moved(solution.table().all.size());
+    Scatter scatter{std::ldexp(1.0, -halving), Draws(static_cast<std::uint64_t>(n)), {}};
+    scatter.moved.resize(solution.table().all.size());
     StepVariations other;
     other.before_step = [&](const StepPlan& plan, const VectorXd& initial, VectorXd& values) {
-      scatter(solution.table(), initial, plan, std::ldexp(1.0, -halving), draws, moved, values);
+      move_start(*solution.recording, plan, initial, scatter, values);
     };
     CalibrationOptions named = options;
     if (options.progress)

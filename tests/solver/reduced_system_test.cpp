@@ -16,6 +16,7 @@
 
 using namespace kincal;
 using namespace kincal::fixture;
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 namespace {
 

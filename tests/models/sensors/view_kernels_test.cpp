@@ -17,6 +17,7 @@
 
 using namespace kincal;
 using namespace kincal::fixture;
+using Eigen::VectorXd;
 
 namespace {
 
