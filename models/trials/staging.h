@@ -56,7 +56,7 @@ struct Staging {
 };
 
 /// Chooses the steps of a rig without `estimate`, from training samples only. nullopt: cancelled.
-/// @throws std::invalid_argument where nothing can be freed; std::runtime_error as Calibration::run().
+/// @throws std::invalid_argument where nothing can be freed; std::runtime_error where a sample cannot start.
 std::optional<Staging> stage(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options);
 
 }  // namespace kincal
