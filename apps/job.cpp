@@ -40,7 +40,7 @@ std::string in_program_words(std::string message) {
     const size_t at = message.find(from);
     if (at != std::string::npos) message.replace(at, from.size(), to);
   };
-  for (const std::string option : {"free", "fix"}) {
+  for (const std::string option : {"free", "fix", "spread"}) {
     const size_t end = message.find(']');
     if (message.rfind(option + "[", 0) == 0 && end != std::string::npos) message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");

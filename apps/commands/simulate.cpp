@@ -44,7 +44,7 @@ int simulate(const SimulateArguments& a) {
   try {
     if (!spread.empty()) truth = draw_truth(table, spread, a.seed);
   } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, error.valid));
+    throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
   for (const Simulation::Dropped& d : simulation.dropped)

@@ -1,4 +1,4 @@
-// What hangs on single samples.
+// Influence of single samples on the estimate.
 //
 // With A_i, r_i the rows of sample i after the elimination of its private unknowns, C = W W' the covariance of all and B_i = A_i W, a
 // Newton step without the sample moves the parameters by

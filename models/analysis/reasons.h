@@ -1,4 +1,4 @@
-// Why the data hardly tell a direction, looked for in the model and not in names. With J_p d_p what parameter p does to the whitened
+// Why the data determine a direction weakly, looked for in the model and not in names. With J_p d_p what parameter p does to the whitened
 // residuals along the direction d:
 //   - |J_p d_p| = 0: nothing depends on it, or all that is seen lies on the axis about which it turns.
 //   - |sum J_p d_p| is small beside the parts: they cancel. Their motions of the target as seen from the sensor (finite differences of the
@@ -32,7 +32,7 @@ struct Effects {
 /// The effects of each direction, given as one coefficient a column of the scene's problem.
 std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& directions);
 
-/// A direction that the data hardly tell.
+/// A direction that the data determine weakly.
 struct WeakColumns {
   VectorXd coefficients;     // of all columns, real units
   std::vector<int> columns;  // those that are named, the one to hold first

@@ -1,4 +1,4 @@
-// What the data hardly tell, in words: weak directions, what trades off in them, why, and what would help.
+// What the data determine weakly or not at all, in words: weak directions, what trades off in them, why, and what would help.
 //
 // C is the covariance of the shared unknowns from the data alone: the last step's without its priors. Where C does not exist
 // (solver/observability.h: null directions) nothing but a prior decides. Of the rest, a component is weak if its sigma is above its
@@ -50,7 +50,7 @@ struct Explanation {
   std::string text() const;
 };
 
-/// Explains what the data of the last step hardly tell at its solution.
+/// Explains what the data of the last step determine weakly at its solution.
 Explanation explain(const Linearisation& at);
 
 }  // namespace kincal

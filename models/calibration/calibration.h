@@ -59,7 +59,8 @@ class Calibration {
   /// The solution of the last solve(), complete: estimates and covariance are those of its values.
   const Solution& last();
 
-  /// Puts other numbers (readings, measured numbers, sigmas) into a sample; without allocation. @throws std::invalid_argument: no such
+  /// Puts other numbers (readings, measured numbers, sigmas) into a sample; without allocation. Solutions of earlier solves keep their values,
+  /// but share this recording: analyses of them see the new numbers. @throws std::invalid_argument: no such
   /// sample, or it shows other views, points or numbers of sigmas than the one that it replaces.
   void replace(int slot, const Sample& sample);
 

@@ -7,8 +7,8 @@
 // other in the vector of values (models/rig/parameters.h), from its offset on. All else (columns of the Jacobian, starting values,
 // simulation, names of the parameters joint/NAME/...) follows from the functions below: nothing outside knows the formula.
 //
-// To add a model, derive from JointModel in a header here, give its numbers a row in the table of kinds in models/rig/parameters.cpp, and
-// name it where files name joint models (io/rig/types). Nothing here allocates but further().
+// To add a model, derive from JointModel in a header here and give it to the joint: JointSettings::model of models/rig/rig.h. Its further
+// numbers are parameters of kind joint_shape. (rig.yaml cannot name models yet.) Nothing here allocates but further().
 #pragma once
 
 #include <cmath>

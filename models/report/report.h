@@ -26,7 +26,7 @@ struct Warning {
   std::string id, text;
 };
 
-/// How --estimate-noise went.
+/// How the estimation of the noise went.
 struct NoiseRounds {
   int count = 0;       // calibrations that estimated the noise
   bool rests = false;  // the last of them moved no sigma by more than 1 %

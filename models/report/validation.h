@@ -14,7 +14,7 @@
 namespace kincal {
 
 struct Validation {
-  std::vector<std::string> held_out;  // blocks that --holdout took out of the training
+  std::vector<std::string> held_out;  // blocks that were taken out of the training
   std::vector<HeldOutError> test;
   std::optional<CrossValidation> cross_validation;
   std::vector<FrameReport> frames;

@@ -8,7 +8,7 @@
 // Folds. Blocks are sorted by what is seen in them (names of sensors, and of targets that are no placements) and, where that is the same, by
 // a hash of their names, and dealt like cards to the K folds; so every fold has its share of every kind, and neither the order nor the
 // number of other samples of the file plays a role. If all blocks of a sensor or of a target (placements aside) came into one fold, the first
-// of them is never held out, so that the fit always has something of it. Fold 0 is what --holdout K holds out.
+// of them is never held out, so that the fit always has something of it. Who holds out one fold only takes fold 0.
 #pragma once
 
 #include <string>

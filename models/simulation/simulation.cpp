@@ -80,7 +80,7 @@ VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spre
   for (const Spread& s : spread) {
     if (!(s.sigma >= 0 && std::isfinite(s.sigma)))
       throw std::invalid_argument("spread of '" + s.pattern + "': a number of at least 0 is expected");
-    const std::vector<Freed> found = table.find(s.pattern, "--spread");
+    const std::vector<Freed> found = table.find(s.pattern, "spread[" + std::to_string(&s - spread.data()) + "]");
     for (const Freed& f : found)
       for (int c : f.components) sigma[f.parameter][c] = s.sigma;
   }

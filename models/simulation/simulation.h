@@ -58,7 +58,7 @@ struct Spread {
 };
 
 /// The rig's values plus N(0, sigma), for poses as increments on the right, component by component in the table's order.
-/// @throws NameError (models/rig/parameters.h); std::invalid_argument where a value comes out improper.
+/// @throws NameError (models/rig/selection.h) beginning with "spread[N]", the place in `spread`; std::invalid_argument where a value comes out improper.
 VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed);
 
 /// Cameras and lasers look at boards (without any: at points), `point` sensors at points (without any: at boards), `pose` sensors at all.
