@@ -58,6 +58,23 @@ Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw) {
   return Matrix3d::Identity() + 2 * q(3) * k + 2 * (k * k);
 }
 
+// The quaternion of half the angle. Eigen's FromTwoVectors is the same but for opposite vectors, where it takes a singular value
+// decomposition whose compilation costs seconds in every source that uses it.
+Matrix3d rotation_between(const Vector3d& a, const Vector3d& b) {
+  const Vector3d from = a.normalized(), to = b.normalized();
+  const double cosine = to.dot(from);
+  if (cosine < -1 + 1e-12) {
+    const Vector3d axis = from.unitOrthogonal();
+    return 2 * axis * axis.transpose() - Matrix3d::Identity();
+  }
+  const Vector3d axis = from.cross(to);
+  const double s = std::sqrt((1 + cosine) * 2), inverse = 1 / s;
+  Eigen::Quaterniond out;
+  out.vec() = axis * inverse;
+  out.w() = s * 0.5;
+  return out.toRotationMatrix();
+}
+
 Vector3d log_so3(const Matrix3d& r) {
   const Eigen::Vector4d q = quaternion_from_rotation(r);
   const double n = q.head<3>().norm();

@@ -41,6 +41,8 @@ Matrix3d skew(const Vector3d& v);
 Matrix3d exp_so3(const Vector3d& w);
 /// exp_so3(angle * axis) of a unit axis, cheaper.
 Matrix3d rotation_about(const Vector3d& axis, double angle);
+/// The least rotation that turns a to the direction of b, both of any length but 0; where they are opposite, half a turn about an axis across a.
+Matrix3d rotation_between(const Vector3d& a, const Vector3d& b);
 /// Inverse of exp_so3 with |w| <= pi, through the quaternion: accurate near 0 and near pi.
 Vector3d log_so3(const Matrix3d& r);
 /// J_l with exp(w + d) = exp(J_l d) exp(w) to first order.

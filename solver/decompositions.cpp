@@ -2,7 +2,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 
@@ -10,6 +9,15 @@ namespace kincal {
 namespace {
 
 constexpr double kRank = 1e-9;  // singular value of a block with unit columns, relative
+
+template <class Svd>
+SingularValues parts_of(const Svd& svd) {
+  SingularValues out;
+  out.values = svd.singularValues();
+  if (svd.computeU()) out.u = svd.matrixU();
+  if (svd.computeV()) out.v = svd.matrixV();
+  return out;
+}
 
 }  // namespace
 
@@ -23,12 +31,11 @@ Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix) {
 }
 
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts) {
-  const Eigen::JacobiSVD<MatrixXd> svd(matrix, parts);
-  SingularValues out;
-  out.values = svd.singularValues();
-  if (svd.computeU()) out.u = svd.matrixU();
-  if (svd.computeV()) out.v = svd.matrixV();
-  return out;
+  return parts_of(Eigen::JacobiSVD<MatrixXd>(matrix, parts));
+}
+
+SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts) {
+  return parts_of(Eigen::BDCSVD<MatrixXd>(matrix, parts));
 }
 
 SingularValues3 singular_values(const Eigen::Matrix3d& matrix) {
@@ -43,10 +50,6 @@ SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix) {
 
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b) { return a.colPivHouseholderQr().solve(b); }
 
-Eigen::Vector3d least_squares(const Eigen::Matrix<double, Eigen::Dynamic, 3>& a, const VectorXd& b) {
-  return a.colPivHouseholderQr().solve(b);
-}
-
 bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x) {
   Eigen::ColPivHouseholderQR<MatrixXd> qr(a);
   qr.setThreshold(threshold);
@@ -55,15 +58,11 @@ bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, Vecto
   return true;
 }
 
-VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b) { return a.completeOrthogonalDecomposition().solve(b); }
-
-struct PseudoInverse::Parts {
-  Eigen::CompleteOrthogonalDecomposition<MatrixXd> decomposition;
-};
-PseudoInverse::PseudoInverse(const MatrixXd& a) : parts_(new Parts{Eigen::CompleteOrthogonalDecomposition<MatrixXd>(a)}) {}
-PseudoInverse::~PseudoInverse() = default;
-long PseudoInverse::rank() const { return parts_->decomposition.rank(); }
-VectorXd PseudoInverse::solve(const VectorXd& b) const { return parts_->decomposition.solve(b); }
+VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b, long* rank) {
+  const Eigen::JacobiSVD<MatrixXd> svd(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  if (rank) *rank = svd.rank();
+  return svd.solve(b);
+}
 
 struct Cholesky::Parts {
   Eigen::LLT<MatrixXd> llt;
@@ -76,9 +75,7 @@ VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b);
 
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
 
-MatrixXd divide_by_symmetric(const MatrixXd& b, const MatrixXd& a) { return a.ldlt().solve(b.transpose()).transpose(); }
-
-MatrixXd inverse_of(const MatrixXd& a) { return a.inverse(); }
+MatrixXd inverse_of_symmetric(const MatrixXd& a) { return solve_symmetric(a, MatrixXd::Identity(a.rows(), a.cols())); }
 
 void triangularise(Eigen::Ref<MatrixXd> rows) { Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows); }
 

@@ -24,6 +24,8 @@ struct SingularValues {
   MatrixXd u, v;
 };
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
+/// The same by dividing and conquering: much faster from some 50 columns on.
+SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts);
 /// The same with all of U and V.
 struct SingularValues3 {
   Eigen::Vector3d values;
@@ -38,23 +40,10 @@ SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix);
 
 /// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come last get 0.
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b);
-Eigen::Vector3d least_squares(const Eigen::Matrix<double, Eigen::Dynamic, 3>& a, const VectorXd& b);
 /// The same; false, x unchanged, where a pivot is at most `threshold` of the largest.
 bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x);
-/// Of all x with the least |a x - b|^2 the shortest, by a complete orthogonal decomposition.
-VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b);
-/// The same for squares a of which the pseudo-inverse is wanted: solve() and rank.
-class PseudoInverse {
- public:
-  explicit PseudoInverse(const MatrixXd& a);
-  ~PseudoInverse();
-  long rank() const;
-  VectorXd solve(const VectorXd& b) const;
-
- private:
-  struct Parts;
-  std::unique_ptr<Parts> parts_;
-};
+/// Of all x with the least |a x - b|^2 the shortest, by singular values; `rank`, if given, of a.
+VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b, long* rank = nullptr);
 
 /// Cholesky factorisation L L' of a symmetric matrix.
 class Cholesky {
@@ -72,10 +61,8 @@ class Cholesky {
 };
 /// a x = b for symmetric a, by L D L' with pivoting.
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
-/// b a^-1, likewise.
-MatrixXd divide_by_symmetric(const MatrixXd& b, const MatrixXd& a);
-/// By LU with partial pivoting.
-MatrixXd inverse_of(const MatrixXd& a);
+/// a^-1 for symmetric a, likewise.
+MatrixXd inverse_of_symmetric(const MatrixXd& a);
 
 /// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the number of columns are left undefined, as is
 /// what is below the diagonal.

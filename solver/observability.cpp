@@ -1,6 +1,5 @@
 #include "observability.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
@@ -74,8 +73,7 @@ void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauge
   for (size_t j = 0; j < null.size(); ++j) space.col(j) = vectors.col(null[j]);
   for (int i = 0; i < n; ++i)
     if (scale(i) == 0) space.row(i).setZero();
-  const Eigen::BDCSVD<MatrixXd> range(space, Eigen::ComputeThinU);
-  MatrixXd basis = range.matrixU().leftCols(gauges);
+  MatrixXd basis = large_singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
   separate(basis);
   for (int j = 0; j < gauges; ++j) {
     Eigen::Index largest;
@@ -127,16 +125,16 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
       add_null(out, VectorXd::Unit(n, i));
     }
   }
-  const Eigen::BDCSVD<MatrixXd> svd(r, Eigen::ComputeFullV);
+  const SingularValues svd = large_singular_values(r, Eigen::ComputeFullV);
   VectorXd eigenvalue = VectorXd::Zero(n);
-  eigenvalue.head(svd.singularValues().size()) = svd.singularValues().cwiseAbs2();
+  eigenvalue.head(svd.values.size()) = svd.values.cwiseAbs2();
   std::vector<int> null;  // right singular vectors without information, those of dead columns aside
   for (int i = 0; i < n; ++i) {
-    const VectorXd v = svd.matrixV().col(i);
+    const VectorXd v = svd.v.col(i);
     if (eigenvalue(i) > kNullEigenvalue * eigenvalue(0)) {
       const VectorXd scaled = v.cwiseProduct(scale);
       out.covariance.noalias() += scaled / eigenvalue(i) * scaled.transpose();
-      out.root.col(i) = scaled / svd.singularValues()(i);
+      out.root.col(i) = scaled / svd.values(i);
       ++out.rank;
     } else {
       null.push_back(i);
@@ -144,7 +142,7 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
   }
   // The null space of the scaled columns contains a unit vector for every dead one; what is orthogonal to these are gauges.
   const int gauges = static_cast<int>(null.size()) - (n - alive);
-  if (gauges > 0) add_gauges(svd.matrixV(), null, gauges, scale, out);
+  if (gauges > 0) add_gauges(svd.v, null, gauges, scale, out);
   return out;
 }
 

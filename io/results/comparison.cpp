@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 
+#include "../../models/rig/numbers.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../rig/samples_file.h"
@@ -13,8 +13,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kSame = 1e-9;  // written numbers carry 17 digits; angles go through roll, pitch, yaw
+constexpr double kEqual = 1e-9;  // written numbers carry 17 digits; angles go through roll, pitch, yaw
 constexpr int kPostures = 1000;
 constexpr std::uint64_t kSeed = 1;
 
@@ -47,7 +46,7 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
     if (s.links[j.parent] != t.links[k.parent] || s.links[j.child] != t.links[k.child])
       refuse("joint '" + j.name + "' is between '" + s.links[j.parent] + "' and '" + s.links[j.child] + "' in one, between '" +
              t.links[k.parent] + "' and '" + t.links[k.child] + "' in the other");
-    if (j.type != k.type || (j.moves() && (j.axis - k.axis).norm() > kSame))
+    if (j.type != k.type || (j.moves() && (j.axis - k.axis).norm() > kEqual))
       refuse("joint '" + j.name + "' is " + motion_of(j) + " in one, " + motion_of(k) + " in the other");
     const bool mimics = j.mimic && k.mimic && s.joints[j.mimic->master].name == t.joints[k.mimic->master].name &&
                         j.mimic->multiplier == k.mimic->multiplier && j.mimic->offset == k.mimic->offset;
@@ -78,7 +77,7 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
     const Vector3d turned = log_so3(e.rotation);
     for (const Vector3d& part : {e.translation, turned})
       for (int i = 0; i < 3; ++i) out.difference.push_back(part(i));
-    largest = std::max(e.translation.norm(), turned.norm()) / kSame;
+    largest = std::max(e.translation.norm(), turned.norm()) / kEqual;
   } else {
     for (int c = 0; c < in_a.size(); ++c) {
       out.a.push_back(a.values(in_a.start + c));

@@ -1,9 +1,9 @@
 #include "read_calibrated.h"
 
 #include <filesystem>
-#include <limits>
 #include <utility>
 
+#include "../../models/rig/numbers.h"
 #include "../document/files.h"
 #include "../document/json.h"
 #include "csv.h"
@@ -12,8 +12,7 @@ namespace kincal {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kSame = 1e-9;  // m: written numbers carry 17 digits
+constexpr double kSameOrigin = 1e-9;  // m: written numbers carry 17 digits
 
 /// A list of numbers and nulls.
 std::vector<double> numbers_or_null(const Field& field) {
@@ -45,7 +44,7 @@ void unfold(const Field& result, CalibratedFiles& out) {
     const std::string& name = joints.node->members[i].first;
     const int j = tree.find_joint(name);
     const std::vector<double> xyz = joints[name]["new"]["xyz"].vector(3);
-    if (j < 0 || (origins[j].translation - Eigen::Map<const Vector3d>(xyz.data())).norm() > kSame)
+    if (j < 0 || (origins[j].translation - Eigen::Map<const Vector3d>(xyz.data())).norm() > kSameOrigin)
       throw InputError(joints[name].where() + ": is not that of " + out.rig_file.urdf.path + ": this result.json belongs to another robot");
     offsets[j] = joints[name]["offset"].number();
     back[j] = -offsets[j];

@@ -184,7 +184,7 @@ void add_pivots(const SharedColumns& columns, const MatrixXd& covariance, const 
   MatrixXd columns_of(n, k), among(k, k);
   for (int a = 0; a < k; ++a) columns_of.col(a) = covariance.col(pivots[a]);
   for (int a = 0; a < k; ++a) among.row(a) = columns_of.row(pivots[a]);
-  const MatrixXd regression = divide_by_symmetric(columns_of, among);
+  const MatrixXd regression = solve_symmetric(among, columns_of.transpose()).transpose();
   for (int a = 0; a < k; ++a)
     found.add(columns, regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])), columns.sigma(pivots[a]));
 }

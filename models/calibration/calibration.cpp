@@ -10,6 +10,13 @@
 #include "../rig/numbers.h"
 
 namespace kincal {
+
+/// A solution and the solver of its last step, which a later solve() takes up again.
+struct CalibrationRun {
+  Solution solution;
+  std::unique_ptr<LevenbergMarquardt> solver;
+};
+
 namespace {
 
 /// How an undefined start or a cancellation ends a calibration.
@@ -119,12 +126,7 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
 }
 
 /// A solution, and the solver of its last step, to be used again.
-struct Run {
-  Solution solution;
-  std::unique_ptr<LevenbergMarquardt> solver;
-};
-
-void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options, const StepVariations& variations, Run& run) {
+void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options, const StepVariations& variations, CalibrationRun& run) {
   Solution& solution = run.solution;
   start_absent_poses(plans, solution);
   if (variations.start) solution.values.shared = *variations.start;
@@ -161,9 +163,9 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
   }
 }
 
-Run run(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options, const StepVariations& variations) {
+CalibrationRun run(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options, const StepVariations& variations) {
   const std::vector<StepPlan> plans = resolve_steps(*recording, options);
-  Run out;
+  CalibrationRun out;
   out.solution.recording = recording;
   out.solution.noise = options.noise;
   out.solution.initial = out.solution.values.shared = recording->table.initial;
@@ -196,7 +198,7 @@ struct Calibration::Parts {
   std::shared_ptr<Recording> recording;
   CalibrationOptions options;
   bool solved = false;
-  Run run;
+  CalibrationRun run;
   std::shared_ptr<LastProblem> last;  // taken out of the solution, whose copies must not see later solves
 };
 

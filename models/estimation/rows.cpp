@@ -11,6 +11,9 @@
 namespace kincal {
 namespace {
 
+/// Matrices of one size for the compiler: every other size of Eigen's LU is compiled anew.
+SmallMatrix inverse_of_small(const SmallMatrix& m) { return m.inverse(); }
+
 SmallMatrix inverse_square_root(const SmallMatrix& c) {
   const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
   SmallMatrix scaled = eigen.eigenvectors();
@@ -199,7 +202,7 @@ void Rows::prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow
   row.parameter = prior.parameter;
   if (p.pose) {
     if (!same) row.log = log_se3(inverse(get_pose(layout_.initial(), p.start)) * get_pose(state, p.start));
-    if (!same && derivatives && whole) row.inverse_jacobian = right_jacobian_se3(row.log).inverse();
+    if (!same && derivatives && whole) row.inverse_jacobian = inverse_of_small(right_jacobian_se3(row.log));
     row.r = row.log(prior.component) / prior.sigma;
   } else {
     row.r = (state(p.start + prior.component) - layout_.initial()(p.start + prior.component)) / prior.sigma;
@@ -250,7 +253,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
         if (b.rows() == 3 && b.cols() == 3)
           root = sigma.cwiseInverse().asDiagonal() * Matrix3d(Matrix3d(b).inverse());
         else
-          root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * SmallMatrix(b.inverse()))
+          root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
                                       : inverse_square_root(covariance_of(b, sigma));
       }
       if (!joints) continue;

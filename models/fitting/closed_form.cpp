@@ -74,7 +74,7 @@ Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
     if (a.cols() >= 3)
       out.rotation = nearest_rotation(db * da.transpose());
     else if (da.col(0).norm() > 0 && db.col(0).norm() > 0)
-      out.rotation = Eigen::Quaterniond::FromTwoVectors(da.col(0), db.col(0)).toRotationMatrix();
+      out.rotation = rotation_between(da.col(0), db.col(0));
   }
   out.translation = cb - out.rotation * ca;
   return out;
@@ -186,7 +186,7 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
     r.col(2) = r.col(0).cross(r.col(1)) / std::max(r.col(0).norm(), 1e-12);
   r = nearest_rotation(r);
   for (Eigen::Index i = 0; i < n; ++i) right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
-  const Vector3d t = least_squares(Eigen::Matrix<double, Eigen::Dynamic, 3>(a.rightCols<3>()), right);
+  const Vector3d t = least_squares(MatrixXd(a.rightCols<3>()), right);
   frame_T_target.rotation = r * axes.transpose();
   frame_T_target.translation = t - frame_T_target.rotation * mean;
   return true;

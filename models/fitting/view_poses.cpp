@@ -36,7 +36,7 @@ std::vector<bool> directions(const Sensor& sensor, const double* parameters, con
       rows.setZero();
       Eigen::Ref<RowMatrix> l(rows);
       if (!sensor.model->evaluate(in, columns, r.data(), &l)) break;
-      const Eigen::Vector2d step_p = (rows.leftCols<2>() * kFar).inverse() * r;
+      const Eigen::Vector2d step_p = Eigen::Matrix2d(rows.leftCols<2>() * kFar).inverse() * r;
       if (!step_p.allFinite()) break;
       p -= step_p;
       if (p.norm() > 50) p *= 50 / p.norm();

@@ -263,7 +263,7 @@ Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) con
   Pose sensor_T_target;
   if (image || scans) {
     const double about = draws.uniform(-kPi, kPi), tilt = draws.uniform(0, kPi / 4), turn = draws.uniform(-kPi, kPi);
-    const Matrix3d facing = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), ahead).toRotationMatrix();
+    const Matrix3d facing = rotation_between(Vector3d::UnitZ(), ahead);
     sensor_T_target.rotation = facing * exp_so3(tilt * Vector3d(std::cos(about), std::sin(about), 0)) * exp_so3(turn * Vector3d::UnitZ());
     if (t.y_up) sensor_T_target.rotation *= exp_so3(kPi * Vector3d::UnitX());
   } else {

@@ -134,7 +134,7 @@ struct Choice {
 Choice choose(const std::vector<Near>& near, const WeightedSums& sums, double bandwidth) {
   Choice out;
   out.bandwidth = bandwidth;
-  const MatrixXd inverse = inverse_of(regular(sums.w, std::pow(10, -2 * kWidest)));
+  const MatrixXd inverse = inverse_of_symmetric(regular(sums.w, std::pow(10, -2 * kWidest)));
   const VectorXd offsets = inverse * sums.g;
   double scatter = 0;
   for (const Near& n : near) scatter += weight(n.distance, bandwidth) * chi2(n, offsets);
@@ -192,7 +192,7 @@ VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, doubl
       if (w == 0) continue;
       MatrixXd a = precision * (n.f.transpose() * n.f);
       a.diagonal() += out.cwiseInverse();
-      const MatrixXd covariance = inverse_of(a);
+      const MatrixXd covariance = inverse_of_symmetric(a);
       const VectorXd mean = precision * (covariance * (n.f.transpose() * (n.z - n.f * offsets)));
       next += w * (mean.cwiseAbs2() + covariance.diagonal());
     }
@@ -353,10 +353,11 @@ LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, doub
     const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
     if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
   }
-  const PseudoInverse b(sums.b);
-  const double rank = static_cast<double>(b.rank());
+  long determined = 0;
+  const VectorXd solved = shortest_least_squares(sums.b, sums.g, &determined);
+  const double rank = static_cast<double>(determined);
   if (choice.freedom > 0)
-    out.significance = normal_of_f(sums.g.dot(b.solve(sums.g)) / rank / (choice.noise * choice.noise), rank, choice.freedom);
+    out.significance = normal_of_f(sums.g.dot(solved) / rank / (choice.noise * choice.noise), rank, choice.freedom);
   out.gain = out.samples > 0 && out.significance > kSignificance && best >= kClaim * left_out.standard_error(out.samples);
   if (out.gain) {
     out.radius = near[out.samples - 1].distance;
@@ -382,7 +383,7 @@ void set_offsets(const std::vector<Near>& near, const Estimate& estimate, std::v
     const MatrixXd gram = n.f.transpose() * n.f;
     middle += w * w * (gram * varies.asDiagonal() * gram);
   }
-  const MatrixXd inverse = inverse_of(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
+  const MatrixXd inverse = inverse_of_symmetric(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
   for (Eigen::Index j = 0; j < p; ++j) {
     offsets[j].offset = estimate.offsets(j);
     offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
