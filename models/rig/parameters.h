@@ -74,7 +74,7 @@ struct ParameterTable {
   /// Returns what a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact names go before globs. It is empty where
   /// nothing is found.
   std::vector<Freed> select(const std::string& pattern) const;
-  /// Returns the same, but never nothing. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
+  /// Returns the same where something is found. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
   /// geometry/BASE..TIP is not written so, has nothing to free, or a floating or planar joint on its path.
   std::vector<Freed> find(const std::string& pattern, const std::string& where) const;
   /// Returns whether this is the name of a whole parameter or of one component, and no glob.
