@@ -42,7 +42,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   const Rig& rig = recording.rig;
   const std::string where = "--require '" + text + "': ";
   const size_t less = text.find('<');
-  const std::string what = trimmed(text.substr(0, less)), limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
+  const std::string quantity = trimmed(text.substr(0, less)), limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
   const size_t digits = std::min(limit.find_first_not_of("0123456789.+-eE"), limit.size());
   Requirement requirement;
   requirement.text = text;
@@ -50,7 +50,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   const auto malformed = [&] {
     return InputError(where + "QUANTITY<LIMIT is expected: sensor/NAME<0.2mm, frame/LINK<0.5mm or chi2/dof<1.5");
   };
-  if (less == std::string::npos || what.empty()) throw malformed();
+  if (less == std::string::npos || quantity.empty()) throw malformed();
   Node number;
   number.kind = Node::Kind::scalar;
   number.text = limit.substr(0, digits);
@@ -61,7 +61,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   }
   const std::string unit_names = units_of({"px", "m", "rad"});
   const auto unit = kUnits.find(requirement.unit);
-  if (what != "chi2/dof" && unit == kUnits.end())
+  if (quantity != "chi2/dof" && unit == kUnits.end())
     throw InputError(where + (requirement.unit.empty() ? "a unit is missing behind the limit" : "unknown unit '" + requirement.unit + "'") +
                      "; valid: " + unit_names);
   // `kinds`: m, rad, px that the quantity can have.
@@ -74,19 +74,19 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
 
   std::vector<Requirement> out;
   const double given = requirement.limit;
-  if (what == "chi2/dof") {
+  if (quantity == "chi2/dof") {
     if (!requirement.unit.empty()) throw InputError(where + "chi2/dof has no unit");
     requirement.quantity = Requirement::Quantity::chi2_per_dof;
     out.push_back(requirement);
-  } else if (what.rfind("frame/", 0) == 0) {
+  } else if (quantity.rfind("frame/", 0) == 0) {
     requirement.quantity = Requirement::Quantity::frame;
-    requirement.name = what.substr(6);
+    requirement.name = quantity.substr(6);
     frame_named(rig, recording.table, requirement.name, where.substr(0, where.size() - 2));
     take_unit("a frame", {"m", "rad"});
     requirement.limit = given * requirement.factor;
     out.push_back(requirement);
-  } else if (what.rfind("sensor/", 0) == 0) {
-    const std::string pattern = what.substr(7);
+  } else if (quantity.rfind("sensor/", 0) == 0) {
+    const std::string pattern = quantity.substr(7);
     std::vector<std::string> names;
     for (const Sensor& s : rig.sensors) names.push_back(s.name);
     const bool plain = std::count(names.begin(), names.end(), pattern) > 0;
@@ -94,7 +94,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
       if (plain ? names[s] != pattern : fnmatch(pattern.c_str(), names[s].c_str(), FNM_NOESCAPE) != 0) continue;
       const SensorModel& model = *rig.sensors[s].model;
       std::vector<std::string> kinds = {model.unit()};
-      if (model.whole_pose()) kinds.push_back("rad");
+      if (model.measures_pose()) kinds.push_back("rad");
       requirement.name = names[s];
       take_unit("sensor '" + names[s] + "'", kinds);
       requirement.limit = given * requirement.factor;

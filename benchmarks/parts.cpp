@@ -68,7 +68,7 @@ void view(benchmark::State& bench, const SensorModel& model, const std::vector<P
   std::vector<double> own, z;
   for (int i = 0; i < board.count(); ++i) ids.push_back(i);
   for (const ParameterBlock& b : blocks) own.insert(own.end(), b.values.begin(), b.values.end());
-  if (model.whole_pose()) {
+  if (model.measures_pose()) {
     z = {0.01, 0, 1, 0, 0, 0, 1};
   } else {
     for (int i = 0; i < count * model.numbers(); ++i) z.push_back(random.uniform(0.1, 1));

@@ -15,12 +15,17 @@
 
 namespace kincal {
 
+// The names of Eigen that models, io and apps use without its namespace. The solver, which includes no kinematics,
+// declares its own in problem.h.
 using Eigen::Matrix3d;
+using Eigen::Matrix3Xd;
+using Eigen::MatrixXd;
 using Eigen::Vector3d;
+using Eigen::VectorXd;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-/// A rigid motion a_T_b: rotation (3 x 3, orthonormal) and translation (m).
+/// A Pose is a rigid motion a_T_b: rotation (3 x 3, orthonormal) and translation (m).
 struct Pose {
   Matrix3d rotation = Matrix3d::Identity();
   Vector3d translation = Vector3d::Zero();
@@ -34,42 +39,42 @@ inline Pose inverse(const Pose& a) {
   return {a.rotation.transpose(), -(a.rotation.transpose() * a.translation)};
 }
 
-/// [v]x with [v]x u = v x u.
+/// Returns [v]x, with which [v]x u = v x u.
 Matrix3d skew(const Vector3d& v);
 
-/// Rotation of |w| radians about w (Rodrigues); exact to rounding for every length, 0 included.
+/// Returns the rotation of |w| radians about w (Rodrigues); it is exact to rounding for every length, 0 included.
 Matrix3d exp_so3(const Vector3d& w);
-/// exp_so3(angle * axis) of a unit axis, cheaper.
+/// Returns exp_so3(angle * axis) of a unit axis, and is cheaper.
 Matrix3d rotation_about(const Vector3d& axis, double angle);
-/// The least rotation that turns a to the direction of b, both of any length but 0; where they are opposite, half a turn about an axis across a.
+/// Returns the least rotation that turns a to the direction of b, both of any length but 0; where they are opposite, half a turn
+/// about an axis across a.
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b);
-/// Inverse of exp_so3 with |w| <= pi, through the quaternion: accurate near 0 and near pi.
+/// Inverts exp_so3 with |w| <= pi, through the quaternion: it is accurate near 0 and near pi.
 Vector3d log_so3(const Matrix3d& r);
-/// J_l with exp(w + d) = exp(J_l d) exp(w) to first order.
+/// Returns J_l, with which exp(w + d) = exp(J_l d) exp(w) to first order.
 Matrix3d left_jacobian_so3(const Vector3d& w);
-/// Inverse of left_jacobian_so3 for |w| < 2 pi.
+/// Returns the inverse of left_jacobian_so3 for |w| < 2 pi.
 Matrix3d inverse_left_jacobian_so3(const Vector3d& w);
 
-/// exp of SE(3): rotation exp(w), translation J_l(w) v.
+/// Returns the exp of SE(3): rotation exp(w), translation J_l(w) v.
 Pose exp_se3(const Vector6d& xi);
-/// Inverse of exp_se3; rotation part within pi.
+/// Inverts exp_se3; the rotation part is within pi.
 Vector6d log_se3(const Pose& t);
-/// J_r with exp(xi + d) = exp(xi) exp(J_r d) to first order; series in the small adjoint, converges for every xi.
+/// Returns J_r, with which exp(xi + d) = exp(xi) exp(J_r d) to first order, as a series in the small adjoint that converges for every xi.
 Matrix6d right_jacobian_se3(const Vector6d& xi);
 
-/// Ad_T: the twist xi of frame b, given in b, seen from a:  T exp(xi) T^-1 = exp(Ad_T xi).
+/// Returns Ad_T, which turns the twist xi of frame b, given in b, into the same seen from a:  T exp(xi) T^-1 = exp(Ad_T xi).
 Matrix6d adjoint(const Pose& a_T_b);
 
-/// URDF's fixed-axis roll, pitch, yaw:  R = Rz(yaw) Ry(pitch) Rx(roll).
+/// Returns the rotation of URDF's fixed-axis roll, pitch, yaw:  R = Rz(yaw) Ry(pitch) Rx(roll).
 Matrix3d rotation_from_rpy(const Vector3d& rpy);
-/// Inverse of rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles
-/// reproduce the rotation to rounding at and near pitch = +-90 degrees too, where two separate
-/// arctangents lose up to 1e-7 rad.
+/// Inverts rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles reproduce the rotation to rounding at and
+/// near pitch = +-90 degrees too, where two separate arctangents lose up to 1e-7 rad.
 Vector3d rpy_from_rotation(const Matrix3d& r);
 
-/// (x, y, z, w), w >= 0, by the largest component: accurate for every rotation.
+/// Returns (x, y, z, w), w >= 0. It starts from the largest component and is accurate for every rotation.
 Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r);
-/// From (x, y, z, w) of any positive length.
+/// Returns the rotation of a quaternion (x, y, z, w) of any positive length.
 Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw);
 
 }  // namespace kincal

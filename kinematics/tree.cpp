@@ -41,7 +41,7 @@ void finish_tree(Tree& tree) {
       ++root_count;
       roots += (roots.empty() ? "'" : ", '") + tree.links[l] + "'";
     }
-  for (int l = 0; l < links; ++l) {  // every way up must end at a root after at most `links` steps
+  for (int l = 0; l < links; ++l) {  // every walk up must end at a root after at most `links` steps
     int at = l, steps = 0;
     while (tree.joint_above[at] >= 0 && steps <= links) at = tree.joints[tree.joint_above[at]].parent, ++steps;
     if (steps > links) throw std::invalid_argument("the joints above link '" + tree.links[l] + "' form a loop");

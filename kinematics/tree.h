@@ -40,22 +40,22 @@ struct Joint {
   std::optional<Mimic> mimic;
   double lower = 0, upper = 0;            // limits, rad or m; lower == upper: none given
 
-  /// One degree of freedom that this module can walk.
+  /// True if the joint has one degree of freedom, which this module can walk.
   bool moves() const {
     return type == JointType::revolute || type == JointType::continuous || type == JointType::prismatic;
   }
-  /// Moves and has a reading (so: an offset, a scale and a noise) of its own.
+  /// True if the joint moves and has a reading of its own (and so an offset, a scale and a noise).
   bool has_reading() const { return moves() && !mimic; }
 };
 
-/// Topology and nominal geometry; immutable once made.
+/// A Tree is the topology and nominal geometry of a robot; it does not change once it is made.
 struct Tree {
   std::vector<std::string> links;
   std::vector<Joint> joints;
   std::vector<int> joint_above;           // per link: the joint whose child it is, -1 for the root
   int root = -1;                          // link index
 
-  /// Index by name, -1 if there is none.
+  /// Both return an index by name, -1 if there is none.
   int find_link(const std::string& name) const;
   int find_joint(const std::string& name) const;
 };
@@ -65,15 +65,15 @@ struct Tree {
 ///         (also one detached from the root); a mimic loop.
 void finish_tree(Tree& tree);
 
-/// The joint with a reading behind a joint that may mimic others:  position(joint) = factor * position(driver) + offset.
-/// Itself, 1 and 0 if it mimics nothing.
+/// A Driver is the joint with a reading behind a joint that may mimic others:  position(joint) = factor * position(driver) + offset. A
+/// joint that mimics nothing is its own driver, with 1 and 0.
 struct Driver {
   int joint;
   double factor, offset;
 };
 Driver driver(const Tree& tree, int joint);
 
-/// Positions of all joints from those of joints with a reading: followers are filled in. `positions` has one entry a joint.
+/// Fills in the positions of the followers from those of the joints with a reading. `positions` has one entry a joint.
 void follow_mimics(const Tree& tree, std::vector<double>& positions);
 
 struct PathStep {
@@ -82,29 +82,28 @@ struct PathStep {
 };
 using Path = std::vector<PathStep>;
 
-/// Joints met on the way from link `from` to link `to`; those above the common ancestor are not among them.
-/// @throws std::invalid_argument if a floating or planar joint lies on the way.
+/// Returns the joints on the path from link `from` to link `to`; those above the common ancestor are not among them.
+/// @throws std::invalid_argument if a floating or planar joint lies on the path.
 Path find_path(const Tree& tree, int from, int to);
 
-/// Positions that a joint may be asked to take: its limits; without such, and of continuous joints, +-pi or +-0.5 m.
+/// Returns the range of positions that a joint may be asked to take: its limits; without such, and of continuous joints, +-pi or +-0.5 m.
 std::pair<double, double> usual_range(const Joint& joint);
 
-/// Motion of a joint at a position (rad or m); identity for joints that do not move.
+/// Returns the motion of a joint at a position (rad or m); it is the identity for joints that do not move.
 Pose joint_motion(const Joint& joint, double position);
 
-/// Walks one step: from a_T_here (in front of the step) to a_T_there; a_T_joint is the joint's frame before its motion.
-inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_here, Pose& a_T_joint,
-                 Pose& a_T_there) {
+/// Walks one step of a path, from a_T_from (in front of it) to a_T_to; a_T_joint is the joint's frame before its motion.
+inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_from, Pose& a_T_joint, Pose& a_T_to) {
   if (step.direction > 0) {
-    a_T_joint = a_T_here * origin;
-    a_T_there = a_T_joint * motion;
+    a_T_joint = a_T_from * origin;
+    a_T_to = a_T_joint * motion;
   } else {
-    a_T_joint = a_T_here * inverse(motion);
-    a_T_there = a_T_joint * inverse(origin);
+    a_T_joint = a_T_from * inverse(motion);
+    a_T_to = a_T_joint * inverse(origin);
   }
 }
 
-/// Twist [v | w], seen from a, of everything behind a joint per unit of its position; see the head of this file.
+/// Returns the twist [v | w], seen from a, of everything behind a joint per unit of its position; see the head of this file.
 inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_T_joint) {
   Vector6d twist;
   const Vector3d axis = direction * (a_T_joint.rotation * joint.axis);
@@ -115,13 +114,13 @@ inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_
   return twist;
 }
 
-/// root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a joint.
-/// Floating and planar joints are taken at their origin.
+/// Returns root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a joint. Floating and planar joints are
+/// taken at their origin.
 std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions);
 
 /// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a joint whose offset is d gets
 /// motion(axis, multiplier * d) in its own origin (through chains of mimics the product of multipliers).
-/// `origins`, `offsets`: one entry a joint.
+/// `origins` and `offsets` have one entry a joint.
 std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets);
 
 }  // namespace kincal

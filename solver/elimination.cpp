@@ -50,7 +50,7 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     rows += groups[g].rows;
   }
   if (!ranges) {
-    // Not filled: who works on a group touches its memory first.
+    // They are not filled: the thread that works on a group touches its memory first.
     group_rows.reset(new double[rows_size + kSlack]);
     group_factors.reset(new double[factor_size + kSlack]);
   }
@@ -146,19 +146,20 @@ bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
   return defined && std::isfinite(cost.doubled);
 }
 
-Arrowhead::Room Arrowhead::room(size_t g, int first, int worker) {
+Arrowhead::GroupArrays Arrowhead::arrays_of(size_t g, int first, int worker) {
   Worker& w = workers[worker];
-  return ranges ? Room{w.rows.data() + (stores[g].rows - stores[first].rows), w.factor.data() + (stores[g].factor - stores[first].factor)}
-                : Room{group_rows.get() + stores[g].rows, group_factors.get() + stores[g].factor};
+  return ranges ? GroupArrays{w.rows.data() + (stores[g].rows - stores[first].rows),
+                              w.factor.data() + (stores[g].factor - stores[first].factor)}
+                : GroupArrays{group_rows.get() + stores[g].rows, group_factors.get() + stores[g].factor};
 }
 
-/// Equations of groups first .. last - 1 (of one range): rows to their room, C and b to the worker's.
+/// Equations of groups first .. last - 1 (of one range): rows to their arrays, C and b to the worker's.
 bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
   Worker& w = workers[worker];
   if (ranges) ranges->prepare_range(first, last, state, worker);
   for (int g = first; g < last; ++g) {
     const int k = groups[g].private_size;
-    double* rows_of_group = room(g, first, worker).rows;
+    double* rows_of_group = arrays_of(g, first, worker).rows;
     std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
     GroupEquations to{rows_of_group, stride(g), w.shared.data(), system.origin(), groups[g].columns.data(), w.gradient.data()};
     const bool local = !system.dense() && !ranges;
@@ -184,7 +185,7 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
 }
 
 /// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not positive definite to rounding.
-bool Arrowhead::factor_private(size_t g, const Room& at, int width, double lambda) {
+bool Arrowhead::factor_private(size_t g, const GroupArrays& at, int width, double lambda) {
   const int k = groups[g].private_size, ld = k + kSlack;
   for (int j = 0; j < k; ++j)
     for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
@@ -196,7 +197,7 @@ bool Arrowhead::factor_private(size_t g, const Room& at, int width, double lambd
 }
 
 /// Eliminates the private unknowns of a group into the piece.
-bool Arrowhead::eliminate_group(size_t g, const Room& at, double lambda, int worker, int& stacked) {
+bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
   if (k == 0) return true;
   if (!factor_private(g, at, width, lambda)) return false;
@@ -256,7 +257,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
       const int last = std::min(p.last, first + RangeProblem::kRange);
       if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
       for (int g = first; g < last && p.defined; ++g) {
-        const Room at = room(g, first, worker);
+        const GroupArrays at = arrays_of(g, first, worker);
         if (linearise)
           for (int i = 0; i < groups[g].private_size; ++i) {
             const int place = stores[g].private_start + i;
@@ -322,7 +323,7 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
     for (int first = p.first; first < p.last; first += RangeProblem::kRange) {
       const int last = std::min(p.last, first + RangeProblem::kRange);
       if (ranges) substitute_range(p, first, last, state, lambda, worker);
-      for (int g = first; g < last && !ranges; ++g) substitute(p, g, room(g, first, worker), lambda, worker);
+      for (int g = first; g < last && !ranges; ++g) substitute(p, g, arrays_of(g, first, worker), lambda, worker);
     }
   });
   for (const Piece& p : fine_pieces) {
@@ -335,7 +336,7 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
   return std::isfinite(promised) && shared_step.allFinite() && private_step.allFinite();
 }
 
-void Arrowhead::substitute(Piece& p, size_t g, const Room& at, double lambda, int worker) {
+void Arrowhead::substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size());
   double* d = workers[worker].solution.data();
   const int* column = groups[g].columns.data();

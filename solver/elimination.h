@@ -1,5 +1,5 @@
 // The elimination of all groups' private unknowns into the reduced system, and the way back: the arrowhead of problem.h at one state and
-// one damping. Formulas: levenberg_marquardt.h. For the sources of this folder only.
+// one damping. The formulas stand in levenberg_marquardt.h. This header is for the sources of this folder only.
 #pragma once
 
 #include <atomic>
@@ -12,14 +12,14 @@
 
 namespace kincal {
 
-/// What one group keeps between linearisation and substitution: its rows [P Q a] and the factor of the damped P. Offsets into arenas;
-/// a RangeProblem's groups keep nothing, theirs are offsets into the worker's scratch.
+/// A GroupStore says where one group keeps its numbers between linearisation and substitution: its rows [P Q a] and the factor of the
+/// damped P, as offsets into arenas. The groups of a RangeProblem keep nothing; their offsets are into the worker's scratch.
 struct GroupStore {
   size_t rows = 0, factor = 0;
   int private_start = 0;
 };
 
-/// One piece of the partition: its groups and its sums.
+/// A Piece is a range of groups of the partition, with its sums.
 struct Piece {
   int first = 0, last = 0;
   Cost cost;
@@ -27,29 +27,30 @@ struct Piece {
   double slope = 0, damping = 0;
 };
 
-/// Scratch of one worker: matrices and vectors of the piece at hand, added to the totals in the pieces' order.
+/// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are added to the totals in the pieces' order.
 struct Worker {
   std::vector<double> shared;      // C
   std::vector<double> eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
-  std::vector<double> rows, factor;  // RangeProblem: of kRange groups
+  std::vector<double> rows, factor;  // of a RangeProblem: of kRange groups
   std::vector<double> right;         // B of one group
   std::vector<double> stack;         // eliminated rows over all columns
   std::vector<double> block;         // sparse: C of one group
   std::vector<double> solution;      // private step of one group
 };
 
-/// What is kept of the groups between linearisation and substitution, and all matrices: allocated once.
+/// An Arrowhead holds what is kept of the groups between linearisation and substitution, and all matrices. They are allocated once.
 class Arrowhead {
  public:
   Arrowhead(Problem& p, LinearSolver linear_solver, int threads);
 
-  /// Cost of all groups; false where a residual is undefined.
+  /// Sums the cost of all groups; false where a residual is undefined.
   bool evaluate(const VectorXd& state, Cost& cost);
   enum class Assembly { fine, undefined, indefinite };
-  /// The damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
+  /// Assembles the damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
   Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost);
-  /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length in standard deviations.
+  /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease of twice the cost and its length in
+  /// standard deviations.
   bool step(const VectorXd& state, double lambda, double& promised, double& length);
 
   Problem& problem;
@@ -63,7 +64,7 @@ class Arrowhead {
   VectorXd shared_scale, private_scale;
 
  private:
-  struct Room {
+  struct GroupArrays {
     double *rows, *factor;
   };
   struct Column {
@@ -73,17 +74,17 @@ class Arrowhead {
   void place_pieces();
   template <class Work>
   std::vector<Piece> partition(int most, const Work& work) const;
-  /// Between the rows of a group.
+  /// Returns the distance between the rows of a group.
   int stride(size_t g) const { return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1); }
   template <class Work>
   void over(std::vector<Piece>& partition, const Work& work);
   bool evaluate_each(Piece& p, const VectorXd& state, int worker) const;
-  Room room(size_t g, int first, int worker);
+  GroupArrays arrays_of(size_t g, int first, int worker);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
-  bool factor_private(size_t g, const Room& at, int width, double lambda);
-  bool eliminate_group(size_t g, const Room& at, double lambda, int worker, int& stacked);
+  bool factor_private(size_t g, const GroupArrays& at, int width, double lambda);
+  bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked);
   void multiply(int worker, int& stacked);
-  void substitute(Piece& p, size_t g, const Room& at, double lambda, int worker);
+  void substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker);
   void substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda, int worker);
   void private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d, double lambda);
 

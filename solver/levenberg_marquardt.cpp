@@ -92,19 +92,19 @@ struct LevenbergMarquardt::Workspace {
     bool accelerated = false;
   };
   /// Moves to the step's end; true if it may be kept.
-  bool accepts(const VectorXd& state, double twice, Trial& trial) {
+  bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
     return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.doubled < twice || trial.promised <= 10 * kRoundingShare * twice || trial.length < kConvergedStep);
+           (trial.cost.doubled < doubled || trial.promised <= 10 * kRoundingShare * doubled || trial.length < kConvergedStep);
   }
   /// Computes a step of the assembled system and tries it, first accelerated where that may help; true if `moved` may be kept.
-  bool try_step(const VectorXd& state, double twice, double lambda, Trial& trial) {
+  bool try_step(const VectorXd& state, double doubled, double lambda, Trial& trial) {
     if (!arrowhead.step(state, lambda, trial.promised, trial.length)) return false;
-    if (!(lambda <= kUndamped && trial.length > kConvergedStep && !arrowhead.ranges)) return accepts(state, twice, trial);
+    if (!(lambda <= kUndamped && trial.length > kConvergedStep && !arrowhead.ranges)) return accepts(state, doubled, trial);
     plain.head(arrowhead.n) = arrowhead.shared_step;
     plain.tail(arrowhead.private_size) = arrowhead.private_step;
     trial.accelerated = accelerate();
-    if (accepts(state, twice, trial)) {
+    if (accepts(state, doubled, trial)) {
       remember_taken();
       return true;
     }
@@ -113,12 +113,12 @@ struct LevenbergMarquardt::Workspace {
     forget();
     arrowhead.shared_step = plain.head(arrowhead.n);
     arrowhead.private_step = plain.tail(arrowhead.private_size);
-    return accepts(state, twice, trial);
+    return accepts(state, doubled, trial);
   }
   /// Raises the damping until a step is accepted; false if none is.
-  bool find_step(const VectorXd& state, double twice, Assembly assembly, double& lambda, Trial& trial) {
+  bool find_step(const VectorXd& state, double doubled, Assembly assembly, double& lambda, Trial& trial) {
     double growth = 10;
-    while (!(assembly == Assembly::fine && try_step(state, twice, lambda, trial))) {
+    while (!(assembly == Assembly::fine && try_step(state, doubled, lambda, trial))) {
       forget();
       lambda = std::max(lambda, 1e-7) * growth;
       growth = std::min(growth * 2, 1e4);
@@ -128,9 +128,9 @@ struct LevenbergMarquardt::Workspace {
     return true;
   }
   /// The damping after an accepted step.
-  static double next_damping(double lambda, double twice, const Trial& trial) {
-    const double gain = trial.promised > 0 && !trial.accelerated ? (twice - trial.cost.doubled) / trial.promised : 1;
-    if (std::abs(gain - 1) < kFaithful || trial.promised <= 10 * kRoundingShare * twice) return std::max(lambda / 30, kSmallestDamping);
+  static double next_damping(double lambda, double doubled, const Trial& trial) {
+    const double gain = trial.promised > 0 && !trial.accelerated ? (doubled - trial.cost.doubled) / trial.promised : 1;
+    if (std::abs(gain - 1) < kFaithful || trial.promised <= 10 * kRoundingShare * doubled) return std::max(lambda / 30, kSmallestDamping);
     return std::max(lambda * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)), kSmallestDamping);  // Nielsen
   }
 
@@ -179,19 +179,19 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       return summary;
     }
     if (first) summary.history.push_back({summary.cost.chi2, lambda});
-    const double twice = summary.cost.doubled;
-    if (twice <= 1e-18 * w.arrowhead.rows) {
+    const double doubled = summary.cost.doubled;
+    if (doubled <= 1e-18 * w.arrowhead.rows) {
       summary.outcome = Outcome::converged;
       return summary;
     }
     if (summary.iterations >= w.options.max_iterations) return summary;
     Workspace::Trial trial;
-    if (!w.find_step(state, twice, assembly, lambda, trial)) return summary;
-    const bool rounding = trial.promised <= kRoundingShare * twice;
+    if (!w.find_step(state, doubled, assembly, lambda, trial)) return summary;
+    const bool rounding = trial.promised <= kRoundingShare * doubled;
     const double used = lambda;
-    lambda = Workspace::next_damping(lambda, twice, trial);
+    lambda = Workspace::next_damping(lambda, doubled, trial);
     std::swap(state, w.moved);
-    const bool little = w.options.relative_decrease > 0 && twice - trial.cost.doubled <= w.options.relative_decrease * twice;
+    const bool little = w.options.relative_decrease > 0 && doubled - trial.cost.doubled <= w.options.relative_decrease * doubled;
     summary.cost = trial.cost;
     ++summary.iterations;
     summary.history.push_back({trial.cost.chi2, used});
@@ -199,17 +199,17 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       summary.outcome = Outcome::cancelled;
       return summary;
     }
-    bool still = false;
+    bool stationary = false;
     if (used <= kUndamped) {
       w.sizes.push_back(rounding ? trial.length : kInfinity);
-      still = trial.length < kConvergedStep || settled(w.sizes);
+      stationary = trial.length < kConvergedStep || settled(w.sizes);
     }
-    if (little || (still && (fresh || !renewable))) {
+    if (little || (stationary && (fresh || !renewable))) {
       summary.outcome = Outcome::converged;
       return summary;
     }
     fresh = false;
-    if (renewable && (trial.length < 1 || trial.promised < 1e-4 * twice)) {
+    if (renewable && (trial.length < 1 || trial.promised < 1e-4 * doubled)) {
       problem.renew(state);
       fresh = true;
     }

@@ -33,10 +33,10 @@ struct SolverOptions {
   int max_iterations = 200;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
-  /// Others' stopping rule, for comparisons: converged as well when an accepted step lowers the cost by at most this share of it.
-  /// 0: only when nothing moves any more.
+  /// This is the stopping rule of other solvers, for comparisons: a solve has converged as well when an accepted step lowers the cost by at
+  /// most this share of it. With 0 it has only when nothing moves any more.
   double relative_decrease = 0;
-  /// Called after each iteration with its number, chi2 and damping; false cancels.
+  /// It is called after each iteration with its number, chi2 and damping; false cancels.
   std::function<bool(int, double, double)> progress;
 };
 
@@ -59,7 +59,7 @@ class LevenbergMarquardt {
   /// summary is the solver's own and holds until the next call.
   const SolveSummary& solve(VectorXd& state);
 
-  /// The undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and gradient.
+  /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and gradient.
   void reduced(const VectorXd& state, MatrixXd& matrix, VectorXd& gradient);
 
  private:

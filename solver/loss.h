@@ -11,9 +11,10 @@ enum class LossKind { none, huber, soft_l1, cauchy, tukey };
 struct Loss {
   LossKind kind = LossKind::none;
   double scale = 1;
-  bool from_data = false;  // the scale is in units of what the residuals themselves show instead of sigmas (models/fitting/robust.h)
+  bool from_data =
+      false;  // the scale counts in robust standard deviations of the residuals themselves instead of sigmas (models/fitting/robust.h)
 
-  /// c^2 rho(s / c^2); the slope goes to `slope`.
+  /// Returns c^2 rho(s / c^2) and sets `slope` to rho'.
   double operator()(double s, double& slope) const {
     const double c2 = scale * scale, z = s / c2;
     switch (kind) {

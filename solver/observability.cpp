@@ -28,7 +28,7 @@ void separate(MatrixXd& basis) {
 /// R with R'R = S, at least one row: the remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and private
 /// rank; `squared_norm`: of the columns before the elimination.
 MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observability& out, VectorXd& squared_norm,
-                     std::vector<MatrixXd>* all_left) {
+                     std::vector<MatrixXd>* reduced_rows) {
   const int n = problem.shared_size();
   MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
   squared_norm.setZero(n);
@@ -47,7 +47,7 @@ MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observabilit
     out.rows += shape.rows;
     for (int i = 0; i < m; ++i) squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
     const MatrixXd left = eliminate(rows, k, out.rank);
-    if (all_left) all_left->push_back(left);
+    if (reduced_rows) reduced_rows->push_back(left);
     for (Eigen::Index r = 0; r < left.rows() && m > 0; ++r) {
       if (used == stack.rows()) compress();
       stack.row(used).setZero();
@@ -100,12 +100,12 @@ MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   return shared.bottomRows(shared.rows() - own.rank());
 }
 
-Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* all_left) {
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* reduced_rows) {
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);
   VectorXd squared_norm;
-  MatrixXd r = triangle_of(problem, state, out, squared_norm, all_left);
+  MatrixXd r = triangle_of(problem, state, out, squared_norm, reduced_rows);
   out.covariance.setZero(n, n);
   out.root.setZero(n, n);
   out.unobservable.assign(n, 0);

@@ -3,7 +3,7 @@
 // Works on square roots throughout: each view's rows are compressed by QR, a group's private unknowns are eliminated by an
 // orthogonal factorisation with column pivoting (by rank: a block that its sample does not determine loses only what it has),
 // the remainders of all groups are compressed to a triangle R with R'R = S. Nothing is squared, so that 1e-14 of a squared
-// column norm can be told from rounding, which the normal equations cannot.
+// column norm can be distinguished from rounding, which the normal equations cannot.
 //
 // Unobservable: a column of which elimination leaves at most 1e-14 of its squared norm, by itself. Of the others, columns scaled
 // to unit length: a squared singular value of at most 1e-9 of the largest. Several such directions form a subspace; its basis is
@@ -19,27 +19,27 @@
 namespace kincal {
 
 struct Observability {
-  /// Of the shared unknowns, n x n; zero in directions that are unobservable.
+  /// The covariance of the shared unknowns is n x n, and zero in directions that are unobservable.
   MatrixXd covariance;
-  /// 1 if moving this unknown changes an unobservable direction: its share of the scaled unit vector is above 1e-3.
+  /// An entry is 1 if moving this unknown changes an unobservable direction: its share of the scaled unit vector is above 1e-3.
   std::vector<char> unobservable;
-  /// For each unobservable direction its larger entries, as (column, coefficient) in real units. Scaled so that the largest is 1;
-  /// entries below 0.02 (of the scaled unit vector) are left out.
+  /// For each unobservable direction these are its larger entries, as (column, coefficient) in real units. They are scaled so that the
+  /// largest is 1; entries below 0.02 (of the scaled unit vector) are left out.
   std::vector<std::vector<std::pair<int, double>>> directions;
-  /// The same directions with all their coefficients, n x directions.
+  /// The same directions stand here with all their coefficients, n x directions.
   MatrixXd null_space;
-  /// A root of the covariance: covariance = root root'.
+  /// This is a root of the covariance: covariance = root root'.
   MatrixXd root;
-  /// Whitened residuals, priors included.
+  /// The whitened residuals are counted with the priors.
   long rows = 0;
-  /// Rank of the derivatives by all unknowns, private ones included.
+  /// The rank is that of the derivatives by all unknowns, private ones included.
   long rank = 0;
   long dof() const { return rows - rank; }
 };
 
-/// Computes all this at a solution, with covariances as they were last renewed. It allocates. `left` gets for every group
+/// Computes all this at a solution, with covariances as they were last renewed. It allocates. `reduced_rows` gets for every group
 /// [J_touched r] after the elimination of its private unknowns: a few rows whose Gram matrices sum up to that of the reduced system.
-Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* left = nullptr);
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* reduced_rows = nullptr);
 
 /// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private J_touched r] (Problem::square_root):
 /// returns what is left of [J_touched r] and adds the rank of the private columns to `rank`. Without private unknowns these are the rows

@@ -21,7 +21,7 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// chi2: sum of squared whitened residuals; doubled: twice the minimised cost, that is with the losses.
+/// chi2 is the sum of squared whitened residuals; `doubled` is twice the minimised cost, that is with the losses.
 struct Cost {
   double doubled = 0, chi2 = 0;
 };
@@ -33,7 +33,7 @@ struct GroupShape {
   int size() const { return private_size + static_cast<int>(columns.size()); }
 };
 
-/// Where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
+/// GroupEquations says where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
 struct GroupEquations {
   double* rows;    // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
   int stride;      // between rows
@@ -43,39 +43,39 @@ struct GroupEquations {
   double* gradient;  // b at place i is added to gradient[row[i]]
 };
 
-/// A nonlinear least-squares problem in groups. The state is one vector that only the problem understands. Calls for different
-/// workers may run at the same time; `worker` selects scratch space. None of these may depend on the number of workers.
+/// A Problem is a nonlinear least-squares problem in groups. Its state is one vector that only the problem understands. Calls for different
+/// workers may run at the same time; `worker` selects scratch space. No result may depend on the number of workers.
 class Problem {
  public:
   virtual ~Problem() = default;
   virtual int shared_size() const = 0;
   virtual const std::vector<GroupShape>& groups() const = 0;
-  /// Scratch for workers 0 .. count - 1.
+  /// Makes scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;
 
-  /// Called once before linearise() or square_root() of all groups at this state: what groups share is computed here.
+  /// Computes what groups share; it is called once before linearise() or square_root() of all groups at this state.
   virtual void prepare(const VectorXd& state) = 0;
-  /// Cost of a group; false where a residual is undefined.
+  /// Computes the cost of a group; false where a residual is undefined.
   virtual bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const = 0;
   /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to the normal equations.
   virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const = 0;
-  /// A square root of the same: rows A with A'A = gram, computed from the residuals without squaring anything (QR of each view).
+  /// Computes a square root of the same: rows A with A'A = gram, from the residuals without squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
-  /// state moved by a step; privates stand group after group in `private_step`.
+  /// Moves a state by a step into `moved`; privates stand group after group in `private_step`.
   virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
   virtual bool renew(const VectorXd& state) = 0;
 };
 
-/// A problem of very many tiny groups (bundle adjustment), which the solver hands to it in ranges, so that what can be computed for
-/// several at once is. Linearising again is cheaper there than keeping the groups' rows: the solver does not keep them. Shared columns that stand
-/// together (of one camera) meet others only through privates: linearise() writes only the blocks of C on its diagonal.
+/// A RangeProblem is one of very many tiny groups (bundle adjustment), which the solver hands to it in ranges, so that what can be computed
+/// for several at once is. Linearising again is cheaper there than keeping the groups' rows, so the solver does not keep them. Shared
+/// columns that stand together (of one camera) meet others only through privates: linearise() writes only the blocks of C on its diagonal.
 class RangeProblem : public Problem {
  public:
   static constexpr int kRange = 64;  // most groups of a range
-  /// evaluate() of groups first .. last - 1, any number of them: what they cost is added to `cost`.
+  /// Evaluates groups first .. last - 1, any number of them, and adds their cost to `cost`.
   virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const = 0;
-  /// Called before linearise() of these groups, which follows.
+  /// Prepares linearise() of these groups, which follows.
   virtual void prepare_range(int first, int last, const VectorXd& state, int worker) const = 0;
   /// Writes [P | a | a + Q dx] of these groups to `rows`, group after group private_size rows of private_size + 2 numbers, upper
   /// triangle of P; `rows` has slack behind it.

@@ -125,7 +125,7 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     place_sparse(graph);
 }
 
-/// Runs: neighbours that the same groups touch. A group's set of columns is told by hashes, summed by column.
+/// Runs: neighbours that the same groups touch. A group's set of columns is recognised by hashes, summed by column.
 void ReducedSystem::find_runs() {
   std::vector<std::uint64_t> touched(n_, 0);
   for (size_t g = 0; g < groups_->size(); ++g) {

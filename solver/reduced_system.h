@@ -19,49 +19,52 @@ enum class LinearSolver { automatic, dense, cholmod };
 
 class ReducedSystem {
  public:
-  /// Chooses and analyses. automatic: dense up to 400 unknowns or when more than 30 % of the entries are there.
-  /// `ranges`: of a RangeProblem.
+  /// Chooses a method and analyses the structure. `automatic` means dense up to 400 unknowns or when more than 30 % of the entries are
+  /// there. `ranges` says that the groups are those of a RangeProblem.
   ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool ranges = false);
   ~ReducedSystem();
 
   const char* name() const { return dense_ ? "dense" : "cholmod"; }
   bool dense() const { return dense_; }
-  /// Numbers of one accumulator (so that several workers can have one each).
+  /// Returns the numbers of one accumulator (so that several workers can have one each).
   size_t storage() const { return dense_ ? static_cast<size_t>(ld_) * (n_ + 1) : row_of_.size() + kSlack; }
-  /// Entry (i, j), i >= j, of the same run, or any if dense, is at origin()[j] + i.
+  /// Entry (i, j), i >= j, of the same run, or any if dense, stands at origin()[j] + i.
   const std::ptrdiff_t* origin() const { return origin_.data(); }
-  /// The same for an array that holds the runs' diagonal blocks only, of diagonal_storage() numbers.
+  /// The same holds for an array of the runs' diagonal blocks only, which has diagonal_storage() numbers.
   const std::ptrdiff_t* diagonal_origin() const { return diagonal_origin_.data(); }
   size_t diagonal_storage() const { return diagonal_storage_; }
 
-  /// Dense and most groups touch most columns: eliminated rows are best stacked, n + 1 wide, and multiplied at once.
+  /// True if the system is dense and most groups touch most columns: eliminated rows are then best stacked, n + 1 wide, and multiplied at
+  /// once.
   bool stacks() const { return stacks_; }
   int ld() const { return ld_; }
 
-  /// Sparse: values += block (lower triangle over the group's touched columns, leading dimension ld).
+  /// Adds a block of a sparse system to `values` (lower triangle over the group's touched columns, leading dimension ld).
   void add(int group, const double* block, int ld, double* values) const;
-  /// values -= B_Q' B_Q, gradient -= B_Q' B_a with depth rows [B_Q | B_a] over the group's touched columns, `stride` apart.
+  /// Subtracts B_Q' B_Q from `values` and B_Q' B_a from `gradient`, with depth rows [B_Q | B_a] over the group's touched columns, `stride`
+  /// apart.
   void subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const;
-  /// A RangeProblem whose runs have 9 columns and whose groups have 3 private unknowns (bundle adjustment): the same, faster, to an array
-  /// of blocks (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to values. There is no add() then.
+  /// True for a RangeProblem whose runs have 9 columns and whose groups have 3 private unknowns (bundle adjustment). subtract_blocks() does
+  /// the same there, faster, to an array of blocks (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to
+  /// values. There is no add() then.
   bool in_blocks() const { return in_blocks_; }
   size_t block_storage() const { return blocks_.size() * kBlockStorage9x9 + 2 * kSlack; }
   void subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const;
   void add_blocks(double* values, const double* blocks) const;
-  /// values = 0, of one accumulator's numbers that count.
+  /// Sets to 0 the numbers of one accumulator that count.
   void clear(double* values) const;
-  /// to += from, of one accumulator's numbers that count.
+  /// Adds the numbers of one accumulator that count to another.
   void accumulate(double* to, const double* from) const;
-  /// values += runs' diagonal blocks.
+  /// Adds the runs' diagonal blocks to `values`.
   void add_diagonal_blocks(double* values, const double* blocks) const;
   void add_to_diagonal(double* values, int i, double v) const { values[origin_[i] + i] += v; }
 
-  /// The whole matrix, both triangles, for tests.
+  /// Returns the whole matrix, both triangles, for tests.
   MatrixXd full(const double* values) const;
 
-  /// False if the matrix is not positive definite to rounding. Dense: in place, allocates nothing.
+  /// Factors the matrix; false if it is not positive definite to rounding. A dense system is factored in place, without allocation.
   bool factor(double* values);
-  /// S x = b, in place, after factor(); b has kSlack numbers behind its n.
+  /// Solves S x = b in place, after factor(); b has kSlack numbers behind its n.
   void solve(const double* factored, double* b);
 
  private:
@@ -69,11 +72,12 @@ class ReducedSystem {
     int first, size;
   };
   struct Sparse;
-  /// Runs below each run that some group touches with it (itself first), run by run: compressed columns of the lower triangle.
+  /// A RunGraph has the runs below each run that some group touches with it (itself first), run by run: compressed columns of the lower
+  /// triangle.
   struct RunGraph {
     std::vector<int> start{0}, row;
   };
-  /// Work of an elimination: of all columns by each group, and of those that it touches.
+  /// Work is that of an elimination: of all columns by each group, and of those that it touches.
   struct Work {
     double full = 0, touched = 0;
   };

@@ -26,7 +26,7 @@ static inline Pack load(const double* p) { return *reinterpret_cast<const LooseP
 static inline void store(double* p, Pack x) { *reinterpret_cast<LoosePack*>(p) = x; }
 static inline Pack all(double x) { return x - Pack{}; }
 
-/// Lane j of row i goes to lane i of row j.
+/// Moves lane j of row i to lane i of row j.
 static inline void transpose(Pack* r) {
 #if defined(__AVX512F__)
   Pack t[8], u[8];
@@ -60,7 +60,7 @@ static inline void transpose(Pack* r) {
 #endif
 }
 
-/// Sum of the lanes.
+/// Returns the sum of the lanes.
 static inline double sum(Pack x) {
 #if defined(__AVX512F__)
   typedef double Half __attribute__((vector_size(32)));
@@ -73,7 +73,7 @@ static inline double sum(Pack x) {
 #endif
 }
 
-/// Sums of the lanes of four packs.
+/// Writes the sums of the lanes of four packs.
 static inline void sum4(Pack a, Pack b, Pack c, Pack d, double* out) {
 #if defined(__AVX__)
   typedef double Quad __attribute__((vector_size(32)));

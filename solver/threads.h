@@ -9,7 +9,7 @@
 
 namespace kincal {
 
-/// Runs pieces of work on `count` threads, the caller's being one of them. Which thread takes which piece is open: results must
+/// A Crew runs pieces of work on `count` threads, the caller's being one of them. Which thread takes which piece is open: results must
 /// depend on the piece only. With count 1 no thread is started.
 class Crew {
  public:
@@ -29,7 +29,7 @@ class Crew {
 
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 
-  /// work(piece, worker) for every piece 0 .. pieces - 1; returns when all are done. `work` must not throw.
+  /// Calls work(piece, worker) for every piece 0 .. pieces - 1 and returns when all are done. `work` must not throw.
   template <class Work>
   void run(int pieces, const Work& work) {
     if (threads_.empty()) {

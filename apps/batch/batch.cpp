@@ -40,31 +40,31 @@ std::string some(const std::vector<std::string>& names, size_t most) {
 class Signals {
  public:
   Signals() {
-    sigemptyset(&ours_);
-    for (int s : {SIGCHLD, SIGINT, SIGTERM}) sigaddset(&ours_, s);
+    sigemptyset(&signals_);
+    for (int s : {SIGCHLD, SIGINT, SIGTERM}) sigaddset(&signals_, s);
     std::signal(SIGCHLD, SIG_DFL);
-    sigprocmask(SIG_BLOCK, &ours_, &before);
+    sigprocmask(SIG_BLOCK, &signals_, &before);
   }
   ~Signals() { sigprocmask(SIG_SETMASK, &before, nullptr); }
 
   /// Waits until a child ends or the time is over. True: the user wants to stop.
   bool wait(long milliseconds) const {
     const timespec time{milliseconds / 1000, milliseconds % 1000 * 1000000};
-    const int s = sigtimedwait(&ours_, nullptr, &time);
+    const int s = sigtimedwait(&signals_, nullptr, &time);
     return s == SIGINT || s == SIGTERM;
   }
 
   sigset_t before;
 
  private:
-  sigset_t ours_;
+  sigset_t signals_;
 };
 
 /// What is known of the sets before and while they are calibrated.
 struct Work {
   std::vector<SetSummary> summaries;  // by set; status empty: not yet known
   std::vector<size_t> todo;           // sets to calibrate
-  std::vector<std::string> again;     // those of them that have a result, with why it does not do
+  std::vector<std::string> redone;     // those of them that have a result, with why it does not do
   size_t failing = 0;                 // sets that are known to fail, so far
 };
 
@@ -85,13 +85,13 @@ bool find_work(const Sets& sets, const Output& output, const std::string& option
       work.summaries[i] = *done;
     } else {
       work.todo.push_back(i);
-      if (!why.empty()) work.again.push_back(set.name + " (" + why + ")");
+      if (!why.empty()) work.redone.push_back(set.name + " (" + why + ")");
     }
   }
   return true;
 }
 
-/// A --step, --free or --fix that no set has is told once, before anything runs. Sets that cannot be read say so later.
+/// A --step, --free or --fix that no set has is reported once, before anything runs. Sets that cannot be read are reported later.
 /// @throws InputError
 void check_names(const Sets& sets, const CalibrateSettings& settings) {
   std::vector<std::pair<std::string, std::string>> wanted;  // option, name
@@ -210,7 +210,7 @@ int batch(const BatchArguments& a) {
   }
   if (!silent)
     progress.say(count + (before > 0 ? ", " + std::to_string(before) + " done before" : "") +
-                 (work.again.empty() ? "" : ", " + std::to_string(work.again.size()) + " again: " + some(work.again, 5)));
+                 (work.redone.empty() ? "" : ", " + std::to_string(work.redone.size()) + " again: " + some(work.redone, 5)));
 
   // The summary is there only when the batch is done.
   const std::string csv = (output.folder / "summary.csv").string(), json = (output.folder / "summary.json").string();

@@ -15,8 +15,8 @@ struct BatchArguments {
   CalibrateSettings settings;
 };
 
-/// Calibrates every set that has no result yet. Returns the exit code: 0 all converged, 1 some did not, 130 interrupted. @throws InputError
-/// where nothing can be started
+/// Calibrates every set that has no result yet. It returns the exit code: 0 all converged, 1 some did not, 130 interrupted. @throws
+/// InputError where nothing can be started
 int batch(const BatchArguments& a);
 
 }  // namespace kincal

@@ -11,7 +11,7 @@ using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start);
 
-/// How far it is, on standard error: one line that is written anew on a terminal, else a line every ten seconds.
+/// A BatchProgress shows how far a batch is, on standard error: one line that is written anew on a terminal, else a line every ten seconds.
 class BatchProgress {
  public:
   BatchProgress(bool quiet, size_t todo);
@@ -21,7 +21,7 @@ class BatchProgress {
   /// Ends the line where it is.
   void end();
 
-  /// A line of its own.
+  /// Writes a line of its own.
   void say(const std::string& line);
 
  private:

@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent, and ends the process with the exit code:
-/// at once, since nobody needs its memory given back piece by piece.
+/// at once, since its memory need not be given back piece by piece.
 [[noreturn]] void calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
@@ -74,7 +74,7 @@ pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& s
   const pid_t parent = getpid(), child = fork();
   if (child != 0) return child;
 #ifdef __linux__
-  prctl(PR_SET_PDEATHSIG, SIGKILL);  // nobody would read what a child of a dead parent finds
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // what a child of a dead parent finds would not be read
 #endif
   if (getppid() != parent) _exit(kInterrupted);
   std::signal(SIGINT, SIG_IGN);  // Ctrl-C reaches all; the parent decides

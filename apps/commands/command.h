@@ -1,5 +1,5 @@
 // Subcommands: what each of them is to main(). A command is a file of its own with a function below that adds its options to the
-// program and says what to do when it is the one that is asked for.
+// program and returns what to run when it is the one that is asked for.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -23,9 +23,9 @@ Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 
-/// False after SIGINT or SIGTERM: to be asked from time to time, and before anything is written.
+/// False after SIGINT or SIGTERM. It is to be asked from time to time, and before anything is written.
 bool not_interrupted();
-/// Says that nothing was written; returns the exit code.
+/// Prints that nothing was written, and returns the exit code.
 int say_interrupted();
 
 }  // namespace kincal

@@ -8,12 +8,12 @@
 namespace kincal {
 
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
-  std::string out = format("%zu %s", sets.size(), sets.size() == 1 ? "set" : "sets");
+  std::string out = text("%zu %s", sets.size(), sets.size() == 1 ? "set" : "sets");
   for (const char* status : {"converged", "unobservable", "not_converged", "failed"}) {
     const auto n = std::count_if(sets.begin(), sets.end(), [&](const SetSummary& s) { return s.status == status; });
-    if (n > 0) out += format(", %ld %s", static_cast<long>(n), status);
+    if (n > 0) out += text(", %ld %s", static_cast<long>(n), status);
   }
-  if (ignored > 0) out += format("; %zu other %s with neither rig.yaml nor samples.jsonl", ignored, ignored == 1 ? "folder" : "folders");
+  if (ignored > 0) out += text("; %zu other %s with neither rig.yaml nor samples.jsonl", ignored, ignored == 1 ? "folder" : "folders");
   out += "\n";
 
   // One line a quantity, in the order in which the sets name them: the middle one and the worst, and whose that is.

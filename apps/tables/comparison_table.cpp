@@ -17,17 +17,17 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
       // Without a sigma by size, behind the others.
       const double weight = std::isfinite(sigmas) ? sigmas + 1e9 : weight_of(d.difference[c], d.units[c]);
       lines.push_back({weight,
-                       {component_name(d.name, d.components[c]), unit.name, format("%.7g", d.a[c] * unit.factor + 0.0),
-                        format("%.7g", d.b[c] * unit.factor + 0.0), format("%+.4g", d.difference[c] * unit.factor),
-                        std::isfinite(d.sigma[c]) ? "± " + format("%.2g", d.sigma[c] * unit.factor) : "-",
-                        std::isfinite(sigmas) ? format("%.2f", sigmas) : "-"}});
+                       {component_name(d.name, d.components[c]), unit.name, text("%.7g", d.a[c] * unit.factor + 0.0),
+                        text("%.7g", d.b[c] * unit.factor + 0.0), text("%+.4g", d.difference[c] * unit.factor),
+                        std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor) : "-",
+                        std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
     }
   sort_by_weight(lines);
   std::vector<std::vector<std::string>> rows = {{"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
   for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
   std::string out = "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame itself)\n";
   out += lines.empty() ? "  none\n" : align(rows, 2);
-  if (lines.size() > most) out += format("  ... and %zu more with --json\n", lines.size() - most);
+  if (lines.size() > most) out += text("  ... and %zu more with --json\n", lines.size() - most);
   if (!comparison.frames.empty()) {
     out += "\nFrames relative to " + comparison.base + " over postures" +
            (comparison.workspace == "limits" ? ", random within the joints' limits\n" : " of the samples\n");

@@ -8,7 +8,7 @@
 
 namespace kincal {
 
-/// The `most` parameters that differ most in sigmas, and the frames.
+/// Shows the `most` parameters that differ most in sigmas, and the frames.
 std::string comparison_table(const Comparison& comparison, size_t most);
 
 }  // namespace kincal

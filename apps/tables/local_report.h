@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// Local offsets, their radius, and the errors with and without them.
+/// Shows local offsets, their radius, and the errors with and without them.
 std::string local_report(const Rig& rig, const LocalCalibration& local);
 
 }  // namespace kincal

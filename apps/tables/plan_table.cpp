@@ -11,9 +11,9 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   for (const StepPlan& p : plans) {
     int shared = 0;
     for (const Freed& f : p.free) shared += static_cast<int>(f.components.size());
-    out += format("step %s: %d shared parameters free, %d samples\n", p.name.c_str(), shared, p.samples);
-    out += format("  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the samples) = %ld degrees of freedom\n",
-                  p.rows, p.unknowns, shared, p.unknowns - shared, p.rows - p.unknowns);
+    out += text("step %s: %d shared parameters free, %d samples\n", p.name.c_str(), shared, p.samples);
+    out += text("  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the samples) = %ld degrees of freedom\n",
+                p.rows, p.unknowns, shared, p.unknowns - shared, p.rows - p.unknowns);
     for (const Freed& f : p.free) {
       const Parameter& parameter = table.all[f.parameter];
       std::string components;

@@ -10,11 +10,11 @@
 
 namespace kincal {
 
-/// What each step frees and counts.
+/// Shows what each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
-/// What automatic staging will try: each group's name and its parameters.
+/// Shows what automatic staging will try: each group's name and its parameters.
 std::string staging_plan(const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
-/// What automatic staging has tried: the held-out error without and with each group.
+/// Shows what automatic staging has tried: the held-out error without and with each group.
 std::string staging_table(const std::vector<StagingTrial>& trials);
 
 }  // namespace kincal

@@ -22,8 +22,8 @@ std::string parameter_table(const Report& report, size_t most) {
       const double change = e.value[c] - e.initial[c];
       lines.push_back({weight_of(change, e.units[c]),
                        {component_name(e.name, e.components[c]), value(e.initial[c], unit.factor), value(e.value[c], unit.factor),
-                        format("%+.4g", change * unit.factor),
-                        std::isfinite(e.sigma[c]) ? "± " + format("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
+                        text("%+.4g", change * unit.factor),
+                        std::isfinite(e.sigma[c]) ? "± " + text("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
     }
   sort_by_weight(lines);
   // Where targets stand is seldom what one wants to know: a few of these behind the robot and its sensors.
@@ -44,7 +44,7 @@ std::string loop_table(const Report& report) {
   const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
     for (const Loop& loop : report.loops) {
       if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
-      const auto rms = [&](double v) { return std::isfinite(v) ? format("%.3g", v * shown(loop.unit).factor) : "-"; };
+      const auto rms = [&](double v) { return std::isfinite(v) ? text("%.3g", v * shown(loop.unit).factor) : "-"; };
       return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
     }
     return "";
@@ -74,8 +74,8 @@ std::string loop_table(const Report& report) {
 /// The minima that restarts found.
 std::string restart_table(const Restarts& restarts) {
   const int own = restarts.minima[0].count, failed = restarts.failed;
-  std::string out = format("  %d of %d end in this minimum", own, restarts.count);
-  if (failed) out += format(", %d failed", failed);
+  std::string out = text("  %d of %d end in this minimum", own, restarts.count);
+  if (failed) out += text(", %d failed", failed);
   out += "\n";
   if (restarts.minima.size() == 1) return out;
   std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
@@ -83,8 +83,8 @@ std::string restart_table(const Restarts& restarts) {
     const Minimum& m = restarts.minima[i];
     std::string names = i == 0 ? "this result" : "";
     for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
-      names += (k ? ", " : "") + m.differs[k].first + format(" %+.3g", m.differs[k].second);
-    rows.push_back({std::to_string(m.count), format("%.8g", m.cost), names});
+      names += (k ? ", " : "") + m.differs[k].first + text(" %+.3g", m.differs[k].second);
+    rows.push_back({std::to_string(m.count), text("%.8g", m.cost), names});
   }
   return out + align(rows, 3);
 }
@@ -112,7 +112,7 @@ std::string weak_text(const Explanation& e) {
   };
   std::vector<std::string> priors, pairs;
   for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
-  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + format(" (%+.4f)", c.correlation));
+  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + text(" (%+.4f)", c.correlation));
   line("the prior decides", priors);
   line("strong correlations", pairs);
   return out.empty() ? out : "\nWeakly determined parameters\n" + out;
@@ -129,7 +129,7 @@ std::string noise_text(const Report& report) {
     if (report.noise_estimated) out += ", now " + value(l.used, unit.factor) + unit_name;
     if (std::isfinite(l.seen)) {
       if (!report.noise_estimated) out += ", seen " + value(l.seen, unit.factor) + unit_name;
-      out += format(" (± %.2g %%)", 100 * l.uncertainty);
+      out += text(" (± %.2g %%)", 100 * l.uncertainty);
     } else {
       out += " (with the others as they are now it cannot be told)";
     }
@@ -149,11 +149,10 @@ std::string leverage_table(const std::vector<Leverage>& leverage) {
   std::set<std::string> samples;
   for (const Leverage& l : leverage)
     if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
-      rows.push_back(
-          {"without " + l.sample, l.parameter,
-           std::isfinite(l.moved_sigmas) ? "would move by " + format("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+      rows.push_back({"without " + l.sample, l.parameter,
+                      std::isfinite(l.moved_sigmas) ? "would move by " + text("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
   std::string out = align(rows, 3);
-  if (samples.size() > rows.size()) out += format("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+  if (samples.size() > rows.size()) out += text("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
   return out;
 }
 
@@ -173,9 +172,9 @@ std::string rejected_table(const std::vector<Rejected>& rejected) {
         lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
       lines += ": " + r.reason + "\n";
     }
-  if (rejected.size() > kMost) lines += format("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
-  return format("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
-                views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+  if (rejected.size() > kMost) lines += text("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return text("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
+              views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
          lines;
 }
 
@@ -194,7 +193,7 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
   }
   for (const SensorResult& s : sensors)
     for (bool rotation : {false, true}) {
-      if (rotation && !s.whole_pose) continue;
+      if (rotation && !s.measures_pose) continue;
       const Unit unit = shown(rotation ? "rad" : s.unit);
       std::vector<std::string> row = {rotation ? "" : s.name, unit.name};
       for (const SplitStatistics* split : {&s.train, &s.test}) {
@@ -238,14 +237,14 @@ std::string report_text(const Report& report, const ResultFiles& files) {
         const Vector3d& t = e.pose->translation;
         const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
         std::vector<std::string> row = {e.name};
-        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()}) row.push_back(format("%.6f", v));
+        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()}) row.push_back(text("%.6f", v));
         row.push_back("m, rad");
         poses.push_back(row);
       }
     out += align(poses, 1);
   }
-  out += format("\nchi2 %.8g, %ld degrees of freedom", report.solution.chi2, report.solution.dof);
-  if (report.solution.dof > 0) out += format(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
+  out += text("\nchi2 %.8g, %ld degrees of freedom", report.solution.chi2, report.solution.dof);
+  if (report.solution.dof > 0) out += text(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
   out += "\n";
   out += noise_text(report);
   out += weak_text(report.explanation);
@@ -255,7 +254,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   }
   if (!files.reductions.empty()) out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
   for (const Reduction& r : files.reductions)
-    out += "  " + r.joint + ": scale " + format("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
+    out += "  " + r.joint + ": scale " + text("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
            " -> " + shortest(r.after) + "\n";
   if (!report.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(report.leverage);
   if (!report.rejected.empty()) out += "\n" + rejected_table(report.rejected);

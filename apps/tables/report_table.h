@@ -9,11 +9,11 @@
 
 namespace kincal {
 
-/// Per sensor the rms after the calibration, train and held out. `before`: with the column of the rms before it.
+/// Shows the rms of each sensor after the calibration, train and held out. `before` adds the column of the rms before it.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
-/// What the doctor found: findings, what was tested, the verdict.
+/// Shows what the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
-/// The whole report: steps, tables, what is not in the URDF, warnings.
+/// Shows the whole report: steps, tables, what is not in the URDF, warnings.
 std::string report_text(const Report& report, const ResultFiles& files);
 
 }  // namespace kincal

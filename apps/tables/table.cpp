@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 
 namespace kincal {
 namespace {
@@ -13,15 +11,6 @@ size_t shown_width(const std::string& s) {  // UTF-8 continuation bytes take no 
 }
 
 }  // namespace
-
-std::string format(const char* pattern, ...) {
-  char buffer[512];
-  va_list arguments;
-  va_start(arguments, pattern);
-  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
-  va_end(arguments);
-  return buffer;
-}
 
 std::string align(const std::vector<std::vector<std::string>>& rows, size_t left) {
   std::vector<size_t> width;
@@ -49,7 +38,7 @@ Unit shown(const std::string& unit) {
   return {unit, 1};
 }
 
-std::string value(double v, double factor) { return std::isfinite(v) ? format("%.4g", v * factor) : "-"; }
+std::string value(double v, double factor) { return std::isfinite(v) ? text("%.4g", v * factor) : "-"; }
 
 void sort_by_weight(std::vector<WeightedRow>& rows) {
   std::stable_sort(rows.begin(), rows.end(), [](const WeightedRow& a, const WeightedRow& b) { return a.weight > b.weight; });

@@ -17,7 +17,7 @@ std::string validation_table(const Report& report) {
     };
     for (const HeldOutError& e : sensors)
       for (bool rotation : {false, true}) {
-        if (rotation && !e.whole_pose) continue;
+        if (rotation && !e.measures_pose) continue;
         const Unit unit = shown(rotation ? "rad" : e.unit);
         double train = std::nan("");
         for (const SensorResult& s : report.residuals.sensors)
@@ -34,8 +34,8 @@ std::string validation_table(const Report& report) {
   if (!v.test.empty()) out += "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
   if (v.cross_validation) {
     const CrossValidation& c = *v.cross_validation;
-    out += format("\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks it)\n", c.folds.size(),
-                  c.by_target ? ", whole targets held out" : "") +
+    out += text("\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks it)\n", c.folds.size(),
+                c.by_target ? ", whole targets held out" : "") +
            errors(c.sensors);
     for (size_t f = 0; f < c.folds.size(); ++f) {
       const CrossValidation::Fold& fold = c.folds[f];
@@ -43,7 +43,7 @@ std::string validation_table(const Report& report) {
                           : !fold.converged   ? "not converged"
                           : !fold.determined  ? "the other folds do not determine every freed parameter"
                                               : nullptr;
-      if (wrong) out += format("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
+      if (wrong) out += text("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
     }
     std::string never;
     for (const std::string& n : c.never) never += (never.empty() ? "" : ", ") + n;

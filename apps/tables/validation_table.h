@@ -1,4 +1,4 @@
-// What data that the fit did not see say of it.
+// The errors of a fit on data that it did not see.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// Held-out errors with intervals, folds, frames, tolerances; empty if there is nothing of these.
+/// Shows held-out errors with intervals, folds, frames, tolerances; it is empty if there are none of these.
 std::string validation_table(const Report& report);
 
 }  // namespace kincal

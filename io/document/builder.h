@@ -1,4 +1,4 @@
-// How the parsers of YAML and JSON make a tree of nodes. Internal to this folder.
+// How the parsers of YAML and JSON make a tree of nodes. This header is internal to this folder.
 #pragma once
 
 #include <set>
@@ -14,12 +14,12 @@ namespace kincal {
 
 constexpr size_t kMaxDepth = 100;  // of nesting: far beyond any real file, far below the end of the stack
 
-/// This is the place of an error, in front of a message.
+/// Returns the place of an error, in front of a message.
 inline std::string place(const std::string& path, int line, int column) {
   return path + ":" + std::to_string(line) + ":" + std::to_string(column) + ": ";
 }
 
-/// Makes a Node from a parser's events. Checks what neither parser does: depth, and keys that stand twice.
+/// A Builder makes a Node from a parser's events. It checks what neither parser does: depth, and duplicate keys.
 class Builder {
  public:
   explicit Builder(const std::string& path) : path_(path) {}
@@ -33,7 +33,7 @@ class Builder {
     open_.back().node.column = column;
   }
 
-  /// Ends the innermost sequence or mapping; returns it where it now stands.
+  /// Ends the innermost sequence or mapping, and returns it where it now stands.
   const Node& close() {
     Node node = std::move(open_.back().node);
     open_.pop_back();
@@ -49,7 +49,7 @@ class Builder {
     top.has_key = true;
   }
 
-  /// In a mapping, is a key due next?
+  /// Returns whether a key is due next, in a mapping.
   bool wants_key() const {
     return !open_.empty() && open_.back().node.kind == Node::Kind::mapping && !open_.back().has_key;
   }

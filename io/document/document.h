@@ -10,7 +10,8 @@
 
 namespace kincal {
 
-/// A node with the way to it, for messages: "rig.yaml:12: sensors.wide_left.sigma: ...". Cheap to make; refers to the node.
+/// A Field is a node with its path in the file, for messages: "rig.yaml:12: sensors.wide_left.sigma: ...". It is cheap to make and refers
+/// to the node.
 struct Field {
   const Node* node;
   const std::string* path;
@@ -24,7 +25,7 @@ struct Field {
   Field item(size_t i) const;                       // fails on Node::numbers
   size_t size() const;                              // items or members
 
-  /// Fails on keys outside required + optional (with the nearest names) and on missing ones; on anything but a mapping.
+  /// Fails on keys outside required + optional (with the nearest names), on missing ones, and on anything but a mapping.
   void check_keys(const std::vector<std::string>& required, const std::vector<std::string>& optional = {}) const;
 
   double number() const;                            // finite

@@ -48,7 +48,7 @@ std::string read_file(const std::string& path) {
 }
 
 void check_output(const std::string& directory, bool force) {
-  static const std::vector<std::string> ours = {"robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
+  static const std::vector<std::string> own_files = {"robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
                                                 "residuals.csv", "batch.json", "report.html", "samples.jsonl", "truth.json"};
   std::error_code error;
   const fs::path path(plain_name(directory));
@@ -61,7 +61,7 @@ void check_output(const std::string& directory, bool force) {
   if (!force) throw InputError(directory + ": exists already; --force replaces a result, another --out keeps it");
   if (!fs::is_directory(path, error)) throw InputError(directory + ": is not a directory");
   for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
-    if (std::find(ours.begin(), ours.end(), entry.path().filename().string()) == ours.end())
+    if (std::find(own_files.begin(), own_files.end(), entry.path().filename().string()) == own_files.end())
       throw InputError(directory + ": --force would delete " + entry.path().filename().string() +
                        ", which is no file of kincal's: move it away or choose another --out");
 }

@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// This returns the whole file. @throws InputError with path and reason.
+/// Returns the whole file. @throws InputError with path and reason.
 std::string read_file(const std::string& path);
 
 /// Writes one file through a temporary name. @throws InputError
@@ -22,7 +22,7 @@ void check_output(const std::string& directory, bool force);
 bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force,
                      bool (*go_on)(), const std::string& scratch = "");
 
-/// SHA-256 in hex.
+/// Returns the SHA-256 in hex.
 std::string sha256(const std::string& text);
 
 }  // namespace kincal

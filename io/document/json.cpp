@@ -17,7 +17,7 @@ namespace kincal {
 namespace {
 
 // ------------------------------------------------------------------------------------------------ any JSON
-/// Walks the text and remembers how far the parser has read, which its events do not tell.
+/// Walks the text and remembers how far the parser has read, which its events do not give.
 struct Cursor {
   using iterator_category = std::input_iterator_tag;
   using value_type = char;

@@ -6,10 +6,10 @@
 
 namespace kincal {
 
-/// This is "; nearest: a, b, c" by edit distance, or "" if nothing is near.
+/// Returns "; nearest: a, b, c" by edit distance, or "" if nothing is near.
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names);
 
-/// All names stand in their order: "a, b, c".
+/// Returns all names in their order: "a, b, c".
 std::string comma_separated(const std::vector<std::string>& names);
 
 }  // namespace kincal

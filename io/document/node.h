@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// A value of a YAML or JSON file and where it stands.
+/// A Node is a value of a YAML or JSON file and where it stands.
 struct Node {
   enum class Kind { null, scalar, sequence, mapping };
   Kind kind = Kind::null;
@@ -19,7 +19,7 @@ struct Node {
   int columns = 0;                                    // of such rows; 0: a number or a list of numbers
   int line = 0, column = 0;                           // from 1
 
-  /// This returns the member `key`, null if it is absent.
+  /// Returns the member `key`, null if it is absent.
   const Node* find(const std::string& key) const {
     for (const auto& member : members)
       if (member.first == key) return &member.second;
@@ -27,7 +27,7 @@ struct Node {
   }
 };
 
-/// This makes a scalar that stands in no file; it has no quotes.
+/// Makes a scalar that stands in no file; it has no quotes.
 inline Node scalar_node(const std::string& text) {
   Node node;
   node.kind = Node::Kind::scalar;

@@ -11,15 +11,15 @@ namespace kincal {
 /// True for numbers such as 010, which YAML 1.1 takes as octal.
 bool starts_with_zero(std::string_view digits);
 
-/// This reads a whole finite decimal number. It refuses 010 (octal in YAML 1.1), 0x10, 1_000, 1:30, nan and inf: false.
+/// Reads a whole finite decimal number. It refuses 010 (octal in YAML 1.1), 0x10, 1_000, 1:30, nan and inf: false.
 bool read_number(std::string_view text, double& value);
 
-/// This is the shortest decimal text that reads back as the same double; 0 and -0 are "0".
+/// Returns the shortest decimal text that reads back as the same double; 0 and -0 are "0".
 std::string shortest(double value);
-/// The three numbers stand with blanks between them.
+/// Returns the three numbers with blanks between them.
 std::string shortest(const Vector3d& v);
 
-/// A list is written as YAML and JSON both take it: "[1, 0.5]".
+/// Writes a list as YAML and JSON both take it: "[1, 0.5]".
 std::string list_text(const double* values, int count);
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// A text between double quotes, for the writers of YAML and JSON. Internal to this folder.
+// A text between double quotes, for the writers of YAML and JSON. This header is internal to this folder.
 #pragma once
 
 #include <string>
@@ -7,7 +7,8 @@ namespace kincal {
 
 enum class Quoting { yaml, json };
 
-/// Quotes, backslashes and control characters are escaped; bytes above ASCII stay as they are.
+/// Returns the text between double quotes. Quotes, backslashes and control characters in it are escaped; bytes above ASCII stay as they
+/// are.
 std::string quoted_text(const std::string& text, Quoting quoting);
 
 }  // namespace kincal

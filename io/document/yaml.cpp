@@ -28,7 +28,7 @@ size_t count_nodes(const Node& node) {
   return n;
 }
 
-/// yaml-cpp's events instead of its nodes: they tell quoted from plain scalars, show every key, and leave aliases to us.
+/// yaml-cpp's events instead of its nodes: they distinguish quoted from plain scalars, show every key, and leave aliases to us.
 class YamlEvents : public YAML::EventHandler {
  public:
   explicit YamlEvents(const std::string& path) : builder(path), path_(path) {}

@@ -21,15 +21,15 @@ std::string motion_of(const Joint& j) {
   return std::string(type_name(j.type)) + (j.moves() ? " about or along " + shortest(j.axis) : "");
 }
 
-/// Links, joints and how they hang together and move must be the same; origins may differ.
+/// Links, joints, their topology and their motions must be the same; origins may differ.
 void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
   const Tree &s = a.rig_file.rig.tree, &t = b.rig_file.rig.tree;
   const auto refuse = [&](const std::string& why) {
     throw InputError(a.path + " and " + b.path + " are calibrations of different robots: " + why);
   };
-  const auto only = [&](const std::string& what, std::set<std::string> in_s, const std::set<std::string>& in_t, const CalibratedFiles& f) {
+  const auto only = [&](const std::string& kind, std::set<std::string> in_s, const std::set<std::string>& in_t, const CalibratedFiles& f) {
     for (const std::string& name : in_s)
-      if (!in_t.count(name)) refuse(what + " '" + name + "' is only in " + f.rig_file.urdf.path);
+      if (!in_t.count(name)) refuse(kind + " '" + name + "' is only in " + f.rig_file.urdf.path);
   };
   const auto joints = [](const Tree& tree) {
     std::set<std::string> out;

@@ -27,13 +27,14 @@ struct Comparison {
   std::string workspace;                          // `samples` or `limits`
   std::vector<std::string> notes;                 // what to keep in mind
 };
-/// `frames`: names (find_frame); empty: every link that carries a sensor or mounted target, and their own frames. `samples`: a file whose
-/// readings are the workspace; empty: random postures within the joints' limits. @throws InputError: the robots differ, a frame is unknown.
+/// Compares two calibrations. `frames` are names (find_frame); empty: every link that carries a sensor or mounted target, and their own
+/// frames. `samples` is a file whose readings are the workspace; empty: random postures within the joints' limits. @throws InputError: the
+/// robots differ, a frame is unknown.
 Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std::vector<std::string>& frames, const std::string& samples);
 
 std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b, const Comparison& comparison);
 
-/// The frame of this name. @throws InputError with the nearest ones; `where` comes first in the message.
+/// Returns the frame of this name. @throws InputError with the nearest ones; `where` comes first in the message.
 Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name, const std::string& where);
 
 }  // namespace kincal

@@ -24,7 +24,7 @@ std::string residuals_csv(const Report& report) {
                              csv_field(rig.targets[r.view->target].name) + ",";
     for (Eigen::Index b = 0; b < blocks; ++b) {
       out += head;
-      if (!sensor.model->whole_pose()) out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
+      if (!sensor.model->measures_pose()) out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
       out += std::string(",") + sensor.model->unit();
       for (int i = 0; i < 6; ++i) out += "," + (i < rows ? shortest(r.raw(b * rows + i)) : std::string());
       for (int i = 0; i < 3; ++i)

@@ -11,13 +11,13 @@ namespace kincal {
 std::string residuals_csv(const Report& report);
 std::string covariance_csv(const Solution& solution);
 
-/// The field is quoted where commas, quotes or line ends ask for it.
+/// Returns a field, quoted where commas, quotes or line ends ask for it.
 std::string csv_field(const std::string& text);
 
-/// The rows of a CSV file are read as this program writes them. @throws InputError
+/// Reads the rows of a CSV file as this program writes them. @throws InputError
 std::vector<std::vector<std::string>> read_csv(const std::string& path);
 
-/// A field is read as a finite number; `place` (path:line) begins the message of the error. @throws InputError
+/// Reads a field as a finite number; `place` (path:line) begins the message of the error. @throws InputError
 double csv_number(const std::string& text, const std::string& place);
 
 }  // namespace kincal

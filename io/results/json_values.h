@@ -1,4 +1,5 @@
-// Values as the JSON files of a result have them. Not for users of the library: it brings the JSON library along and is not installed.
+// Values as the JSON files of a result have them. It is not for users of the library: it brings the JSON library along and is not
+// installed.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,11 +11,11 @@ namespace kincal {
 
 using Json = nlohmann::ordered_json;
 
-/// null where not finite.
+/// A number that is not finite becomes null.
 Json number(double v);
 Json numbers(const std::vector<double>& v);
 Json vector3(const Vector3d& v);
-/// {xyz, quat}
+/// A pose becomes {xyz, quat}.
 Json pose(const Pose& p);
 
 }  // namespace kincal

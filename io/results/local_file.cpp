@@ -53,9 +53,9 @@ LocalPosture posture_of_file(const std::string& path, const Rig& rig) {
   return out;
 }
 
-Json rms(const SplitStatistics& s, bool whole_pose) {
+Json rms(const SplitStatistics& s, bool measures_pose) {
   Json out = {{"points", s.points}, {"before", number(s.rms_before)}, {"after", number(s.rms_as_read)}};
-  if (whole_pose) {
+  if (measures_pose) {
     out["rotation_before"] = number(s.rotation_before);
     out["rotation_after"] = number(s.rotation_as_read);
   }
@@ -94,8 +94,8 @@ Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration
   }
   out["sensors"] = Json::object();
   for (const SensorResult& s : local.sensors) {
-    out["sensors"][s.name] = {{"unit", s.unit}, {"left_out", rms(s.train, s.whole_pose)}};
-    if (s.test.points > 0) out["sensors"][s.name]["held_out"] = rms(s.test, s.whole_pose);
+    out["sensors"][s.name] = {{"unit", s.unit}, {"left_out", rms(s.train, s.measures_pose)}};
+    if (s.test.points > 0) out["sensors"][s.name]["held_out"] = rms(s.test, s.measures_pose);
   }
   return out;
 }

@@ -13,7 +13,7 @@
 
 namespace kincal {
 
-/// A calibration as its files have it.
+/// CalibratedFiles are a calibration as its files have it.
 struct CalibratedFiles {
   std::string path;  // as given
   RigFile rig_file;
@@ -25,10 +25,10 @@ struct CalibratedFiles {
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
-/// @throws InputError
+/// Reads a calibration. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path);
 
-/// The parameter's index, or -1 if the table has none of this name.
+/// Returns the parameter's index, or -1 if the table has none of this name.
 int find_parameter(const ParameterTable& table, const std::string& name);
 
 }  // namespace kincal

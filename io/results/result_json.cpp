@@ -16,12 +16,12 @@ Json directions(const std::vector<Direction>& all) {
   return out;
 }
 
-Json statistics(const SplitStatistics& s, bool whole_pose, bool before) {
+Json statistics(const SplitStatistics& s, bool measures_pose, bool before) {
   Json out = {{"points", s.points}};
   if (before) out["rms_before"] = number(s.rms_before);
   out["rms"] = number(s.rms);
   out["rms_as_read"] = number(s.rms_as_read);
-  if (whole_pose) {
+  if (measures_pose) {
     if (before) out["rms_rotation_before"] = number(s.rotation_before);
     out["rms_rotation"] = number(s.rotation);
     out["rms_rotation_as_read"] = number(s.rotation_as_read);
@@ -33,7 +33,7 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   Json out = Json::object();
   for (const SensorResult& s : sensors)
     out[s.name] = {
-        {"unit", s.unit}, {"train", statistics(s.train, s.whole_pose, before)}, {"test", statistics(s.test, s.whole_pose, before)}};
+        {"unit", s.unit}, {"train", statistics(s.train, s.measures_pose, before)}, {"test", statistics(s.test, s.measures_pose, before)}};
   return out;
 }
 
@@ -67,7 +67,7 @@ Json held_out_table(const std::vector<HeldOutError>& sensors) {
                 {"rms_95", interval(e.of_rms)},
                 {"rms_as_read", number(e.rms_as_read)},
                 {"rms_as_read_95", interval(e.of_rms_as_read)}};
-    if (e.whole_pose) {
+    if (e.measures_pose) {
       one["rms_rotation"] = number(e.rotation);
       one["rms_rotation_95"] = interval(e.of_rotation);
       one["rms_rotation_as_read"] = number(e.rotation_as_read);
@@ -249,7 +249,8 @@ Json result_json(const Report& report) {
   json["sensors"] = sensor_table(report.residuals.sensors, true);
   if (report.restarts) json["restarts"] = restarts_json(*report.restarts);
   json["noise_levels"] = noise_table(report.noise_levels);
-  if (report.noise_estimated) json["noise_estimated"] = {{"rounds", report.noise_estimated->count}, {"converged", report.noise_estimated->rests}};
+  if (report.noise_estimated)
+    json["noise_estimated"] = {{"rounds", report.noise_estimated->count}, {"converged", report.noise_estimated->converged}};
   json["validation"] = validation_json(report.validation);
   if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
   json["unobservable"] = directions(solution.unobservable);

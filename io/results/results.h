@@ -1,4 +1,4 @@
-// What a calibration writes: a directory with the calibrated robot, the rig, and everything known about them. apply.h is the way back.
+// What a calibration writes: a directory with the calibrated robot, the rig, and everything known about them. apply.h goes back from there.
 #pragma once
 
 #include <string>
@@ -9,13 +9,13 @@
 
 namespace kincal {
 
-/// A gear scale as a mechanical reduction (old / scale) of the joint's <transmission>.
+/// A Reduction is a gear scale as a mechanical reduction (old / scale) of the joint's <transmission>.
 struct Reduction {
   std::string joint, transmission;
   double scale = 1, before = 1, after = 1;
 };
 
-/// A finished run in the terms of files, before anything is written.
+/// ResultFiles are a finished run in the terms of files, before anything is written.
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv, residuals_csv;
   std::string batch_json;                         // left to a batch (summary_file.h); empty: not written

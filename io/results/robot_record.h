@@ -1,5 +1,5 @@
-// What result.json records of the robot, so that the changes of a result can be put into another copy of it. Not for users of the library:
-// it brings the JSON library along and is not installed.
+// What result.json records of the robot, so that the changes of a result can be put into another copy of it. It is not for users of the
+// library: it brings the JSON library along and is not installed.
 #pragma once
 
 #include <string>
@@ -11,14 +11,14 @@
 
 namespace kincal {
 
-/// A pose is written with its rotation as a matrix, so that it comes back to the last bit.
+/// Writes a pose with its rotation as a matrix, so that it comes back to the last bit.
 Json exact_pose(const Pose& p);
 Pose read_exact_pose(const Field& field);
 
-/// What else than its origin makes a joint what it is: type, axis and mimic, as one text to compare.
+/// Returns type, axis and mimic of a joint as text, to see whether two URDFs agree.
 std::string motion_text(const Tree& tree, const Joint& joint);
 
-/// The same to the last bit.
+/// True if the poses are the same to the last bit.
 bool equal(const Pose& a, const Pose& b);
 
 }  // namespace kincal

@@ -61,7 +61,7 @@ std::string cell(double v) { return std::isfinite(v) ? shortest(v) : ""; }
 
 std::string heading(const std::string& name, const std::string& unit) { return unit.empty() ? name : name + " [" + unit + "]"; }
 
-/// What a set has to say in columns: of its sensors, or of its parameters. A value that is no number, and a parameter that did not
+/// The columns of a set: of its sensors, or of its parameters. A value that is no number, and a parameter that did not
 /// change, need no column.
 std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool parameters) {
   std::vector<std::pair<std::string, double>> all;
@@ -94,7 +94,7 @@ SetSummary summarize(const Report& report) {
     if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
   for (const SensorResult& s : report.residuals.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
-    if (s.whole_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
+    if (s.measures_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
   }
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c)

@@ -1,4 +1,4 @@
-// What a batch of calibrations says of its sets: the record in each result directory (batch.json), from which a later run knows what is
+// What a batch of calibrations writes of its sets: the record in each result directory (batch.json), from which a later run knows what is
 // done, and the table over all sets (summary.csv, summary.json).
 #pragma once
 
@@ -10,19 +10,19 @@
 
 namespace kincal {
 
-/// rms of a sensor's residuals; whole poses have a second one, `NAME/rotation`. NaN: none.
+/// A SensorRms is the rms of a sensor's residuals; a sensor that measures poses has a second one, `NAME/rotation`. NaN: none.
 struct SensorRms {
   std::string name, unit;
   double train = 0, test = 0;
 };
 
-/// A parameter component that a step freed. sigma NaN: not determined.
+/// A Change is that of a parameter component that a step freed. sigma NaN: not determined.
 struct Change {
   std::string name, unit;
   double initial = 0, value = 0, sigma = 0;
 };
 
-/// One set of a batch.
+/// A SetSummary is one set of a batch.
 struct SetSummary {
   std::string name;
   std::string status;  // as in result.json, or `failed`: there is no result
@@ -37,7 +37,7 @@ struct SetSummary {
   bool fails() const { return exit_code != 0; }
 };
 
-/// What a result was made from, and its line of the summary.
+/// A BatchRecord is what a result was made from, and its line of the summary.
 struct BatchRecord {
   std::string version, options;    // of kincal; as a command line
   std::string rig, samples, urdf;  // SHA-256
@@ -45,17 +45,17 @@ struct BatchRecord {
   SetSummary set;
 };
 
-/// The summary of a finished calibration; name, exit code and seconds are the caller's.
+/// Summarises a finished calibration; name, exit code and seconds are the caller's.
 SetSummary summarize(const Report& report);
 
 std::string record_text(const BatchRecord& record);
-/// nullopt if there is none, or it cannot be read.
+/// Reads a record; nullopt if there is none, or it cannot be read.
 std::optional<BatchRecord> read_record(const std::string& path);
 
-/// One line a set. Columns of sensors and parameters in the order in which the sets name them first; parameters that no set changed are
-/// left out. Nothing in it depends on time or on how many ran at once.
+/// Writes one line a set. Columns of sensors and parameters stand in the order in which the sets name them first; parameters that no set
+/// changed are left out. Nothing in it depends on time or on how many ran at once.
 std::string summary_csv(const std::vector<SetSummary>& sets);
-/// Everything; `ignored`: folders that are no set.
+/// Writes everything; `ignored` counts the folders that are no set.
 std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version, const std::string& options, size_t ignored);
 
 }  // namespace kincal

@@ -134,9 +134,9 @@ std::string head_text(const Tree& tree, const std::string& robot) {
 /// What only a camera has; `camera`: its number among the cameras.
 std::string camera_text(const NewRig& rig, const NewSensor& s, size_t camera) {
   std::string out;
-  const auto of_this = [&](const auto& all) { return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera]; };
-  const std::vector<double>* intrinsics = of_this(rig.intrinsics);
-  const std::vector<int>* size = of_this(rig.image_sizes);
+  const auto of_camera = [&](const auto& all) { return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera]; };
+  const std::vector<double>* intrinsics = of_camera(rig.intrinsics);
+  const std::vector<int>* size = of_camera(rig.image_sizes);
   if (!intrinsics && !size)
     throw InputError("--sensor " + s.type + ":" + s.link +
                      ": a camera needs --intrinsics FX,FY,CX,CY, or --image-size WIDTHxHEIGHT to guess them from");
@@ -238,30 +238,30 @@ NewSensor parse_new_sensor(const std::string& text, const Tree& tree) {
 NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   const std::string option = "--target " + text;
   const size_t at = text.find('@');
-  std::vector<std::string> what = split(text.substr(0, at), ':');
+  std::vector<std::string> fields = split(text.substr(0, at), ':');
   NewTarget out;
-  out.type = known_type(what[0], target_types(), option);
+  out.type = known_type(fields[0], target_types(), option);
   const size_t numbers = out.type == "points" ? 2 : out.type == "charuco" || out.type == "apriltag_grid" ? 4 : 3;
   if (at != std::string::npos) {
     const std::vector<std::string> where = split(text.substr(at + 1), ':');
-    if (where.size() > 2 || what.size() != numbers) throw InputError(option + ": expected is one of\n" + kTargetForm);
+    if (where.size() > 2 || fields.size() != numbers) throw InputError(option + ": expected is one of\n" + kTargetForm);
     out.link = known_link(where[0], tree, option);
     if (where.size() > 1) out.name = where[1];
-  } else if (what.size() == numbers + 1) {
-    out.name = what.back();
-    what.pop_back();
+  } else if (fields.size() == numbers + 1) {
+    out.name = fields.back();
+    fields.pop_back();
   }
-  if (what.size() != numbers) throw InputError(option + ": expected is one of\n" + kTargetForm);
+  if (fields.size() != numbers) throw InputError(option + ": expected is one of\n" + kTargetForm);
   if (out.type == "points") {
-    for (const std::string& point : split(what[1], ';')) {
+    for (const std::string& point : split(fields[1], ';')) {
       const std::vector<std::string> xyz = split(point, ',');
       if (xyz.size() != 3) throw InputError(option + ": a point is X,Y,Z in m, not '" + point + "'");
       for (const std::string& v : xyz) out.points.push_back(number(v, option, "points"));
     }
     return out;
   }
-  const std::vector<std::string> size = split(what[1], 'x');
-  if (size.size() != 2) throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + what[1] + "'");
+  const std::vector<std::string> size = split(fields[1], 'x');
+  if (size.size() != 2) throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
   const auto count = [&](const std::string& t, const char* name) {
     const double value = number(t, option, name);
     const int least = out.type == "charuco" ? 2 : 1;
@@ -271,8 +271,8 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   };
   out.rows = count(size[0], "rows");
   out.columns = count(size[1], "columns");
-  out.size = positive(what[2], option, "size");
-  if (numbers == 4) out.second = positive(what[3], option, out.type == "charuco" ? "marker" : "gap");
+  out.size = positive(fields[2], option, "size");
+  if (numbers == 4) out.second = positive(fields[3], option, out.type == "charuco" ? "marker" : "gap");
   return out;
 }
 

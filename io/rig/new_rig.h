@@ -8,12 +8,12 @@
 
 namespace kincal {
 
-/// "TYPE:LINK[:NAME]" in parts.
+/// A NewSensor is "TYPE:LINK[:NAME]" in parts.
 struct NewSensor {
   std::string type, link, name;
 };
 
-/// "TYPE:...[@LINK][:NAME]" in parts; without a link the target is free.
+/// A NewTarget is "TYPE:...[@LINK][:NAME]" in parts; without a link the target is free.
 struct NewTarget {
   std::string type, link, name;
   int rows = 0, columns = 0;
@@ -21,11 +21,11 @@ struct NewTarget {
   std::vector<double> points;   // x y z of each
 };
 
-/// The forms that the two options take, for help and messages.
+/// These are the forms that the two options take, for help and messages.
 extern const char* const kSensorForm;
 extern const char* const kTargetForm;
 
-/// @throws InputError naming the option, what is wrong and what is valid (types; the nearest links).
+/// Both parse one option. @throws InputError naming the option, what is wrong and what is valid (types; the nearest links).
 NewSensor parse_new_sensor(const std::string& text, const Tree& tree);
 NewTarget parse_new_target(const std::string& text, const Tree& tree);
 
@@ -33,13 +33,13 @@ struct NewRig {
   std::string robot;  // as the rig names it
   std::vector<NewSensor> sensors;
   std::vector<NewTarget> targets;
-  /// Of the cameras in their order; one for all of them if there is only one.
+  /// These stand in the order of the cameras; one is for all of them if it is the only one.
   std::vector<std::vector<double>> intrinsics;  // fx fy cx cy
   std::vector<std::vector<int>> image_sizes;    // width height
 };
 
-/// The commented text of a rig that read_rig() takes. Names that are missing are made from the types. @throws InputError: names that stand
-/// twice, a camera without intrinsics and image size, a tilting laser without a joint that moves it.
+/// Writes the commented text of a rig that read_rig() takes. Names that are missing are made from the types. @throws InputError: duplicate
+/// names, a camera without intrinsics and image size, a tilting laser without a joint that moves it.
 std::string new_rig_text(const Urdf& urdf, NewRig rig);
 
 }  // namespace kincal

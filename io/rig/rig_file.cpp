@@ -38,7 +38,7 @@ int read_link(const Field& field, const Tree& tree) {
   return link;
 }
 
-/// The joints between two links; a floating or planar one is the fault of `field`, which asks for the way.
+/// The joints between two links; a floating or planar one is an error of `field`, which asks for the path.
 Path path_between(const Field& field, const Tree& tree, int from, int to) {
   try {
     return find_path(tree, from, to);

@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// A rig as read: its meaning and its text.
+/// A RigFile is a rig as read: its meaning and its text.
 struct RigFile {
   std::string path;
   std::string text;
@@ -20,11 +20,11 @@ struct RigFile {
   Urdf urdf;
 };
 
-/// Reads a rig and its robot. `urdf_path`: a robot in place of the rig's; joint offsets of the rig are then taken as folded
-/// into it (0), scales stay. @throws InputError
+/// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the rig are then taken as folded into it (0),
+/// scales stay. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "");
 
-/// The settings of all joints are read from `joints` of a rig; later entries win over earlier ones. @throws InputError
+/// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones. @throws InputError
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree);
 
 }  // namespace kincal

@@ -91,7 +91,7 @@ Node joint_node(const JointSettings& settings) {
 /// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
-  const bool there = root.find("joints") != nullptr;
+  const bool had_joints = root.find("joints") != nullptr;
   Node& joints = member(root, "joints", {"robot", "base"});
   for (const bool move : {false, true}) {
     const std::vector<JointSettings> given = read_joint_settings({&joints, &rig.path, "joints"}, tree);
@@ -108,7 +108,7 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
       }
     }
   }
-  if (!there && joints.kind == Node::Kind::null) erase_member(root, "joints");
+  if (!had_joints && joints.kind == Node::Kind::null) erase_member(root, "joints");
 }
 
 /// Inverse of read_sigma.

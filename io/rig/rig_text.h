@@ -8,10 +8,10 @@
 
 namespace kincal {
 
-/// The steps of the rig are replaced, in its meaning and in its text.
+/// Replaces the steps of the rig, in its meaning and in its text.
 void set_steps(RigFile& rig, const std::vector<Step>& steps);
 
-/// New values for a rig's text.
+/// RigValues are new values for a rig's text.
 struct RigValues {
   std::vector<double> joint_offsets;               // by joint index: what is left after folding
   std::vector<double> joint_scales, joint_sigmas;
@@ -24,8 +24,8 @@ struct RigValues {
 };
 RigValues values_of(const Rig& rig);
 
-/// The rig's text gets `values` where they differ from the rig's own (poses: also where the rig has none and the value is
-/// not the identity), and `robot` as the robot's file. Joints' numbers become entries of their own, after the globs.
+/// Returns the rig's text with `values` where they differ from the rig's own (poses: also where the rig has none and the value is not the
+/// identity), and `robot` as the robot's file. Joints' numbers become entries of their own, after the globs.
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot);
 
 }  // namespace kincal

@@ -21,7 +21,7 @@ namespace {
 struct Lookup {
   const Rig& rig;
   std::unordered_map<std::string, int> joints, sensors, targets;
-  std::vector<std::vector<int>> sensor_needs, target_needs;  // joints with a reading on the way to the base
+  std::vector<std::vector<int>> sensor_needs, target_needs;  // joints with a reading on the path to the base
   std::vector<char> spreads;                                 // by target: three points not on a line
 };
 
@@ -71,9 +71,9 @@ struct SampleJoints {
   const std::vector<double>& readings;
 };
 
-/// Fails if a joint between the view's sensor or target (`what`, `whose`) and the base has no reading; tells of a misspelt one.
+/// Fails if a joint between the view's sensor or target (`what`, `owner`) and the base has no reading; names a misspelt one.
 void check_readings(const Field& view, const SampleJoints& joints, const Lookup& look, const std::vector<int>& needed, const char* what,
-                    const std::string& whose) {
+                    const std::string& owner) {
   for (int j : needed) {
     if (!std::isnan(joints.readings[j])) continue;
     const std::string& name = look.rig.tree.joints[j].name;
@@ -81,7 +81,7 @@ void check_readings(const Field& view, const SampleJoints& joints, const Lookup&
     for (const auto& member : joints.field.node->members)
       if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
         near = "; the sample has '" + member.first + "'";
-    view.fail(std::string(what) + " '" + whose + "' needs joint '" + name + "', which the sample lacks" + near);
+    view.fail(std::string(what) + " '" + owner + "' needs joint '" + name + "', which the sample lacks" + near);
   }
 }
 
@@ -170,7 +170,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   const Target& target = rig.targets[view.target];
   const std::string payload = payload_of(sensor);
   check_payload(field, sensor.type, payload);
-  if (sensor.model->whole_pose()) {
+  if (sensor.model->measures_pose()) {
     if (field.has("ids")) field["ids"].fail("a " + sensor.type + " view has no 'ids'");
     if (!payload.empty()) view.z = read_pose_numbers(field[payload]);
   } else {
@@ -178,7 +178,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
     view.z = field[payload].table(numbers);
     view.ids = read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
   }
-  if (sensor.model->sight() == Sight::chain && !look.spreads[view.target])
+  if (sensor.model->measurement_kind() == MeasurementKind::chain && !look.spreads[view.target])
     field.fail("a chain needs a target with three points not on a line, '" + target.name +
                "' has none; for a single point use a sensor of type point on link '" + rig.tree.links[sensor.link] + "'");
   view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor.type) : sensor.sigma;
@@ -238,7 +238,7 @@ std::string json_view(const Rig& rig, const View& view) {
   std::string out = "{\"sensor\": " + json_string(sensor.name) + ", \"target\": " + json_string(rig.targets[view.target].name);
   const std::string payload = payload_of(sensor);
   const int count = static_cast<int>(view.ids.size());
-  if (!sensor.model->whole_pose()) {
+  if (!sensor.model->measures_pose()) {
     std::string ids;
     for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
     out += ", \"ids\": [" + ids + "], \"" + payload + "\": " + json_table(view.z.data(), count, sensor.model->numbers());

@@ -59,7 +59,7 @@ void read_views(const Field& field, const Rig& rig, Posture& posture) {
     posture.views.push_back(pair);
     for (int j : needed_readings(rig, s, t))
       if (std::isnan(posture.readings[j])) view.fail("needs joint '" + rig.tree.joints[j].name + "', which the posture lacks");
-    if (rig.sensors[s].model->sight() != Sight::chain) continue;
+    if (rig.sensors[s].model->measurement_kind() != MeasurementKind::chain) continue;
     const Target& target = rig.targets[t];
     if (target.link >= 0)
       view["target"].fail("a chain holds free targets only, '" + target.name + "' is mounted on link '" + rig.tree.links[target.link] +

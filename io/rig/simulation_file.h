@@ -17,13 +17,14 @@
 
 namespace kincal {
 
-/// @throws InputError "path:line: views[2].sensor: ..."; every view must be possible: joints there, free targets held or placed.
+/// Reads postures. @throws InputError "path:line: views[2].sensor: ..."; every view must be possible: joints there, free targets held or
+/// placed.
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig);
 
-/// Values in the table's layout. "samples" is not looked at. @throws InputError
+/// Reads values in the table's layout. "samples" is not looked at. @throws InputError
 VectorXd read_truth(const std::string& path, const ParameterTable& table);
 
-/// A truth file: all components that differ from the rig, and per sample the true readings and poses of free targets.
+/// Writes a truth file: all components that differ from the rig, and per sample the true readings and poses of free targets.
 std::string truth_text(const Rig& rig, const ParameterTable& table, const Simulation& simulation);
 
 }  // namespace kincal

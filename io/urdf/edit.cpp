@@ -37,7 +37,7 @@ struct Tag {
   std::map<std::string, std::pair<size_t, size_t>> values;  // by attribute, without the quotes
 };
 
-/// Scans an element's start tag, which pugixml has found well-formed; pugixml does not tell the places of attributes.
+/// Scans an element's start tag, which pugixml has found well-formed; pugixml does not give the places of attributes.
 Tag scan_tag(const std::string& text, const pugi::xml_node& element) {
   const auto broken = [&]() -> Tag { throw std::logic_error(title(element) + ": start tag not found again"); };
   const auto skip_blanks = [&](size_t& i) {

@@ -8,14 +8,14 @@
 
 namespace kincal {
 
-/// What to write: new origins (parent_T_joint) by joint index, and new mechanical reductions by joint name.
+/// UrdfChanges are what to write: new origins (parent_T_joint) by joint index, and new mechanical reductions by joint name.
 struct UrdfChanges {
   std::map<int, Pose> origins;
   std::map<std::string, double> reductions;
 };
 
-/// The text gets these numbers in place of the old. An origin's xyz is rewritten only if the translation differs from
-/// the one in the text, rpy only if the rotation does; each in up to 17 significant digits. With no change: the input itself.
+/// Returns the text with these numbers in place of the old. An origin's xyz is rewritten only if the translation differs from the one in
+/// the text, rpy only if the rotation does; each in up to 17 significant digits. With no change it is the input itself.
 /// @throws std::invalid_argument for a joint without a transmission as in reductions.h, and for numbers that are not finite.
 std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes);
 

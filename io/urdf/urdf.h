@@ -9,12 +9,12 @@
 
 namespace kincal {
 
-/// An origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.
+/// An OriginText is an origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.
 struct OriginText {
   std::string xyz, rpy;
 };
 
-/// A URDF as read.
+/// A Urdf is a URDF as read.
 struct Urdf {
   std::string path;                    // where it came from, for messages
   std::string text;                    // the file, byte for byte
@@ -24,11 +24,11 @@ struct Urdf {
   std::vector<std::string> warnings;   // e.g. an undefined root link that was accepted
 };
 
-/// @throws InputError "path:line: element: what is wrong, what is valid".
+/// Both read a URDF. @throws InputError "path:line: element: what is wrong, what is valid".
 Urdf read_urdf(const std::string& path);
 Urdf parse_urdf(const std::string& text, const std::string& path);
 
-/// This is the type's name in a URDF.
+/// Returns the type's name in a URDF.
 const char* type_name(JointType type);
 
 }  // namespace kincal

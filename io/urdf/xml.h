@@ -1,4 +1,5 @@
-// The XML of a URDF with the bytes it came from: parsed strictly, attributes read with the line in every message. Internal to this folder.
+// The XML of a URDF with the bytes it came from: parsed strictly, attributes read with the line in every message. This header is internal
+// to this folder.
 #pragma once
 
 #include <cstddef>
@@ -10,40 +11,40 @@
 
 namespace kincal {
 
-/// The parsed XML with the bytes it came from. pugixml keeps the offset of every element's name in them.
+/// Xml is the parsed XML with the bytes it came from. pugixml keeps the offset of every element's name in them.
 struct Xml {
   const std::string& text;
   const std::string& path;
   pugi::xml_document document;
 };
 
-/// This parses and returns <robot>. The bytes are taken as they are (UTF-8 or anything that contains ASCII): pugixml converts nothing.
+/// Parses and returns <robot>. The bytes are taken as they are (UTF-8 or anything that contains ASCII): pugixml converts nothing.
 /// @throws InputError
 pugi::xml_node load(Xml& xml);
 
-/// This is "path:line" of a byte.
+/// Returns "path:line" of a byte.
 std::string at_offset(const Xml& xml, std::ptrdiff_t offset);
 
-/// This is "joint 'elbow': <origin>" for the origin of a joint: the child of <robot> that holds the element, and the element.
+/// Returns "joint 'elbow': <origin>" for the origin of a joint: the child of <robot> that holds the element, and the element.
 std::string title(const pugi::xml_node& element);
 
-/// This is "path:line: title: ", the beginning of a message.
+/// Returns "path:line: title: ", the beginning of a message.
 std::string where(const Xml& xml, const pugi::xml_node& element);
 [[noreturn]] void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what);
 
 bool is_blank(char c);
 
-/// This reads all of [begin, end) as one finite number; false: it is none.
+/// Reads all of [begin, end) as one finite number; false: it is none.
 bool to_number(const char* begin, const char* end, double& value);
 
-/// Attributes as three numbers or one; `absent` stands for one that is not there. They fail on anything else.
+/// Both read an attribute, as three numbers or one; `absent` stands for one that is not there. They fail on anything else.
 Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute, const Vector3d& absent);
 double number(const Xml& xml, const pugi::xml_node& element, const char* attribute, double absent);
 
-/// This is an attribute that must not be empty.
+/// Returns an attribute that must not be empty.
 std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* attribute);
 
-/// This is the child of this name; null if there is none, an error if there are two.
+/// Returns the child of this name; null if there is none. Two are an error.
 pugi::xml_node only_child(const Xml& xml, const pugi::xml_node& element, const char* name);
 
 /// Elements stand in the order of the text, which is that of the tree's links or joints.

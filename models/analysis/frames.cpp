@@ -58,22 +58,22 @@ Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
 }
 
 /// Parameters that `frame` depends on and earlier steps estimated, but the last one held.
-std::vector<std::string> held_on_the_way(const Solution& solution, const Frame& frame) {
+std::vector<std::string> held_on_path(const Solution& solution, const Frame& frame) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
-  std::vector<int> on_the_way;
+  std::vector<int> path_parameters;
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
-    on_the_way.push_back(table.joint_origin[step.joint]);
+    path_parameters.push_back(table.joint_origin[step.joint]);
     if (!rig.tree.joints[step.joint].moves()) continue;
     const int d = driver(rig.tree, step.joint).joint;
-    for (int k = 0; k < rig.joints[d].model->size(); ++k) on_the_way.push_back(table.joint_offset[d] + k);
+    for (int k = 0; k < rig.joints[d].model->size(); ++k) path_parameters.push_back(table.joint_offset[d] + k);
   }
-  if (frame.pose >= 0) on_the_way.push_back(frame.pose);
+  if (frame.pose >= 0) path_parameters.push_back(frame.pose);
   std::vector<std::string> out;
   const std::string& last = solution.steps.back().name;
   for (const ParameterEstimate& e : solution.parameters) {
-    const auto mine = [&](int p) { return p == e.parameter; };
-    if (std::none_of(on_the_way.begin(), on_the_way.end(), mine)) continue;
+    const auto is_same = [&](int p) { return p == e.parameter; };
+    if (std::none_of(path_parameters.begin(), path_parameters.end(), is_same)) continue;
     for (size_t c = 0; c < e.freed.size(); ++c) {
       const bool now = e.step == last && e.sigma[c] != 0;  // NaN: freed and not determined
       if (e.freed[c] && !now) out.push_back(e.component_name(c));
@@ -210,7 +210,7 @@ FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, con
     out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()), statistics(sigma[0]), statistics(sigma[1]),
                               statistics(sigma[2]), statistics(sigma[3])});
   }
-  out.held = held_on_the_way(solution, frame);
+  out.held = held_on_path(solution, frame);
   return out;
 }
 

@@ -39,7 +39,7 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   for (double t : theta) variance += (t - mean) * (t - mean);
   const double error = std::sqrt(variance * static_cast<double>(m - 1) / static_cast<double>(m));
   const double rms = std::sqrt(sum / static_cast<double>(count)), factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
-  if (factor > 10) return {};  // one block is nearly all of it: the scatter over blocks says nothing
+  if (factor > 10) return {};  // one block is nearly all of it: the scatter over blocks means nothing
   return {rms / factor, rms * factor};
 }
 
@@ -52,7 +52,7 @@ void HeldOutSums::add(const Recording& recording, const Residuals& residuals, co
     for (const ViewResiduals& r : read ? residuals.as_read : residuals.after) {
       if (recording.samples[r.sample].train) continue;
       BlockSums& sums = all[{r.view->sensor, index[r.sample]}];
-      const bool whole = rig.sensors[r.view->sensor].model->whole_pose();
+      const bool whole = rig.sensors[r.view->sensor].model->measures_pose();
       const double squared = whole ? r.raw.head<3>().squaredNorm() : r.raw.squaredNorm();
       const double rotation = whole ? r.raw.tail<3>().squaredNorm() : 0;
       (read ? sums.as_read : sums.squared) += squared;
@@ -72,7 +72,7 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, 
     HeldOutError e;
     e.sensor = rig.sensors[s].name;
     e.unit = rig.sensors[s].model->unit();
-    e.whole_pose = rig.sensors[s].model->whole_pose();
+    e.measures_pose = rig.sensors[s].model->measures_pose();
     e.missing = missing->second;
     std::map<int, BlockSums> by_block, by_sample;
     BlockSums total;
@@ -108,7 +108,7 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, 
     judge(&BlockSums::squared, e.rms, e.of_rms);
     judge(&BlockSums::as_read, e.rms_as_read, e.of_rms_as_read);
     e.rotation = e.rotation_as_read = kNan;
-    if (e.whole_pose) {
+    if (e.measures_pose) {
       judge(&BlockSums::rotation, e.rotation, e.of_rotation);
       judge(&BlockSums::rotation_as_read, e.rotation_as_read, e.of_rotation_as_read);
     }

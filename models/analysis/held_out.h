@@ -4,8 +4,8 @@
 // over blocks on the logarithm (Efron, Stein 1981), with theta_i = ln q without block i and theta its mean,
 //     e^2 = (m - 1) / m  sum (theta_i - theta)^2,     95 % interval of rms = sqrt(q) exp(-+ t e / 2),
 // t the 97.5 % quantile of Student's t with m - 1 degrees of freedom. So blocks may be correlated inside and of any size. Nothing is
-// random. It says how far rms would scatter with other blocks of the same kind for this calibration; with fewer than three targets, or
-// views, the blocks are samples, and with fewer than three of those there is no interval.
+// random. The interval is how far rms would scatter with other blocks of the same kind for this calibration; with fewer than three targets,
+// or views, the blocks are samples, and with fewer than three of those there is no interval.
 #pragma once
 
 #include <map>
@@ -22,40 +22,40 @@ namespace kincal {
 struct Interval {
   double low = kNan, high = kNan;  // NaN: none
 };
-/// 95 % interval of a root mean square; `squares` and `points` by block.
+/// Returns the 95 % interval of a root mean square; `squares` and `points` are by block.
 Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points);
 
-/// Root mean squares of one sensor's residuals on data not used, with intervals; NaN: none. Units as SensorResult's.
+/// A HeldOutError has root mean squares of one sensor's residuals on data not used, with intervals; NaN: none. Units are as SensorResult's.
 struct HeldOutError {
   std::string sensor, unit;
-  bool whole_pose = false;
+  bool measures_pose = false;
   long points = 0;
   long missing = 0;        // views that cannot be evaluated at the estimate
-  long blocks = 0;         // that the intervals are made from
+  long blocks = 0;         // from which the intervals are made
   bool by_target = false;  // blocks are targets
   double rms, rms_as_read, rotation, rotation_as_read;
   Interval of_rms, of_rms_as_read, of_rotation, of_rotation_as_read;
 };
 
-/// The errors of the result's test split, sensor by sensor; empty: nothing is held out.
+/// Returns the errors of the solution's held-out samples, sensor by sensor; empty if nothing is held out.
 std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residuals& residuals);
 
-/// Squares of a sensor's residuals in one block.
+/// BlockSums are the squares of a sensor's residuals in one block.
 struct BlockSums {
   long points = 0;
   double squared = 0, as_read = 0, rotation = 0, rotation_as_read = 0;
 };
 
-/// Sums by sensor and sample of held-out residuals.
+/// HeldOutSums are sums of held-out residuals by sensor and sample.
 struct HeldOutSums {
   std::map<std::pair<int, int>, BlockSums> all;  // (sensor, sample of the whole set)
   std::map<int, long> missing;                   // sensor -> views
 
-  /// Adds the held-out residuals of a calibration of some samples; `index`: where each of these stands in the whole set.
+  /// Adds the held-out residuals of a calibration of some samples; `index` says where each of these stands in the whole set.
   void add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index);
 };
 
-/// The errors of the sums, sensor by sensor. `blocks`: of the whole set.
+/// Returns the errors of the sums, sensor by sensor. `blocks` are those of the whole set.
 std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, const HeldOutSums& held_out);
 
 }  // namespace kincal

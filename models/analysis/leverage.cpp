@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& left,
+std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& reduced_rows,
                                   const Observability& observability, double least) {
   constexpr double kAlone = 1e-7;  // of the information on a direction that the other groups have at least, else it is determined by one
   const MatrixXd& w = observability.root;
@@ -16,11 +16,11 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups, const s
   for (size_t g = 0; g < groups.size(); ++g) {
     const std::vector<int>& columns = groups[g].columns;
     const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
-    if (m == 0 || left[g].rows() == 0) continue;
+    if (m == 0 || reduced_rows[g].rows() == 0) continue;
     MatrixXd touched(m, n);
     for (Eigen::Index i = 0; i < m; ++i) touched.row(i) = w.row(columns[i]);
-    const MatrixXd b = left[g].leftCols(m) * touched;
-    const VectorXd right = b.transpose() * left[g].col(m);
+    const MatrixXd b = reduced_rows[g].leftCols(m) * touched;
+    const VectorXd right = b.transpose() * reduced_rows[g].col(m);
     MatrixXd rest = MatrixXd::Identity(n, n) - b.transpose() * b;
     VectorXd moved = VectorXd::Zero(n);
     MatrixXd lost(n, 0);
@@ -51,7 +51,7 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups, const s
 std::vector<Leverage> leverage(const Linearisation& at) {
   std::vector<Leverage> out;
   const Estimation& problem = at.problem();
-  for (const Influence& f : influences(problem.groups(), at.left(), at.observability()))
+  for (const Influence& f : influences(problem.groups(), at.reduced_rows(), at.observability()))
     if (problem.sample_of(f.group) >= 0)
       out.push_back({at.solution.samples()[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
   return out;

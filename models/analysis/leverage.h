@@ -15,22 +15,23 @@
 
 namespace kincal {
 
-/// Parameter (column) that would move by so many of its sigmas without the group; infinite: not determined then.
+/// An Influence is a column that would move by so many of its sigmas without the group; infinite: it is not determined then.
 struct Influence {
   int group, column;
   double sigmas;
 };
 
-/// Those above `least` in size, largest first (ties: as the groups come). left: as observe() gave it.
-std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& left,
+/// Returns the influences above `least` in size, largest first (equal ones as the groups come). `reduced_rows` are as observe() gave them.
+std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& reduced_rows,
                                   const Observability& observability, double least = 1);
 
-/// Without the sample the parameter component would move by this many of its sigmas (one Newton step); infinite: not determined then.
+/// A Leverage is a parameter component that would move by this many of its sigmas without the sample (one Newton step); infinite: it is not
+/// determined then.
 struct Leverage {
   std::string sample, parameter;
   double moved_sigmas;
 };
-/// Those above 1 sigma, largest first.
+/// Returns the leverages above 1 sigma, largest first.
 std::vector<Leverage> leverage(const Linearisation& at);
 
 }  // namespace kincal

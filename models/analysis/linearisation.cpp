@@ -10,7 +10,7 @@ Linearisation linearise(const Solution& solution) {
   out.at->problem = std::make_unique<Estimation>(*solution.recording, solution.training(), solution.setup);
   out.at->state = out.at->problem->pack(solution.values);
   out.at->problem->renew(out.at->state);
-  out.at->observability = observe(*out.at->problem, out.at->state, &out.at->left);
+  out.at->observability = observe(*out.at->problem, out.at->state, &out.at->reduced_rows);
   return out;
 }
 

@@ -15,11 +15,12 @@ struct Linearisation {
   Estimation& problem() const { return *at->problem; }
   const VectorXd& state() const { return at->state; }
   const Observability& observability() const { return at->observability; }
-  /// Rows of each group after the elimination of its private unknowns, as observe() gives them.
-  const std::vector<MatrixXd>& left() const { return at->left; }
+  /// Returns the rows of each group after the elimination of its private unknowns, as observe() gives them.
+  const std::vector<MatrixXd>& reduced_rows() const { return at->reduced_rows; }
 };
 
-/// The solution must have values (Solution::usable(), or not_converged). Takes what calibrate() left, else makes it again.
+/// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It takes what calibrate() left, else makes it
+/// again.
 Linearisation linearise(const Solution& solution);
 
 }  // namespace kincal

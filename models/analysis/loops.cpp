@@ -9,20 +9,18 @@
 namespace kincal {
 namespace {
 
-using Eigen::Matrix3Xd;
-
-/// A view at given values: what it says of its target, and from where it looks. In the hub: the frame of the link that carries the target,
+/// A view at given values: where it sees its target, and from where it looks. In the hub: the frame of the link that carries the target,
 /// or the base's for a free one. (A scanning joint may stand on either side of it.)
 struct Carried {
   const View* view;
-  std::vector<int> ids;  // points of the target that it has, and those in the hub; none: it does not tell
+  std::vector<int> ids;  // points of the target that it has, and those in the hub; none: it does not determine them
   Matrix3Xd points;
   std::vector<Pose> hub_T_sensor;  // one; of a scan one a ray
 };
 
 Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
-  const Sight sight = sensor.model->sight();
+  const MeasurementKind kind = sensor.model->measurement_kind();
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   const int hub = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
   const auto hub_T_sensor = [&](int joint, double reading) {
@@ -32,7 +30,7 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
   Carried out{&view, view_ids(view, rig.targets[view.target]), {}, {}};
   const Eigen::Index n = static_cast<Eigen::Index>(out.ids.size());
   out.points.resize(3, n);
-  if (sight == Sight::scan) {
+  if (kind == MeasurementKind::scan) {
     for (Eigen::Index i = 0; i < n; ++i) {
       const double* z = view.z.data() + 3 * i;
       out.hub_T_sensor.push_back(hub_T_sensor(sensor.scanning_joint, z[0]));
@@ -41,7 +39,7 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
     return out;
   }
   out.hub_T_sensor = {hub_T_sensor(-1, 0)};
-  if (sight == Sight::points) {
+  if (kind == MeasurementKind::points) {
     for (Eigen::Index i = 0; i < n; ++i)
       out.points.col(i) = out.hub_T_sensor[0] * Vector3d(Eigen::Map<const Vector3d>(view.z.data() + 3 * i));
     return out;
@@ -70,7 +68,7 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
     if (found != from.ids.end()) both.push_back({found - from.ids.begin(), k});
   }
   if (both.empty() || from.points.cols() == 0) return;
-  if (model.whole_pose()) {
+  if (model.measures_pose()) {
     const Matrix3Xd points = target_points(rig, table, values, view.target);
     Matrix3Xd a(3, static_cast<Eigen::Index>(both.size())), b = a;
     for (size_t i = 0; i < both.size(); ++i) {

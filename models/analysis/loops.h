@@ -4,7 +4,7 @@
 // of the other, against what that measured itself:
 //     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,    hub: the base, or the link that carries the target.
 // The joint readings are taken as read and every shared parameter as it stands; no target's pose is estimated, and nothing but the two
-// sensors takes part. So a loop tells what the robot gets that looks with one sensor and acts with the other.
+// sensors takes part. So a loop shows the error of a robot that looks with one sensor and acts with the other.
 //
 // Points p_from of a view, in its sensor's frame: a point sensor's and a laser's as measured (a ray's at its own reading of the scanning
 // joint); a camera's the points that it saw, at the pose that best explains this view alone (perspective pose); a pose's and a chain's all
@@ -21,20 +21,21 @@
 
 namespace kincal {
 
-/// Root mean squares in the unit of the sensor that is looked into; NaN: none, or a carried point lies behind the camera.
+/// LoopStatistics are root mean squares in the unit of the sensor that is looked into; NaN: none, or a carried point lies behind the
+/// camera.
 struct LoopStatistics {
   long points = 0;  // of a chain or pose: views
   double rms_before = std::numeric_limits<double>::quiet_NaN(), rms = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// One ordered pair of sensors.
+/// A Loop is one ordered pair of sensors.
 struct Loop {
   std::string from, to, unit;
   LoopStatistics train, test;
 };
 
-/// All pairs that meet in some sample, in the rig's order; before: at the rig's values (poses that it leaves open: as they started),
-/// after: at the result's.
+/// Returns all pairs that meet in some sample, in the rig's order. "before" is at the rig's values (poses that it leaves open: as they
+/// started), "after" at the solution's.
 std::vector<Loop> loops(const Solution& solution);
 
 }  // namespace kincal

@@ -33,7 +33,7 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
   // What is usual of a sensor's views, in training and held out.
   std::map<std::pair<int, bool>, double> usual;
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    double least = rig.sensors[s].model->sight() == Sight::chain ? 1 : kLeastLevel * kLeastLevel;
+    double least = rig.sensors[s].model->measurement_kind() == MeasurementKind::chain ? 1 : kLeastNoiseRatio * kLeastNoiseRatio;
     for (bool train : {true, false}) {
       std::vector<double> means;
       for (const Sample& sample : solution.samples())

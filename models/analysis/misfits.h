@@ -4,7 +4,7 @@
 // medians of both splits), so that a wrongly stated sigma flags nothing; likewise a sample's mean squared joint error in sigmas with the
 // median over samples. It sticks out above nine times the usual (three times in size) and above what chance allows, chi2_bound(n) / n.
 // A sample with more than half of its views sticking out, or its joint errors, is named as a sample. After a plain fit that gross
-// outliers have ruined the names may be wrong: calibrate_without_outliers() knows better.
+// outliers have ruined the names may be wrong: calibrate_without_outliers() finds the right ones.
 #pragma once
 
 #include <vector>
@@ -13,7 +13,7 @@
 
 namespace kincal {
 
-/// Something that sticks out: a sample, or a view of one.
+/// A Misfit is something that sticks out: a sample, or a view of one.
 struct Misfit {
   double ratio;      // its mean square over the usual one
   std::string name;  // quoted, for messages

@@ -260,8 +260,8 @@ Factors solve_active(const RowsLeft& left, const std::vector<int>& active) {
   return out;
 }
 
-/// The factors of all kinds; those that cannot be told have factor 1 and uncertainty NaN. Of the kinds solved for, the most uncertain one
-/// leaves until all that are left are certain enough.
+/// The factors of all kinds; those that cannot be estimated have factor 1 and uncertainty NaN. Of the kinds solved for, the most uncertain
+/// one leaves until all that are left are certain enough.
 Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
   const int groups = kinds.count();
   std::vector<int> active;

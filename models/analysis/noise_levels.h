@@ -2,7 +2,7 @@
 //
 // Rows of the whitened problem fall into groups g, one a kind of noise: a part of a sensor (translation and rotation of a chain; joint,
 // bearing and range of a laser; else the sensor), the errors of a joint (latent mode: rows d / sigma), and the priors, whose sigmas are
-// not in question. Let A be the Jacobian of the whole problem, shared and private unknowns, H = A (A'A)^-1 A' the projection onto its
+// taken as right. Let A be the Jacobian of the whole problem, shared and private unknowns, H = A (A'A)^-1 A' the projection onto its
 // columns and R = 1 - H. At the solution the residuals are r = R e, e the noise in sigmas. If group g's true variance is f_g times the
 // assumed one,
 //     E[q_g] = sum_j S_gj f_j,    q_g = |r_g|^2,    S_gj = tr(R_gj R_jg).                       (Helmert's variance components)
@@ -18,8 +18,8 @@
 //     tr(H_gj H_jg) = sum over samples of <U_g'U_g, U_j'U_j> + 2 <U_g'B_g, U_j'B_j>,  plus <sum B_g'B_g, sum B_j'B_j>.
 // Uncertainty: Cov q ~ 2 F S F, F = diag(q_g / redundancy_g), hence Cov f = 2 S^-1 F S F S^-1, and that of sigma relative to itself
 // is sqrt(Cov f_gg) / (2 f_g). For a group that stands alone and has much redundancy it is 1 / sqrt(2 redundancy).
-// What has a redundancy below 5 or below 2 % of its rows, or would come out with an uncertainty above a half, cannot be told: it is held
-// at f = 1 while the others are found. (The most uncertain one first, then the rest again.)
+// What has a redundancy below 5 or below 2 % of its rows, or would come out with an uncertainty above a half, cannot be estimated: it is
+// held at f = 1 while the others are found. (The most uncertain one first, then the rest again.)
 //
 // With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it would be for normal noise of the assumed
 // size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the block's m residuals.
@@ -35,7 +35,7 @@
 
 namespace kincal {
 
-/// Noise of one part of a sensor or of one joint.
+/// A NoiseLevel is the noise of one part of a sensor or of one joint.
 struct NoiseLevel {
   std::string of;               // "sensor/NAME" or "joint/NAME"
   std::string part, unit;       // part: "" if it has one only
@@ -43,29 +43,29 @@ struct NoiseLevel {
   int first = 0, count = 0;     // of a sensor's sigmas
   double assumed = 0;           // the rig's sigma (several numbers: their root mean square)
   double used = 0;              // the same, unless the noise was estimated: what the result was made with
-  double seen = 0;              // NaN: cannot be told
+  double seen = 0;              // NaN: cannot be estimated
   double uncertainty = 0;       // standard deviation of `seen`, relative to it; NaN as `seen`
   double redundancy = 0;        // what is left of its rows after fitting
   long rows = 0;                // whitened residuals
   int own_views = 0;            // training views with sigmas of their own: multiply these by seen / assumed
 
-  /// Seen and assumed differ by more than 20 % and by more than 3 standard deviations.
+  /// True if seen and assumed differ by more than 20 % and by more than 3 standard deviations.
   bool differs() const;
 };
 
-/// Those of a solution's sensors and joints.
+/// NoiseLevels are those of a solution's sensors and joints.
 struct NoiseLevels : std::vector<NoiseLevel> {
-  /// A line for each that differs from what was assumed.
+  /// Returns a line for each that differs from what was assumed.
   std::string text() const;
 };
 NoiseLevels noise_levels(const Linearisation& at);
-/// The noise levels at a solution, with the problem prepared there (Problem::prepare) and covariances as last renewed. `covariance`: of the
-/// shared unknowns at the solution (observe()). In modes marginal and point only sensors without
-/// noisy joints can be told.
+/// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and covariances as last renewed. `covariance`
+/// is that of the shared unknowns at the solution (observe()). In modes marginal and point only sensors without noisy joints can be
+/// estimated.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance);
 
-/// Multiplies the sigmas of what can be told by seen / assumed: of the rig, and of all views, those with sigmas or covariances of their
-/// own included.
+/// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all views, those with sigmas or covariances of
+/// their own included.
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels);
 
 }  // namespace kincal

@@ -51,8 +51,8 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
     for (double sign : {-1.0, 1.0}) {
       const double by = sign * (slides(scene, j) ? 0.1 : 0.4);
       const std::vector<Motion> first = motions(scene, a, j, by), second = motions(scene, b, j, by);
-      const double parts = size_of(scene, first).first + size_of(scene, second).first;
-      if (parts > 0) worst = std::max(worst, std::sqrt(size_of(scene, first, &second).first / parts));
+      const double parts = squared_lengths(scene, first).first + squared_lengths(scene, second).first;
+      if (parts > 0) worst = std::max(worst, std::sqrt(squared_lengths(scene, first, &second).first / parts));
     }
     if (worst > std::max(2 * kCancel, 5 * now)) found.push_back({-worst, j});
   }
@@ -86,15 +86,15 @@ std::pair<double, double> distance_from_axis(const Scene& scene, int joint) {
   const VectorXd& values = scene.solution();
   for (const Scene::Seen& s : scene.seen()) {
     Path before;
-    bool on_way = false;
+    bool on_path = false;
     for (const PathStep& step : s.path) {
       before.push_back(step);
       if (step.joint == joint) {
-        on_way = true;
+        on_path = true;
         break;
       }
     }
-    if (!on_way) continue;
+    if (!on_path) continue;
     Pose link_T_joint = scene.along(before, values, s, -1, 0);  // behind the joint (down), or in front of its origin (up)
     if (before.back().direction < 0)
       link_T_joint = link_T_joint * get_pose(values, scene.table().all[scene.table().joint_origin[joint]].start);
@@ -198,7 +198,7 @@ class ReasonFinder {
 
   void nothing() {
     const std::vector<Motion> motion = motions(scene_, d_);
-    if (size_of(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
+    if (squared_lengths(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
       out_.kind = "on_axis";
       out_.why = "all that is seen lies on the axis about which " + names() + " turns: one point, or points on a line";
       out_.cure = "hold " + first() + ", or add points beside this axis (three that are not on a line)";
@@ -230,7 +230,7 @@ class ReasonFinder {
       b = d_ - a;
     }
     const std::vector<Motion> left = motions(scene_, a), right = motions(scene_, b);
-    const auto l = size_of(scene_, left), r = size_of(scene_, right), sum = size_of(scene_, left, &right);
+    const auto l = squared_lengths(scene_, left), r = squared_lengths(scene_, right), sum = squared_lengths(scene_, left, &right);
     const double whole = std::sqrt(sum.second / std::max(1e-300, l.second + r.second));
     const double points = std::sqrt(sum.first / std::max(1e-300, l.first + r.first));
     if (points > 3 * kCancel) return trade_off();
@@ -282,7 +282,7 @@ class ReasonFinder {
     out_.kind = "size";
     bool angles = true;
     for (size_t s = 0; s < effects_.sensors.size(); ++s)
-      if (effects_.sensors[s] && scene_.rig().sensors[s].model->sight() != Sight::rays) angles = false;
+      if (effects_.sensors[s] && scene_.rig().sensors[s].model->measurement_kind() != MeasurementKind::rays) angles = false;
     const auto turned = orientations(scene_, effects_.sensors);
     if (lens() && turned.second < 10 * kPi / 180) {
       out_.kind = "one_orientation";
@@ -327,19 +327,19 @@ class ReasonFinder {
       return;
     }
     std::vector<std::string> why, names;
-    std::vector<int> still;
+    std::vector<int> still_joints;
     for (int j : joints) {
       const auto range = range_of(scene_, j);
-      if (!(range.second - range.first > 1e-3)) still.push_back(j);
+      if (!(range.second - range.first > 1e-3)) still_joints.push_back(j);
     }
-    const std::vector<int>& named = still.empty() ? joints : still;
+    const std::vector<int>& named = still_joints.empty() ? joints : still_joints;
     for (int j : named) {
       why.push_back(spread_text(scene_, j));
       names.push_back(scene_.rig().tree.joints[j].name);
     }
     out_.joints = names;
     out_.why += " in all samples: " + listed(why, 2);
-    out_.cure = "record postures that move " + listed(names) + (still.empty() ? " further" : "") + ", or hold " + first();
+    out_.cure = "record postures that move " + listed(names) + (still_joints.empty() ? " further" : "") + ", or hold " + first();
   }
 
   const Scene& scene_;

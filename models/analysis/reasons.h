@@ -2,10 +2,10 @@
 // residuals along the direction d:
 //   - |J_p d_p| = 0: nothing depends on it, or all that is seen lies on the axis about which it turns.
 //   - |sum J_p d_p| is small beside the parts: they cancel. Their motions of the target as seen from the sensor (finite differences of the
-//     kinematics, scene.h) say how: the same turn, the same shift, or other motions that move the seen points alike (points on an axis or a
-//     line; size against distance).
+//     kinematics, scene.h) show how: the same turn, the same shift, or other motions that move the seen points alike (points on an axis or
+//     a line; size against distance).
 //   - it is small only after the elimination of the free targets: these go along.
-// A cure is tried out: every joint on the way is moved by 0.4 rad (0.1 m) in all samples, and those after which the parts no longer cancel
+// A cure is tried out: every joint on the path is moved by 0.4 rad (0.1 m) in all samples, and those after which the parts no longer cancel
 // are the ones to move; if there is none, no posture helps.
 #pragma once
 
@@ -17,7 +17,7 @@
 
 namespace kincal {
 
-/// Effects of a direction on the whitened residuals.
+/// Effects are those of a direction on the whitened residuals.
 struct Effects {
   double together = 0, left = 0;  // squared: of all parts at once; what poses of free targets cannot take up
   std::map<int, double> part;     // squared, by column
@@ -29,10 +29,10 @@ struct Effects {
   }
 };
 
-/// The effects of each direction, given as one coefficient a column of the scene's problem.
+/// Computes the effects of each direction, given as one coefficient a column of the scene's problem.
 std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& directions);
 
-/// A direction that the data determine weakly.
+/// WeakColumns are a direction that the data determine weakly.
 struct WeakColumns {
   VectorXd coefficients;     // of all columns, real units
   std::vector<int> columns;  // those that are named, the one to hold first
@@ -45,7 +45,7 @@ struct Reason {
   std::vector<std::string> joints;  // that would have to move (more)
 };
 
-/// `effects`: of this direction.
+/// Finds the reason of a direction with these effects.
 Reason find_reason(const Scene& scene, const WeakColumns& direction, const Effects& effects);
 
 }  // namespace kincal

@@ -22,7 +22,7 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals, std::
   for (const ViewResiduals& r : residuals) {
     Sums& s = sums[r.view->sensor];
     const SensorModel& model = *rig.sensors[r.view->sensor].model;
-    if (model.whole_pose()) {
+    if (model.measures_pose()) {
       s.squared += r.raw.head<3>().squaredNorm();
       s.rotation += r.raw.tail<3>().squaredNorm();
       ++s.points;
@@ -42,7 +42,7 @@ struct Judge {
   std::vector<Freed> free;
   const Values* start = nullptr;  // poses to start free targets from, else by proposals
   bool with_dof = false;
-  std::vector<double> levels;
+  std::vector<double> noise_ratios;
 };
 
 struct Judged {
@@ -93,8 +93,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
   setup.initial = initial;
   setup.noise = how.noise;
   setup.loss = how.loss;
-  setup.loss.from_data = false;  // at the levels as they are
-  setup.levels = how.levels;
+  setup.loss.from_data = false;  // at the noise ratios as they are
+  setup.noise_ratios = how.noise_ratios;
   setup.sensors = indices(recording.rig.sensors.size());
   const std::vector<std::vector<int>> groups = judged_together(recording, samples, setup, how.free);
   for (const std::vector<int>& group : groups) {
@@ -135,12 +135,12 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
 double rms(double squared, long points) { return points ? std::sqrt(squared / points) : kNan; }
 
 /// Root mean squares of one sensor in one split.
-void set_statistics(const Sums& now, const Sums& read, const Sums& before, bool whole_pose, SplitStatistics& s) {
+void set_statistics(const Sums& now, const Sums& read, const Sums& before, bool measures_pose, SplitStatistics& s) {
   s.points = now.points;
   s.rms = rms(now.squared, now.points);
   s.rms_as_read = rms(read.squared, read.points);
   s.rms_before = rms(before.squared, before.points);
-  if (whole_pose) {
+  if (measures_pose) {
     s.rotation = rms(now.rotation, now.points);
     s.rotation_as_read = rms(read.rotation, read.points);
     s.rotation_before = rms(before.rotation, before.points);
@@ -163,7 +163,7 @@ SensorResult unseen(const Sensor& sensor) {
   SensorResult r;
   r.name = sensor.name;
   r.unit = sensor.model->unit();
-  r.whole_pose = sensor.model->whole_pose();
+  r.measures_pose = sensor.model->measures_pose();
   for (SplitStatistics* s : {&r.train, &r.test})
     s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
   return r;
@@ -194,7 +194,7 @@ Residuals residuals(const Linearisation& at) {
     Judge how;
     how.noise = solution.noise;
     how.loss = solution.setup.loss;
-    how.levels = at.problem().setup().levels;
+    how.noise_ratios = at.problem().setup().noise_ratios;
     how.start = &solution.values;
     if (!train) how.free = solution.seen_held_out;
     Judged now;
@@ -211,7 +211,7 @@ Residuals residuals(const Linearisation& at) {
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SensorResult& sensor = out.sensors[place[i]];
-      set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.whole_pose, train ? sensor.train : sensor.test);
+      set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.measures_pose, train ? sensor.train : sensor.test);
     }
     for (const std::string& id : before.undefined) out.undefined.push_back({id, true});
     for (const std::string& id : now.undefined) out.undefined.push_back({id, false});
@@ -265,7 +265,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vect
       }
       SensorResult& sensor = out.sensors[place[i]];
       SplitStatistics& s = train ? sensor.train : sensor.test;
-      set_statistics(now.sums[i], read.sums[i], Sums(), sensor.whole_pose, s);
+      set_statistics(now.sums[i], read.sums[i], Sums(), sensor.measures_pose, s);
     }
   }
   for (const std::string& pattern : patterns) {

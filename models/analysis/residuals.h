@@ -12,7 +12,8 @@
 
 namespace kincal {
 
-/// Residuals of one sensor in one split; root mean squares over points (a view, for whole poses), NaN: none.
+/// SplitStatistics are those of one sensor's residuals in one split: root mean squares over points (over views, if the sensor measures
+/// poses), NaN: none.
 struct SplitStatistics {
   long points = 0;
   double rms_before, rms, rms_as_read;                 // px or m; poses: translation
@@ -23,11 +24,11 @@ struct SplitStatistics {
 
 struct SensorResult {
   std::string name, unit;
-  bool whole_pose = false;
+  bool measures_pose = false;
   SplitStatistics train, test;
 };
 
-/// A sample that cannot be evaluated: wherever its targets are put, some point lies behind a camera.
+/// An UndefinedSample cannot be evaluated: wherever its targets are put, some point lies behind a camera.
 struct UndefinedSample {
   std::string id;
   bool before = false;  // at the initial values; else (held out) at the estimate
@@ -40,10 +41,10 @@ struct Residuals {
 };
 
 struct Linearisation;
-/// @throws nothing: what cannot be evaluated is in `undefined`.
+/// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in `undefined`.
 Residuals residuals(const Linearisation& at);
 
-/// Residual table at given parameters.
+/// An Evaluation is the table of residuals at given parameters.
 struct Evaluation {
   bool converged = true;  // the estimation of targets and joint errors
   double chi2 = 0;
@@ -52,11 +53,11 @@ struct Evaluation {
   std::vector<std::string> without_effect;  // names that were to be freed and on which no measurement depends
 };
 
-/// Residuals of both splits at the rig's values; free targets, joint errors and what `free` names are estimated in each split.
+/// Evaluates both splits at the rig's values; free targets, joint errors and what `free` names are estimated in each split.
 /// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be evaluated.
 Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vector<std::string>& free);
 
-/// A sensor without any view yet.
+/// Returns the result of a sensor without any view yet.
 SensorResult unseen(const Sensor& sensor);
 
 }  // namespace kincal

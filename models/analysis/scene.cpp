@@ -17,7 +17,7 @@ Scene::Scene(const Recording& recording, const EstimationSetup& setup, const Val
     : recording_(recording), values_(values), at_(recording, setup, values) {
   int privates = 0;
   for (const GroupShape& shape : at_.problem.groups()) privates += shape.private_size;
-  still_ = VectorXd::Zero(privates);
+  zero_private_step_ = VectorXd::Zero(privates);
   std::vector<std::pair<int, const View*>> all;
   for (int s : recording.training())
     for (const View& view : recording.samples[s].views)
@@ -39,7 +39,7 @@ void Scene::add(int sample, const View* view) {
   const Sensor& sensor = rig().sensors[view->sensor];
   const Target& target = rig().targets[view->target];
   s.path = find_path(rig().tree, sensor.link, target.link >= 0 ? target.link : rig().base);
-  if (sensor.model->whole_pose()) {
+  if (sensor.model->measures_pose()) {
     s.points = {Vector3d::Zero(), 0.1 * Vector3d::UnitX(), 0.1 * Vector3d::UnitY(), 0.1 * Vector3d::UnitZ()};
   } else {
     const std::vector<int> ids = view_ids(*view, target);
@@ -88,7 +88,7 @@ Pose Scene::sensor_T_target(const VectorXd& values, const Seen& s, int moved, do
       mounted ? get_pose(values, table().all[table().target_pose[s.view->target]].start) : values_.targets.at({s.sample, s.view->target});
   if (moved >= 0 && !mounted)
     for (const View& other : recording_.samples[s.sample].views)
-      if (other.target == s.view->target && rig().sensors[other.sensor].model->sight() == Sight::chain) {
+      if (other.target == s.view->target && rig().sensors[other.sensor].model->measurement_kind() == MeasurementKind::chain) {
         const Path path = find_path(rig().tree, rig().base, rig().sensors[other.sensor].link);
         target = along(path, solution(), s, moved, by) * inverse(along(path, solution(), s, -1, 0)) * target;
         break;
@@ -98,7 +98,7 @@ Pose Scene::sensor_T_target(const VectorXd& values, const Seen& s, int moved, do
 
 VectorXd Scene::after(const VectorXd& step) const {
   VectorXd moved;
-  at_.problem.retract(at_.state, step, still_, moved);
+  at_.problem.retract(at_.state, step, zero_private_step_, moved);
   return moved.head(solution().size());
 }
 
@@ -110,7 +110,7 @@ std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved,
     const Pose high = scene.sensor_T_target(up, s, moved, by), low = scene.sensor_T_target(down, s, moved, by);
     Motion m;
     m.twist = log_se3(high * inverse(low)) / (2 * h);
-    const bool rays = scene.rig().sensors[s.view->sensor].model->sight() == Sight::rays;
+    const bool rays = scene.rig().sensors[s.view->sensor].model->measurement_kind() == MeasurementKind::rays;
     for (const Vector3d& p : s.points) {
       Vector3d d = (high * p - low * p) / (2 * h);
       const Vector3d ray = (low * p).normalized();
@@ -122,7 +122,7 @@ std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved,
   return out;
 }
 
-std::pair<double, double> size_of(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b) {
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b) {
   std::pair<double, double> sum = {0, 0};
   for (size_t v = 0; v < a.size(); ++v) {
     for (size_t i = 0; i < a[v].points.size(); ++i)

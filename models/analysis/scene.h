@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// A problem of the training samples at given values, its covariances renewed there.
+/// A ProblemAt is a problem of the training samples at given values, its covariances renewed there.
 struct ProblemAt {
   Estimation problem;
   VectorXd state;
@@ -22,35 +22,35 @@ struct ProblemAt {
   }
 };
 
-/// The problem of a step without its priors, at its solution. Recording and values must outlive it.
+/// A Scene is the problem of a step without its priors, at its solution. Recording and values must outlive it.
 class Scene {
  public:
-  /// A view that is looked at.
+  /// Seen is a view that is looked at.
   struct Seen {
     int sample;
     const View* view;
     Path path;                     // from the sensor's link to the target's
-    std::vector<Vector3d> points;  // of the target, a few; of whole poses: a tripod
+    std::vector<Vector3d> points;  // of the target, a few; if the sensor measures poses: a tripod
   };
 
-  /// `setup`: without priors.
+  /// `setup` must have no priors.
   Scene(const Recording& recording, const EstimationSetup& setup, const Values& values);
 
   const Recording& recording() const { return recording_; }
   const Rig& rig() const { return recording_.rig; }
   const ParameterTable& table() const { return recording_.table; }
-  /// Shared values of the solution.
+  /// Returns the shared values of the solution.
   const VectorXd& solution() const { return values_.shared; }
   const std::vector<Seen>& seen() const { return seen_; }
   const std::vector<Component>& columns() const { return at_.problem.columns(); }
   const VectorXd& state() const { return at_.state; }
   Estimation& problem() { return at_.problem; }
 
-  /// Pose of the end of `path` in its beginning. Joint `moved` (-1: none) stands `by` further than it does in the sample.
+  /// Returns the pose of the end of `path` in its beginning. Joint `moved` (-1: none) stands `by` further than it does in the sample.
   Pose along(const Path& path, const VectorXd& values, const Seen& s, int moved, double by) const;
-  /// sensor_T_target. A free target that a chain holds goes with the hand when a joint is moved (at the solution's values).
+  /// Returns sensor_T_target. A free target that a chain holds goes with the hand when a joint is moved (at the solution's values).
   Pose sensor_T_target(const VectorXd& values, const Seen& s, int moved = -1, double by = 0) const;
-  /// Shared values after a step of the shared unknowns.
+  /// Returns the shared values after a step of the shared unknowns.
   VectorXd after(const VectorXd& step) const;
 
  private:
@@ -61,21 +61,21 @@ class Scene {
   const Recording& recording_;
   const Values& values_;
   ProblemAt at_;
-  VectorXd still_;  // a private step of nothing
+  VectorXd zero_private_step_;
   std::vector<Seen> seen_;
 };
 
-/// What a step of the unknowns does to one view.
+/// A Motion is what a step of the unknowns does to one view.
 struct Motion {
   Vector6d twist;                // of the target as seen from the sensor
   std::vector<Vector3d> points;  // of its points, as far as the sensor sees it (a camera: across the line of sight)
 };
 
-/// The motions of all views of a scene per unit of `step`, with joint `moved` (-1: none) standing `by` further than in the samples.
+/// Returns the motions of all views of a scene per unit of `step`, with joint `moved` (-1: none) standing `by` further than in the samples.
 std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved = -1, double by = 0);
 
-/// Squared lengths over all views, of the seen points (first) and of the whole motion, felt at 0.2 m around the target (second): of `a`,
-/// or of `a` and `b` together.
-std::pair<double, double> size_of(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b = nullptr);
+/// Returns squared lengths over all views, of the seen points (first) and of the whole motion, felt at 0.2 m around the target (second): of
+/// `a`, or of `a` and `b` together.
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b = nullptr);
 
 }  // namespace kincal

@@ -98,7 +98,7 @@ struct Found {
   }
 };
 
-/// What the data say without any prior.
+/// The covariance and null directions of the data without any prior.
 struct DataAlone {
   MatrixXd covariance;
   std::vector<char> lost;  // by column: it takes part in a null direction

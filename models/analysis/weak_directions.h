@@ -46,7 +46,7 @@ struct Explanation {
   std::vector<PriorDecides> prior_decides;  // sigma above 0.9 of the prior's: the data add next to nothing
   std::vector<Correlation> correlations;    // from the data alone, above 0.99 in size, the largest first
 
-  /// A few lines for each weak direction: what is weak, why, and what would help.
+  /// Returns a few lines for each weak direction: what is weak, why, and what would help.
   std::string text() const;
 };
 

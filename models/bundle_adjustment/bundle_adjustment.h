@@ -9,8 +9,9 @@
 
 namespace kincal {
 
-/// Camera c: 9 numbers (rotation vector, translation, f, k1, k2); p_camera = R p + t, the camera looks along -z:
-/// q = -p_camera.xy / p_camera.z, pixel = f (1 + k1 |q|^2 + k2 |q|^4) q. Cost = 1/2 sum |predicted - observed|^2.
+/// BundleAdjustmentData are cameras, points and what was observed. Camera c has 9 numbers (rotation vector, translation, f, k1, k2);
+/// p_camera = R p + t, the camera looks along -z: q = -p_camera.xy / p_camera.z, pixel = f (1 + k1 |q|^2 + k2 |q|^4) q. Cost = 1/2 sum
+/// |predicted - observed|^2.
 struct BundleAdjustmentData {
   std::vector<double> cameras;           // 9 each
   std::vector<double> points;            // 3 each
@@ -18,15 +19,15 @@ struct BundleAdjustmentData {
   std::vector<double> pixels;            // 2 each
 };
 
-/// The state: kCameraNumbers a camera, then kPointNumbers a point, then slack. The problem keeps no Jacobian and no rows: what a point
-/// contributes is computed again whenever it is needed, from observations ordered by point.
+/// The state of a BundleAdjustment has kCameraNumbers a camera, then kPointNumbers a point, then slack. The problem keeps no Jacobian and
+/// no rows: what a point contributes is computed again whenever it is needed, from observations ordered by point.
 class BundleAdjustment final : public RangeProblem {
  public:
   /// @throws std::invalid_argument if an index is out of range, an array too short, or a camera sees a point twice.
   explicit BundleAdjustment(const BundleAdjustmentData& data);
 
   VectorXd initial() const { return initial_; }
-  /// Cameras and points of a state, as in the data.
+  /// Gives the cameras and points of a state, as in the data.
   void unpack(const VectorXd& state, std::vector<double>& cameras, std::vector<double>& points) const;
 
   int shared_size() const override { return 9 * cameras_; }

@@ -17,15 +17,16 @@ struct Observations {
 };
 
 struct BundleKernels {
-  /// Observations first .. last - 1: adds their squared residuals; to `rows` (room for a few more), unless null, their derivatives. False
-  /// where undefined.
+  /// Adds the squared residuals of observations first .. last - 1; writes their derivatives to `rows` (room for a few more), unless null.
+  /// False where undefined.
   bool (*observe)(const Observations& o, int first, int last, double* rows, double& squares);
   /// Adds the equations of one point seen by `count` cameras: camera k has columns column[k] .. + 8 in the group's rows (privates
   /// counted) and the shared columns 9 camera[k] .. + 8. `rows` and shared arrays have slack, where zeros may be added.
   void (*add_point)(const double* observations, int count, const int* camera, const int* column, double* rows, int stride, int size,
                     double* shared, const std::ptrdiff_t* origin, double* gradient);
-  /// [P | a | a + Q dx] (3 x 5, row by row) of points whose observations are start[p] .. start[p + 1] - 1, p from 0 to points - 1.
-  /// `rows` has room for one number more. `steps`: dx, kCameraNumbers a camera. `scratch`: kObservationNumbers an observation and a few more.
+  /// Computes [P | a | a + Q dx] (3 x 5, row by row) of points whose observations are start[p] .. start[p + 1] - 1, p from 0 to points - 1.
+  /// `rows` has room for one number more. `steps` is dx, kCameraNumbers a camera, and `scratch` has kObservationNumbers an observation and
+  /// a few more.
   void (*condense)(const Observations& o, const int* start, int points, const double* steps, double* scratch, double* rows);
 };
 const BundleKernels& bundle_kernels();

@@ -138,7 +138,7 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     Fit step = fit_step(plan, options, variations.robust, solution);
     solution.columns = step.problem->columns();
     auto observed = std::make_unique<LastProblem>();
-    observed->observability = observe(*step.problem, step.state, last ? &observed->left : nullptr);
+    observed->observability = observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
     StepResult result = step_result(plan, step, observed->observability, solution);
     result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && result.converged;

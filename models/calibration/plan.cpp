@@ -19,7 +19,7 @@ std::vector<char> used_by(const Recording& recording, const Step& step) {
 
 std::string place(const char* list, size_t i) { return std::string(list) + "[" + std::to_string(i) + "]"; }
 
-/// What names mean together; `plain`, by parameter: it was named without a glob.
+/// Returns what names mean together; `plain`, by parameter: it was named without a glob.
 struct Wanted {
   std::vector<Freed> free;
   std::vector<char> plain;
@@ -123,7 +123,7 @@ std::vector<const Step*> steps_to_run(const Rig& rig, const std::string& last_st
   return out;
 }
 
-/// One message for each free and fix without which the last step would do the same.
+/// One message for each free and fix that changes nothing in the last step.
 std::vector<std::string> without_effect(const Recording& recording, const Step& step, const std::vector<char>& used,
                                         const StepSelection& selection) {
   const auto freed = [&](const std::vector<std::string>& free, const std::vector<std::string>& fix) {

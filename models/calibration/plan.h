@@ -9,13 +9,13 @@
 
 namespace kincal {
 
-/// What a caller wants of the steps besides what the rig says.
+/// A StepSelection is what a caller asks of the steps besides what the rig says.
 struct StepSelection {
   std::string last_step;               // all steps up to this one run; empty: all
   std::vector<std::string> free, fix;  // names and globs, added to and taken from the last step that runs
 };
 
-/// What a step will do.
+/// A StepPlan is what a step will do.
 struct StepPlan {
   std::string name;
   std::vector<int> sensors;
@@ -29,12 +29,13 @@ struct StepPlan {
   int samples = 0;
 };
 
-/// Plans of all steps that run, but for their counts. Errors of the selection begin with "free[N]" or "fix[N]", the place in its lists, or
-/// with "last_step". @throws NameError; std::invalid_argument naming the place: a rig without steps, an unknown last step, a pattern without
-/// a match, a prior that covers nothing freed, a step that frees nothing or whose sensors see nothing.
+/// Returns the plans of all steps that run, but for their counts. Errors of the selection begin with "free[N]" or "fix[N]", the place in
+/// its lists, or with "last_step".
+/// @throws NameError; std::invalid_argument naming the place: a rig without steps, an unknown last step, a pattern without a match, a prior
+/// that covers nothing freed, a step that frees nothing or whose sensors see nothing.
 std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelection& selection);
 
-/// Whether every step of the rig can be planned, each alone. @throws as resolve_steps(); std::invalid_argument: there are no samples.
+/// Checks that every step of the rig can be planned, each alone. @throws as resolve_steps(); std::invalid_argument: there are no samples.
 void check_steps(const Recording& recording);
 
 /// Fills `rows`, `unknowns` and `samples`.

@@ -1,5 +1,5 @@
-// What a calibration found: the values, what is known of them, and how it got there. What is thought of it (residuals, noise, weak
-// directions, warnings) is made of it by models/analysis and put together in models/report.
+// What a calibration found: the values, what is known of them, and how it got there. Residuals, noise levels, weak directions and warnings
+// are made of it by models/analysis and models/report.
 #pragma once
 
 #include <memory>
@@ -14,7 +14,7 @@
 
 namespace kincal {
 
-/// A direction of the parameters: names of components and coefficients, in real units.
+/// A Direction of the parameters has names of components and coefficients, in real units.
 using Direction = std::vector<std::pair<std::string, double>>;
 
 struct StepResult {
@@ -43,15 +43,16 @@ struct ParameterEstimate {
   std::string component_name(size_t c) const { return components[c].empty() ? name : name + "." + components[c]; }
 };
 
-/// `undefined_start`: the first state of a step cannot be evaluated (a point behind its camera); `message` names the sample and its views.
+/// With `undefined_start` the first state of a step cannot be evaluated (a point behind its camera); `message` names the sample and its
+/// views.
 enum class Status { converged, unobservable, not_converged, undefined_start, cancelled };
 
-/// The last step's problem at the solution, observed: what analyses start from. Nobody but analysis/linearisation needs to know.
+/// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only analysis/linearisation needs it.
 struct LastProblem {
   std::unique_ptr<Estimation> problem;
   VectorXd state;
   Observability observability;
-  std::vector<MatrixXd> left;  // as observe() gives it
+  std::vector<MatrixXd> reduced_rows;  // as observe() gives them
 };
 
 struct Solution {
@@ -86,18 +87,19 @@ struct Solution {
   const std::vector<Sample>& samples() const { return recording->samples; }
   std::vector<int> training() const { return recording->training(); }
 
-  /// There are values that somebody may use: every step converged. (Directions may be unobservable: these keep their initial values, and
+  /// True if there are values that can be used: every step converged. (Directions may be unobservable: these keep their initial values, and
   /// their sigmas are NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
-  /// The estimate of a parameter. @throws std::out_of_range where no step freed it.
+  /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it.
   const ParameterEstimate& operator[](const std::string& name) const;
-  /// Value of a pose parameter, freed or not: "sensor/head_camera/pose" is link_T_sensor. @throws std::out_of_range: no such pose.
+  /// Returns the value of a pose parameter, freed or not: "sensor/head_camera/pose" is link_T_sensor. @throws std::out_of_range: no such
+  /// pose.
   Pose pose(const std::string& name) const;
-  /// The robot with calibrated origins, offsets folded in: position = scale * reading from then on.
+  /// Returns the robot with calibrated origins, offsets folded in: position = scale * reading from then on.
   Tree tree() const;
 };
 
-/// parent_T_joint and offset of every joint as estimated; an origin that did not change is the rig's to the last bit.
+/// A RobotModel has parent_T_joint and offset of every joint as estimated; an origin that did not change is the rig's to the last bit.
 struct RobotModel {
   std::vector<Pose> origins;
   std::vector<double> offsets;
@@ -105,12 +107,12 @@ struct RobotModel {
 RobotModel robot_model(const Solution& solution);
 
 // How calibrate() fills in a solution, step by step.
-/// The unobservable directions by the names of their components.
+/// Returns the unobservable directions by the names of their components.
 std::vector<Direction> named_directions(const ParameterTable& table, const std::vector<Component>& columns,
                                         const Observability& observability);
-/// Sigmas, priors and the step of what `columns` are, as a step ended.
+/// Sets the sigmas, priors and step of the estimates that `columns` are, as a step ended.
 void set_sigmas(const Solution& solution, const Observability& observability, const std::string& step, const std::vector<Prior>& priors);
-/// Values of all estimates, from those of the shared parameters.
+/// Sets the values of all estimates from those of the shared parameters.
 void set_values(const Solution& solution);
 
 }  // namespace kincal

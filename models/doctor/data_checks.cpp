@@ -57,7 +57,7 @@ int immobile_body(const Tree& tree, int link) {
   return link;
 }
 
-/// By parameter: it says where something is.
+/// By parameter: it places something.
 std::vector<char> placing_parameters(const ParameterTable& table) {
   std::vector<char> places(table.all.size(), 0);
   for (size_t p = 0; p < table.all.size(); ++p) switch (table.all[p].kind) {
@@ -151,8 +151,8 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
       measured = measured || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
       views.push_back(std::move(one));
     }
-    if (!measured &&
-        std::any_of(s.views.begin(), s.views.end(), [&](const View& v) { return rig.sensors[v.sensor].model->sight() == Sight::chain; }))
+    if (!measured && std::any_of(s.views.begin(), s.views.end(),
+                                 [&](const View& v) { return rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::chain; }))
       continue;
     if (s.views.empty()) continue;
     std::sort(views.begin(), views.end());

@@ -51,14 +51,15 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   try {
     t.fit = best_fit(t.recording, context, t.stage, effort);
     t.cost = t.fit.score();
-  } catch (const std::invalid_argument&) {  // a way that cannot be walked in the other rig
+  } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
   if (h.id == "bad-samples")
     t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) / static_cast<double>(std::max(1L, t.fit.dof));
   return t;
 }
 
-/// Factors by which the sizes are to be changed. Empty where the scale factors contradict each other, change nothing or collapse the target.
+/// Factors by which the sizes are to be changed. Empty where the scale factors contradict each other, change nothing or collapse the
+/// target.
 std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t) {
   std::vector<double> factors;
   const ParameterTable& fitted = t.recording.table;
@@ -83,7 +84,7 @@ bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool
   return before.cost > (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
 }
 
-bool convinces(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
+bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
   if (question.by_movement) return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
   const bool leaves_out = h.id == "bad-samples";
@@ -114,7 +115,7 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
   return out;
 }
 
-/// Tests all mistakes; the one that explains most, nothing if none convinces.
+/// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
 std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context, const Question& question) {
   const TrialFit& now = question.now;
   std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples, freed_names(recording.table, context.all));
@@ -131,19 +132,19 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
   size_t chosen = 0;
-  const auto try_whole = [&](size_t i) {
+  const auto try_with_all_samples = [&](size_t i) {
     const Effort effort = {100, 1e-9, false, best && !question.by_movement ? 20 * best->cost : kInfinity};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
-    if (!std::isfinite(t.cost) || !convinces(recording.rig, question, all[i], t)) return;
+    if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
     const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
     if (!best || (equal ? extra < fewest || (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
       best = std::move(t), chosen = i;
   };
-  for (size_t i = common; i < all.size(); ++i) try_whole(i);
+  for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
   // A few samples or views may be all that is wrong; if many go with it, something else may be wrong with these.
   if (!best || best->fit.per_dof() > Thresholds::clean || static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
-    for (size_t i : shortlist(recording, context, question, all, common)) try_whole(i);
+    for (size_t i : shortlist(recording, context, question, all, common)) try_with_all_samples(i);
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};
 }
@@ -220,19 +221,20 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
 }
 
 // ------------------------------------------------------------------------------------------------ scale and word
-/// Gives the targets the sizes that the fit found, and replaces what the hypothesis says by these. `before`: the rig with the mistake.
+/// Gives the targets the sizes that the fit found, and replaces what the hypothesis has by these. `before`: the rig with the mistake.
 void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
   Hypothesis& h = explanatory.hypothesis;
   const std::vector<double> factors = size_factors(before, h, explanatory.trial);
-  h.what.clear();
+  h.mistake.clear();
   for (size_t i = 0; i < factors.size(); ++i) {
     const Target& old = before.targets[h.squares[i]];
     rig.targets[h.squares[i]].square = (old.grid ? old.square : 1) * factors[i];
-    h.what += h.what.empty() ? "" : "; ";
-    h.what += old.grid ? "the size of target " + quoted(old.name) + " is wrong: " +
-                             text("the rig says %.6g m, the data say %.6g m (times %.5g)", old.square, old.square * factors[i], factors[i])
-                       : "the points of target " + quoted(old.name) +
-                             " have the wrong unit or scale: " + text("the data say %.5g times as large", factors[i]);
+    h.mistake += h.mistake.empty() ? "" : "; ";
+    h.mistake += old.grid
+                     ? "the size of target " + quoted(old.name) + " is wrong: " +
+                           text("the rig says %.6g m, the data say %.6g m (times %.5g)", old.square, old.square * factors[i], factors[i])
+                     : "the points of target " + quoted(old.name) +
+                           " have the wrong unit or scale: " + text("the data say %.5g times as large", factors[i]);
   }
   h.cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
 }
@@ -243,14 +245,14 @@ Finding word(const Hypothesis& h, const Evidence& evidence) {
   finding.where = h.where;
   finding.chi2_as_is = evidence.before;
   finding.chi2_corrected = evidence.after;
-  std::string what = h.what;
-  what[0] = static_cast<char>(std::toupper(what[0]));
-  finding.text = what + ". " + evidence.sentence + h.cure;
+  std::string sentence = h.mistake;
+  sentence[0] = static_cast<char>(std::toupper(sentence[0]));
+  finding.text = sentence + ". " + evidence.sentence + h.cure;
   return finding;
 }
 
-/// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`, and says so; false if none is believed.
-/// `by_movement`: what it explains is not chi2 but that the estimate is far from the rig's values.
+/// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`, and reports it; false if none is
+/// believed. `by_movement`: what it explains is not chi2 but that the estimate is far from the rig's values.
 bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by_movement, std::vector<Finding>& out) {
   std::optional<Explanatory> best = choose(recording, context, {now, by_movement});
   if (!best) return false;
@@ -269,7 +271,7 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
 
 // ------------------------------------------------------------------------------------------------ search
 /// Adds the proof to joints that never move in the log but did; true if there is one. Such a joint can look like many things: it goes
-/// first, and then nothing else can be told.
+/// first, and then nothing else can be concluded.
 bool prove_still_joints(const Recording& recording, const TrialContext& context, const TrialFit& now, std::vector<Finding>& findings) {
   bool found = false;
   for (Finding& f : findings) {
@@ -345,16 +347,16 @@ Diagnosis examine(Recording recording, TrialContext context) {
   if (now.complete()) out.chi2 = now.chi2;
   out.dof = now.dof;
   const double at_first = now.per_dof();
-  const bool still = prove_still_joints(recording, context, now, by_data);
-  for (int round = 0; round < Thresholds::rounds && !good(now) && !still; ++round)
+  const bool still_joint = prove_still_joints(recording, context, now, by_data);
+  for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
     if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint") break;
-  if (now.complete() && !still && (by_fits.empty() || by_fits.back().id != "still-joint")) {
+  if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);
     for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round && now.farthest() > Thresholds::far; ++round)
       explain(recording, context, now, true, by_fits);
   }
-  out.verdict = verdict(recording, context, now, {at_first, !by_data.empty(), !by_fits.empty(), still});
+  out.verdict = verdict(recording, context, now, {at_first, !by_data.empty(), !by_fits.empty(), still_joint});
   out.findings = ordered(std::move(by_fits), std::move(by_data));
   return out;
 }

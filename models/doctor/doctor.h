@@ -1,8 +1,9 @@
-// What is wrong with these data? The usual mistakes tested as hypotheses, and the one that explains the data said, with the evidence.
+// What is wrong with these data? The usual mistakes are tested as hypotheses, and the one that explains the data is reported, with the
+// evidence.
 //
-// 1. The data alone: samples that are there twice, joints that never move, sensors tied to nothing.
-// 2. The fit as it is: everything that any step frees, at once, over all samples (held-out ones too: they can be wrong as well). The best of
-//    three starts: the rig's values, the rig's steps one after the other, and closed form for poses that are freed wholly.
+// 1. The data alone: samples that are duplicated, joints that never move, sensors tied to nothing.
+// 2. The fit as it is: everything that any step frees, at once, over all samples (held-out ones too: they can be wrong as well). The best
+//    of three starts: the rig's values, the rig's steps one after the other, and closed form for poses that are freed wholly.
 // 3. If chi2/dof (of the whole, or of a sensor) is bad: each mistake of hypotheses.h undone, with the same unknowns, and fitted again. The
 //    list is shortened by a few iterations each; the best of them are fitted to the end. One is believed if chi2 falls by a large factor
 //    (Thresholds::decisive where what remains is noise, Thresholds::overwhelming else: model errors must not look like mistakes), and then
@@ -30,11 +31,11 @@ namespace kincal {
 struct DoctorOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
-  /// Called before each fit with the number of fits done and the number there are to do now; false cancels.
+  /// It is called before each fit with the number of fits done and the number there are to do now; false cancels.
   std::function<bool(int, int)> progress;
 };
 
-/// @throws NameError, std::invalid_argument as Calibration does. Nothing: `progress` cancelled.
+/// Diagnoses a rig and its samples; nullopt: `progress` cancelled. @throws NameError, std::invalid_argument as Calibration does.
 std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples, const DoctorOptions& options);
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// What the doctor says: findings, and the diagnosis that they make.
+// What the doctor returns: findings, and the diagnosis that they make.
 #pragma once
 
 #include <optional>
@@ -7,14 +7,14 @@
 
 namespace kincal {
 
-/// A mistake that was found.
+/// A Finding is a mistake that was found.
 struct Finding {
   std::string id, text;                              // ids: docs/formats.md
   std::vector<std::string> where;                    // sensors, targets, joints, samples
   std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
 };
 
-/// All that was found, and what it explains.
+/// A Diagnosis is all that was found, and what it explains.
 struct Diagnosis {
   std::vector<Finding> findings;  // what explains most first; those without a fit last
   std::optional<double> chi2;     // as is; nothing: the fit cannot start

@@ -9,7 +9,8 @@
 
 namespace kincal {
 
-/// All but those that need the values of a fit (bad samples, numbering of single views: suspects.h). What is freed anyway is no hypothesis.
+/// Returns all hypotheses but those that need the values of a fit (bad samples, numbering of single views: suspects.h). What is freed
+/// anyway is no hypothesis.
 std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples,
                                    const FreedNames& freed);
 

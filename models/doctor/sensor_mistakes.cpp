@@ -12,15 +12,15 @@
 namespace kincal {
 namespace {
 
-bool is_camera(const Sensor& sensor) { return sensor.model->sight() == Sight::rays; }
+bool is_camera(const Sensor& sensor) { return sensor.model->measurement_kind() == MeasurementKind::rays; }
 
 }  // namespace
 
 void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   for (int s : survey.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    const Sight sight = sensor.model->sight();
-    if (sight == Sight::rays) {
+    const MeasurementKind kind = sensor.model->measurement_kind();
+    if (kind == MeasurementKind::rays) {
       const ParameterBlock* intrinsics = find_block(sensor, ParameterKind::intrinsics);
       if (!intrinsics || intrinsics->values.size() < 4) continue;
       const std::vector<double>& k = intrinsics->values;
@@ -30,7 +30,7 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         Hypothesis h;
         h.id = "mirrored";
         h.where = {sensor.name};
-        h.what = "the images of camera " + quoted(sensor.name) + " are mirrored " + (axis == 0 ? "left to right" : "top to bottom");
+        h.mistake = "the images of camera " + quoted(sensor.name) + " are mirrored " + (axis == 0 ? "left to right" : "top to bottom");
         h.cure = std::string("Detect in the image as the camera gave it, or replace ") +
                  (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views.";
         h.undo = [s, axis, sum](Rig&, std::vector<Sample>& samples) {
@@ -41,20 +41,16 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         };
         out.push_back(h);
       }
-    } else if (sight == Sight::points) {
-      const auto somewhere = [](const View& v) { return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }); };
+    } else if (kind == MeasurementKind::points) {
+      const auto measures_something = [](const View& v) { return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }); };
       for (int axis : {0, 1, 2}) {
-        Hypothesis h;
-        h.id = "mirrored";
+        Hypothesis h =
+            mirrored_points("the points that sensor " + quoted(sensor.name) + " measures are mirrored", axis, "sensor", "its views");
         h.where = {sensor.name};
-        h.what =
-            "the points that sensor " + quoted(sensor.name) + " measures are mirrored: its axes are left-handed, or one has the wrong sign";
-        h.cure =
-            std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the sensor's pose accordingly) in its views.";
-        h.undo = [s, axis, somewhere](Rig&, std::vector<Sample>& samples) {
+        h.undo = [s, axis, measures_something](Rig&, std::vector<Sample>& samples) {
           for (Sample& sample : samples)
             for (View& v : sample.views)
-              if (v.sensor == s && somewhere(v))
+              if (v.sensor == s && measures_something(v))
                 for (size_t i = axis; i < v.z.size(); i += 3) v.z[i] = -v.z[i];
         };
         out.push_back(h);
@@ -66,12 +62,12 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
 void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   for (int s : survey.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    const bool pose = sensor.model->sight() == Sight::pose;
-    if (!pose && sensor.model->sight() != Sight::points) continue;
+    const bool pose = sensor.model->measurement_kind() == MeasurementKind::pose;
+    if (!pose && sensor.model->measurement_kind() != MeasurementKind::points) continue;
     Hypothesis h;
     h.id = "square";
     h.where = {sensor.name};
-    h.what = std::string(pose ? "the positions" : "the points") + " that sensor " + quoted(sensor.name) + " measures are in millimetres";
+    h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " + quoted(sensor.name) + " measures are in millimetres";
     h.cure = "Write metres into its views: divide by 1000.";
     h.new_poses = true;
     h.undo = [s, pose](Rig&, std::vector<Sample>& samples) {
@@ -91,9 +87,9 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {sensor.name};
-    h.what = "the pose of sensor " + quoted(sensor.name) + " is given the wrong way round, as sensor_T_link";
+    h.mistake = "the pose of sensor " + quoted(sensor.name) + " is given the wrong way round, as sensor_T_link";
     h.cure = "Replace sensors." + sensor.name + ".pose by its inverse: it maps coordinates of the sensor" +
-             (sensor.model->sight() == Sight::chain ? "'s target" : "") + " to the link's.";
+             (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") + " to the link's.";
     h.undo = [s](Rig& r, std::vector<Sample>&) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
     out.push_back(h);
   }
@@ -103,7 +99,7 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {target.name};
-    h.what = "the pose of target " + quoted(target.name) + " is given the wrong way round, as target_T_link";
+    h.mistake = "the pose of target " + quoted(target.name) + " is given the wrong way round, as target_T_link";
     h.cure = "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's.";
     h.undo = [t](Rig& r, std::vector<Sample>&) { r.targets[t].link_T_target = inverse(r.targets[t].link_T_target); };
     out.push_back(h);
@@ -115,16 +111,16 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     const int s = pair.first, t = pair.second;
     const Sensor& sensor = rig.sensors[s];
     const Target& target = rig.targets[t];
-    if (sensor.model->sight() == Sight::chain || sensor.model->scans()) continue;
+    if (sensor.model->measurement_kind() == MeasurementKind::chain || sensor.model->scans()) continue;
     if (target.link >= 0) {
       if (target.link == sensor.link) continue;
       for (bool poses : {false, true}) {
         Hypothesis h;
         h.id = "eye-in-hand";
         h.where = {sensor.name, target.name};
-        h.what = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
-                 " are on the wrong sides: the sensor sits on link " + quoted(rig.tree.links[target.link]) + " and the target on " +
-                 quoted(rig.tree.links[sensor.link]);
+        h.mistake = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
+                    " are on the wrong sides: the sensor sits on link " + quoted(rig.tree.links[target.link]) + " and the target on " +
+                    quoted(rig.tree.links[sensor.link]);
         h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" + (poses ? ", poses too." : ".");
         h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
           std::swap(r.sensors[s].link, r.targets[t].link);
@@ -136,13 +132,14 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       continue;
     }
     for (const auto& other : survey.pairs) {  // a free target in a hand
-      if (other.second != t || rig.sensors[other.first].model->sight() != Sight::chain || rig.sensors[other.first].link == sensor.link)
+      if (other.second != t || rig.sensors[other.first].model->measurement_kind() != MeasurementKind::chain ||
+          rig.sensors[other.first].link == sensor.link)
         continue;
       const int c = other.first;
       Hypothesis h;
       h.id = "eye-in-hand";
       h.where = {sensor.name, rig.sensors[c].name};
-      h.what = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) + " are on the wrong sides";
+      h.mistake = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) + " are on the wrong sides";
       h.cure = "Exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name + ".link, poses too.";
       h.undo = [s, c](Rig& r, std::vector<Sample>&) {
         std::swap(r.sensors[s].link, r.sensors[c].link);
@@ -161,7 +158,7 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
       Hypothesis h;
       h.id = "swapped-cameras";
       h.where = {rig.sensors[a].name, rig.sensors[b].name};
-      h.what = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) + " are exchanged";
+      h.mistake = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) + " are exchanged";
       h.cure = "Exchange the two names, in the rig or in the views.";
       h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
         for (Sample& s : samples)
@@ -201,10 +198,10 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
       if (!group.first) h.free.push_back("sensor/" + rig.sensors[s].name + "/distortion");
     }
     if (group.first) {
-      h.what = "the rig corrects the lens of camera " + names + ", but the images are rectified already";
+      h.mistake = "the rig corrects the lens of camera " + names + ", but the images are rectified already";
       h.cure = "Take model: pinhole without distortion (and the intrinsics of the rectified image), or detect in the raw images.";
     } else {
-      h.what = "the images of camera " + names + " are raw, but the rig gives no distortion";
+      h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =
           "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free sensor/NAME/distortion, or detect in "
           "rectified images.";
@@ -243,12 +240,12 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Surv
     h.where = {sensor.name};
     if (most > kPi + 0.1) {
       h.id = "degrees";
-      h.what = "the bearings of sensor " + quoted(sensor.name) + " are degrees";
+      h.mistake = "the bearings of sensor " + quoted(sensor.name) + " are degrees";
       h.cure = "Write radians: multiply them by pi / 180.";
       h.undo = bearings(kPi / 180);
     } else {
       h.id = "mirrored";
-      h.what = "the rays of sensor " + quoted(sensor.name) + " are mirrored: their bearings have the wrong sign";
+      h.mistake = "the rays of sensor " + quoted(sensor.name) + " are mirrored: their bearings have the wrong sign";
       h.cure = "Change the sign of its bearings: they count from x towards y.";
       h.undo = bearings(-1);
     }

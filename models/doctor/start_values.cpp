@@ -15,7 +15,7 @@ struct Suspicion {
   int parameter;
   std::string name;  // of the sensor or target
   Pose given, other;
-  std::string what, cure;  // sentences about the mistake, the first without its full stop
+  std::string mistake, cure;  // sentences about the mistake, the first without its full stop
 };
 
 /// How far two poses are from each other: m, rad.
@@ -52,7 +52,8 @@ std::optional<Finding> check(const Recording& recording, const TrialContext& con
   finding.where = {suspicion.name};
   if (as_given.complete()) finding.chi2_as_is = as_given.chi2;
   finding.chi2_corrected = corrected.chi2;
-  finding.text = suspicion.what + text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first, far.second * 180 / kPi) +
+  finding.text = suspicion.mistake +
+                 text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first, far.second * 180 / kPi) +
                  text(", but only %.3g m and %.3g degrees from this. ", near.first, near.second * 180 / kPi) +
                  "With the pose held, chi2 is " + (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
                  text(" and %.6g so. ", corrected.chi2) + suspicion.cure;

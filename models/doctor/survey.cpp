@@ -4,6 +4,15 @@
 
 namespace kincal {
 
+Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner, const std::string& place) {
+  Hypothesis h;
+  h.id = "mirrored";
+  h.mistake = clause + ": its axes are left-handed, or one has the wrong sign";
+  h.cure = std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " + owner + "'s pose accordingly) in " +
+           place + ".";
+  return h;
+}
+
 Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
   Survey out;
   std::map<std::pair<int, int>, std::vector<int>> joints;

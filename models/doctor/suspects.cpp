@@ -66,7 +66,7 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
         std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
       bad.insert(recording.samples[i].id);
   if (bad.empty() || bad.size() > Thresholds::most_bad * recording.samples.size()) return std::nullopt;
-  // A fit without a sample may do without it what it cannot do with it: samples that the others can live with come back.
+  // A fit is free to contradict a sample that it lacks: samples that fit once they are back come back.
   std::vector<std::pair<double, int>> order;
   for (size_t i = 0; i < recording.samples.size(); ++i)
     if (bad.count(recording.samples[i].id))
@@ -108,8 +108,8 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
   Hypothesis h;
   h.id = "bad-samples";
   h.where.assign(bad.begin(), bad.end());
-  h.what = (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") + joined(h.where) + " do not belong to " +
-           (bad.size() == 1 ? "its" : "their") + " views";
+  h.mistake = (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") + joined(h.where) +
+              " do not belong to " + (bad.size() == 1 ? "its" : "their") + " views";
   h.cure = bad.size() == 1 ? "Leave it out, or find its readings." : "Leave them out, or find their readings.";
   h.undo = [bad](Rig&, std::vector<Sample>& samples) {
     samples.erase(std::remove_if(samples.begin(), samples.end(), [&](const Sample& s) { return bad.count(s.id) > 0; }), samples.end());
@@ -151,7 +151,7 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     std::map<int, std::vector<int>> by_target;
     for (size_t v = 0; v < sample.views.size(); ++v) {
       const View& view = sample.views[v];
-      if (rig.sensors[view.sensor].model->whole_pose() || relabeling(rig.targets[view.target], half).empty()) continue;
+      if (rig.sensors[view.sensor].model->measures_pose() || relabeling(rig.targets[view.target], half).empty()) continue;
       ++views;
       sets.push_back({static_cast<int>(v)});
       by_target[view.target].push_back(static_cast<int>(v));
@@ -180,9 +180,9 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
   h.id = "numbering";
   h.where.assign(names.begin(), names.end());
   h.where.insert(h.where.end(), where.begin(), where.end());
-  h.what = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") + joined({names.begin(), names.end()}) +
-           (turned.size() == 1 ? " numbers its board" : " number their boards") + " from the opposite corner (half a turn): sample" +
-           (where.size() > 1 ? "s " : " ") + joined({where.begin(), where.end()});
+  h.mistake = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") + joined({names.begin(), names.end()}) +
+              (turned.size() == 1 ? " numbers its board" : " number their boards") + " from the opposite corner (half a turn): sample" +
+              (where.size() > 1 ? "s " : " ") + joined({where.begin(), where.end()});
   h.cure = "Reverse the order of the points in these views.";
   h.undo = [turned](Rig& changed, std::vector<Sample>& samples) {
     for (Sample& sample : samples)

@@ -50,7 +50,7 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
     const Target& target = rig.targets[t];
     const int own = target.grid ? table.target_square[t] : table.target_points[t];
     const bool seen = std::any_of(survey.pairs.begin(), survey.pairs.end(),
-                                  [&](const auto& pair) { return pair.second == t && !rig.sensors[pair.first].model->whole_pose(); });
+                                  [&](const auto& pair) { return pair.second == t && !rig.sensors[pair.first].model->measures_pose(); });
     if (own >= 0 && !freed.parameter[own] && target.count() >= 2 && seen) groups.push_back({t});
   }
   if (groups.size() > 1) {  // all in the same wrong unit; many placements of one block: only so
@@ -80,7 +80,7 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
   struct Relabeling {
     const char* id;
     Matrix2d m;
-    std::string what, cure;
+    std::string numbering, cure;
   };
   const std::string renumber = "Number the points of these views from the corner where the rig has point 0: row by row, x along the row.";
   const std::vector<Relabeling> relabelings = {
@@ -94,31 +94,31 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     Hypothesis h;
     h.id = r.id;
     h.where = where;
-    h.what = clause + " " + r.what;
+    h.mistake = clause + " " + r.numbering;
     h.cure = r.cure;
     h.numbered_by_markers =
         std::all_of(places.begin(), places.end(), [&](const auto& p) { return numbered_by_markers(rig.targets[p.first]); });
     h.undo = [places, sensor](Rig& changed, std::vector<Sample>& samples) {
       for (Sample& sample : samples)
         for (View& v : sample.views)
-          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) && !changed.sensors[v.sensor].model->whole_pose())
+          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) && !changed.sensors[v.sensor].model->measures_pose())
             relabel(v, changed.targets[v.target], places.at(v.target));
     };
     out.push_back(std::move(h));
   };
-  std::map<int, std::set<int>> seen, seers;  // grids by sensor, and the other way round
+  std::map<int, std::set<int>> seen, observers;  // grids by sensor, and the other way round
   for (const auto& pair : survey.pairs)
-    if (rig.targets[pair.second].grid && !rig.sensors[pair.first].model->whole_pose())
-      seen[pair.first].insert(pair.second), seers[pair.second].insert(pair.first);
-  for (const auto& t : seers) {
+    if (rig.targets[pair.second].grid && !rig.sensors[pair.first].model->measures_pose())
+      seen[pair.first].insert(pair.second), observers[pair.second].insert(pair.first);
+  for (const auto& t : observers) {
     const Target& target = rig.targets[t.first];
     const auto layouts = exchanged_layouts(target);
     for (size_t i = 0; i < layouts.size(); ++i) {
       Hypothesis h;
       h.id = "rows-columns";
       h.where = {target.name};
-      h.what = "rows and columns of target " + quoted(target.name) + " are exchanged: its points are numbered " +
-               (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column" : "in rows of another length");
+      h.mistake = "rows and columns of target " + quoted(target.name) + " are exchanged: its points are numbered " +
+                  (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column" : "in rows of another length");
       h.cure = "Exchange targets." + target.name + ".rows and .columns in the rig, or number the points row by row.";
       h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, std::vector<Sample>&) { r.targets[target_index].layout = layout; };
       out.push_back(h);
@@ -133,7 +133,7 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
       std::map<int, std::vector<int>> places;
       for (int t : s.second)
         if (std::vector<int> found = relabeling(rig.targets[t], r.m); !found.empty()) places[t] = std::move(found);
-      const bool same = places.size() == 1 && seers[places.begin()->first].size() == 1;  // as all views of that target
+      const bool same = places.size() == 1 && observers[places.begin()->first].size() == 1;  // as all views of that target
       if (places.empty() || same) continue;
       std::vector<std::string> where = {rig.sensors[s.first].name};
       for (const auto& p : places) where.push_back(rig.targets[p.first].name);
@@ -154,13 +154,9 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
     const Vector3d extents = symmetric_eigenvalues(centred * centred.transpose());
     if (extents(0) < 1e-6 * extents(2)) continue;
     for (int axis : {0, 1, 2}) {
-      Hypothesis h;
-      h.id = "mirrored";
+      Hypothesis h = mirrored_points("the points of target " + quoted(target.name) + " are mirrored in the rig", axis, "target",
+                                     "targets." + target.name + ".points");
       h.where = {target.name};
-      h.what =
-          "the points of target " + quoted(target.name) + " are mirrored in the rig: its axes are left-handed, or one has the wrong sign";
-      h.cure = std::string("Change the sign of ") + "xyz"[axis] +
-               " (or of another one, and turn the target's pose accordingly) in targets." + target.name + ".points.";
       h.undo = [t, axis](Rig& r, std::vector<Sample>&) { r.targets[t].points.row(axis) *= -1; };
       out.push_back(h);
     }

@@ -7,11 +7,11 @@
 
 namespace kincal {
 
-/// Sizes of boards and units of points, where the rig does not free them.
+/// Adds sizes of boards and units of points, where the rig does not free them.
 void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out);
-/// Rows and columns exchanged, points numbered from another corner or mirrored.
+/// Adds rows and columns exchanged, points numbered from another corner or mirrored.
 void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
-/// Points that are no grid and not in a plane: their mirror image is another target.
+/// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 
 }  // namespace kincal

@@ -17,7 +17,7 @@ namespace {
 using Samples = std::vector<Sample>;
 
 // ------------------------------------------------------------------------------------------------ what is freed
-/// Gives a rig without steps usual ones: who says nothing does not know where things are.
+/// Gives a rig without steps usual ones: nothing is taken as known.
 void add_usual_steps(Rig& rig, const Samples& samples) {
   Step step;
   step.name = "poses";
@@ -34,7 +34,7 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
     more.steps.push_back(step);
     check_steps(Recording(more, samples));
     rig.steps = more.steps;
-  } catch (const std::invalid_argument&) {  // no joint has a say
+  } catch (const std::invalid_argument&) {  // no joint matters
   }
 }
 
@@ -90,7 +90,7 @@ struct Startable {
   std::vector<int> undefined;  // whose free targets have no start, or that have a point behind a camera there
 };
 
-/// Starts the free targets of all samples, in `values`, and tells which samples have finite residuals there.
+/// Starts the free targets of all samples, in `values`, and returns which samples have finite residuals there.
 Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup, bool refine, Values& values) {
   Startable out;
   for (int s : indices(recording.samples.size())) try {
@@ -163,7 +163,7 @@ void collect_statistics(const Recording& recording, const Estimation& problem, c
   std::map<int, std::pair<double, long>> sums;
   for (const ViewResiduals& r : problem.residuals(state)) {
     const SensorModel& model = *rig.sensors[r.view->sensor].model;
-    const Eigen::Index points = model.whole_pose() ? 1 : r.raw.size() / model.rows(), rows = r.whitened.size() / points;
+    const Eigen::Index points = model.measures_pose() ? 1 : r.raw.size() / model.rows(), rows = r.whitened.size() / points;
     std::vector<double> squares;
     for (Eigen::Index k = 0; k < points; ++k) squares.push_back(r.whitened.segment(k * rows, rows).squaredNorm());
     std::sort(squares.begin(), squares.end());
@@ -215,9 +215,9 @@ std::map<std::string, double> movements(const Recording& recording, const std::v
 }  // namespace
 
 Stage without(Stage stage, const std::string& parameter) {
-  const auto of_it = [&](const std::string& name) { return name == parameter || name.rfind(parameter + ".", 0) == 0; };
-  stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), of_it), stage.free.end());
-  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return of_it(p.first); }),
+  const auto belongs = [&](const std::string& name) { return name == parameter || name.rfind(parameter + ".", 0) == 0; };
+  stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), belongs), stage.free.end());
+  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return belongs(p.first); }),
                      stage.priors.end());
   return stage;
 }
@@ -385,7 +385,7 @@ Samples some_samples(const Recording& recording, size_t unknowns) {
     for (int i : chosen)
       for (const View& v : samples[i].views) {
         const SensorModel& model = *recording.rig.sensors[v.sensor].model;
-        rows += model.rows() * (model.whole_pose() ? 1 : v.ids.size());
+        rows += model.rows() * (model.measures_pose() ? 1 : v.ids.size());
       }
     if (rows < 8 * unknowns && chosen.size() < samples.size()) continue;
     Samples out;

@@ -1,4 +1,4 @@
-// Fits of a recording as it is and with something changed, to be compared: what they free, how far they go, what they tell.
+// Fits of a recording as it is and with something changed, to be compared: what they free, how far they go, what they find.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@
 
 namespace kincal {
 
-/// When the doctor believes what. Ratios have no unit.
+/// These are the Thresholds of the doctor's beliefs. Ratios have no unit.
 struct Thresholds {
   /// A fit needs no explanation if chi2/dof of the whole and the mean square of each sensor's residuals are below this.
   static constexpr double good = 1.5;
@@ -42,10 +42,10 @@ struct Thresholds {
   static constexpr int rounds = 4;
 };
 
-/// Thrown where progress cancels.
+/// Cancelled is thrown where progress cancels.
 struct Cancelled {};
 
-/// What one minimisation frees, by name, so that it fits rigs whose tables differ.
+/// A Stage is what one minimisation frees, by name, so that it fits rigs whose tables differ.
 struct Stage {
   std::vector<int> sensors;
   std::vector<std::string> free;                       // components
@@ -53,10 +53,10 @@ struct Stage {
   Loss loss;
 };
 
-/// The stage with a whole parameter held.
+/// Returns the stage with a whole parameter held.
 Stage without(Stage stage, const std::string& parameter);
 
-/// What trial fits of a recording have in common.
+/// A TrialContext is what trial fits of a recording have in common.
 struct TrialContext {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
@@ -103,28 +103,28 @@ struct TrialFit {
   double per_dof() const { return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity; }
 };
 
-/// The largest difference of movements over the parameters that `a` moved far and `b` at most a fifth of that. 0 where there is none, or
-/// where `b` moves others farther.
+/// Returns the largest difference of movements over the parameters that `a` moved far and `b` at most a fifth of that. It is 0 where there
+/// is none, or where `b` moves others farther.
 double return_of_movement(const TrialFit& a, const TrialFit& b);
 
-/// The fit needs no explanation.
+/// True if the fit needs no explanation.
 bool good(const TrialFit& f);
 
-/// What a stage frees, in the terms of a table.
+/// Returns what a stage frees, in the terms of a table.
 FreedNames freed_names(const ParameterTable& table, const Stage& stage);
 
-/// The rig gives a pose that the stage frees wholly.
+/// True if the rig gives a pose that the stage frees wholly.
 bool frees_given_poses(const Recording& recording, const Stage& stage);
 
-/// The recording that trials are about: all samples in training, without views that no step uses; a rig without steps gets the usual ones.
-/// Fills in the context's stages. @throws NameError, std::invalid_argument as Calibration does.
+/// Makes the recording that trials are about: all samples are in training, without views that no step uses; a rig without steps gets the
+/// usual ones. It fills in the context's stages. @throws NameError, std::invalid_argument as Calibration does.
 Recording plan_trials(Rig rig, std::vector<Sample> samples, TrialContext& context);
 
-/// Minimises stage after stage; all that the fit tells is of the last one. @throws std::invalid_argument where a path cannot be walked;
-/// Cancelled.
+/// Minimises stage after stage; the fit that it returns is that of the last one. @throws std::invalid_argument where a path cannot be
+/// walked; Cancelled.
 TrialFit trial_fit(const Recording& recording, const TrialContext& context, const std::vector<Stage>& stages, const TrialOptions& options);
 
-/// How far a fit goes.
+/// An Effort is how far a fit goes.
 struct Effort {
   int iterations;
   double decrease;             // relative, below which it stops
@@ -132,13 +132,13 @@ struct Effort {
   double give_up = kInfinity;  // TrialOptions::give_up
 };
 
-/// The fit from the rig's values, or from closed form where these do not lead anywhere.
+/// Returns the fit from the rig's values, or from closed form where these do not lead anywhere.
 TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage, const Effort& effort);
 
-/// The best fit of everything that the steps free: from the rig's values, closed form, or the steps one after the other.
+/// Returns the best fit of everything that the steps free: from the rig's values, closed form, or the steps one after the other.
 TrialFit fit_as_is(const Recording& recording, const TrialContext& context);
 
-/// Enough samples for a first look: every pair of sensor and target some times, and several times as many numbers as unknowns.
+/// Returns enough samples for a first look: every pair of sensor and target some times, and several times as many numbers as unknowns.
 std::vector<Sample> some_samples(const Recording& recording, size_t unknowns);
 
 }  // namespace kincal

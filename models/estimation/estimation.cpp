@@ -15,6 +15,17 @@ struct Estimation::Parts {
   /// Rows of a group. `compress`: each view's to at most as many as it has columns; `kinds`, unless null: which rows are which noise's.
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows, std::vector<NoiseRows>* kinds);
 
+  /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its paths.
+  void walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
+    motion.motions(s, state, to);
+    motion.walk_paths(s, state, to);
+    if (!derivatives) return;
+    for (size_t w = 0; w < s.layout->paths.size(); ++w) {
+      const SensorPath& path = s.layout->paths[w];
+      motion.path_columns(path, path.motion, static_cast<int>(path.places.size()), state, to, to.paths[w]);
+    }
+  }
+
   Layout layout;
   Motion motion;
   Rows whitened;
@@ -38,8 +49,8 @@ const std::vector<GroupShape>& Estimation::groups() const { return parts_->layou
 
 void Estimation::reload() { parts_->layout.reload(); }
 
-void Estimation::set_levels(const std::vector<double>& levels) {
-  parts_->layout.setup.levels = levels;
+void Estimation::set_noise_ratios(const std::vector<double>& noise_ratios) {
+  parts_->layout.setup.noise_ratios = noise_ratios;
   parts_->whitened.set_losses();
 }
 
@@ -101,7 +112,7 @@ std::vector<char> Estimation::influencing() const {
       for (size_t b = 0; b < v.layout->sensor->parameters.size(); ++b)
         use(layout.table.sensor_block[v.layout->sensor_index] + static_cast<int>(b));
       use(layout.table.target_pose[v.layout->target_index]);
-      if (!v.layout->sensor->model->whole_pose()) {
+      if (!v.layout->sensor->model->measures_pose()) {
         use(layout.table.target_square[v.layout->target_index]);
         use(layout.table.target_points[v.layout->target_index]);
       }
@@ -117,7 +128,6 @@ std::vector<char> Estimation::influencing() const {
 
 bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& cost) const {
   const Layout& layout = parts_->layout;
-  const Motion& motion = parts_->motion;
   const Rows& whitened = parts_->whitened;
   cost = {};
   if (group == static_cast<int>(layout.samples.size())) {
@@ -130,8 +140,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   }
   const PlacedSample& s = layout.samples[group];
   Scratch& scratch = parts_->scratch[worker];
-  motion.motions(s, state, scratch);
-  motion.walk_paths(s, state, scratch);
+  parts_->walk(s, state, scratch, false);
   for (const PlacedView& v : s.views)
     if (!whitened.view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.errors();
@@ -164,11 +173,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   const PlacedSample& s = layout.samples[group];
   Scratch& scratch = parts_->scratch[worker];
   const int size = layout.groups[group].size();
-  motion.motions(s, state, scratch);
-  motion.walk_paths(s, state, scratch);
-  for (size_t w = 0; w < s.layout->paths.size(); ++w)
-    motion.path_columns(s.layout->paths[w], s.layout->paths[w].motion, static_cast<int>(s.layout->paths[w].places.size()), state, scratch,
-                        scratch.paths[w]);
+  parts_->walk(s, state, scratch, true);
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, scratch, true, cost)) return false;
     const int w = v.layout->columns.total + 1;
@@ -217,20 +222,16 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     return true;
   }
   const PlacedSample& s = layout.samples[group];
-  Scratch& room = scratch[worker];
+  Scratch& local = scratch[worker];
   Eigen::Index used = 0;
   Cost cost;
-  motion.motions(s, state, room);
-  motion.walk_paths(s, state, room);
-  for (size_t w = 0; w < s.layout->paths.size(); ++w)
-    motion.path_columns(s.layout->paths[w], s.layout->paths[w].motion, static_cast<int>(s.layout->paths[w].places.size()), state, room,
-                        room.paths[w]);
+  walk(s, state, local, true);
   for (const PlacedView& v : s.views) {
-    if (!whitened.view_rows(v, s, state, room, true, cost)) return false;
+    if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
     MatrixXd view(v.layout->rows(), v.layout->columns.total + 1);
     for (int b = 0; b < v.layout->blocks(); ++b)
-      for (int i = 0; i < k; ++i) view.row(b * k + i) = room.rows.row(v.layout->row(b, i)).head(view.cols());
+      for (int i = 0; i < k; ++i) view.row(b * k + i) = local.rows.row(v.layout->row(b, i)).head(view.cols());
     if (kinds) {
       const std::vector<NoisePart> parts = v.layout->model->noise_parts();
       MatrixXd all(view.rows(), view.cols());
@@ -248,8 +249,8 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     } else if (compress) {
       view = compressed(std::move(view));
     }
-    motion.kinematic_matrix(v, s, state, room);
-    const auto m = room.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
+    motion.kinematic_matrix(v, s, state, local);
+    const auto m = local.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
     MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
     const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
     for (Eigen::Index i = 0; i < kinematic.cols(); ++i)

@@ -27,7 +27,7 @@
 
 namespace kincal {
 
-/// Residuals of one view at a state.
+/// ViewResiduals are the residuals of one view at a state.
 struct ViewResiduals {
   const View* view = nullptr;
   int sample = -1;
@@ -35,7 +35,8 @@ struct ViewResiduals {
   VectorXd whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
 };
 
-/// Rows of a group that are one kind of noise: of one part of a view (noise_parts() of its model), one joint's error, or priors.
+/// NoiseRows are rows of a group that are one kind of noise: of one part of a view (noise_parts() of its model), one joint's error, or
+/// priors.
 struct NoiseRows {
   const View* view = nullptr;  // else null
   int part = 0;
@@ -45,8 +46,8 @@ struct NoiseRows {
 
 class Estimation final : public Problem {
  public:
-  /// `samples`: indices of those that take part; samples without a view of the setup's sensors make no group. The recording must outlive
-  /// this problem.
+  /// `samples` are the indices of those that take part; samples without a view of the setup's sensors make no group. The recording must
+  /// outlive this problem.
   /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
   Estimation(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup);
   ~Estimation() override;
@@ -56,26 +57,26 @@ class Estimation final : public Problem {
   /// True if no sample shows anything to the setup's sensors.
   bool empty() const;
   const EstimationSetup& setup() const;
-  /// Sample behind a group, -1 for the group of priors.
+  /// Returns the sample behind a group, -1 for the group of priors.
   int sample_of(int group) const;
-  /// Shared values that priors and partly freed poses count from.
+  /// Returns the shared values that priors and partly freed poses count from.
   const VectorXd& initial() const;
-  /// Name of a shared column, e.g. "joint/head_joint/origin.rz".
+  /// Returns the name of a shared column, e.g. "joint/head_joint/origin.rz".
   std::string column_name(int column) const;
-  /// What every shared column is.
+  /// Returns the component that every shared column is.
   const std::vector<Component>& columns() const;
 
-  /// Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
+  /// Makes the state of these values. Free targets whose pose `values` lacks stand at the identity; missing joint errors are 0.
   VectorXd pack(const Values& values) const;
   void unpack(const VectorXd& state, Values& values) const;
-  /// To be called when measured numbers, sigmas or readings of the samples have been replaced in place: the next solve() starts from them
-  /// without new analysis. Which views there are, their points and the number of sigmas must have stayed.
+  /// Takes over measured numbers, sigmas or readings that have been replaced in the samples: the next solve() starts from them without new
+  /// analysis. The views, their points and the number of sigmas must have stayed.
   void reload();
-  /// Units of the loss's scale, by sensor.
-  void set_levels(const std::vector<double>& levels);
-  /// All views that take part, sample by sample. Call renew() first: covariances are as it left them.
+  /// Sets the units of the loss's scale, by sensor: the observed noise over the assumed (fitting/robust.h).
+  void set_noise_ratios(const std::vector<double>& noise_ratios);
+  /// Returns the residuals of all views that take part, sample by sample. Call renew() first: covariances are as it left them.
   std::vector<ViewResiduals> residuals(const VectorXd& state) const;
-  /// Parameters that some view of this problem depends on by structure (by index; the formats' rule for globs).
+  /// Returns, by index, whether some view of this problem depends on a parameter by structure (the formats' rule for globs).
   std::vector<char> influencing() const;
 
   int shared_size() const override;
@@ -88,9 +89,9 @@ class Estimation final : public Problem {
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override;
   bool renew(const VectorXd& state) override;
 
-  /// A square root of the group's equations (see Problem::square_root) in which no row mixes two kinds of noise.
+  /// Computes a square root of the group's equations (see Problem::square_root) in which no row mixes two kinds of noise.
   bool noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& kinds) const;
-  /// Explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
+  /// Computes the explicit whitened rows [J_private J_touched r] of a group with the loss's slopes, one row a residual, for tests.
   bool explicit_rows(int group, const VectorXd& state, MatrixXd& rows) const;
 
  private:

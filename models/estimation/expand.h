@@ -11,14 +11,14 @@
 
 namespace kincal {
 
-/// One view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns themselves. Both stand in
-/// the order of their places in the group (private unknowns first, then touched columns); own ones are shared.
+/// ViewColumns describes one view's M: dense kinematic columns for the first rows of L, and single columns of L that are unknowns
+/// themselves. Both stand in the order of their places in the group (private unknowns first, then touched columns); own ones are shared.
 struct ViewColumns {
   std::vector<int> kinematic;            // place of each column of M
   std::vector<std::pair<int, int>> own;  // (column of L, place)
 };
 
-/// Scratch of expand(): sized once for the largest view, so that nothing is allocated later.
+/// ExpandScratch is the scratch of expand(): it is sized once for the largest view, so that nothing is allocated later.
 struct ExpandScratch {
   MatrixXd gram;                       // of [L r]
   RowMatrix m;                         // in its top left corner: M
@@ -26,7 +26,7 @@ struct ExpandScratch {
   std::vector<int> column;             // shared column of each column of M
   int stride = 0;
 
-  /// width: columns of L; depth: rows of M; columns: of M.
+  /// Makes room for `width` columns of L, `depth` rows of M and `columns` columns of M.
   void reserve(int width, int depth, int columns) {
     gram.resize(width + 1, width + 1);
     stride = padded(columns) + kSlack;

@@ -5,8 +5,8 @@
 
 namespace kincal {
 
-Layout::Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup what)
-    : rig(recording.rig), table(recording.table), recorded(recording.samples), setup(std::move(what)) {
+Layout::Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given)
+    : rig(recording.rig), table(recording.table), recorded(recording.samples), setup(std::move(given)) {
   first_column.assign(table.all.size(), -1);
   freed.assign(table.all.size(), nullptr);
   for (const Freed& f : setup.free) {
@@ -77,7 +77,7 @@ SampleLayout Layout::make_layout(const PlacedSample& placed) const {
     v.model = &model_of(*v.sensor);
     v.covariances = !p.view->covariance.empty();
     v.ids = p.view->ids;
-    if (v.ids.empty() && !v.model->whole_pose())
+    if (v.ids.empty() && !v.model->measures_pose())
       for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
     v.path = place_path(s, v);
     if (v.target->link < 0) {
@@ -253,8 +253,8 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const S
   // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
   v.columns = Columns();
   Columns& c = v.columns;
-  const int square = v.model->whole_pose() ? -1 : table.target_square[v.target_index];
-  const int points = v.model->whole_pose() ? -1 : table.target_points[v.target_index];
+  const int square = v.model->measures_pose() ? -1 : table.target_square[v.target_index];
+  const int points = v.model->measures_pose() ? -1 : table.target_points[v.target_index];
   const bool points_freed = points >= 0 && freed[points];
   v.kernel =
       !v.covariances && !points_freed && (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none) ? v.model->kernel() : nullptr;

@@ -1,5 +1,5 @@
 // Which column stands where: every view's columns of L and M in its sample's group, every group's part of the state, and what the kernels
-// read. Nothing here depends on the state. For the sources of this folder only.
+// read. Nothing here depends on the state. This header is for the sources of this folder only.
 #pragma once
 
 #include <map>
@@ -12,7 +12,7 @@
 
 namespace kincal {
 
-/// What fills columns of M.
+/// A Source is what fills columns of M.
 enum class Source { joint_number, error, origin, sensor_pose, target_pose };
 
 constexpr size_t kWeights = 8;  // numbers in front of the measured ones: 1 / sigma of each component
@@ -28,8 +28,8 @@ struct MotionColumns {
   int count = 1;
 };
 
-/// The joints from a sensor's link to a target's, shared by all views of a sample between the two. Their columns of M are computed once, in
-/// the frame of the sensor's link; where a scanning joint lies between, what is behind it is in the frame behind.
+/// A SensorPath has the joints from a sensor's link to a target's, and is shared by all views of a sample between the two. Their columns of
+/// M are computed once, in the frame of the sensor's link; where a scanning joint lies between, what is behind it is in the frame behind.
 struct SensorPath {
   int from = -1, to = -1, scanning_joint = -1;
   Path steps;
@@ -43,7 +43,7 @@ struct SensorPath {
   int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
 };
 
-/// Shared by all views of a sensor and a target with the same points, whatever they measured.
+/// A ViewLayout is shared by all views of a sensor and a target with the same points, whatever they measured.
 struct ViewLayout {
   int sensor_index, target_index;
   const Sensor* sensor = nullptr;
@@ -64,12 +64,12 @@ struct ViewLayout {
   int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
   int rows() const { return blocks() * model->rows(); }
   int stride() const { return padded(static_cast<int>(ids.size())); }
-  /// Rows of [L r] with the padding; residual k of block b is row(b, k).
+  /// Returns the rows of [L r] with the padding; residual k of block b is row(b, k).
   int padded_rows() const { return kernel ? model->rows() * stride() : padded(rows()); }
   int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
 };
 
-/// Shared by all samples with the same sensors, targets and points: computed once.
+/// A SampleLayout is shared by all samples with the same sensors, targets and points, and computed once.
 struct SampleLayout {
   std::vector<SensorPath> paths;
   std::vector<ViewLayout> views;
@@ -97,15 +97,15 @@ struct PlacedSample {
   int errors() const { return start + 12 * static_cast<int>(layout->targets.size()); }
 };
 
-/// The layout of a whole problem. Its public numbers are read by the other sources of this folder, which do not change them.
+/// A Layout is that of a whole problem. Its public numbers are read by the other sources of this folder, which do not change them.
 struct Layout {
-  /// `indices`: of the samples that take part. The recording must outlive the layout.
+  /// `indices` are those of the samples that take part. The recording must outlive the layout.
   /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
-  Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup what);
+  Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given);
   Layout(const Layout&) = delete;
   Layout& operator=(const Layout&) = delete;
 
-  /// Shared values that priors and partly freed poses count from.
+  /// Returns the shared values that priors and partly freed poses count from.
   const VectorXd& initial() const { return setup.initial.size() > 0 ? setup.initial : table.initial; }
   /// Copies the measured numbers and sigmas of the samples to where the kernels read them.
   void reload();

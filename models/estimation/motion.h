@@ -1,5 +1,5 @@
 // The kinematics of one problem at a state: joints' motions, what lies between sensors and targets, and M, the derivative of the pose
-// that a sensor sees by the group's unknowns. For the sources of this folder only.
+// that a sensor sees by the group's unknowns. This header is for the sources of this folder only.
 //
 // For each sample: motions(), walk_paths(), then, for derivatives, path_columns() of each path; for each of its views view_poses(), then
 // kinematic_matrix(). All of them write to the worker's scratch.
@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// A sensor path with its joints at the current state.
+/// A PathAtState is a sensor path with its joints at the current state.
 struct PathAtState {
   std::vector<Pose> frames;  // by step of the path
   Pose link_T_far;           // from the sensor's link to the target's
@@ -19,7 +19,7 @@ struct PathAtState {
   MatrixXd twists;           // in its top left corner: the path's columns
 };
 
-/// One worker's room for the sample at hand.
+/// Scratch is one worker's memory for the sample at hand.
 struct Scratch {
   std::vector<Pose> motion;     // by joint
   std::vector<Pose> moved;      // by joint: origin * motion, parent_T_child
@@ -38,13 +38,13 @@ struct Scratch {
   ExpandScratch expand;
 };
 
-/// Scratch for `count` workers: sized for the largest view and path, so that nothing is allocated later.
+/// Makes scratch for `count` workers, sized for the largest view and path, so that nothing is allocated later.
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch);
 
 class Motion {
  public:
   explicit Motion(const Layout& layout);
-  /// Charts of partly freed poses at this state.
+  /// Computes the charts of partly freed poses at this state.
   void prepare(const VectorXd& state);
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;

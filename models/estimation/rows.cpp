@@ -50,7 +50,8 @@ Rows::Rows(const Layout& layout, const Motion& motion) : layout_(layout), motion
 
 void Rows::set_losses() {
   losses_.assign(layout_.rig.sensors.size(), layout_.setup.loss);
-  for (size_t i = 0; i < layout_.setup.levels.size(); ++i) losses_[i].scale = layout_.setup.loss.scale * layout_.setup.levels[i];
+  for (size_t i = 0; i < layout_.setup.noise_ratios.size(); ++i)
+    losses_[i].scale = layout_.setup.loss.scale * layout_.setup.noise_ratios[i];
 }
 
 /// The rest of the sensor's input.
@@ -262,7 +263,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       VectorXd r(k * blocks);
       Eigen::Ref<RowMatrix> reference(l);
       if (!v.layout->model->evaluate(scratch.input, v.layout->columns, r.data(), &reference))
-        continue;  // undefined: the linearisation will say so
+        continue;  // undefined: the linearisation will report it
       const int noisy = static_cast<int>(path.noise_sigma.size());
       motion_.path_columns(path, path.noise, noisy, state, scratch, scratch.paths[v.layout->path]);
       std::vector<int> in_order(noisy);

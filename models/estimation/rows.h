@@ -1,5 +1,5 @@
 // The whitened rows [L r] of views and priors at a state. How covariances of the noise modes become white stands at the head of
-// estimation.h. For the sources of this folder only.
+// estimation.h. This header is for the sources of this folder only.
 #pragma once
 
 #include <vector>
@@ -10,15 +10,15 @@ namespace kincal {
 
 using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;  // on the stack
 
-/// How residuals of a view without a kernel become white.
+/// A Whitening says how residuals of a view without a kernel become white.
 struct Whitening {
-  VectorXd inverse_sigma;          // one a row of a block, where nothing else is said
+  VectorXd inverse_sigma;          // one a row of a block, where `block` is empty
   std::vector<SmallMatrix> block;  // one a block, or empty
   MatrixXd noise;                  // mode marginal: U, whitened own noise assumed; or empty
   MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
-/// The row of a prior: its derivatives stand at places place .. place + count - 1 of the priors' group.
+/// A PriorRow is the row of a prior: its derivatives stand at places place .. place + count - 1 of the priors' group.
 struct PriorRow {
   int parameter = -1, place = 0, count = 0;
   double derivative[6];
@@ -30,9 +30,9 @@ struct PriorRow {
 class Rows {
  public:
   Rows(const Layout& layout, const Motion& motion);
-  /// To be called when the setup's levels have changed.
+  /// Takes over the setup's noise ratios when they have changed.
   void set_losses();
-  /// Covariances that depend on the state, evaluated at this one; false if there are none. Motion::prepare() has been called.
+  /// Evaluates the covariances that depend on the state at this one; false if there are none. Motion::prepare() must have been called.
   bool renew(const VectorXd& state, Scratch& scratch);
 
   bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;

@@ -19,7 +19,7 @@ struct Prior {
 struct EstimationSetup {
   NoiseMode noise = NoiseMode::latent;
   Loss loss;
-  std::vector<double> levels;  // by sensor: unit of the loss's scale in sigmas; empty: 1
+  std::vector<double> noise_ratios;  // by sensor: unit of the loss's scale in sigmas; empty: 1
   std::vector<int> sensors;    // indices; views of others do not take part
   std::vector<Freed> free;
   std::vector<Prior> priors;  // of freed components only
@@ -27,7 +27,7 @@ struct EstimationSetup {
   VectorXd initial;           // shared values that priors and partly freed poses count from; empty: the rig's
 };
 
-/// Everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
+/// Values are everything that is estimated: shared parameters (ParameterTable's layout), poses of free targets by (sample, target), joint
 /// errors by (sample, joint).
 struct Values {
   VectorXd shared;

@@ -12,8 +12,6 @@
 
 namespace kincal {
 
-using Eigen::Matrix3Xd;
-
 namespace {
 
 Matrix3d nearest_rotation(const Matrix3d& m) {

@@ -12,15 +12,16 @@
 
 namespace kincal {
 
-/// One column a point.
+/// Returns a matrix of one column a point.
 Eigen::Matrix3Xd columns_of(const std::vector<Vector3d>& points);
-/// The columns of the given indices, in their order.
+/// Returns the columns of the given indices, in their order.
 Eigen::Matrix3Xd select_columns(const Eigen::Matrix3Xd& points, const std::vector<int>& ids);
 
-/// Kabsch: the rigid motion with b ~ T a for points in columns; fewer than three points or all on a line: what they tell.
+/// Returns the rigid motion with b ~ T a for points in columns (Kabsch). Fewer than three points, or points on a line, determine only a
+/// part of it.
 Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 
-/// These are poses sensor_T_target of points c whose directions (x, y, 1) are xy1: DLT, for planes both mirror solutions.
+/// Returns poses sensor_T_target of points c whose directions (x, y, 1) are xy1: by DLT, for planes both mirror solutions.
 std::vector<Pose> perspective_poses(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
 
 /// Finds the pose of one camera from points and directions of many views together: of perspective_poses() that with the least angles.
@@ -32,8 +33,8 @@ bool pose_from_directions(const Eigen::Matrix3Xd& points, const Eigen::Matrix3Xd
 /// not determine it.
 bool pose_from_rays(const Eigen::Matrix3Xd& p, const Eigen::Matrix3Xd& o, const Eigen::Matrix3Xd& d, Pose& frame_T_target);
 
-/// A minority of wrong poses does not move this mean: it is around the medoid, of those within three median distances. `length`, in m,
-/// weighs as much as 1 rad.
+/// Returns a mean that a minority of wrong poses does not move: it is around the medoid, of those within three median distances. `length`,
+/// in m, weighs as much as 1 rad.
 Pose robust_mean(const std::vector<Pose>& poses, double length);
 
 /// Finds X and Y of A_i X = Y B_i where a minority of the relations is grossly wrong: least squares over all, or where three relations

@@ -64,10 +64,10 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording, const st
     return some;
   };
   auto problem = std::make_unique<Estimation>(recording, left(), setup);
-  const std::set<int> late = undefined_samples(*problem, out.values);
-  undefined.insert(late.begin(), late.end());
+  const std::set<int> undefined_at_start = undefined_samples(*problem, out.values);
+  undefined.insert(undefined_at_start.begin(), undefined_at_start.end());
   out.left_out.assign(undefined.begin(), undefined.end());
-  if (!late.empty()) problem = std::make_unique<Estimation>(recording, left(), setup);
+  if (!undefined_at_start.empty()) problem = std::make_unique<Estimation>(recording, left(), setup);
   return problem;
 }
 
@@ -76,7 +76,7 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
   Estimation& problem = *out.problem;
   out.state = problem.pack(out.values);
   if (problem.setup().loss.from_data) {
-    out.summary = solve_graduated(problem, recording.rig, options.solver, out.state, options.levels);
+    out.summary = solve_graduated(problem, recording.rig, options.solver, out.state, options.noise_ratios);
     if (!options.converge || out.summary.outcome == Outcome::undefined_start || out.summary.outcome == Outcome::cancelled) return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);

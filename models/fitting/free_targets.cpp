@@ -12,8 +12,6 @@
 
 namespace kincal {
 
-using Eigen::Matrix3Xd;
-
 namespace {
 
 /// Twice the cost of a problem of one sample; nullopt where a residual is undefined.
@@ -105,10 +103,11 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
 }
 
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
-  const Sight sight = rig.sensors[view.sensor].model->sight();
+  const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
   const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), view_ids(view, rig.targets[view.target]));
-  if (sight == Sight::chain) return Pose();
-  if (sight != Sight::pose && !((sight == Sight::points || (sight == Sight::rays && points.cols() >= 4)) && !on_a_line(points)))
+  if (kind == MeasurementKind::chain) return Pose();
+  if (kind != MeasurementKind::pose &&
+      !((kind == MeasurementKind::points || (kind == MeasurementKind::rays && points.cols() >= 4)) && !on_a_line(points)))
     return std::nullopt;
   // Alone with its sensor at the origin of a one-view problem: the same refinement as for free targets.
   Rig alone;

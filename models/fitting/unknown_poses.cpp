@@ -16,25 +16,24 @@
 namespace kincal {
 namespace {
 
-using Eigen::Matrix3Xd;
 using TargetPoses = std::map<std::pair<int, int>, Pose>;  // base_T_target by (sample, target)
 
-/// A view relates the sensor's pose and the target's in a sample. What it says of sensor_T_target by itself: a camera's two mirror
-/// solutions are told apart by their own residuals.
+/// A view relates the sensor's pose and the target's in a sample. `sensor_T_target` is what it gives by itself: of a camera's two mirror
+/// solutions their own residuals decide.
 struct Relation {
   int sample;
   const View* view;
   std::optional<Pose> sensor_T_target;
 };
 
-/// What relations in which everything else is known say of one unknown pose.
+/// Proposals for one unknown pose by relations in which everything else is known.
 struct Evidence {
   std::vector<Pose> poses;                                        // the pose itself
   std::vector<Vector3d> from, to;                                 // the unknown pose takes `from` to `to`
   std::vector<Vector3d> ray_points, ray_origins, ray_directions;  // where single views have no pose: points, and rays that they lie on
 };
 
-/// A pose, and the number of points that speak for it; a pose counts as four.
+/// A pose, and the number of points that support it; a pose counts as four.
 struct Proposal {
   size_t weight = 0;
   Pose pose;
@@ -46,7 +45,7 @@ struct PairOfUnknowns {
 };
 using Pairs = std::map<std::pair<int, int>, PairOfUnknowns>;  // by the parameters of X and Y
 
-/// Poses of sensors and targets, and the views that relate them: which are known, and what these say of the others.
+/// Poses of sensors and targets, and the views that relate them: which are known, and what these propose for the others.
 class PoseGraph {
  public:
   PoseGraph(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown, Values& values);
@@ -130,14 +129,14 @@ void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pos
 void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_target, Evidence& evidence) const {
   const View& v = *relation.view;
   const Sensor& sensor = rig_.sensors[v.sensor];
-  const Sight sight = sensor.model->sight();
+  const MeasurementKind kind = sensor.model->measurement_kind();
   const Configuration posture = robot(relation.sample);
-  if (sight == Sight::rays && !relation.sensor_T_target)
+  if (kind == MeasurementKind::rays && !relation.sensor_T_target)
     add_rays(v, inverse(posture.base_T_link(sensor.link)) * base_T_target, Pose(), evidence);
   if (relation.sensor_T_target)
     evidence.poses.push_back(inverse(posture.base_T_link(sensor.link)) * base_T_target * inverse(*relation.sensor_T_target));
-  const bool scan = sight == Sight::scan;
-  if (!scan && sight != Sight::points) return;
+  const bool scan = kind == MeasurementKind::scan;
+  if (!scan && kind != MeasurementKind::points) return;
   const Matrix3Xd points = seen_points(v);
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const double* z = v.z.data() + 3 * i;
@@ -151,15 +150,15 @@ void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_targ
 void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) const {
   const View& v = *relation.view;
   const Sensor& sensor = rig_.sensors[v.sensor];
-  const Sight sight = sensor.model->sight();
+  const MeasurementKind kind = sensor.model->measurement_kind();
   const Configuration posture = robot(relation.sample);
   const Pose base_T_link = posture.base_T_link(rig_.targets[v.target].link);
-  if (sight == Sight::rays && !relation.sensor_T_target)
+  if (kind == MeasurementKind::rays && !relation.sensor_T_target)
     add_rays(v, Pose(), inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor), evidence);
-  if (sight == Sight::scan || sight == Sight::points) {
+  if (kind == MeasurementKind::scan || kind == MeasurementKind::points) {
     const Matrix3Xd points = seen_points(v);
     Matrix3Xd in_base;
-    if (sight == Sight::scan) {
+    if (kind == MeasurementKind::scan) {
       in_base = scanned_points(rig_, table_, values_.shared, recording_.samples[relation.sample], v);
     } else {
       const Pose base_T_sensor = posture.base_T_sensor(v.sensor);
@@ -190,7 +189,7 @@ Evidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) cons
   return out;
 }
 
-/// The mean of poses, or the fit of point correspondences, whichever has more to say.
+/// The mean of poses, or the fit of point correspondences, whichever has more points.
 Proposal PoseGraph::proposal(int parameter, Evidence evidence) const {
   std::vector<Pose>& poses = evidence.poses;
   if (poses.empty() && evidence.from.empty() && !evidence.ray_points.empty()) {
@@ -216,7 +215,7 @@ void PoseGraph::settle(int parameter, const Pose& pose) {
   open_.erase(std::find(open_.begin(), open_.end(), parameter));
 }
 
-/// Settles the pose for which most speaks of those that are the only unknown of a relation. Returns false if there is none.
+/// Settles the pose with the most support of those that are the only unknown of a relation. Returns false if there is none.
 bool PoseGraph::settle_one() {
   const TargetPoses targets = known_targets();
   int best = -1;

@@ -1,4 +1,4 @@
-// Starting values of poses of sensors and mounted targets that nobody gives.
+// Starting values of poses of sensors and mounted targets that the rig does not give.
 //
 // Views relate poses: with L_s = base_T_link of a sensor, X_s its pose, B = sensor_T_target as the view sees it, and G = base_T_target (a
 // mounted target's: L_t Z_t),  L_s X_s B = G.  Poses are found one after the other: where everything else of a relation is known, as the

@@ -10,8 +10,6 @@
 
 namespace kincal {
 
-using Eigen::Matrix3Xd;
-
 namespace {
 
 /// Directions (x, y, 1) of a view's pixels, by Newton's method on the sensor's own projection far away (where a baseline
@@ -67,18 +65,18 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
   const std::vector<int> ids = view_ids(view, target);
   const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), ids);
   const Eigen::Index n = points.cols();
-  switch (sensor.model->sight()) {
-    case Sight::pose: {
+  switch (sensor.model->measurement_kind()) {
+    case MeasurementKind::pose: {
       Pose z;
       z.translation << view.z[0], view.z[1], view.z[2];
       z.rotation = rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
       return {z};
     }
-    case Sight::chain:
+    case MeasurementKind::chain:
       return {Pose()};
-    case Sight::points:
+    case MeasurementKind::points:
       return {fit_points(points, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, n))};
-    case Sight::rays: {
+    case MeasurementKind::rays: {
       std::vector<int> keep;
       const Matrix3Xd xy1 = seen_directions(rig, table, values, view, static_cast<int>(n), keep);
       return perspective_poses(select_columns(points, keep), xy1);
@@ -102,7 +100,7 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
 
 std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
-  if (sensor.model->sight() == Sight::scan) {
+  if (sensor.model->measurement_kind() == MeasurementKind::scan) {
     const std::vector<int> ids = view_ids(view, rig.targets[view.target]);
     return {
         fit_points(select_columns(target_points(rig, table, values, view.target), ids), scanned_points(rig, table, values, sample, view))};

@@ -1,4 +1,4 @@
-// What single views say of where their target is. A chain proposes its hand, a pose sensor its pose, points a rigid fit (Kabsch), a scan a
+// The poses of a target that single views propose. A chain proposes its hand, a pose sensor its pose, points a rigid fit (Kabsch), a scan a
 // rigid fit in the base frame, a camera its PnP (closed_form.h).
 #pragma once
 
@@ -14,14 +14,14 @@ namespace kincal {
 Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count,
                                  std::vector<int>& keep);
 
-/// One view by itself proposes these poses sensor_T_target; a scanner's view none.
+/// Returns the poses sensor_T_target that one view proposes by itself; a scanner's view proposes none.
 std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
 
-/// The points of a scanning view stand in the base frame here, m.
+/// Returns the points of a scanning view in the base frame, in m.
 Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample,
                                 const View& view);
 
-/// One view whose sensor's pose is known proposes these poses base_T_target.
+/// Returns the poses base_T_target that one view proposes if its sensor's pose is known.
 std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view);
 
 }  // namespace kincal

@@ -1,5 +1,5 @@
-// Everything that is known after a study: a solution, and each analysis and trial that was made of it. What of it should worry somebody is
-// said by warnings() (warnings.h), in one place, after everything is known.
+// Everything that is known after a study: a solution, and each analysis and trial that was made of it. What of it a user should know before
+// using the result stands in warnings() (warnings.h), in one place, after everything is known.
 #pragma once
 
 #include <optional>
@@ -21,15 +21,15 @@
 
 namespace kincal {
 
-/// Something to know before the result is used: `id` as in the formats, and a sentence.
+/// A Warning is something to know before the result is used: `id` as in the formats, and a sentence.
 struct Warning {
   std::string id, text;
 };
 
-/// How the estimation of the noise went.
+/// NoiseRounds are how the estimation of the noise went.
 struct NoiseRounds {
   int count = 0;       // calibrations that estimated the noise
-  bool rests = false;  // the last of them moved no sigma by more than 1 %
+  bool converged = false;  // the last of them moved no sigma by more than 1 %
 };
 
 struct Report {

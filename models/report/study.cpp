@@ -68,7 +68,7 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
     if (!estimate) throw Cancelled();
     report.solution = std::move(estimate->solution);
     report.noise_levels = std::move(estimate->levels);
-    report.noise_estimated = NoiseRounds{estimate->rounds, estimate->rests};
+    report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
   }
@@ -109,7 +109,7 @@ void analyse(const StudyOptions& options, Report& report) {
 }
 
 /// Mistakes are looked for in the samples as they were used, with the rig as it was given.
-void look_for_mistakes(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options, Report& report) {
+void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options, Report& report) {
   DoctorOptions doctor;
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
@@ -136,7 +136,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording, c
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(options, report);
     const bool unexplained = solution.status != Status::converged || solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
-    if (options.diagnose && unexplained) look_for_mistakes(given->rig, undefined ? given->samples : solution.samples(), options, report);
+    if (options.diagnose && unexplained) add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
   } catch (const Cancelled&) {
     return std::nullopt;
   }

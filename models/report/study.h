@@ -34,10 +34,10 @@ struct StudyOptions {
   std::vector<Requirement> requirements;
 };
 
-/// chi2/dof above which a result asks for an explanation.
+/// Above this chi2/dof a result asks for an explanation.
 constexpr double kUnexplained = 5;
 
-/// The report's solution may have any status but cancelled; of one with undefined_start nothing but the diagnosis is there besides.
+/// Runs a study. The report's solution may have any status but cancelled; with undefined_start only the diagnosis is there besides.
 /// nullopt: options.calibration.progress cancelled.
 /// @throws NameError, std::invalid_argument as calibrate(), stage(), deal_folds(), estimate_noise().
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording, const StudyOptions& options);

@@ -1,4 +1,4 @@
-// What a calibration knows about its error on other data.
+// What is known of the error of a calibration on other data.
 #pragma once
 
 #include <algorithm>
@@ -20,13 +20,13 @@ struct Validation {
   std::vector<FrameReport> frames;
   std::vector<Judgement> requirements;
 
-  /// Whether all requirements are met.
+  /// Returns whether all requirements are met.
   bool met() const {
     return std::all_of(requirements.begin(), requirements.end(), [](const Judgement& j) { return j.met; });
   }
 };
 
-/// Measures what is required in `result` and its `validation`, whose frames must contain that of the requirement.
+/// Measures what is required; the frames of `validation` must contain that of the requirement.
 Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
                             double chi2, long dof);
 

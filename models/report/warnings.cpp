@@ -56,7 +56,7 @@ void warn_of_chi2(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2 / solution.dof;
   if (solution.dof > 0 && ratio > 1.5) out.push_back({"chi2", excess_text(ratio)});
-  if (solution.dof > 0 && ratio < 1 / 1.5 && solution.noise != NoiseMode::point)  // there it says nothing
+  if (solution.dof > 0 && ratio < 1 / 1.5 && solution.noise != NoiseMode::point)  // there it means nothing
     out.push_back(
         {"chi2",
          text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large", ratio)});
@@ -109,12 +109,12 @@ void warn_of_parameters(const Solution& solution, Warnings& out) {
   }
 }
 
-void warn_of_misfits(const char* id, const char* what, const std::vector<Misfit>& found, Warnings& out) {
+void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found, Warnings& out) {
   if (found.empty()) return;
   std::string list;
   for (size_t i = 0; i < found.size() && i < kShown; ++i)
     list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
-  out.push_back({id, count_text(found.size(), what) + " with residuals or joint errors far beyond what is usual here: " + list +
+  out.push_back({id, count_text(found.size(), kind) + " with residuals or joint errors far beyond what is usual here: " + list +
                          (found.size() > kShown ? ", ..." : "")});
 }
 
@@ -143,7 +143,7 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
-  if (!report.noise_estimated->rests)
+  if (!report.noise_estimated->converged)
     out.push_back({"noise", "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
                                 " rounds and still moves: what the model lacks is taken for noise, now of this and now of that"});
   for (const NoiseLevel& level : report.noise_levels)

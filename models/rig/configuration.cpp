@@ -12,13 +12,13 @@ double Configuration::position(int joint) const {
 }
 
 Pose Configuration::a_T_b(int a, int b) const {
-  Pose here;
+  Pose a_T_from;
   for (const PathStep& step : find_path(rig_->tree, a, b)) {
-    Pose joint, there;
-    walk(step, origin(step.joint), motion(step.joint), here, joint, there);
-    here = there;
+    Pose a_T_joint, a_T_to;
+    walk(step, origin(step.joint), motion(step.joint), a_T_from, a_T_joint, a_T_to);
+    a_T_from = a_T_to;
   }
-  return here;
+  return a_T_from;
 }
 
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except) {

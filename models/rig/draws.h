@@ -1,5 +1,5 @@
-// Random numbers that are the same everywhere: std::mt19937_64, uniform numbers of 53 bits and Box-Muller, nothing that standard
-// libraries do in their own ways.
+// Random numbers that are the same everywhere: std::mt19937_64, uniform numbers of 53 bits and Box-Muller, nothing that differs between
+// standard libraries.
 #pragma once
 
 #include <algorithm>
@@ -17,19 +17,19 @@ namespace kincal {
 class Draws {
  public:
   explicit Draws(std::uint64_t seed) : engine_(seed) {}
-  /// One of many streams of a seed that have nothing to do with each other.
+  /// Starts one of many independent streams of a seed.
   Draws(std::uint64_t seed, std::uint64_t stream) : engine_(splitmix64(splitmix64(seed) + stream)) {}
 
-  /// 64 random bits.
+  /// Returns 64 random bits.
   std::uint64_t bits() { return engine_(); }
-  /// Uniform in [0, 1).
+  /// Returns a number that is uniform in [0, 1).
   double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
-  /// 0 to count - 1.
+  /// Returns a number from 0 to count - 1.
   int index(std::size_t count) {
     return std::min(static_cast<int>(uniform() * static_cast<double>(count)), static_cast<int>(count) - 1);
   }
-  /// N(0, 1).
+  /// Draws from N(0, 1).
   double normal() {
     const double u = 1 - uniform(), v = uniform();
     return std::sqrt(-2 * std::log(u)) * std::cos(2 * kPi * v);
@@ -39,7 +39,7 @@ class Draws {
     for (int i = 0; i < 3; ++i) v(i) = normal();
     return v;
   }
-  /// A small motion whose translation and Log of the rotation are N(0, diag sigma^2); `sigma`: 6 numbers, m and rad.
+  /// Draws a small motion whose translation and Log of the rotation are N(0, diag sigma^2); `sigma` has 6 numbers, m and rad.
   Pose error(const std::vector<double>& sigma) {
     const Eigen::Map<const Vector6d> s(sigma.data());
     Pose e;
@@ -47,7 +47,7 @@ class Draws {
     e.rotation = exp_so3(s.tail<3>().cwiseProduct(normals()));
     return e;
   }
-  /// Any rotation, uniformly.
+  /// Draws any rotation, uniformly.
   Matrix3d rotation() {
     Eigen::Vector4d q;
     for (int i = 0; i < 4; ++i) q(i) = normal();
@@ -55,7 +55,7 @@ class Draws {
   }
 
  private:
-  /// Steele, Lea, Flood 2014: turns neighbouring seeds into unrelated ones.
+  /// Turns neighbouring seeds into unrelated ones (Steele, Lea, Flood 2014).
   static std::uint64_t splitmix64(std::uint64_t x) {
     x += 0x9e3779b97f4a7c15u;
     x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;

@@ -129,20 +129,20 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
       if (!placement[v.target]) card.seen.insert("target/" + rig.targets[v.target].name);
     }
   }
-  std::vector<Card> deck;
-  for (auto& card : cards) deck.push_back(std::move(card.second));
-  std::sort(deck.begin(), deck.end(), [&](const Card& a, const Card& b) {
+  std::vector<Card> sorted;
+  for (auto& card : cards) sorted.push_back(std::move(card.second));
+  std::sort(sorted.begin(), sorted.end(), [&](const Card& a, const Card& b) {
     if (a.seen != b.seen) return a.seen < b.seen;
     if (a.hash != b.hash) return a.hash < b.hash;
     return out.blocks.names[a.block] < out.blocks.names[b.block];
   });
-  for (size_t i = 0; i < deck.size(); ++i) deck[i].fold = static_cast<int>(i % static_cast<size_t>(count));
+  for (size_t i = 0; i < sorted.size(); ++i) sorted[i].fold = static_cast<int>(i % static_cast<size_t>(count));
   std::set<std::string> names;
-  for (const Card& card : deck) names.insert(card.seen.begin(), card.seen.end());
+  for (const Card& card : sorted) names.insert(card.seen.begin(), card.seen.end());
   for (const std::string& name : names) {
     std::set<int> folds;
     Card* first = nullptr;
-    for (Card& card : deck)
+    for (Card& card : sorted)
       if (card.seen.count(name)) {
         folds.insert(card.fold);
         if (!first) first = &card;
@@ -152,7 +152,7 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
   std::set<int> filled;
   long holdable = 0;
   std::string targets;
-  for (const Card& card : deck) {
+  for (const Card& card : sorted) {
     if (card.fold >= 0) {
       filled.insert(card.fold);
       ++holdable;
@@ -166,7 +166,7 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
                                 ": at most as many folds, at least 2");
   for (size_t i = 0; i < samples.size(); ++i)
     if (samples[i].train)
-      for (const Card& card : deck)
+      for (const Card& card : sorted)
         if (card.block == out.blocks.of[i]) out.of[i] = card.fold;
   return out;
 }

@@ -8,8 +8,6 @@
 namespace kincal {
 namespace {
 
-using Eigen::VectorXd;
-
 constexpr int kPostures = 40;
 constexpr double kNegligible = 5e-3;  // of a column's length
 
@@ -50,7 +48,7 @@ class Basis {
   /// Adds what is left of a column; false if that is negligible.
   bool add(VectorXd column) {
     const double before = column.norm();
-    for (int twice = 0; twice < 2; ++twice)
+    for (int pass = 0; pass < 2; ++pass)
       for (const VectorXd& q : columns_) column -= q.dot(column) * q;
     const double left = column.norm();
     if (!(left > kNegligible * before)) return false;
@@ -74,7 +72,7 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
                                                    const std::vector<char>& has_pose) {
   std::vector<Chain> chains;
   std::vector<Path> paths;
-  std::vector<int> joints, ends;  // on any way, in its order; bodies with a pose at an end
+  std::vector<int> joints, ends;  // on any path, in its order; bodies with a pose at an end
   std::vector<char> body_has_pose(tree.links.size(), 0);
   for (size_t l = 0; l < has_pose.size(); ++l)
     if (has_pose[l]) body_has_pose[body_of(tree, static_cast<int>(l))] = 1;
@@ -95,7 +93,7 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
   std::vector<Eigen::Matrix<double, Eigen::Dynamic, 6>> of_end(ends.size()), of_joint(joints.size());
   for (auto& m : of_end) m.setZero(rows, 6);
   for (auto& m : of_joint) m.setZero(rows, 6);
-  const auto place = [](const std::vector<int>& list, int what) { return std::find(list.begin(), list.end(), what) - list.begin(); };
+  const auto place = [](const std::vector<int>& list, int entry) { return std::find(list.begin(), list.end(), entry) - list.begin(); };
   const std::vector<std::vector<double>> postures = draw_postures(tree);
   std::vector<Pose> origins;
   for (const Joint& joint : tree.joints) origins.push_back(joint.parent_T_joint);

@@ -1,9 +1,9 @@
-// The independent geometric numbers of kinematic chains: which components of joint origins a calibration can tell apart.
+// The independent geometric numbers of kinematic chains: which components of joint origins a calibration can distinguish.
 //
 // A chain from one link to another with n_r revolute and n_p prismatic joints has 4 n_r + 2 n_p + 6 independent constants (Everett,
 // Driels, Mooring 1987): four place the axis of a revolute joint, two turn that of a prismatic one, six place the end. The origins of
 // n joints have 6 n components. What is too much is found numerically, so that parallel, crossing and oblique axes, rotated origins
-// and any way through the tree need no cases: with twists t(q) of base_T_tip by every component (kinematics/tree.h) in some
+// and any path through the tree need no cases: with twists t(q) of base_T_tip by every component (kinematics/tree.h) in some
 // postures q, one under the other as a column, a component is kept if what projection on all columns before it leaves of its column is more
 // than 0.5 % of it (modified Gram-Schmidt). Rotations and translations are weighed by the chain's reach. The order:
 //   1. The six numbers of the poses at both ends, where a sensor or mounted target stands on the end's link or on one fixed to it.
@@ -28,18 +28,18 @@ struct Chain {
   int base = -1, tip = -1;  // links
 };
 
-/// Components (0 to 5: x y z rx ry rz) of a joint's origin.
+/// These are components (0 to 5: x y z rx ry rz) of a joint's origin.
 struct OriginComponents {
   int joint = -1;
   std::vector<int> components;  // ascending
 };
 
-/// The link that carries `link` by fixed joints only, closest to the root: the same for all links of a rigid body.
+/// Returns the link that carries `link` by fixed joints only, closest to the root: the same for all links of a rigid body.
 int body_of(const Tree& tree, int link);
 
-/// `has_pose`, by link: a sensor or mounted target stands on it. At the tree's own geometry, in 40 postures within the limits (none:
-/// +- pi, +- 0.5 m) with a fixed seed. Joints in the order of the chains.
-/// @throws std::invalid_argument if a floating or planar joint lies on a way.
+/// Returns the independent components at the tree's own geometry, found in 40 postures within the limits (none: +- pi, +- 0.5 m) with a
+/// fixed seed. The joints stand in the order of the chains. `has_pose`, by link, says that a sensor or mounted target stands on it.
+/// @throws std::invalid_argument if a floating or planar joint lies on a path.
 std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::vector<Chain>& chains, const std::vector<char>& has_pose);
 
 }  // namespace kincal

@@ -8,10 +8,7 @@
 
 namespace kincal {
 
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-
-/// What a parameter is. `own_number`: a sensor's that is none of these.
+/// A ParameterKind is what a parameter is. `own_number` is a sensor's that is none of the others.
 enum class ParameterKind {
   joint_offset,
   joint_scale,
@@ -27,7 +24,7 @@ enum class ParameterKind {
   points
 };
 
-/// A parameter of the formats' table. Values stand in one vector: a pose as 12 numbers (rotation column by column, translation),
+/// A Parameter is a row of the formats' table. Values stand in one vector: a pose as 12 numbers (rotation column by column, translation),
 /// anything else as its numbers. The unknowns of a pose are its 6 components, increments from the initial value.
 struct Parameter {
   std::string name;                     // e.g. "joint/l_elbow_flex_joint/offset"
@@ -42,7 +39,7 @@ struct Parameter {
   std::string component_name(int c) const { return components[c].empty() ? name : name + "." + components[c]; }
 };
 
-/// One component of one parameter: what an unknown is.
+/// A Component is one number of one parameter: what an unknown is.
 struct Component {
   int parameter = -1, index = 0;
   bool operator==(const Component& o) const { return parameter == o.parameter && index == o.index; }
@@ -50,7 +47,7 @@ struct Component {
   bool operator<(const Component& o) const { return parameter != o.parameter ? parameter < o.parameter : index < o.index; }
 };
 
-/// Some components of a parameter.
+/// Freed names some components of a parameter.
 struct Freed {
   int parameter = -1;
   std::vector<int> components;  // ascending
@@ -69,19 +66,20 @@ struct ParameterTable {
 
   explicit ParameterTable(const Rig& rig);
 
-  /// The first parameter of a kind that a joint, sensor or target has; -1: none.
+  /// Returns the first parameter of a kind that a joint, sensor or target has; -1: none.
   int index_of(ParameterKind kind, int owner) const;
   std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
   const std::string& unit(const Component& c) const { return all[c.parameter].units[c.index]; }
 
-  /// What a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact names go before globs. Nothing found: empty.
+  /// Returns what a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact names go before globs. It is empty where
+  /// nothing is found.
   std::vector<Freed> select(const std::string& pattern) const;
-  /// The same, with something found. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
-  /// geometry/BASE..TIP is not written so, has nothing to free, or a floating or planar joint on its way.
+  /// Returns the same where something is found. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
+  /// geometry/BASE..TIP is not written so, has nothing to free, or a floating or planar joint on its path.
   std::vector<Freed> find(const std::string& pattern, const std::string& where) const;
-  /// The name of a whole parameter or of one component, as written: no glob.
+  /// Returns whether this is the name of a whole parameter or of one component, and no glob.
   bool is_plain_name(const std::string& pattern) const { return !select_exact(pattern).empty(); }
-  /// All names and component names, for messages.
+  /// Returns all names and component names, for messages.
   std::vector<std::string> names() const;
 
  private:
@@ -92,20 +90,20 @@ struct ParameterTable {
   std::vector<char> has_pose_;  // by link: a sensor or mounted target stands on it
 };
 
-/// The block of a sensor's own numbers that is intrinsics, distortion or baseline; null: it has none.
+/// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
-/// The sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1 % (of a focal length, a size, a gear), 0.1 for
-/// lens coefficients.
+/// Returns the sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1 % (of a focal length, a size, a gear),
+/// 0.1 for lens coefficients.
 double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values);
-/// How far a component may be off in a robot that nobody has calibrated, as a standard deviation: poses and origins 0.05 m and 5 degrees,
-/// joint offsets 0.05 rad or m, gear scales 1 %, fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board sizes 5 %,
-/// target points 5 % of the target's extent.
+/// Returns how far a component may be off in a robot that was never calibrated, as a standard deviation: poses and origins 0.05 m and 5
+/// degrees, joint offsets 0.05 rad or m, gear scales 1 %, fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board
+/// sizes 5 %, target points 5 % of the target's extent.
 double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values);
-/// What is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
+/// Returns what is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
 const char* improper_value(const Parameter& parameter, int component, double value);
 
 }  // namespace kincal

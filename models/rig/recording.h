@@ -1,5 +1,5 @@
-// A recording: what every calibration, analysis and trial is about. A robot with its sensors and targets, everything about it that could
-// be estimated, and what was logged.
+// A recording: what every calibration, analysis and trial is about. It has a robot with its sensors and targets, everything about it that
+// could be estimated, and what was logged.
 #pragma once
 
 #include <memory>
@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// `table` is the rig's; to change the rig, make another recording.
+/// A Recording holds a rig, its table of parameters and the samples. To change one of them, make another recording.
 struct Recording {
   Rig rig;
   ParameterTable table;
@@ -19,7 +19,7 @@ struct Recording {
 
   Recording(Rig r, std::vector<Sample> s) : rig(std::move(r)), table(rig), samples(std::move(s)) {}
 
-  /// Indices of the samples that are in training (true), or held out.
+  /// Returns the indices of the samples that are in training (true), or held out.
   std::vector<int> split(bool train) const {
     std::vector<int> out;
     for (size_t i = 0; i < samples.size(); ++i)

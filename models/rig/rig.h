@@ -48,7 +48,7 @@ struct Sensor {
   int image_width = 0, image_height = 0;  // of a camera, 0: unknown
 };
 
-/// A prior as written: one sigma for all components, or translation and rotation of poses apart.
+/// A PriorSetting is a prior as written: one sigma for all components, or translation and rotation of poses apart.
 struct PriorSetting {
   std::string pattern;
   double translation = 0, rotation = 0;

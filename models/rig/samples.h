@@ -9,17 +9,17 @@
 
 namespace kincal {
 
-/// One sensor's view of one target in one sample.
+/// A View is what one sensor measured of one target in one sample.
 struct View {
   int sensor = -1, target = -1;      // indices
-  std::vector<int> ids;              // target points; of a whole-pose sensor empty
+  std::vector<int> ids;              // target points; empty where the sensor measures poses
   std::vector<double> z;             // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
   std::vector<double> sigma;         // as the sensor's, or the view's own
   std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
   std::string where;                 // file:line: field, for messages
 };
 
-/// One posture of the robot and everything seen in it.
+/// A Sample is one posture of the robot and everything seen in it.
 struct Sample {
   std::string id;
   std::optional<double> time;

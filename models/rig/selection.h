@@ -11,13 +11,13 @@
 
 namespace kincal {
 
-/// A name or glob of parameters that matches nothing; `name` is what is unknown and `valid` what it could be, so that callers can add
-/// the nearest ones.
+/// A NameError is a name or glob of parameters that matches nothing; `name` is what is unknown and `valid` what it could be, so that
+/// callers can add the nearest ones.
 class NameError : public std::invalid_argument {
  public:
   NameError(const std::string& where, const std::string& n, std::vector<std::string> v = {})
       : NameError(where + ": '" + n + "' matches no parameter", n, std::move(v), 0) {}
-  /// A geometry/BASE..TIP whose link does not exist.
+  /// Returns the error of a geometry/BASE..TIP whose link does not exist.
   static NameError link(const std::string& where, const std::string& pattern, const std::string& n, std::vector<std::string> v) {
     return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v), 0);
   }
@@ -32,13 +32,13 @@ class NameError : public std::invalid_argument {
 /// Adds components to those already there, parameter by parameter; new parameters go to the end.
 void merge(std::vector<Freed>& into, const std::vector<Freed>& more);
 
-/// The entry of a parameter, null if it is not among them.
+/// Returns the entry of a parameter, null if it is not among them.
 const Freed* find_freed(const std::vector<Freed>& free, int parameter);
 
-/// The whole parameter.
+/// Frees a whole parameter.
 Freed whole(const ParameterTable& table, int parameter);
 
-/// The components one by one, in order: the columns of a problem that frees them.
+/// Returns the components one by one, in order: the columns of a problem that frees them.
 std::vector<Component> components_of(const std::vector<Freed>& free);
 
 }  // namespace kincal

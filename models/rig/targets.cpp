@@ -6,8 +6,6 @@
 
 namespace kincal {
 
-using Eigen::Matrix3Xd;
-
 Matrix3Xd grid_layout(const GridLayout& grid) {
   std::vector<double> xyz;
   const auto add = [&](double x, double y) { xyz.insert(xyz.end(), {x, y, 0}); };

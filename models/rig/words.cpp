@@ -8,7 +8,7 @@
 namespace kincal {
 
 std::string text(const char* format, ...) {
-  char buffer[300];
+  char buffer[512];
   va_list arguments;
   va_start(arguments, format);
   std::vsnprintf(buffer, sizeof buffer, format, arguments);

@@ -4,9 +4,9 @@
 
 namespace kincal {
 
-/// Image of a point (x, y, depth) in front of the rectified camera, x less the baseline; N distortion numbers behind fx fy cx cy.
-/// d_p: 2 x 3 by the point, d_own: 2 x 5 + N by the camera's numbers, row-major; both or neither. More than 6
-/// parameters because T is a number here and a pack of numbers in the kernels: all are passed singly.
+/// Computes the image of a point (x, y, depth) in front of the rectified camera, x less the baseline; N distortion numbers stand behind fx
+/// fy cx cy. d_p is 2 x 3, by the point; d_own is 2 x 5 + N, by the camera's numbers; both are row-major, and given both or neither. It has
+/// more than 6 parameters because T is a number here and a pack of numbers in the kernels: all are passed singly.
 template <int N, class T>
 __attribute__((always_inline)) inline void brown_conrady(const double* parameters, const T& x, const T& y, const T& depth, T* pixel, T* d_p,
                                                          T* d_own) {

@@ -18,7 +18,7 @@
 
 namespace kincal {
 
-/// Brown-Conrady with N distortion numbers: 0 (pinhole), 5 (k1 k2 p1 p2 k3) or 8 (k4 k5 k6 besides).
+/// This is Brown-Conrady with N distortion numbers: 0 (pinhole), 5 (k1 k2 p1 p2 k3) or 8 (k4 k5 k6 besides).
 template <int N>
 struct BrownConrady {
   static constexpr int kRows = 2, kNumbers = 2;
@@ -34,7 +34,7 @@ struct BrownConrady {
   }
 };
 
-/// Kannala-Brandt's fisheye with k1 k2 k3 k4.
+/// This is Kannala-Brandt's fisheye with k1 k2 k3 k4.
 struct KannalaBrandt {
   static constexpr int kRows = 2, kNumbers = 2;
   int parameter_count() const { return 9; }

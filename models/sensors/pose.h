@@ -1,4 +1,4 @@
-// Sensors of whole poses: `pose` (motion capture: measures sensor_T_target = Z) and `chain` (the joint readings are the measurement:
+// Sensors that measure poses: `pose` (motion capture: measures sensor_T_target = Z) and `chain` (the joint readings are the measurement:
 // the target is at link_T_target, which is the sensor's own frame here, so Z = 1).
 //
 // Residual: the six numbers [translation of E | Log of the rotation of E], E = Z^-1 T, T the predicted sensor_T_target.
@@ -17,8 +17,8 @@ class PoseSensor final : public SensorModel {
   explicit PoseSensor(bool measures) : measures_(measures) {}
   int rows() const override { return 6; }
   int numbers() const override { return measures_ ? 7 : 0; }
-  bool whole_pose() const override { return true; }
-  Sight sight() const override { return measures_ ? Sight::pose : Sight::chain; }
+  bool measures_pose() const override { return true; }
+  MeasurementKind measurement_kind() const override { return measures_ ? MeasurementKind::pose : MeasurementKind::chain; }
   std::vector<NoisePart> noise_parts() const override { return {{"translation", "m", 0, 3}, {"rotation", "rad", 3, 3}}; }
   const SensorModel* point_form() const override;
 
@@ -42,7 +42,7 @@ class PoseSensor final : public SensorModel {
   bool measures_;
 };
 
-/// A chain in noise mode `point`: E p - p at every target point.
+/// This is a chain in noise mode `point`: E p - p at every target point.
 class ChainPoints final : public SensorModel {
  public:
   int rows() const override { return 3; }

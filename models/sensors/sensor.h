@@ -29,7 +29,7 @@ namespace kincal {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// One group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
+/// A ParameterBlock is one group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
 struct ParameterBlock {
   std::string name;                     // parameter sensor/NAME/<name>
   std::vector<std::string> components;  // component names; {""} for a single number
@@ -37,21 +37,21 @@ struct ParameterBlock {
   std::vector<double> values;           // initial values
 };
 
-/// The scanning joint of a sensor whose one joint moves within a view:
+/// A Scan describes the scanning joint of a sensor, the one joint that moves within a view:
 /// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = the joint's position at the reading z[0].
 struct Scan {
   Pose sensor_T_before;    // from the sensor's frame to the joint, on the sensor's side of it
   Pose behind_T_target;    // from the joint's other side to the target
   Vector3d axis;           // unit, the same seen from both sides
   bool prismatic = false;
-  int direction = -1;      // sign with which the way from sensor to target walks the joint
+  int direction = -1;                 // sign with which the path from sensor to target walks the joint
   const JointModel* model = nullptr;  // of the joint
   const double* own = nullptr;        // its numbers
 
   double position(double reading) const { return model->position(reading, own); }
 };
 
-/// What a view shows its sensor. Points to data of others; lives for one evaluation.
+/// A ViewInput is what a view shows its sensor. It points to data of others and lives for one evaluation.
 struct ViewInput {
   Pose sensor_T_target;                       // without a scanning joint
   const Scan* scan = nullptr;                 // with one
@@ -63,7 +63,7 @@ struct ViewInput {
   const double* z = nullptr;                  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
 };
 
-/// Where the columns of L are. A column group that nobody wants is absent (-1).
+/// Columns says where the columns of L are. A group of columns that the caller does not want is absent (-1).
 struct Columns {
   int pose = 0;          // 6: twist of the target seen from the sensor; scanning: of the target in front of the joint's
                          // far side ("behind"), then 6 of the sensor's side at `sensor_side`, then the joint's own numbers at `joint`
@@ -74,8 +74,8 @@ struct Columns {
   int total = 6;         // number of columns
 };
 
-/// How one view tells where its target is, for starting values.
-enum class Sight {
+/// A MeasurementKind is what a view measures of its target: starting values and the simulation depend on it.
+enum class MeasurementKind {
   rays,    // two residuals a point, of a direction: cameras (PnP)
   points,  // 3-D points in the sensor's frame (rigid fit)
   scan,    // rays of a tilting laser
@@ -84,54 +84,54 @@ enum class Sight {
   none
 };
 
-/// Some of a sensor's sigmas: those that belong to one kind of noise.
+/// A NoisePart is a range of a sensor's sigmas: those that belong to one kind of noise.
 struct NoisePart {
   const char *name, *unit;
   int first, count;
 };
 
-/// A type of sensor. Stateless and shared: an instance's numbers are in its parameter blocks.
+/// A SensorModel is a type of sensor. It is stateless and shared: an instance's numbers are in its parameter blocks.
 class SensorModel {
  public:
   virtual ~SensorModel() = default;
-  /// Residuals a point; a sensor of whole poses has one "point" a view.
+  /// Returns the number of residuals a point. A sensor that measures poses has one "point" a view.
   virtual int rows() const = 0;
-  /// Measured numbers a point (a view, for sensors of whole poses).
+  /// Returns the measured numbers a point (a view, if the sensor measures poses).
   virtual int numbers() const = 0;
-  /// Sigmas that the sensor takes: one a residual unless own_noise says otherwise.
+  /// Returns the number of sigmas that the sensor takes: one a residual, where it has no own_noise.
   virtual int sigmas() const { return rows(); }
-  /// "px" or "m".
+  /// Returns the unit of the residuals, "px" or "m".
   virtual const char* unit() const { return "m"; }
-  /// Measures the target's pose, not its points: ids do not apply, its points do not matter.
-  virtual bool whole_pose() const { return false; }
+  /// Returns whether the sensor measures the target's pose, not its points: ids do not apply then, and its points do not matter.
+  virtual bool measures_pose() const { return false; }
   virtual bool scans() const { return false; }
-  virtual Sight sight() const { return Sight::none; }
-  /// Residual blocks of a view of n points: n, or 1 for sensors of whole poses. A loss acts on each.
-  int blocks(int count) const { return whole_pose() ? 1 : count; }
+  virtual MeasurementKind measurement_kind() const { return MeasurementKind::none; }
+  /// Returns the residual blocks of a view of n points: n, or 1 if the sensor measures poses. A loss acts on each.
+  int blocks(int count) const { return measures_pose() ? 1 : count; }
 
-  /// Raw residuals r (blocks * rows) and, if L is given (same rows, columns.total, zero-initialised by the caller), their
-  /// derivatives. False where a residual is undefined (a point behind the camera). Does not allocate.
+  /// Computes the raw residuals r (blocks * rows) and, if L is given (same rows, columns.total, zero-initialised by the caller), their
+  /// derivatives. False where a residual is undefined (a point behind the camera). It does not allocate.
   virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r, Eigen::Ref<RowMatrix>* L) const = 0;
 
-  /// True if the own noise depends on what is seen: covariance of block i = B diag(sigma^2) B'.
+  /// True if the own noise depends on what is seen: block i has the covariance B diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
-  /// B, rows() x sigmas(), of block i.
+  /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
-  /// Returns the kinds of noise that its residuals can tell apart, in order. Where there are several, whitened residual i of a block is of
+  /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are several, whitened residual i of a block is of
   /// the part with sigma i.
   virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
   /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has none.
   virtual ViewKernel kernel() const { return nullptr; }
-  /// Returns the same sensor in noise mode `point`, if it differs there (chain: residuals a target point); else null.
+  /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals at each target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
 
 constexpr int kMaxParameters = 16;
 
-/// Derivatives of a residual by the point in the sensor's frame, row-major.
+/// These are derivatives of a residual by the point in the sensor's frame, row-major.
 using PointDerivatives = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
 
-/// Derivative rows of one point: how a residual with d_r_d_p changes with the target's shape.
+/// Fills in the derivative rows of one point: how a residual with d_r_d_p changes with the target's shape.
 inline void point_rows(const ViewInput& view, const Columns& c, int i, const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
                        Eigen::Ref<RowMatrix>& L) {
   for (int k = 0; k < d_r_d_p.rows(); ++k) {
@@ -142,7 +142,7 @@ inline void point_rows(const ViewInput& view, const Columns& c, int i, const Poi
   }
 }
 
-/// Adapter from a pointwise residual to a SensorModel; see the head of this file.
+/// A PointwiseSensor makes a SensorModel of a pointwise residual; see the head of this file.
 template <class S>
 class PointwiseSensor final : public SensorModel {
  public:
@@ -151,8 +151,8 @@ class PointwiseSensor final : public SensorModel {
   int rows() const override { return S::kRows; }
   int numbers() const override { return S::kNumbers; }
   const char* unit() const override { return unit_; }
-  Sight sight() const override {
-    return S::kRows == 2 ? Sight::rays : S::kRows == 3 && S::kNumbers == 3 ? Sight::points : Sight::none;
+  MeasurementKind measurement_kind() const override {
+    return S::kRows == 2 ? MeasurementKind::rays : S::kRows == 3 && S::kNumbers == 3 ? MeasurementKind::points : MeasurementKind::none;
   }
   const S& sensor() const { return sensor_; }
   ViewKernel kernel() const override { return kernel_; }

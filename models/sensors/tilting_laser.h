@@ -24,7 +24,7 @@ class TiltingLaser final : public SensorModel {
   int rows() const override { return 3; }
   int numbers() const override { return 3; }
   bool scans() const override { return true; }
-  Sight sight() const override { return Sight::scan; }
+  MeasurementKind measurement_kind() const override { return MeasurementKind::scan; }
   bool has_own_noise() const override { return true; }
   std::vector<NoisePart> noise_parts() const override { return {{"joint", "rad", 0, 1}, {"bearing", "rad", 1, 1}, {"range", "m", 2, 1}}; }
 

@@ -18,7 +18,8 @@ struct PointView {
   int count, stride;
 };
 
-/// Columns of L (column-major, `ld` apart): 6 of the pose from 0 on, own number j at own[j] (-1: not wanted), spacing at square (or -1).
+/// PointRows says where the columns of L go (column-major, `ld` apart): 6 of the pose from 0 on, own number j at own[j] (-1: not wanted),
+/// the spacing at square (or -1).
 struct PointRows {
   double* r;
   double* l;  // null: residuals only
@@ -27,14 +28,14 @@ struct PointRows {
   int square;
 };
 
-/// False where a residual is undefined. The sum of squared whitened residuals goes to `squares`.
+/// A ViewKernel adds the sum of squared whitened residuals to `squares`; false where a residual is undefined.
 using ViewKernel = bool (*)(const PointView& view, const PointRows& to, double& squares);
 
 struct ViewKernels {
   ViewKernel pinhole, brown_conrady5, brown_conrady8, point;
 };
 const ViewKernels& view_kernels();
-/// For each of all_kernels(), in the same order.
+/// Returns the kernels of each of all_kernels(), in the same order.
 const ViewKernels& view_kernels(int set);
 
 }  // namespace kincal

@@ -10,7 +10,7 @@
 
 namespace kincal {
 
-/// Where the robot is asked to stand, and what is looked at.
+/// A Posture is where the robot is asked to stand, and what is looked at.
 struct Posture {
   std::string id;
   std::vector<double> readings;             // true ones, by joint index, NaN: absent
@@ -18,7 +18,7 @@ struct Posture {
   std::map<int, Pose> targets;              // base_T_target of free targets that no chain holds
 };
 
-/// A view that a posture asks for and that cannot be.
+/// A DroppedView is one that a posture asks for and that cannot be.
 struct DroppedView {
   std::string sample;
   int sensor, target;

@@ -23,23 +23,23 @@ std::vector<PostureGroup> groups_of(const Rig& rig, const std::vector<SensorTarg
   PostureGroup mounted{-1, -1, {}};
   for (int t = 0; t < static_cast<int>(rig.targets.size()); ++t) {
     std::vector<int> holders;
-    std::vector<SensorTarget> seers;
+    std::vector<SensorTarget> observers;
     for (const SensorTarget& p : pairs) {
       if (p.second != t) continue;
       if (is_chain(rig.sensors[p.first]))
         holders.push_back(p.first);
       else
-        seers.push_back(p);
+        observers.push_back(p);
     }
     if (rig.targets[t].link >= 0) {
-      mounted.seers.insert(mounted.seers.end(), seers.begin(), seers.end());
+      mounted.observers.insert(mounted.observers.end(), observers.begin(), observers.end());
       continue;
     }
-    if (seers.empty()) continue;
+    if (observers.empty()) continue;
     if (holders.empty()) holders.push_back(-1);
-    for (int h : holders) groups.push_back({t, h, seers});
+    for (int h : holders) groups.push_back({t, h, observers});
   }
-  if (!mounted.seers.empty()) groups.push_back(mounted);
+  if (!mounted.observers.empty()) groups.push_back(mounted);
   return groups;
 }
 
@@ -65,11 +65,11 @@ RandomPostures::RandomPostures(const Rig& rig, const World& world, const std::ve
 
 Draft RandomPostures::next(int k) {
   const PostureGroup& group = groups_[k % groups_.size()];
-  const SensorTarget goal = group.seers[(k / groups_.size()) % group.seers.size()];
+  const SensorTarget goal = group.observers[(k / groups_.size()) % group.observers.size()];
   const std::pair<int, SensorTarget> effort{group.holder, goal};
-  for (int i = 0; i < kTrials && !hopeless_.count(effort); ++i)
+  for (int i = 0; i < kTrials && !failed_goals_.count(effort); ++i)
     if (std::optional<Draft> draft = attempt(k, group, &goal)) return *draft;
-  hopeless_.insert(effort);
+  failed_goals_.insert(effort);
   while (relaxed_ < static_cast<long>(kTrials) * samples_) {
     ++relaxed_;
     if (std::optional<Draft> draft = attempt(k, group, nullptr)) return *draft;
@@ -94,7 +94,7 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group, c
   } else if (group.target >= 0) {
     Sample robot;
     robot.readings = posture.readings;
-    const int before = goal ? goal->first : group.seers[draws_.index(group.seers.size())].first;
+    const int before = goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
   }
   const Draws noise(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k));
@@ -113,7 +113,7 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group, c
     free += v.target == group.target;
     mounted = mounted || moving_.empty() || moving_.count({v.sensor, v.target});
   }
-  const size_t needed = std::min<size_t>(2, group.seers.size() + (group.holder >= 0));
+  const size_t needed = std::min<size_t>(2, group.observers.size() + (group.holder >= 0));
   if (group.target >= 0 ? free < needed : !mounted || draft.sample.views.empty()) return std::nullopt;
   return draft;
 }
@@ -124,10 +124,10 @@ void RandomPostures::give_up(const PostureGroup& group) const {
     text += ": free target " + quoted(rig_.targets[group.target].name);
     text += group.holder >= 0 ? ", held by " + quoted(rig_.sensors[group.holder].name) + "," : "";
     text +=
-        group.holder >= 0 || group.seers.size() == 1 ? " must be seen whole by a sensor" : " must be seen whole by two sensors at once";
+        group.holder >= 0 || group.observers.size() == 1 ? " must be seen whole by a sensor" : " must be seen whole by two sensors at once";
   }
   std::string never;
-  for (const SensorTarget& p : group.seers)
+  for (const SensorTarget& p : group.observers)
     if (!seen_.count(p))
       never += (never.empty() ? "" : ", ") + quoted(rig_.targets[p.second].name) + " by " + quoted(rig_.sensors[p.first].name);
   throw std::runtime_error(text + (never.empty() ? "" : "; never seen: " + never) + "; give postures that show it");

@@ -11,13 +11,14 @@
 
 namespace kincal {
 
-/// What random postures are about: a free target in a chain's hand or placed (holder -1), or all mounted ones (target -1).
+/// A PostureGroup is what random postures are about: a free target in a chain's hand or placed (holder -1), or all mounted ones (target
+/// -1).
 struct PostureGroup {
   int target, holder;
-  std::vector<SensorTarget> seers;  // who may see it
+  std::vector<SensorTarget> observers;  // pairs that may see it
 };
 
-/// Draws postures until they show enough. It refers to all that it is made from.
+/// RandomPostures draws postures until they show enough. It refers to all that it is made from.
 class RandomPostures {
  public:
   /// @throws std::invalid_argument if nothing is seen by any pair.
@@ -25,7 +26,7 @@ class RandomPostures {
 
   /// Draws sample k. @throws std::runtime_error when 1000 postures a sample were not enough, naming what was never seen.
   Draft next(int k);
-  /// This many postures were tried.
+  /// Returns how many postures were tried.
   long trials() const { return trials_; }
 
  private:
@@ -41,7 +42,7 @@ class RandomPostures {
   Draws draws_;
   std::vector<int> joints_;
   std::set<SensorTarget> moving_;                    // pairs of mounted targets that a posture moves
-  std::set<std::pair<int, SensorTarget>> hopeless_;  // goals, with the holder, that were not met once
+  std::set<std::pair<int, SensorTarget>> failed_goals_;  // goals, with the holder, that were not met once
   std::set<SensorTarget> seen_;
   long trials_ = 0, relaxed_ = 0;
 };

@@ -113,15 +113,15 @@ std::vector<std::pair<int, int>> usual_pairs(const Rig& rig) {
     for (size_t t = 0; t < rig.targets.size(); ++t) {
       const Target& target = rig.targets[t];
       bool fits = true;
-      switch (rig.sensors[s].model->sight()) {
-        case Sight::chain:
+      switch (rig.sensors[s].model->measurement_kind()) {
+        case MeasurementKind::chain:
           fits = holdable(target) && (is_small(target) || !small);
           break;
-        case Sight::rays:
-        case Sight::scan:
+        case MeasurementKind::rays:
+        case MeasurementKind::scan:
           fits = target.grid || !boards;
           break;
-        case Sight::points:
+        case MeasurementKind::points:
           fits = !target.grid || !points;
           break;
         default:
@@ -137,8 +137,9 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
   check_truth(table, truth);
   for (const Sensor& s : rig.sensors) {
     const SensorModel& m = *s.model;
-    const bool known = m.sight() == Sight::chain || m.sight() == Sight::pose || m.sight() == Sight::scan;
-    if (!known && (m.whole_pose() || m.has_own_noise() || m.numbers() != m.rows()))
+    const bool known = m.measurement_kind() == MeasurementKind::chain || m.measurement_kind() == MeasurementKind::pose ||
+                       m.measurement_kind() == MeasurementKind::scan;
+    if (!known && (m.measures_pose() || m.has_own_noise() || m.numbers() != m.rows()))
       throw std::invalid_argument("sensor " + quoted(s.name) + ": sensors of type " + quoted(s.type) + " cannot be simulated");
     if (static_cast<int>(s.sigma.size()) != m.sigmas())
       throw std::invalid_argument("sensor " + quoted(s.name) + ": it needs " + std::to_string(m.sigmas()) + " sigmas");

@@ -10,8 +10,6 @@
 
 namespace kincal {
 
-using Eigen::Matrix3Xd;
-
 namespace {
 
 constexpr double kWidestBearing = 135 * kPi / 180, kShortestRange = 0.1;
@@ -155,30 +153,30 @@ bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base
 bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, bool any_side, std::vector<double>& z,
                  std::string& why) const {
   const Sensor& s = rig_.sensors[view.first];
-  const Sight sight = s.model->sight();
-  if (sight == Sight::scan) {
+  const MeasurementKind kind = s.model->measurement_kind();
+  if (kind == MeasurementKind::scan) {
     if (!scan(robot, view, base_T_target, z)) return why = "a point is out of the scan's reach", false;
     const Vector3d eye = inverse(base_T_target) * base_T_sensor(robot, view.first, z[0]).translation;
     return any_side || front_shows(view.second, eye) || (why = "its front is turned away", false);
   }
   const Pose sensor_T_target = inverse(base_T_sensor(robot, view.first)) * base_T_target;
-  if (sight == Sight::pose) {
+  if (kind == MeasurementKind::pose) {
     const Vector3d& t = sensor_T_target.translation;
     const Eigen::Vector4d q = quaternion_from_rotation(sensor_T_target.rotation);
     z = {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
     return true;
   }
-  if (sight == Sight::rays && !any_side && !front_shows(view.second, inverse(sensor_T_target).translation))
+  if (kind == MeasurementKind::rays && !any_side && !front_shows(view.second, inverse(sensor_T_target).translation))
     return why = "its front is turned away", false;
   const Matrix3Xd p_sensor = (sensor_T_target.rotation * points_[view.second]).colwise() + sensor_T_target.translation;
   if (!predict(view.first, p_sensor, z, nullptr))
-    return why = sight == Sight::rays ? "a point is behind the camera" : "a point has no measurement", false;
-  return sight != Sight::rays || inside(view.first, p_sensor, z, why);
+    return why = kind == MeasurementKind::rays ? "a point is behind the camera" : "a point has no measurement", false;
+  return kind != MeasurementKind::rays || inside(view.first, p_sensor, z, why);
 }
 
 void World::add_noise(int sensor, Draws& noise, std::vector<double>& z) const {
   const Sensor& s = rig_.sensors[sensor];
-  if (s.model->sight() == Sight::pose) {
+  if (s.model->measurement_kind() == MeasurementKind::pose) {
     const Pose t{rotation_from_quaternion(Eigen::Map<const Eigen::Vector4d>(z.data() + 3)), Eigen::Map<const Vector3d>(z.data())};
     const Pose measured = t * inverse(noise.error(s.sigma));
     Eigen::Map<Vector3d>(z.data()) = measured.translation;
@@ -231,7 +229,7 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
       continue;
     }
     if (!view.z.empty()) add_noise(v.first, noise, view.z);
-    for (int i = 0; !sensor.model->whole_pose() && i < target.count(); ++i) view.ids.push_back(i);
+    for (int i = 0; !sensor.model->measures_pose() && i < target.count(); ++i) view.ids.push_back(i);
     draft.sample.views.push_back(std::move(view));
   }
   return draft;
@@ -241,8 +239,8 @@ Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) con
   const Sensor& s = rig_.sensors[sensor];
   const Target& t = rig_.targets[target];
   const double size = extent(points_[target]);
-  const std::optional<CameraImage> image = s.model->sight() == Sight::rays ? image_of(sensor) : std::nullopt;
-  const bool scans = s.model->sight() == Sight::scan;
+  const std::optional<CameraImage> image = s.model->measurement_kind() == MeasurementKind::rays ? image_of(sensor) : std::nullopt;
+  const bool scans = s.model->measurement_kind() == MeasurementKind::scan;
   Vector3d ahead;
   double distance, reading = 0;
   if (image) {

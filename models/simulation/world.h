@@ -16,12 +16,12 @@ namespace kincal {
 
 using SensorTarget = std::pair<int, int>;  // (sensor, target)
 
-/// Streams of draws of one seed; those of the samples follow each other.
+/// A DrawStream is one of the streams of draws of one seed; those of the samples follow each other.
 enum DrawStream : std::uint64_t { kTruthStream, kPostureStream, kFirstSampleStream };
 
-inline bool is_chain(const Sensor& sensor) { return sensor.model->sight() == Sight::chain; }
+inline bool is_chain(const Sensor& sensor) { return sensor.model->measurement_kind() == MeasurementKind::chain; }
 
-/// A sample in the making.
+/// A Draft is a sample in the making.
 struct Draft {
   Sample sample;                 // as logged
   std::vector<double> readings;  // true
@@ -29,17 +29,18 @@ struct Draft {
   std::vector<DroppedView> dropped;
 };
 
-/// The image of a camera in px, and its focal length and principal point.
+/// A CameraImage is the image of a camera in px, and its focal length and principal point.
 struct CameraImage {
   double focal, cx, cy, width, height;
 };
 
-/// A rig as it really is. It refers to all that it is made from.
+/// A World is a rig as it really is. It refers to all that it is made from.
 class World {
  public:
   World(const Rig& rig, const ParameterTable& table, const VectorXd& truth);
 
-  /// Carries out a posture. Of `views` those that cannot be are dropped; `listed`: with a word, and boards may be seen from behind.
+  /// Carries out a posture. Those of `views` that cannot be are dropped; if they are `listed`, the reason is kept, and boards may be seen
+  /// from behind.
   Draft carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed, Draws noise) const;
 
   /// Places a target where the sensor is likely to see it, and returns base_T_target. Cameras: the board fills 20 to 60 % of the image, at

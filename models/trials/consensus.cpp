@@ -40,7 +40,7 @@ View without(const Rig& rig, const View& view, const std::vector<char>& out) {
 
 }  // namespace
 
-Verdict all_in(const Rig& rig, const Sample& sample) {
+Verdict nothing_rejected(const Rig& rig, const Sample& sample) {
   Verdict out;
   out.view.assign(sample.views.size(), 0);
   out.view_reason.resize(sample.views.size());
@@ -48,7 +48,7 @@ Verdict all_in(const Rig& rig, const Sample& sample) {
   return out;
 }
 
-Sample left_of(const Rig& rig, const Sample& sample, const Verdict& verdict) {
+Sample without_rejected(const Rig& rig, const Sample& sample, const Verdict& verdict) {
   Sample out = sample;
   out.views.clear();
   for (size_t v = 0; v < sample.views.size(); ++v) {
@@ -63,7 +63,7 @@ Sample left_of(const Rig& rig, const Sample& sample, const Verdict& verdict) {
 namespace {
 
 /// A sample by itself at held shared parameters.
-struct Alone {
+struct SampleFit {
   bool defined = false;
   VectorXd residuals;                               // whitened, view after view
   std::vector<std::pair<const View*, int>> blocks;  // of each residual block: view, block in it
@@ -80,7 +80,7 @@ EstimationSetup setup_of(ReferenceFit& reference) {
 
 /// The sample's residuals and joint errors after a Newton step of the shared parameters as well, whose estimate and covariance the others
 /// gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
-void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd& rows, bool robust, Alone& fit) {
+void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd& rows, bool robust, SampleFit& fit) {
   const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = reference.root.cols(),
                      total = fit.residuals.size();
   MatrixXd root(m, n);
@@ -98,7 +98,7 @@ void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd&
     Eigen::Index at = 0;
     std::vector<double> sizes;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
-      sizes.push_back(left.segment(at, fit.rows[b]).norm() / reference.levels[fit.blocks[b].first->sensor]);
+      sizes.push_back(left.segment(at, fit.rows[b]).norm() / reference.noise_ratios[fit.blocks[b].first->sensor]);
     scale = std::max(1.0, std::min(scale / 2, *std::max_element(sizes.begin(), sizes.end())));
     at = 0;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
@@ -110,15 +110,15 @@ void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd&
 
 /// Targets and joint errors estimated, graduated from the starts of the targets or by plain least squares. `taking_part`: what one Newton
 /// step of the free shared parameters as well would leave.
-Alone fit_alone(ReferenceFit& reference, const Sample& sample, Values& values, bool robust, bool taking_part) {
-  Alone out;
+SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& values, bool robust, bool taking_part) {
+  SampleFit out;
   reference.one.samples = {sample};
   EstimationSetup setup = setup_of(reference);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
   FitOptions options;
   options.start_loss = Loss{LossKind::soft_l1, 3};
   options.leave_out_undefined = true;
-  options.levels = &reference.levels;
+  options.noise_ratios = &reference.noise_ratios;
   values.shared = reference.shared;
   Fit fitted = fit(reference.one, {0}, setup, values, options);
   if (!fitted.defined()) return out;
@@ -155,14 +155,14 @@ Alone fit_alone(ReferenceFit& reference, const Sample& sample, Values& values, b
 }
 
 /// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
-bool outlying(ReferenceFit& reference, const Sample& sample, const Alone& fit, std::vector<std::vector<char>>& flags) {
+bool outlying(ReferenceFit& reference, const Sample& sample, const SampleFit& fit, std::vector<std::vector<char>>& flags) {
   bool any = false;
   flags.assign(sample.views.size(), {});
   for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(reference.one.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
-    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(reference.levels[view->sensor], 2);
+    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(reference.noise_ratios[view->sensor], 2);
     at += fit.rows[b];
     if (squared <= chi2_bound(fit.rows[b])) continue;
     flags[view - sample.views.data()][fit.blocks[b].second] = 1;
@@ -171,7 +171,7 @@ bool outlying(ReferenceFit& reference, const Sample& sample, const Alone& fit, s
   return any;
 }
 
-const std::pair<int, double>* wrong_joint(const Alone& fit) {
+const std::pair<int, double>* wrong_joint(const SampleFit& fit) {
   const std::pair<int, double>* worst = nullptr;
   for (const auto& j : fit.joints)
     if (std::abs(j.second) > kJointSigmas && (!worst || std::abs(j.second) > std::abs(worst->second))) worst = &j;
@@ -179,7 +179,7 @@ const std::pair<int, double>* wrong_joint(const Alone& fit) {
 }
 
 /// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
-std::string size_of(ReferenceFit& reference, const Alone& fit) {
+std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
   if (!fit.defined) return "a point lies behind a camera";
   std::map<const View*, std::pair<double, int>> views;
   Eigen::Index at = 0;
@@ -189,15 +189,16 @@ std::string size_of(ReferenceFit& reference, const Alone& fit) {
     v.second += fit.rows[b];
   }
   double largest = 0;
-  for (const auto& v : views) largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / reference.levels[v.first->sensor]);
+  for (const auto& v : views)
+    largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / reference.noise_ratios[v.first->sensor]);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
     return text("it would take an error of %.3g sigmas in joint '", joint->second) + reference.one.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 
-/// Whether the views of a sample can be told wrong by each other: one of a mounted target, or two of one free target.
-bool hangs_together(const Rig& rig, const std::vector<View>& views) {
+/// True if two views predict each other, so that one can be proved wrong: one of a mounted target, or two of one free target.
+bool is_redundant(const Rig& rig, const std::vector<View>& views) {
   std::map<int, int> seen;
   for (const View& v : views)
     if (rig.targets[v.target].link >= 0 || ++seen[v.target] >= 2) return true;
@@ -209,12 +210,12 @@ enum class Fits { yes, but_for_points, no };
 /// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
 /// `plain`: the sample as it is, by plain least squares.
 Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
-          Alone& plain) {
+          SampleFit& plain) {
   Values values = start;
-  plain = fit_alone(reference, sample, values, false, taking_part);
+  plain = fit_sample(reference, sample, values, false, taking_part);
   if (plain.defined && !outlying(reference, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
   values = start;
-  const Alone robust = fit_alone(reference, sample, values, true, taking_part);
+  const SampleFit robust = fit_sample(reference, sample, values, true, taking_part);
   if (!robust.defined) return Fits::no;
   outlying(reference, sample, robust, out);
   const auto too_many = [](const std::vector<char>& view) {
@@ -222,11 +223,11 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
   };
   for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
     if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
-    Verdict points = all_in(reference.one.rig, sample);
+    Verdict points = nothing_rejected(reference.one.rig, sample);
     points.point = out;
-    const Sample rest = left_of(reference.one.rig, sample, points);
-    Values again = values;
-    const Alone check = fit_alone(reference, rest, again, false, taking_part);
+    const Sample rest = without_rejected(reference.one.rig, sample, points);
+    Values values_without_points = values;
+    const SampleFit check = fit_sample(reference, rest, values_without_points, false, taking_part);
     std::vector<std::vector<char>> more;
     if (!check.defined) return Fits::no;
     if (!outlying(reference, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
@@ -242,10 +243,10 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
 }  // namespace
 
 Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before, const Values& start) {
-  Verdict verdict = all_in(reference.one.rig, sample);
+  Verdict verdict = nothing_rejected(reference.one.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
-  Alone plain;
+  SampleFit plain;
   if (fits(reference, sample, start, !took_part, points, plain) != Fits::no) {
     if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) { return std::count(v.begin(), v.end(), 1) > 0; }))
       verdict.point = points;
@@ -259,14 +260,17 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
     for (size_t v = 0; v < n; ++v)
       if (!out[v]) rest.views.push_back(sample.views[v]);
     std::vector<std::vector<char>> found;
-    Alone ignored;
-    if (!hangs_together(reference.one.rig, rest.views) || fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no) return false;
+    SampleFit ignored;
+    if (!is_redundant(reference.one.rig, rest.views) || fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no)
+      return false;
     verdict.view = out;
     for (size_t v = 0, r = 0; v < n; ++v)
       if (!out[v]) verdict.point[v] = found[r++];
     return true;
   };
-  const auto is_chain = [&](size_t v) { return reference.one.rig.sensors[sample.views[v].sensor].model->sight() == Sight::chain; };
+  const auto is_chain = [&](size_t v) {
+    return reference.one.rig.sensors[sample.views[v].sensor].model->measurement_kind() == MeasurementKind::chain;
+  };
   int explanations = 0, chains = 0;
   for (size_t v = 0; v < n && n > 1; ++v) {
     std::vector<char> out(n, 0);
@@ -282,10 +286,10 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
     if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out)) explanations = 1;
   }
   for (size_t v = 0; v < n; ++v)
-    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + size_of(reference, plain) + ")";
+    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + misfit_text(reference, plain) + ")";
   if (explanations == 1 && chains == 0) return verdict;
   verdict.out = true;
-  verdict.reason = "its joint readings and its views do not belong together (" + size_of(reference, plain) + ")";
+  verdict.reason = "its joint readings and its views do not belong together (" + misfit_text(reference, plain) + ")";
   return verdict;
 }
 

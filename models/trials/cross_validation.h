@@ -22,8 +22,9 @@ struct CrossValidation {
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
 };
-/// K calibrations of the training samples from the rig's values, each without one fold, judged on that fold. Samples that are held out
-/// already take no part. nullopt: options.progress cancelled. @throws std::invalid_argument as deal_folds.
+/// Calibrates the training samples from the rig's values as often as there are folds, each time without one fold, and judges it on that
+/// fold. Samples that are held out already take no part. nullopt: options.progress cancelled.
+/// @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options,
                                               int folds);
 

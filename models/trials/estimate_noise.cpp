@@ -38,8 +38,8 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
       moved = std::max(moved, std::abs(change));
       level.seen = level.assumed * std::exp(std::clamp(round > kFull ? change / 2 : change, -std::log(kLargest), std::log(kLargest)));
     }
-    out.rests = moved < kAtRest;
-    if (!out.rests && round < kRounds && out.solution.status != Status::not_converged) {
+    out.converged = moved < kAtRest;
+    if (!out.converged && round < kRounds && out.solution.status != Status::not_converged) {
       scale_noise(rig, samples, steps);
       from_last.start = out.solution.values.shared;
       continue;

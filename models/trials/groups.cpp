@@ -73,7 +73,8 @@ void GroupMaker::make_mounts() {
   std::vector<char> done(rig_.sensors.size(), 0), away(rig_.sensors.size(), 0);
   for (const Sample& sample : samples_)
     for (const View& v : sample.views)
-      if (rig_.sensors[v.sensor].model->sight() != Sight::points || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }))
+      if (rig_.sensors[v.sensor].model->measurement_kind() != MeasurementKind::points ||
+          std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }))
         away[v.sensor] = 1;
   for (size_t s = 0; s < rig_.sensors.size(); ++s) {
     if (done[s] || !used_[table_.sensor_pose[s]]) continue;
@@ -83,7 +84,7 @@ void GroupMaker::make_mounts() {
         pair = true;
         done[t] = 1;
       }
-    // A pair is moved by the fixed joint above its link; who else hangs there moves along, and has a pose of his own.
+    // A pair is moved by the fixed joint above its link; any other sensor on that link moves along, and has a pose of its own.
     const int above = rig_.tree.joint_above[rig_.sensors[s].link];
     const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed && used_[table_.joint_origin[above]];
     if (pair && !shared) done.assign(done.size(), 0);

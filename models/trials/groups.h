@@ -14,7 +14,7 @@
 
 namespace kincal {
 
-/// What is freed together, or not at all.
+/// A Group is freed together, or not at all.
 struct Group {
   std::string name;
   std::vector<Freed> free;
@@ -22,23 +22,23 @@ struct Group {
   std::vector<int> contained_offsets;  // parameters: offsets of the joints of a chain
 };
 
-/// The recording that groups are made from: the rig without steps and the training samples with views, sorted by id so that their order in
-/// the file does not matter. @throws std::invalid_argument where there are none.
+/// Returns the recording that groups are made from: the rig without steps and the training samples with views, sorted by id so that their
+/// order in the file does not matter. @throws std::invalid_argument where there are none.
 Recording staging_recording(const Rig& rig, const std::vector<Sample>& samples);
 
-/// The groups of such a recording, the mounts first, with everything in them that some measurement depends on.
+/// Returns the groups of such a recording, the mounts first, with everything in them that some measurement depends on.
 std::vector<Group> make_groups(const Recording& recording);
 
-/// Names of the groups that there are for this rig and these samples, with the names of everything in them.
+/// Returns the names of the groups that there are for this rig and these samples, with the names of everything in them.
 std::vector<std::pair<std::string, std::vector<std::string>>> staging_groups(const Rig& rig, const std::vector<Sample>& samples);
 
-/// a without b.
+/// Returns a without b.
 std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>& b);
 
-/// Whether a component is among those freed.
+/// Returns whether a component is among those freed.
 bool has(const std::vector<Freed>& all, int parameter, int component);
 
-/// Names of whole parameters, and of components.
+/// Returns names of whole parameters, and of components.
 std::vector<std::string> names_of(const ParameterTable& table, const std::vector<Freed>& free);
 
 }  // namespace kincal

@@ -225,7 +225,7 @@ bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& o
       Errors& e = errors[s.name];
       const double n = static_cast<double>(s.train.points);
       e.squared += n * s.train.rms * s.train.rms;
-      if (s.whole_pose) e.rotation += n * s.train.rotation * s.train.rotation;
+      if (s.measures_pose) e.rotation += n * s.train.rotation * s.train.rotation;
       e.points += s.train.points;
     }
   } catch (const std::runtime_error&) {  // a point behind its camera
@@ -257,7 +257,7 @@ struct LocalErrors {
       SensorResult r;
       r.name = sensor.name;
       r.unit = sensor.model->unit();
-      r.whole_pose = sensor.model->whole_pose();
+      r.measures_pose = sensor.model->measures_pose();
       for (int split : {0, 1}) {
         SplitStatistics& s = split ? r.test : r.train;
         const Errors before = of[split][0][sensor.name], after = of[split][1][sensor.name];

@@ -5,7 +5,7 @@
 // the samples near the posture, with everything else held.
 //
 // One sample. With its free targets and joint errors eliminated (an orthogonal factorisation, as in solver/observability.h) and its
-// rows compressed by a singular value decomposition, sample i says
+// rows compressed by a singular value decomposition, sample i gives
 //     z_i = F_i delta + noise,  noise ~ N(0, s^2 1),   F_i: at most p rows for p joints,   |z_i - F_i delta|^2: its chi2 in these rows.
 // F and z are computed again at the estimate, three times in all; offsets are small, so that the last two agree.
 //
@@ -30,7 +30,7 @@
 //     P_i = (F_i'F_i / s0^2 + G^-1)^-1,  m_i = P_i F_i'(z_i - F_i delta) / s0^2,   G_j = sum w_i (m_ij^2 + P_i,jj) / sum w_i,
 // and the variance of what is wanted, the right offset at one posture near here, is
 //     A^-1 (s0^2 B + s^4 / t^2 + sum w_i^2 F_i'F_i G F_i'F_i) A^-1 + G.
-// The mean alone is better known than that where the samples lie evenly around the posture; nothing says that they do.
+// The mean alone is better known than that where the samples lie evenly around the posture; that is not known.
 //
 // Radius of validity. g_i = |z_i|^2 - |z_i - F_i delta_-i|^2 is what the offsets gain at sample i, which had no part in them. Going
 // outwards, the sum of g_i grows as long as they predict better than the calibration as it is; the radius is where it is largest.
@@ -47,10 +47,10 @@
 
 namespace kincal {
 
-/// Least number of samples near a posture.
+/// A posture needs at least this many samples near it.
 constexpr int kLocalSamples = 8;
 
-/// Positions (rad, m) by joint index: of the joints that make up the distance and whose offsets are estimated.
+/// A LocalPosture has positions (rad, m) by joint index: of the joints that make up the distance and whose offsets are estimated.
 using LocalPosture = std::map<int, double>;
 
 struct LocalOptions {
@@ -80,15 +80,16 @@ struct LocalCalibration {
   double gain_sigma = 0;             // standard error of chi2_before - chi2
   double significance = 0;           // of the offsets, as a standard normal number
   std::vector<LocalOffset> offsets;  // in the order of joint indices, of joints that some view near depends on
-  /// Within the radius: rms_before and rotation_before without, rms_as_read and rotation_as_read with the offsets, readings exact, free
-  /// targets estimated; training samples left out one by one. The other numbers are not set.
+  /// Errors within the radius: rms_before and rotation_before are without, rms_as_read and rotation_as_read with the offsets, readings
+  /// exact, free targets estimated; training samples are left out one by one. The other numbers are not set.
   std::vector<SensorResult> sensors;
 };
 
-/// Positions of the joints that the sample's views depend on.
+/// Returns the positions of the joints that the sample's views depend on.
 LocalPosture posture_of(const Rig& rig, const Sample& sample);
 
-/// `rig`: calibrated. Its steps play no role. Samples whose split is `test` take no part; they are judged.
+/// Estimates the offsets around a posture of a calibrated `rig`, whose steps play no role. Samples whose split is `test` take no part; they
+/// are judged.
 /// @throws std::invalid_argument: a posture without joints; a joint of it that no sample has.
 LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples, const LocalPosture& posture,
                                    const LocalOptions& options);

@@ -13,11 +13,11 @@ namespace {
 
 constexpr int kRounds = 8;
 
-std::vector<Sample> left_of_all(const Recording& recording, const std::vector<Verdict>& verdicts) {
+std::vector<Sample> all_without_rejected(const Recording& recording, const std::vector<Verdict>& verdicts) {
   std::vector<Sample> out;
   for (size_t i = 0; i < verdicts.size(); ++i)
     if (!verdicts[i].out)
-      out.push_back(verdicts[i].clean() ? recording.samples[i] : left_of(recording.rig, recording.samples[i], verdicts[i]));
+      out.push_back(verdicts[i].clean() ? recording.samples[i] : without_rejected(recording.rig, recording.samples[i], verdicts[i]));
   return out;
 }
 
@@ -72,12 +72,12 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   robust.robust = true;
   Solution fit = calibrate(recording, quick, robust);
   if (fit.status == Status::cancelled || fit.status == Status::undefined_start) return ended(std::move(fit));
-  ReferenceFit reference{Recording(rig, {}), fit.setup.sensors, fit.values.shared, fit.setup.levels, {}, {}};
+  ReferenceFit reference{Recording(rig, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
   std::vector<Values> start(samples.size());
   for (const auto& t : fit.values.targets) start[t.first.first].targets[{0, t.first.second}] = t.second;
 
   std::vector<Verdict> verdicts;
-  for (const Sample& s : samples) verdicts.push_back(all_in(rig, s));
+  for (const Sample& s : samples) verdicts.push_back(nothing_rejected(rig, s));
   std::vector<char> returned(samples.size(), 0);  // what came back once and is out again stays out
   for (int round = 0; round < kRounds; ++round) {
     const std::vector<Verdict> before = verdicts;
@@ -92,16 +92,16 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
     const auto out = std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });
     if (2 * out > static_cast<long>(training.size())) return without_consensus(recording, options, out, training.size());
     if (round > 0 && verdicts == before) break;
-    const std::shared_ptr<const Recording> left = make_recording(rig, left_of_all(*recording, verdicts));
+    const std::shared_ptr<const Recording> left = make_recording(rig, all_without_rejected(*recording, verdicts));
     check_steps(*left);
     fit = calibrate(left, quick);
     if (fit.status == Status::cancelled || fit.status == Status::undefined_start) return ended(std::move(fit));
-    reference.levels = robust_levels(rig, fit.last->problem->residuals(fit.last->state));
+    reference.noise_ratios = robust_noise_ratios(rig, fit.last->problem->residuals(fit.last->state));
     reference.shared = fit.values.shared;
     reference.free = fit.setup.free;
     reference.root = std::sqrt(fit.dof > 0 ? std::max(1.0, fit.chi2 / static_cast<double>(fit.dof)) : 1.0) * root_of_covariance(fit.covariance);
   }
-  const std::shared_ptr<const Recording> left = make_recording(rig, left_of_all(*recording, verdicts));
+  const std::shared_ptr<const Recording> left = make_recording(rig, all_without_rejected(*recording, verdicts));
   check_steps(*left);
   std::optional<Cleaned> clean = ended(calibrate(left, options));
   if (clean) describe(*recording, verdicts, clean->rejected);

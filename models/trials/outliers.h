@@ -3,8 +3,8 @@
 //   1. A graduated fit of every step (fitting/robust.h) to everything: no plain fit, which gross outliers would ruin.
 //   2. Every training sample is judged by that fit (consensus.h).
 //   3. A plain calibration of what is left, and 2. again at its values, until the same things are out. What was out may come back, once.
-// Found are they in mode `latent`; the result is an ordinary calibration of what is left in the mode and with the losses that were asked
-// for. Judged are the views of the last step's sensors. Held-out samples are never touched.
+// They are found in mode `latent`; the result is an ordinary calibration of what is left in the mode and with the losses that were asked
+// for. The views of the last step's sensors are judged. Held-out samples are never touched.
 #pragma once
 
 #include <memory>
@@ -16,26 +16,27 @@
 
 namespace kincal {
 
-/// What was taken out as a gross outlier: points of a view, a view (no ids), a sample (no sensor and target).
+/// A Rejected is a gross outlier that was taken out: points of a view, a view (no ids), a sample (no sensor and target).
 struct Rejected {
   std::string sample, sensor, target;
   std::vector<int> ids;
   std::string reason;
 };
 
-/// A calibration of what is left: its recording is that of the solution.
+/// Cleaned is a calibration of what is left: its recording is that of the solution.
 struct Cleaned {
-  Solution solution;  // of status undefined_start where it, or a fit on the way to it, cannot start
+  Solution solution;  // of status undefined_start where it, or a fit before it, cannot start
   std::vector<Rejected> rejected;
   std::string no_consensus;  // not empty: more than half would be out, so nothing was taken out
 };
 
-/// Where more than half of the training samples would be out there is no majority to trust: nothing is taken out. nullopt: progress
-/// cancelled. @throws as calibrate(); std::invalid_argument where what is left frees nothing.
+/// Calibrates without gross outliers. Where more than half of the training samples would be out there is no majority to trust, and nothing
+/// is taken out. nullopt: progress cancelled.
+/// @throws as calibrate(); std::invalid_argument where what is left frees nothing.
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 
-/// What calibrate_without_outliers() would take out, after a plain calibration that ended badly; empty also where it comes to nothing.
-/// nullopt: progress cancelled.
+/// Returns what calibrate_without_outliers() would take out, after a plain calibration that ended badly; it is empty also where nothing
+/// would be. nullopt: progress cancelled.
 std::optional<std::vector<Rejected>> find_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 
 }  // namespace kincal

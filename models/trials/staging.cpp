@@ -33,11 +33,19 @@ class Search {
     std::vector<double> relative;  // chi2 a number, by unit
     double error = kNan;
   };
+  /// These are the samples of a fold, or the others.
+  struct FoldSamples {
+    std::vector<int> samples;
+    std::vector<char> targets;  // by target: some sample sees it
+  };
   void make_folds();
   void start();
   std::vector<Freed> freed(const std::vector<char>& kept) const;
   void drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared);
   VectorXd reset(const VectorXd& shared, const std::vector<char>& kept) const;
+  EstimationSetup held_setup() const;
+  FoldSamples samples_of(int fold, bool inside) const;
+  int target_of(const Freed& f) const;
   std::optional<Values> fit(const std::vector<char>& kept, const Values& from, int fold) const;
   void judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const;
   Score score(const std::vector<char>& kept, const Values& from, bool fitted) const;
@@ -98,9 +106,9 @@ void Search::make_folds() {
   // Samples that see the same with the same sensors are dealt out in turn, so that each fold has the same mixture.
   std::map<std::set<std::pair<int, int>>, std::vector<size_t>> alike;
   for (size_t i = 0; i < samples_.size(); ++i) {
-    std::set<std::pair<int, int>> what;
-    for (const View& v : samples_[i].views) what.insert({v.sensor, v.target});
-    alike[what].push_back(i);
+    std::set<std::pair<int, int>> pairs;
+    for (const View& v : samples_[i].views) pairs.insert({v.sensor, v.target});
+    alike[pairs].push_back(i);
   }
   fold_of_unit_.assign(samples_.size(), 0);
   int next = 0;
@@ -151,11 +159,8 @@ std::vector<Freed> Search::freed(const std::vector<char>& kept) const {
 /// Takes out of `group` what the data do not determine beside what is kept, priors aside: of each direction the component with the largest
 /// coefficient.
 void Search::drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared) {
-  for (int again = 0; again < 10 && !group.free.empty(); ++again) {
-    EstimationSetup setup;
-    setup.initial = initial_;
-    setup.noise = options_.noise;
-    setup.sensors = indices(rig_.sensors.size());
+  for (int round = 0; round < 10 && !group.free.empty(); ++round) {
+    EstimationSetup setup = held_setup();
     setup.free = freed(kept);
     if (!group.contained_offsets.empty()) {
       std::vector<Freed> offsets;
@@ -212,23 +217,40 @@ VectorXd Search::reset(const VectorXd& shared, const std::vector<char>& kept) co
   return out;
 }
 
-/// Fitted to all samples but those of a fold (-1: to all). nullopt: cannot be evaluated.
-std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& from, int fold) const {
-  std::vector<int> samples;
-  std::vector<char> seen(rig_.targets.size(), 0);
-  for (size_t i = 0; i < samples_.size(); ++i)
-    if (fold < 0 || fold_of_unit_[unit_[i]] != fold) {
-      samples.push_back(static_cast<int>(i));
-      for (const View& v : samples_[i].views) seen[v.target] = 1;
-    }
+/// The setup of every fit of the search, with everything held.
+EstimationSetup Search::held_setup() const {
   EstimationSetup setup;
   setup.initial = initial_;
   setup.noise = options_.noise;
   setup.sensors = indices(rig_.sensors.size());
-  for (const Freed& f : freed(kept)) {
-    const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
-    if (target == table_.target_pose.end() || seen[target - table_.target_pose.begin()]) setup.free.push_back(f);
+  return setup;
+}
+
+/// The samples inside of a fold, or outside (of fold -1: all).
+Search::FoldSamples Search::samples_of(int fold, bool inside) const {
+  FoldSamples out{{}, std::vector<char>(rig_.targets.size(), 0)};
+  for (size_t i = 0; i < samples_.size(); ++i) {
+    const bool in_fold = fold >= 0 && fold_of_unit_[unit_[i]] == fold;
+    if (in_fold != inside) continue;
+    out.samples.push_back(static_cast<int>(i));
+    for (const View& v : samples_[i].views) out.targets[v.target] = 1;
   }
+  return out;
+}
+
+/// The target whose pose this is; -1: it is none.
+int Search::target_of(const Freed& f) const {
+  const Parameter& p = table_.all[f.parameter];
+  return p.kind == ParameterKind::target_pose ? p.owner : -1;
+}
+
+/// Fitted to all samples but those of a fold (-1: to all). nullopt: cannot be evaluated.
+std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& from, int fold) const {
+  const FoldSamples part = samples_of(fold, false);
+  const std::vector<int>& samples = part.samples;
+  EstimationSetup setup = held_setup();
+  for (const Freed& f : freed(kept))
+    if (target_of(f) < 0 || part.targets[target_of(f)]) setup.free.push_back(f);
   for (size_t g = 0; g < groups_.size(); ++g)
     if (kept[g])
       for (const Prior& p : groups_[g].priors)
@@ -252,27 +274,17 @@ std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& f
 
 /// chi2 and numbers of a fold's units at given shared values.
 void Search::judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const {
-  std::vector<int> samples;
-  std::vector<char> seen(rig_.targets.size(), 0);
-  for (size_t i = 0; i < samples_.size(); ++i)
-    if (fold_of_unit_[unit_[i]] == fold) {
-      samples.push_back(static_cast<int>(i));
-      for (const View& v : samples_[i].views) seen[v.target] = 1;
-    }
-  EstimationSetup setup;
-  setup.initial = initial_;
-  setup.noise = options_.noise;
-  setup.sensors = indices(rig_.sensors.size());
+  FoldSamples part = samples_of(fold, true);
+  std::vector<int>& samples = part.samples;
+  EstimationSetup setup = held_setup();
   if (by_target_)
-    for (const Freed& f : groups_[0].free) {
-      const auto target = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
-      if (target != table_.target_pose.end() && seen[target - table_.target_pose.begin()]) setup.free.push_back(f);
-    }
+    for (const Freed& f : groups_[0].free)
+      if (target_of(f) >= 0 && part.targets[target_of(f)]) setup.free.push_back(f);
   const auto numbers = [&](int sample) {
     double n = 0;
     for (const View& v : samples_[sample].views) {
       const SensorModel& model = *rig_.sensors[v.sensor].model;
-      n += model.whole_pose() ? 6.0 : static_cast<double>(model.rows()) * (v.ids.empty() ? 1.0 : static_cast<double>(v.ids.size()));
+      n += model.measures_pose() ? 6.0 : static_cast<double>(model.rows()) * (v.ids.empty() ? 1.0 : static_cast<double>(v.ids.size()));
     }
     return n;
   };
@@ -361,8 +373,8 @@ bool Search::better(const Score& before, const Score& after) const {
 }
 
 std::optional<Staging> Search::run() {
-  const auto go_on = [&](const std::string& what) { return !options_.progress || options_.progress(what); };
-  if (!go_on("mounts")) return std::nullopt;
+  const auto proceed = [&](const std::string& trial) { return !options_.progress || options_.progress(trial); };
+  if (!proceed("mounts")) return std::nullopt;
   make_folds();
   start();
   Staging out;
@@ -391,20 +403,20 @@ std::optional<Staging> Search::run() {
   }
 
   const std::vector<Group> whole_groups = groups_;
-  std::vector<int> tried_beside(groups_.size(), -1);  // how many were kept when this one was tried
+  std::vector<int> kept_when_tried(groups_.size(), -1);  // how many were kept when this one was tried
   bool news = true;
   for (int pass = 0; pass < 3 && news; ++pass) {
     news = false;
     for (size_t g = 1; g < groups_.size(); ++g) {
-      if (kept[g] || tried_beside[g] == static_cast<int>(order.size())) continue;
-      tried_beside[g] = static_cast<int>(order.size());
+      if (kept[g] || kept_when_tried[g] == static_cast<int>(order.size())) continue;
+      kept_when_tried[g] = static_cast<int>(order.size());
       groups_[g] = whole_groups[g];
       drop_unobservable(groups_[g], kept, now.shared);
       if (groups_[g].free.empty()) {
         if (pass == 0) record(g, false, false, kNan, kNan);
         continue;
       }
-      if (!go_on(groups_[g].name)) return std::nullopt;
+      if (!proceed(groups_[g].name)) return std::nullopt;
       std::vector<char> trial = kept;
       trial[g] = 1;
       const std::optional<Values> fitted = fit(trial, now, -1);
@@ -428,7 +440,7 @@ std::optional<Staging> Search::run() {
     if (std::none_of(groups_[g].free.begin(), groups_[g].free.end(),
                      [&](const Freed& f) { return has(free, f.parameter, f.components[0]); }))
       continue;  // offsets that geometry contains
-    if (!go_on("without " + groups_[g].name)) return std::nullopt;
+    if (!proceed("without " + groups_[g].name)) return std::nullopt;
     Values from = now;
     from.shared = reset(now.shared, trial);
     const std::optional<Values> fitted = fit(trial, from, -1);
@@ -483,14 +495,14 @@ std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, cons
     merge(free, held_out);
     for (size_t h = 0; h < groups_.size(); ++h) {
       if (!kept[h]) continue;
-      std::vector<Freed> mine;
+      std::vector<Freed> own;
       for (const Freed& f : groups_[h].free)
         for (int c : f.components)
-          if (has(free, f.parameter, c)) merge(mine, {{f.parameter, {c}}});
-      if (h == 0) merge(mine, held_out);
+          if (has(free, f.parameter, c)) merge(own, {{f.parameter, {c}}});
+      if (h == 0) merge(own, held_out);
       const std::vector<Freed> named = table_.select(groups_[h].name);  // of a geometry/BASE..TIP
-      const bool same = !mine.empty() && without(named, mine).empty() && without(mine, named).empty();
-      const std::vector<std::string> names = same ? std::vector<std::string>{groups_[h].name} : names_of(table_, mine);
+      const bool same = !own.empty() && without(named, own).empty() && without(own, named).empty();
+      const std::vector<std::string> names = same ? std::vector<std::string>{groups_[h].name} : names_of(table_, own);
       step.free.insert(step.free.end(), names.begin(), names.end());
       for (const std::string& name : names) {
         PriorSetting prior;

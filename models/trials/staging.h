@@ -8,7 +8,7 @@
 // mounted target and some sensor several of them, by whole target, whose pose is then estimated from the fold's own samples when it
 // is judged. For each fold everything is fitted to the others; then shared values are held, and free targets and joint errors
 // estimated from the fold's samples. Its chi2, with the terms of the joint errors, is -2 log of the likelihood with the joint errors
-// integrated out (linearised, up to a constant): who explains the images by joint errors pays for them.
+// integrated out (linearised, up to a constant), so a model that needs large joint errors scores worse.
 //
 // Error. A unit is a held-out sample (or target) i, with n_i measured numbers: c_i = chi2_i / n_i. Then
 //     error = sqrt(exp(mean_i log(1 + c_i)) - 1)
@@ -34,7 +34,7 @@ namespace kincal {
 struct StagingOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
-  /// Called with what is tried next; false cancels.
+  /// It is called with the name of the next trial; false cancels.
   std::function<bool(const std::string&)> progress;
 };
 

@@ -265,7 +265,7 @@ TEST_CASE("a rig's values", "[rig]") {
   CHECK(rig.tree.joints[laser.scanning_joint].name == "tilt_joint");
   CHECK(laser.sigma == std::vector<double>{0.0005, 0.001, 0.005});
   CHECK(laser.model->scans());
-  CHECK(arm.model->whole_pose());
+  CHECK(arm.model->measures_pose());
   CHECK(arm.sigma == std::vector<double>{0.0005, 0.0005, 0.0005, 0.002, 0.002, 0.002});
   CHECK((arm.link_T_sensor.rotation * Vector3d::UnitX() - Vector3d(0.28, 0.96, 0)).norm() < 1e-15);
   CHECK(rig.sensors[5].sigma == std::vector<double>{0.00001, 0.00002, 3e-5});

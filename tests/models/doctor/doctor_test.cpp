@@ -137,7 +137,7 @@ TEST_CASE("hypotheses: undone twice is nothing done") {
     h.undo(rig, samples);
     h.undo(rig, samples);
     ++tried;
-    INFO(h.id << ": " << h.what);
+    INFO(h.id << ": " << h.mistake);
     CHECK(rig.sensors[0].link == 3);
     CHECK((rig.sensors[0].link_T_sensor.translation - e.rig.sensors[0].link_T_sensor.translation).norm() < 1e-12);
     CHECK((rig.targets[0].link_T_target.translation - e.rig.targets[0].link_T_target.translation).norm() < 1e-12);

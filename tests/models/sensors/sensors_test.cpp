@@ -70,7 +70,7 @@ struct Number {
 /// Every number, in a layout of columns that starts at 2, has gaps, and stands in an unusual order.
 std::vector<Number> numbers(const Stage& s, double step, Columns& c) {
   std::vector<Number> out;
-  const bool shape = !s.model->whole_pose();
+  const bool shape = !s.model->measures_pose();
   c.points = shape ? 2 : -1;
   c.square = shape && s.layout.cols() ? 3 * static_cast<int>(s.points.cols()) + 3 : -1;
   c.pose = 3 * static_cast<int>(s.points.cols()) + 5;
@@ -283,25 +283,25 @@ TEST_CASE("sensors tell what they are") {
     CHECK(model->numbers() == 2);
     CHECK(model->sigmas() == 2);
     CHECK(std::string(model->unit()) == "px");
-    CHECK(model->sight() == Sight::rays);
-    CHECK_FALSE(model->whole_pose());
+    CHECK(model->measurement_kind() == MeasurementKind::rays);
+    CHECK_FALSE(model->measures_pose());
     CHECK_FALSE(model->scans());
     CHECK_FALSE(model->has_own_noise());
     CHECK(model->point_form() == nullptr);
     CHECK(model->blocks(7) == 7);
   }
   const auto point = make_point(), pose = make_pose(), chain = make_chain(), laser = make_tilting_laser();
-  CHECK((point->rows() == 3 && point->numbers() == 3 && point->sight() == Sight::points && point->blocks(4) == 4));
-  CHECK((pose->rows() == 6 && pose->numbers() == 7 && pose->sigmas() == 6 && pose->whole_pose() && pose->blocks(9) == 1));
-  CHECK(pose->sight() == Sight::pose);
+  CHECK((point->rows() == 3 && point->numbers() == 3 && point->measurement_kind() == MeasurementKind::points && point->blocks(4) == 4));
+  CHECK((pose->rows() == 6 && pose->numbers() == 7 && pose->sigmas() == 6 && pose->measures_pose() && pose->blocks(9) == 1));
+  CHECK(pose->measurement_kind() == MeasurementKind::pose);
   CHECK(pose->point_form() == nullptr);
-  CHECK((chain->rows() == 6 && chain->numbers() == 0 && chain->sigmas() == 6 && chain->whole_pose() && chain->blocks(9) == 1));
-  CHECK(chain->sight() == Sight::chain);
+  CHECK((chain->rows() == 6 && chain->numbers() == 0 && chain->sigmas() == 6 && chain->measures_pose() && chain->blocks(9) == 1));
+  CHECK(chain->measurement_kind() == MeasurementKind::chain);
   REQUIRE(chain->point_form());
   CHECK((chain->point_form()->rows() == 3 && chain->point_form()->sigmas() == 6 && chain->point_form()->blocks(9) == 9));
   CHECK(chain->point_form()->has_own_noise());
   CHECK((laser->rows() == 3 && laser->numbers() == 3 && laser->sigmas() == 3 && laser->scans() && laser->has_own_noise()));
-  CHECK(laser->sight() == Sight::scan);
+  CHECK(laser->measurement_kind() == MeasurementKind::scan);
   CHECK(std::string(laser->unit()) == "m");
   CHECK_THROWS_AS(make_camera(Lens::brown_conrady, 4), std::invalid_argument);
   CHECK_THROWS_AS(make_camera(Lens::kannala_brandt, 5), std::invalid_argument);
@@ -568,7 +568,8 @@ TEST_CASE("a sensor of one's own through the adapter") {
   Stage s;
   s.owner = std::make_shared<PointwiseSensor<Radar>>();
   s.model = s.owner.get();
-  CHECK((s.model->rows() == 1 && s.model->numbers() == 1 && s.model->sigmas() == 1 && s.model->sight() == Sight::none));
+  CHECK(
+      (s.model->rows() == 1 && s.model->numbers() == 1 && s.model->sigmas() == 1 && s.model->measurement_kind() == MeasurementKind::none));
   set_grid(s);
   s.parameters = {0.02};
   s.z = {1, 1.1, 1.2, 1.3};

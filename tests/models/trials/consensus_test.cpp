@@ -24,10 +24,10 @@ struct Judge {
   explicit Judge(int seed) : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
     for (size_t s = 0; s < lab.rig.sensors.size(); ++s) {
       reference.sensors.push_back(static_cast<int>(s));
-      reference.levels.push_back(1);
+      reference.noise_ratios.push_back(1);
     }
   }
-  Verdict of(const Sample& sample) { return judge_sample(reference, sample, all_in(lab.rig, sample), Values()); }
+  Verdict of(const Sample& sample) { return judge_sample(reference, sample, nothing_rejected(lab.rig, sample), Values()); }
   /// The first sample whose views, the second and third of cameras, are four and more of one target: the others can prove one wrong.
   Sample& seen_often() {
     for (Sample& sample : lab.samples) {
@@ -49,8 +49,8 @@ TEST_CASE("consensus: a right sample is left as it is") {
     const Verdict verdict = judge.of(sample);
     CHECK(verdict.clean());
     CHECK(verdict.took_part());
-    CHECK(verdict == all_in(judge.lab.rig, sample));
-    CHECK(left_of(judge.lab.rig, sample, verdict).views.size() == sample.views.size());
+    CHECK(verdict == nothing_rejected(judge.lab.rig, sample));
+    CHECK(without_rejected(judge.lab.rig, sample, verdict).views.size() == sample.views.size());
   }
 }
 
@@ -72,7 +72,7 @@ TEST_CASE("consensus: points that lie off are named, these and no others") {
       INFO("view " << w << ", point " << p);
       CHECK((verdict.point[w][p] == 1) == (w == v && (p == 1 || p == 4 || p == 9)));
     }
-  const Sample left = left_of(judge.lab.rig, sample, verdict);
+  const Sample left = without_rejected(judge.lab.rig, sample, verdict);
   REQUIRE(left.views.size() == sample.views.size());
   CHECK(left.views[v].ids.size() == count - 3);
   CHECK(left.views[v].z.size() == 2 * (count - 3));
@@ -90,7 +90,7 @@ TEST_CASE("consensus: a view that the sample's others prove wrong is named") {
   CHECK_FALSE(verdict.took_part());
   for (size_t v = 0; v < sample.views.size(); ++v) CHECK((verdict.view[v] == 1) == (v == 1));
   CHECK(verdict.view_reason[1].find("does not belong to the sample's other views") == 0);
-  const Sample left = left_of(judge.lab.rig, sample, verdict);
+  const Sample left = without_rejected(judge.lab.rig, sample, verdict);
   CHECK(left.views.size() == sample.views.size() - 1);
   CHECK(judge.of(left).clean());
 }
@@ -123,6 +123,6 @@ TEST_CASE("consensus: a sensor's level says what is usual") {
   View& view = judge.lab.first_camera(index);
   for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 10 : -10) * view.sigma[i % 2];
   CHECK_FALSE(judge.of(judge.lab.samples[index]).clean());
-  judge.reference.levels.assign(judge.reference.levels.size(), 10);
+  judge.reference.noise_ratios.assign(judge.reference.noise_ratios.size(), 10);
   CHECK(judge.of(judge.lab.samples[index]).clean());
 }

@@ -1,6 +1,6 @@
 // models/trials/outliers.h and models/fitting/robust.h: gross outliers.
 //
-// Proves: levels of sensors are the standard deviation of Gaussian residuals, whatever a minority does; the bound of chi2 lies above its
+// Proves: noise_ratios of sensors are the standard deviation of Gaussian residuals, whatever a minority does; the bound of chi2 lies above its
 // quantile at 1e-9 (by the incomplete gamma function in closed form) and not far above; gross outliers are found and named in every noise
 // mode, points, a view, a sample that cannot even start, and what is left is calibrated as if they had never been; held-out samples are
 // left alone. The program's tests (program/outliers_test.py) prove figures.
@@ -32,7 +32,7 @@ double chi2_tail(double x, int n) {
 
 }  // namespace
 
-TEST_CASE("outliers: levels of sensors and the bound of chi2") {
+TEST_CASE("outliers: noise_ratios of sensors and the bound of chi2") {
   Rig rig;
   rig.sensors.resize(2);
   rig.sensors[0].model = rig.sensors[1].model = Laboratory(1, 2).rig.sensors[0].model;
@@ -46,10 +46,10 @@ TEST_CASE("outliers: levels of sensors and the bound of chi2") {
   residuals[1].view = &other;
   residuals[1].whitened = random_matrix(random, 20000, 1);
   residuals[1].whitened.head(6000).array() += 1e4;  // 30 %
-  const std::vector<double> levels = robust_levels(rig, residuals);
-  CHECK(levels[0] == Approx(2.5).epsilon(0.03));
-  CHECK(levels[1] > 1);
-  CHECK(levels[1] < 1.8);
+  const std::vector<double> noise_ratios = robust_noise_ratios(rig, residuals);
+  CHECK(noise_ratios[0] == Approx(2.5).epsilon(0.03));
+  CHECK(noise_ratios[1] > 1);
+  CHECK(noise_ratios[1] < 1.8);
   for (int n : {2, 6, 20, 100, 400}) {
     CHECK(chi2_tail(chi2_bound(n), n) < 1e-9);
     CHECK(chi2_tail(chi2_bound(n), n) > 1e-12);
