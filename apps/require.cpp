@@ -1,13 +1,12 @@
 #include "require.h"
 
-#include <fnmatch.h>
-
 #include <algorithm>
 #include <map>
 
 #include "../io/document/document.h"
 #include "../io/document/names.h"
 #include "../io/results/comparison.h"
+#include "../models/rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -91,7 +90,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
     for (const Sensor& s : rig.sensors) names.push_back(s.name);
     const bool plain = std::count(names.begin(), names.end(), pattern) > 0;
     for (size_t s = 0; s < rig.sensors.size(); ++s) {
-      if (plain ? names[s] != pattern : fnmatch(pattern.c_str(), names[s].c_str(), FNM_NOESCAPE) != 0) continue;
+      if (plain ? names[s] != pattern : !glob_matches(pattern, names[s])) continue;
       const SensorModel& model = *rig.sensors[s].model;
       std::vector<std::string> kinds = {model.unit()};
       if (model.measures_pose()) kinds.push_back("rad");

@@ -9,7 +9,6 @@
 namespace kincal::benchmarks {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
 constexpr int kColumns = 8, kRows = 6;  // corners of the board
 constexpr double kSquare = 0.05;        // m
 constexpr double kWidth = 640, kHeight = 480;

@@ -25,6 +25,8 @@ using Eigen::VectorXd;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
+constexpr double kPi = 3.14159265358979323846;  // M_PI is POSIX, not C++
+
 /// A Pose is a rigid motion a_T_b: rotation (3 x 3, orthonormal) and translation (m).
 struct Pose {
   Matrix3d rotation = Matrix3d::Identity();

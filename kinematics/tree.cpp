@@ -96,7 +96,7 @@ Path find_path(const Tree& tree, int from, int to) {
 }
 
 std::pair<double, double> usual_range(const Joint& joint) {
-  const double without = joint.type == JointType::prismatic ? 0.5 : 3.14159265358979323846;
+  const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
   if (joint.type == JointType::continuous || !(joint.lower < joint.upper)) return {-without, without};
   return {joint.lower, joint.upper};
 }

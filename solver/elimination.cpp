@@ -13,8 +13,8 @@ constexpr int kStackedRows = 64;             // eliminated rows that are multipl
 
 /// The first place in an array with slack where a cache line begins.
 double* aligned(std::vector<double>& array) {
-  const std::uintptr_t at = reinterpret_cast<std::uintptr_t>(array.data());
-  return reinterpret_cast<double*>((at + 63) & ~std::uintptr_t(63));
+  const std::uintptr_t past = reinterpret_cast<std::uintptr_t>(array.data()) % 64;
+  return array.data() + (past ? (64 - past) / sizeof(double) : 0);
 }
 
 /// Marquardt's scales: the squared column norms, but never far below the first ones.

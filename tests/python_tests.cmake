@@ -78,5 +78,8 @@ endforeach()
 kincal_python_test(reference.others.latent reference_test.py reference 1800 ${kincal_program} others latent)
 
 kincal_python_test(install install_test.py install 1800 ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR} ${CMAKE_COMMAND})
+foreach(group Solver Components Embedding)
+  kincal_python_test(package.${group} package_test.py install 900 ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR} ${CMAKE_COMMAND} ${group})
+endforeach()
 kincal_python_test(documents docs_test.py cli 900 ${kincal_program})
 kincal_python_test(structure.Folders ../structure_test.py cli 60 ${PROJECT_SOURCE_DIR})  # who includes whom

@@ -27,7 +27,7 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
   const auto refuse = [&](const std::string& why) {
     throw InputError(a.path + " and " + b.path + " are calibrations of different robots: " + why);
   };
-  const auto only = [&](const std::string& kind, std::set<std::string> in_s, const std::set<std::string>& in_t, const CalibratedFiles& f) {
+  const auto only = [&](const std::string& kind, const std::set<std::string>& in_s, const std::set<std::string>& in_t, const CalibratedFiles& f) {
     for (const std::string& name : in_s)
       if (!in_t.count(name)) refuse(kind + " '" + name + "' is only in " + f.rig_file.urdf.path);
   };

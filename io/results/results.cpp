@@ -53,7 +53,7 @@ RigValues rig_values(const Solution& solution, bool write_reduction, const std::
   return out;
 }
 
-std::string list_of(std::string text) {  // "1 2 3" -> "[1, 2, 3]"
+std::string list_of(const std::string& text) {  // "1 2 3" -> "[1, 2, 3]"
   std::string out = "[";
   bool gap = false;
   for (char c : text) {

@@ -1,12 +1,11 @@
 #include "rig_file.h"
 
-#include <fnmatch.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <map>
 #include <stdexcept>
 
+#include "../../models/rig/selection.h"
 #include "../../models/rig/targets.h"
 #include "../../models/sensors/sensors.h"
 #include "../document/files.h"
@@ -26,7 +25,7 @@ std::vector<int> matching(const Field& where, const std::string& pattern, const 
   if (exact != names.end()) return {static_cast<int>(exact - names.begin())};
   std::vector<int> found;
   for (size_t i = 0; i < names.size(); ++i)
-    if (fnmatch(pattern.c_str(), names[i].c_str(), FNM_NOESCAPE) == 0) found.push_back(static_cast<int>(i));
+    if (glob_matches(pattern, names[i])) found.push_back(static_cast<int>(i));
   if (found.empty()) where.fail("'" + pattern + "' matches nothing" + nearest_names(pattern, names));
   return found;
 }

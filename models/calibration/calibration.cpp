@@ -92,7 +92,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   }
   Fit out;
   try {
-    out = fit(recording, recording.training(), std::move(setup), solution.values, fit_options);
+    out = fit(recording, recording.training(), setup, solution.values, fit_options);
   } catch (const std::runtime_error& error) {  // no pose of a target can be evaluated
     throw Ended{Status::undefined_start, error.what()};
   }
@@ -202,7 +202,7 @@ struct Calibration::Parts {
   std::shared_ptr<LastProblem> last;  // taken out of the solution, whose copies must not see later solves
 };
 
-Calibration::Calibration(std::shared_ptr<const Recording> recording, CalibrationOptions options) : parts_(new Parts) {
+Calibration::Calibration(const std::shared_ptr<const Recording>& recording, CalibrationOptions options) : parts_(new Parts) {
   if (recording->samples.empty()) throw std::invalid_argument("there are no samples");
   resolve_steps(*recording, options);
   parts_->recording = std::make_shared<Recording>(*recording);  // its own: replace() writes into it

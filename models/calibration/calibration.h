@@ -43,7 +43,7 @@ Solution calibrate(const std::shared_ptr<const Recording>& recording, const Cali
 class Calibration {
  public:
   /// @throws NameError, std::invalid_argument: no samples, or as resolve_steps() (plan.h).
-  explicit Calibration(std::shared_ptr<const Recording> recording, CalibrationOptions options = {});
+  explicit Calibration(const std::shared_ptr<const Recording>& recording, CalibrationOptions options = {});
   ~Calibration();
   Calibration(Calibration&&) noexcept;
   Calibration& operator=(Calibration&&) noexcept;

@@ -157,7 +157,7 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
     if (s.views.empty()) continue;
     std::sort(views.begin(), views.end());
     for (const auto& v : views) key.numbers.insert(key.numbers.end(), v.begin(), v.end());
-    const auto found = same.insert({std::move(key), {}}).first;
+    const auto found = same.try_emplace(std::move(key)).first;
     if (found->second.empty()) order.push_back(&found->first);
     found->second.push_back(s.id);
   }

@@ -39,7 +39,7 @@ Estimation::Estimation(const Recording& recording, const std::vector<int>& sampl
 }
 Estimation::~Estimation() = default;
 
-bool Estimation::empty() const { return groups().empty() || (groups().size() == 1 && setup().priors.size()); }
+bool Estimation::empty() const { return groups().empty() || (groups().size() == 1 && !setup().priors.empty()); }
 const EstimationSetup& Estimation::setup() const { return parts_->layout.setup; }
 const VectorXd& Estimation::initial() const { return parts_->layout.initial(); }
 std::string Estimation::column_name(int column) const { return parts_->layout.table.name(columns()[column]); }

@@ -85,7 +85,8 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
 
 }  // namespace
 
-Fit fit(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup, Values start, const FitOptions& options) {
+Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup, Values start,
+        const FitOptions& options) {
   Fit out;
   out.values = std::move(start);
   out.problem = started_problem(recording, samples, setup, options, out);

@@ -47,6 +47,7 @@ struct Fit {
 /// `samples` are the indices of those that take part; `start` has shared values, and targets' poses and joint errors where they are known.
 /// @throws std::runtime_error naming sample and target where no pose of a target can be evaluated, unless such samples are left out;
 /// std::invalid_argument as Estimation does.
-Fit fit(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup, Values start, const FitOptions& options = {});
+Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup, Values start,
+        const FitOptions& options = {});
 
 }  // namespace kincal

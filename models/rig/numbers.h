@@ -7,11 +7,12 @@
 #include <limits>
 #include <vector>
 
+#include "../../kinematics/transform.h"  // kPi
+
 namespace kincal {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kPi = 3.14159265358979323846;
 
 /// Returns the upper median of numbers; `none` if there are none. NaN must not be among them.
 inline double median(std::vector<double> numbers, double none = kNan) {

@@ -104,7 +104,6 @@ double yardstick(const ParameterTable& table, const Component& component, const 
   const Parameter& p = table.all[component.parameter];
   switch (p.kind) {
     case ParameterKind::square:
-      return 0.01 * std::abs(values(p.start));
     case ParameterKind::intrinsics:
       return 0.01 * std::abs(values(p.start));
     case ParameterKind::distortion:

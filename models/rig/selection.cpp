@@ -15,6 +15,8 @@ const std::string kGeometry = "geometry/";
 
 }  // namespace
 
+bool glob_matches(const std::string& glob, const std::string& name) { return fnmatch(glob.c_str(), name.c_str(), FNM_NOESCAPE) == 0; }
+
 std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
   for (size_t p = 0; p < all.size(); ++p) {
@@ -78,8 +80,7 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   // What stands before the first and behind the last special character is taken by the letter, and quick to compare.
   const size_t behind = pattern.size() - tail;
   const auto matches = [&](const std::string& name) {
-    return name.size() >= behind && name.compare(name.size() - behind, behind, pattern, tail) == 0 &&
-           fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0;
+    return name.size() >= behind && name.compare(name.size() - behind, behind, pattern, tail) == 0 && glob_matches(pattern, name);
   };
   std::string component;
   for (size_t p = 0; p < all.size(); ++p) {

@@ -29,6 +29,9 @@ class NameError : public std::invalid_argument {
       : std::invalid_argument(what), name(std::move(n)), valid(std::move(v)) {}
 };
 
+/// Whether a glob (`*`, `?`, `[...]`; a backslash is a letter) means the whole name. It is POSIX's fnmatch, not C++'s.
+bool glob_matches(const std::string& glob, const std::string& name);
+
 /// Adds components to those already there, parameter by parameter; new parameters go to the end.
 void merge(std::vector<Freed>& into, const std::vector<Freed>& more);
 

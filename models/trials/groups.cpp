@@ -51,7 +51,7 @@ class GroupMaker {
   void make_mounts();
   void make_groups();
   void make_geometry();
-  void add_group(const std::string& name, std::vector<Freed> free, const std::function<double(const Parameter&, int)>& sigma);
+  void add_group(const std::string& name, const std::vector<Freed>& free, const std::function<double(const Parameter&, int)>& sigma);
 
   const Rig& rig_;
   const ParameterTable& table_;
@@ -97,7 +97,7 @@ void GroupMaker::make_mounts() {
 }
 
 /// Keeps what some measurement depends on; an empty group is left out.
-void GroupMaker::add_group(const std::string& name, std::vector<Freed> free, const std::function<double(const Parameter&, int)>& sigma) {
+void GroupMaker::add_group(const std::string& name, const std::vector<Freed>& free, const std::function<double(const Parameter&, int)>& sigma) {
   Group group;
   group.name = name;
   for (const Freed& f : free)

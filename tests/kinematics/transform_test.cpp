@@ -14,7 +14,6 @@ using namespace kincal;
 
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kStep = 1e-5;  // of central differences: truncation 1e-10, rounding 1e-11
 
 class Random {

@@ -331,7 +331,7 @@ TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found
     // The truths here are near the links; turn the links' meaning instead: a fixed joint of random origin before each absent sensor.
     for (const std::string& name : absent) {
       Vector3d axis(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)), shift(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
-      const Pose x{exp_so3(axis.normalized() * uniform(2, M_PI)), shift.normalized() * uniform(0.5, 1)};
+      const Pose x{exp_so3(axis.normalized() * uniform(2, kPi)), shift.normalized() * uniform(0.5, 1)};
       for (Rig* r : {&known, &unknown})
         for (Sensor& sensor : r->sensors) {
           if (sensor.name != name) continue;
