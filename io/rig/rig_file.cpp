@@ -180,20 +180,16 @@ void read_scanning_joint(const Field& field, const Tree& tree, const Path& path,
 Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree, int base) {
   Sensor sensor;
   sensor.name = name;
-  sensor.type = read_keys(field, sensor_types(), {"type", "link"}, {"pose"}).name;
+  const SensorKeys& keys = read_keys(field, sensor_types(), {"type", "link"}, {"pose"});
+  sensor.type = keys.name;
+  sensor.model = keys.make();
   sensor.link = read_link(field["link"], tree);
   const Path path = path_between(field["link"], tree, base, sensor.link);
   sensor.pose_given = field.has("pose");
   if (sensor.pose_given) sensor.link_T_sensor = field["pose"].pose();
-  sensor.sigma = read_sigma(field["sigma"], sensor.type);
+  sensor.sigma = read_sigma(field["sigma"], sensor);
   if (sensor.type == "camera") read_camera(field, sensor);
-  if (sensor.type == "point") sensor.model = make_point();
-  if (sensor.type == "pose") sensor.model = make_pose();
-  if (sensor.type == "chain") sensor.model = make_chain();
-  if (sensor.type == "tilting_laser") {
-    sensor.model = make_tilting_laser();
-    read_scanning_joint(field["joint"], tree, path, base, sensor);
-  }
+  if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
   return sensor;
 }
 

@@ -114,7 +114,7 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
 /// Inverse of read_sigma.
 void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigma) {
   if (sigma == sensor.sigma) return;
-  const Names names = sigma_names(sensor.type);
+  const Names names = sigma_names(sensor);
   const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
   Node& written = member(node, "sigma");
   if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);

@@ -21,12 +21,34 @@ std::string excess_text(double ratio) {
 std::string count_text(size_t count, const char* what) { return std::to_string(count) + " " + what + (count == 1 ? "" : "s"); }
 
 void warn_of_starts(const Solution& solution, Warnings& out) {
+/// The types of the sensors whose views show what has this pose, if none of them can give a pose to start from; else "".
+std::string types_without_start(const Solution& solution, const std::string& pose) {
+  std::string types;
+  for (const Sample& sample : solution.samples())
+    for (const View& v : sample.views) {
+      const int target = solution.table().target_pose[v.target];
+      if (solution.table().all[solution.table().sensor_pose[v.sensor]].name != pose &&
+          (target < 0 || solution.table().all[target].name != pose))
+        continue;
+      const Sensor& sensor = solution.rig().sensors[v.sensor];
+      if (sensor.model->sight() != Sight::none) return "";
+      if (types.find(sensor.type) == std::string::npos) types += (types.empty() ? "" : ", ") + sensor.type;
+    }
+  return types;
+}
+
   for (const std::string& message : solution.without_effect) out.push_back({"no_effect", message});
   for (const std::string& name : solution.identity_starts)
     out.push_back(
         {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
-  for (const std::string& name : solution.lost_starts)
-    out.push_back({"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
+  for (const std::string& name : solution.lost_starts) {
+    const std::string types = types_without_start(solution, name);
+    out.push_back({"no_start", name + " is absent from the rig and " +
+                                   (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
+                                                  : "a sensor of type " + types +
+                                                        " gives no pose to start from: it starts at the identity, and the result may be "
+                                                        "wrong; give it a pose in the rig")});
+  }
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
