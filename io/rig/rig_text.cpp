@@ -94,7 +94,7 @@ void set_joint(Node& entry, const JointSettings& given, const JointSettings& now
   set_model(entry, given, now);
 }
 
-/// All that a joint has, so that it wins behind all globs. `named`: its own entry names the model.
+/// All that a joint has, so that it wins behind all globs. `named`: with the name of its model.
 Node joint_node(const JointSettings& settings, bool named) {
   Node node = mapping_node();
   member(node, "sigma") = number_node(settings.sigma);
@@ -106,7 +106,8 @@ Node joint_node(const JointSettings& settings, bool named) {
   return node;
 }
 
-/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end; so it does at once
+/// with another model, for its numbers are wrong keys where a glob takes the model back.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
   const bool there = root.find("joints") != nullptr;
@@ -119,11 +120,12 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
       if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
       const std::string& name = tree.joints[j].name;
-      if (given[j].model != now.model && find_joint_model(rig.joint_models, now.model->name()) != now.model)
+      const bool other = given[j].model != now.model;
+      if (other && find_joint_model(rig.joint_models, now.model->name()) != now.model)
         throw InputError(rig.path + ": joints." + name + ": has a joint model that a rig cannot name: its numbers cannot be written");
-      if (move) {
+      if (move || other) {
         const Node* own = joints.find(name);
-        const bool named = own && own->find("model");
+        const bool named = other || (own && own->find("model"));
         erase_member(joints, name);
         member(joints, name) = joint_node(now, named);
       } else {

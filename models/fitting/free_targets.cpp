@@ -120,6 +120,10 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
   }
 }
 
+bool some_sensor_tells_no_pose(const Rig& rig) {
+  return std::any_of(rig.sensors.begin(), rig.sensors.end(), [](const Sensor& s) { return s.model->sight() == Sight::none; });
+}
+
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
   const Sight sight = rig.sensors[view.sensor].model->sight();
   const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), view_ids(view, rig.targets[view.target]));

@@ -16,6 +16,9 @@ namespace kincal {
 void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
                    Values& values, bool refined = true);
 
+/// Whether some sensor of the rig tells no pose by its views alone (Sight::none): a reason why a free target may have no start.
+bool some_sensor_tells_no_pose(const Rig& rig);
+
 /// A view by itself says this sensor_T_target: a chain's (the identity), a measured one, a rigid fit of points, a camera's perspective pose
 /// with its residuals minimised. nullopt where it does not tell (fewer than four pixels or three points, points on a line, a scan).
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);

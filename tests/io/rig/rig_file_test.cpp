@@ -6,6 +6,7 @@
 #include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/rig_text.h"
 #include "../../../io/rig/samples_file.h"
+#include "../../../models/rig/parameters.h"
 
 #include <unistd.h>
 
@@ -576,6 +577,10 @@ TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
   CHECK(again.rig.joints[elbow].model == linear_joint());
   CHECK(again.rig.joints[elbow].offset == 0);
   CHECK(again.rig.joints[pan].model == models[1]);
+  moved.joint_models[pan] = linear_joint();
+  moved.joint_further[pan].clear();
+  place.write("written.yaml", rig_text(kept, moved, "robot.urdf"));
+  CHECK(read_rig((place.directory / "written.yaml").string(), "", models).rig.joints[pan].model == linear_joint());
 
   const auto refused = [&](const std::string& joints) { return error_of([&] { read(joints); }); };
   CHECK_THAT(refused("  elbow_flex_joint: {model: quadratc}\n"),
