@@ -18,7 +18,9 @@ struct ApplyArguments {
 
 int apply(const ApplyArguments& a) {
   if (!a.force && std::ifstream(a.out).good()) throw InputError(a.out + ": exists already; --force replaces it");
-  write_file(a.out, apply_result(a.result, read_urdf(a.urdf), a.force));
+  const AppliedResult applied = apply_result(a.result, read_urdf(a.urdf), a.force);
+  write_file(a.out, applied.urdf);
+  for (const std::string& note : applied.notes) std::cerr << "kincal: warning: " << note << "\n";
   std::cout << "Written to " << a.out << "\n";
   return kConverged;
 }

@@ -67,7 +67,7 @@ Command init_command(CLI::App& app) {
   auto a = std::make_shared<InitArguments>();
   CLI::App* command = app.add_subcommand("init", "Write a first, commented rig.yaml for a robot");
   command->add_option("URDF", a->urdf, "the robot")->required();
-  command->add_option("--sensor", a->sensors, std::string(kSensorForm) + "; may be repeated")
+  command->add_option("--sensor", a->sensors, sensor_form() + "; may be repeated")
       ->required()
       ->allow_extra_args(false)
       ->type_name("SENSOR");

@@ -16,7 +16,7 @@ namespace kincal {
 
 namespace fs = std::filesystem;
 
-std::string apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
+AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
   constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
   const std::string path = fs::is_directory(result_path) ? (fs::path(result_path) / "result.json").string() : result_path;
   const std::string text = read_file(path);
@@ -76,11 +76,21 @@ std::string apply_result(const std::string& result_path, const Urdf& urdf, bool 
   if (held > 0)
     throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " + std::to_string(joints.size()) + " changes of " + path +
                      " already");
-  const std::string out = edit_urdf(urdf, changes);
+  AppliedResult out;
+  out.urdf = edit_urdf(urdf, changes);
   // The written origins hold the offsets: take these out of them again, so that the proof compares file and model as in a calibration.
   std::vector<double> back(offsets.size());
   for (size_t j = 0; j < offsets.size(); ++j) back[j] = -offsets[j];
-  prove_urdf(out, urdf, fold_offsets(urdf.tree, origins, back), offsets);
+  prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
+  if (!all["robot"].has("joint_models")) return out;
+  const Field models = all["robot"]["joint_models"];
+  for (const auto& [joint, model] : models.node->members) {
+    std::string numbers;
+    for (const auto& [name, ignored] : model.members)
+      if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
+    out.notes.push_back("joint '" + joint + "': a URDF cannot express its joint model (" + models[joint]["model"].string() + numbers +
+                        "); this one has its offset only");
+  }
   return out;
 }
 

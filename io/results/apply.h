@@ -2,14 +2,20 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "../urdf/urdf.h"
 
 namespace kincal {
 
+struct AppliedResult {
+  std::string urdf;                // its text
+  std::vector<std::string> notes;  // what of the result it does not hold
+};
+
 /// Returns the text of `urdf` with the changes of a result (a result directory or its result.json).
 /// @throws InputError if the robot differs from the calibrated one where the result changes it, or holds the changes already; if the
-/// result's status is not `converged`, unless `force`.
-std::string apply_result(const std::string& result_path, const Urdf& urdf, bool force);
+///         result's status is not `converged`, unless `force`.
+AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force);
 
 }  // namespace kincal

@@ -28,6 +28,8 @@ RigValues rig_values(const Solution& solution, bool write_reduction, const std::
     if (write_reduction &&
         std::any_of(reductions.begin(), reductions.end(), [&](const Reduction& r) { return r.joint == rig.tree.joints[j].name; }))
       out.joint_scales[j] = 1;
+    for (size_t k = 0; k < out.joint_further[j].size(); ++k)
+      out.joint_further[j][k] = values(table.all[table.joint_offset[j] + 2 + static_cast<int>(k)].start);
   }
   const auto changed_pose = [&](int parameter, const Pose& rigs) {
     const int start = table.all[parameter].start;
@@ -48,6 +50,40 @@ RigValues rig_values(const Solution& solution, bool write_reduction, const std::
     } else {
       const Parameter& p = table.all[table.target_points[t]];
       out.target_points[t] = Eigen::Map<const Eigen::Matrix3Xd>(values.data() + p.start, 3, p.size() / 3);
+    }
+  }
+  return out;
+}
+
+/// Returns a text as the key of a mapping.
+std::string key_of(const std::string& text) {
+  Node name;
+  name.kind = Node::Kind::scalar;
+  name.text = text;
+  name.quoted = true;
+  std::string key = to_yaml(name);
+  while (!key.empty() && std::isspace(static_cast<unsigned char>(key.back()))) key.pop_back();
+  return key;
+}
+
+/// What joint models add to scale and offset, which no URDF can express.
+struct BentJoint {
+  std::string joint, model;
+  std::vector<std::pair<std::string, double>> numbers;  // the scale first
+};
+
+std::vector<BentJoint> bent_joints(const Solution& solution) {
+  std::vector<BentJoint> out;
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  for (size_t j = 0; j < rig.joints.size(); ++j) {
+    if (table.joint_offset[j] < 0 || rig.joints[j].model->size() == 2) continue;
+    const JointModel& model = *rig.joints[j].model;
+    out.push_back({rig.tree.joints[j].name, model.name(), {{"scale", solution.values.shared(table.all[table.joint_scale[j]].start)}}});
+    const std::vector<JointNumber> further = model.further();
+    for (size_t k = 0; k < further.size(); ++k) {
+      const Parameter& p = table.all[table.joint_offset[j] + 2 + static_cast<int>(k)];
+      out.back().numbers.push_back({further[k].name, solution.values.shared(p.start)});
     }
   }
   return out;
@@ -82,7 +118,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report, const Re
     if (!equal(folded[j], rig.tree.joints[j].parent_T_joint)) changes.origins[static_cast<int>(j)] = folded[j];
   for (const ParameterEstimate& e : solution.parameters) {
     const Parameter& p = solution.table().all[e.parameter];
-    if (p.kind == ParameterKind::joint_scale) {
+    if (p.kind == ParameterKind::joint_scale && rig.joints[p.owner].model->size() == 2) {  // else a gear's reading is not proportional
       const std::string& joint = rig.tree.joints[p.owner].name;
       for (const Transmission& t : rig_file.urdf.transmissions)
         if (t.joint == joint) out.reductions.push_back({joint, t.name, e.value[0], t.reduction, t.reduction / e.value[0]});
@@ -121,13 +157,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report, const Re
     const bool moved = c.second.translation != joint.parent_T_joint.translation,
                turned = c.second.rotation != joint.parent_T_joint.rotation;
     const std::string xyz = moved ? shortest(c.second.translation) : old.xyz, angles = turned ? shortest(rpy) : old.rpy;
-    Node name;
-    name.kind = Node::Kind::scalar;
-    name.text = joint.name;
-    name.quoted = true;
-    std::string key = to_yaml(name);
-    while (!key.empty() && std::isspace(static_cast<unsigned char>(key.back()))) key.pop_back();
-    out.changes_yaml += "  " + key + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) +
+    out.changes_yaml += "  " + key_of(joint.name) + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) +
                         "}\n    new: {xyz: " + list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
     robot[joint.name] = {{"offset", model.offsets[c.first]},
                          {"motion", motion_text(rig.tree, joint)},
@@ -139,6 +169,13 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report, const Re
     for (const Reduction& r : out.reductions)
       out.changes_yaml +=
           "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";
+  }
+  const std::vector<BentJoint> bent = bent_joints(solution);
+  if (!bent.empty()) out.changes_yaml += "joint_models:  # robot.urdf has their offsets only\n";
+  for (const BentJoint& b : bent) {
+    out.changes_yaml += "  " + key_of(b.joint) + ": {model: " + b.model;
+    for (const auto& number : b.numbers) out.changes_yaml += ", " + number.first + ": " + shortest(number.second);
+    out.changes_yaml += "}\n";
   }
 
   out.rig_hash = sha256(rig_file.text);
@@ -152,6 +189,10 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report, const Re
     if (joint.moves() && joint.mimic) json["robot"]["mimics"][joint.name] = motion_text(rig.tree, joint);
   for (const Reduction& r : out.reductions)
     json["robot"]["reductions"][r.joint] = {{"scale", r.scale}, {"old", r.before}, {"new", r.after}, {"written", options.write_reduction}};
+  for (const BentJoint& b : bent) {
+    Json& one = json["robot"]["joint_models"][b.joint] = {{"model", b.model}};
+    for (const auto& number : b.numbers) one[number.first] = number.second;
+  }
   out.result_json = json.dump(1) + "\n";
 
   out.covariance_csv = covariance_csv(solution);

@@ -11,11 +11,17 @@
 
 namespace kincal {
 
-const char* const kSensorForm = "TYPE:LINK[:NAME] with TYPE camera, point, pose, chain or tilting_laser";
 const char* const kTargetForm =
     "chessboard:ROWSxCOLUMNS:SQUARE, circles:ROWSxCOLUMNS:SPACING, charuco:ROWSxCOLUMNS:SQUARE:MARKER,\n"
     "apriltag_grid:ROWSxCOLUMNS:TAG:GAP (gap / tag) or points:X,Y,Z[;X,Y,Z...], then @LINK where it is mounted (without: free, its own\n"
     "pose in every sample) and :NAME; lengths in m";
+
+std::string sensor_form() {
+  std::string types;
+  const std::vector<SensorKeys>& all = sensor_types();
+  for (size_t i = 0; i < all.size(); ++i) types += (i == 0 ? "" : i + 1 < all.size() ? ", " : " or ") + all[i].name;
+  return "TYPE:LINK[:NAME] with TYPE " + types;
+}
 
 namespace {
 
@@ -98,7 +104,7 @@ std::string target_text(const NewTarget& t) {
 
 /// Every sensor and target gets a name. @throws InputError where options contradict each other.
 void complete(NewRig& rig) {
-  if (rig.sensors.empty()) throw InputError(std::string("--sensor: at least one is needed: ") + kSensorForm);
+  if (rig.sensors.empty()) throw InputError("--sensor: at least one is needed: " + sensor_form());
   if (rig.targets.empty()) throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
   give_names(rig.sensors, "--sensor", [](const NewSensor& s) { return s.type == "tilting_laser" ? std::string("laser") : s.type; });
   give_names(rig.targets, "--target", [](const NewTarget& t) { return t.type == "points" ? std::string("points") : std::string("board"); });
@@ -148,8 +154,7 @@ std::string camera_text(const NewRig& rig, const NewSensor& s, size_t camera) {
     out += "    intrinsics: " + list({1.0 * (*size)[0], 1.0 * (*size)[0], ((*size)[0] - 1) / 2.0, ((*size)[1] - 1) / 2.0}) +
            "   # GUESS: 53 degrees wide, centre of the image\n";
   out +=
-      "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n"
-      "    sigma: 0.2                   # GUESS: px\n";
+      "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n";
   return out;
 }
 
@@ -158,17 +163,16 @@ std::string laser_text(const Tree& tree, const NewSensor& s) {
   while (joint >= 0 && !tree.joints[joint].has_reading()) joint = tree.joint_above[tree.joints[joint].parent];
   if (joint < 0) throw InputError("--sensor " + s.type + ":" + s.link + ": no joint above this link moves: nothing tilts the laser");
   return "    joint: " + yaml_text(tree.joints[joint].name) +
-         "   # that moves while it scans\n"
-         "    sigma: {joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m\n";
+         "   # that moves while it scans\n";
 }
 
 std::string sensor_text(const Tree& tree, const NewRig& rig, const NewSensor& s, size_t camera) {
-  const std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type + "\n    link: " + yaml_text(s.link) + "\n" +
+  const SensorKeys& type = *find_type(sensor_types(), s.type);
+  std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type + "\n    link: " + yaml_text(s.link) + "\n" +
                           "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
-  if (s.type == "camera") return out + camera_text(rig, s, camera);
-  if (s.type == "point") return out + "    sigma: 0.0002                # GUESS: m\n";
-  if (s.type == "tilting_laser") return out + laser_text(tree, s);
-  return out + "    sigma: {translation: 0.0005, rotation: 0.001}   # GUESS: m, rad" + (s.type == "chain" ? "; of the grip\n" : "\n");
+  if (s.type == "camera") out += camera_text(rig, s, camera);
+  if (type.make()->scans()) out += laser_text(tree, s);
+  return out + "    sigma: " + type.guess + "\n";
 }
 
 /// The first chain with several moving joints between the links that carry something, as a step names it; "" if there is none.
@@ -231,7 +235,7 @@ NewSensor parse_new_sensor(const std::string& text, const Tree& tree) {
   const std::string option = "--sensor " + text;
   const std::vector<std::string> parts = split(text, ':');
   const std::string type = known_type(parts[0], sensor_types(), option);
-  if (parts.size() < 2 || parts.size() > 3) throw InputError(option + ": " + kSensorForm + " is expected");
+  if (parts.size() < 2 || parts.size() > 3) throw InputError(option + ": " + sensor_form() + " is expected");
   return {type, known_link(parts[1], tree, option), parts.size() > 2 ? parts[2] : ""};
 }
 

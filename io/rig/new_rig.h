@@ -22,7 +22,7 @@ struct NewTarget {
 };
 
 /// These are the forms that the two options take, for help and messages.
-extern const char* const kSensorForm;
+std::string sensor_form();
 extern const char* const kTargetForm;
 
 /// Both parse one option. @throws InputError naming the option, what is wrong and what is valid (types; the nearest links).

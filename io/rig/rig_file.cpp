@@ -179,20 +179,16 @@ void read_scanning_joint(const Field& field, const Tree& tree, const Path& path,
 Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree, int base) {
   Sensor sensor;
   sensor.name = name;
-  sensor.type = read_keys(field, sensor_types(), {"type", "link"}, {"pose"}).name;
+  const SensorKeys& keys = read_keys(field, sensor_types(), {"type", "link"}, {"pose"});
+  sensor.type = keys.name;
+  sensor.model = keys.make();
   sensor.link = read_link(field["link"], tree);
   const Path path = path_between(field["link"], tree, base, sensor.link);
   sensor.pose_given = field.has("pose");
   if (sensor.pose_given) sensor.link_T_sensor = field["pose"].pose();
-  sensor.sigma = read_sigma(field["sigma"], sensor.type);
+  sensor.sigma = read_sigma(field["sigma"], sensor);
   if (sensor.type == "camera") read_camera(field, sensor);
-  if (sensor.type == "point") sensor.model = make_point();
-  if (sensor.type == "pose") sensor.model = make_pose();
-  if (sensor.type == "chain") sensor.model = make_chain();
-  if (sensor.type == "tilting_laser") {
-    sensor.model = make_tilting_laser();
-    read_scanning_joint(field["joint"], tree, path, base, sensor);
-  }
+  if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
   return sensor;
 }
 
@@ -283,15 +279,53 @@ std::string robot_path(const Field& field, const std::string& rig_path) {
 
 }  // namespace
 
-std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree) {
+namespace {
+
+/// Reads which model each joint has, before all else: it says what further keys the joint takes, and may stand in a later entry.
+void read_joint_models(const Field& field, const Tree& tree, const JointModels& models, std::vector<JointSettings>& settings) {
+  for (const auto& member : field.node->members) {
+    const Field entry = field[member.first];
+    if (entry.node->kind != Node::Kind::mapping || !entry.has("model")) continue;
+    const std::string name = entry["model"].string();
+    const std::shared_ptr<const JointModel> model = find_joint_model(models, name);
+    if (!model) {
+      Names valid;
+      for (const auto& one : models) valid.push_back(one->name());
+      entry["model"].fail("unknown joint model '" + name + "'" + nearest_names(name, valid) + "; valid: " + comma_separated(valid));
+    }
+    for (int j : matching(entry, member.first, names_of(tree.joints))) settings[j].model = model;
+  }
+  for (JointSettings& joint : settings)
+    for (const JointNumber& number : joint.model->further()) joint.further.push_back(number.value);
+}
+
+/// Reads the further numbers of a joint's model. Those of other models are errors.
+void read_further(const Field& entry, const std::string& joint, const JointModels& models, JointSettings& settings) {
+  const std::vector<JointNumber> numbers = settings.model->further();
+  for (size_t k = 0; k < numbers.size(); ++k)
+    if (entry.has(numbers[k].name)) settings.further[k] = entry[numbers[k].name].number();
+  for (const auto& model : models)
+    for (const JointNumber& other : model->further())
+      if (entry.has(other.name) &&
+          std::none_of(numbers.begin(), numbers.end(), [&](const JointNumber& number) { return number.name == other.name; }))
+        entry[other.name].fail("joint '" + joint + "' has the model " + settings.model->name() + ", which has no '" + other.name + "'");
+}
+
+}  // namespace
+
+std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree, const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names or globs is expected");
   const Names names = names_of(tree.joints);
+  Names keys = {"sigma", "offset", "scale", "model"};
+  for (const auto& model : models)
+    for (const JointNumber& number : model->further()) keys.push_back(number.name);
+  read_joint_models(field, tree, models, settings);
   for (const auto& member : field.node->members) {
     const std::string& pattern = member.first;
     const Field entry = field[pattern];
-    entry.check_keys({}, {"sigma", "offset", "scale"});
+    entry.check_keys({}, keys);
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];
       if (!joint.has_reading()) {
@@ -303,14 +337,16 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
       if (entry.has("offset")) settings[j].offset = entry["offset"].number();
       if (entry.has("scale")) settings[j].scale = entry["scale"].number();
       if (settings[j].scale == 0) entry["scale"].fail("a scale is not 0");
+      read_further(entry, joint.name, models, settings[j]);
     }
   }
   return settings;
 }
 
-RigFile read_rig(const std::string& path, const std::string& urdf_path) {
+RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
   RigFile file;
   file.path = path;
+  file.joint_models = models;
   file.text = read_file(path);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
@@ -324,7 +360,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path) {
   rig.tree = file.urdf.tree;
   rig.base = all.has("base") ? read_link(all["base"], rig.tree) : rig.tree.root;
   rig.joints.resize(rig.tree.joints.size());
-  if (all.has("joints")) rig.joints = read_joint_settings(all["joints"], rig.tree);
+  if (all.has("joints")) rig.joints = read_joint_settings(all["joints"], rig.tree, models);
   if (!urdf_path.empty())
     for (JointSettings& joint : rig.joints) joint.offset = 0;
   const Field targets = all["targets"], sensors = all["sensors"];

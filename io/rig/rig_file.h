@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "../../models/joints/joint_models.h"
 #include "../../models/rig/rig.h"
 #include "../../models/rig/samples.h"
 #include "../document/document.h"
@@ -18,13 +19,14 @@ struct RigFile {
   Node node;          // the parsed text, to write it again with other values
   Rig rig;
   Urdf urdf;
+  JointModels joint_models;  // that the rig can name
 };
 
 /// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the rig are then taken as folded into it (0),
-/// scales stay. @throws InputError
-RigFile read_rig(const std::string& path, const std::string& urdf_path = "");
+/// scales and further numbers stay. `models` are the joint models that the rig can name. @throws InputError
+RigFile read_rig(const std::string& path, const std::string& urdf_path = "", const JointModels& models = joint_models());
 
 /// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones. @throws InputError
-std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree);
+std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree, const JointModels& models);
 
 }  // namespace kincal

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "../../models/rig/parameters.h"
+#include "../document/error.h"
 #include "../document/numbers.h"
 #include "../document/yaml.h"
 #include "types.h"
@@ -70,7 +72,18 @@ void set_pose(Node& mapping, const Pose& old, const Pose& now) {
   member(pose, "quat") = list_node(q.data(), 4);
 }
 
-bool same(const JointSettings& a, const JointSettings& b) { return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale; }
+bool same(const JointSettings& a, const JointSettings& b) {
+  return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale && a.model == b.model && a.further == b.further;
+}
+
+/// Another model, and those of its numbers that changed.
+void set_model(Node& entry, const JointSettings& given, const JointSettings& now) {
+  const bool other = given.model != now.model;
+  if (other) member(entry, "model") = scalar_node(now.model->name());
+  const std::vector<JointNumber> numbers = now.model->further();
+  for (size_t k = 0; k < numbers.size(); ++k)
+    if (other || given.further[k] != now.further[k]) member(entry, numbers[k].name) = number_node(now.further[k]);
+}
 
 /// What changed of one joint into its own entry.
 void set_joint(Node& entry, const JointSettings& given, const JointSettings& now) {
@@ -78,31 +91,43 @@ void set_joint(Node& entry, const JointSettings& given, const JointSettings& now
   if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
   if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
   if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
+  set_model(entry, given, now);
 }
 
-Node joint_node(const JointSettings& settings) {
+/// All that a joint has, so that it wins behind all globs. `named`: with the name of its model.
+Node joint_node(const JointSettings& settings, bool named) {
   Node node = mapping_node();
   member(node, "sigma") = number_node(settings.sigma);
   member(node, "offset") = number_node(settings.offset);
   member(node, "scale") = number_node(settings.scale);
+  const JointSettings plain;
+  if (named) member(node, "model") = scalar_node(settings.model->name());
+  if (named || settings.model != plain.model) set_model(node, plain, settings);
   return node;
 }
 
-/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end.
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end; so it does at once
+/// with another model, for its numbers are wrong keys where a glob takes the model back.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
   const bool had_joints = root.find("joints") != nullptr;
   Node& joints = member(root, "joints", {"robot", "base"});
   for (const bool move : {false, true}) {
-    const std::vector<JointSettings> given = read_joint_settings({&joints, &rig.path, "joints"}, tree);
+    const std::vector<JointSettings> given = read_joint_settings({&joints, &rig.path, "joints"}, tree, rig.joint_models);
     for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j]};
+      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j], values.joint_models[j],
+                                 values.joint_further[j]};
       if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
       const std::string& name = tree.joints[j].name;
-      if (move) {
+      const bool other = given[j].model != now.model;
+      if (other && find_joint_model(rig.joint_models, now.model->name()) != now.model)
+        throw InputError(rig.path + ": joints." + name + ": has a joint model that a rig cannot name: its numbers cannot be written");
+      if (move || other) {
+        const Node* own = joints.find(name);
+        const bool named = other || (own && own->find("model"));
         erase_member(joints, name);
-        member(joints, name) = joint_node(now);
+        member(joints, name) = joint_node(now, named);
       } else {
         set_joint(member(joints, name), given[j], now);
       }
@@ -114,7 +139,7 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
 /// Inverse of read_sigma.
 void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigma) {
   if (sigma == sensor.sigma) return;
-  const Names names = sigma_names(sensor.type);
+  const Names names = sigma_names(sensor);
   const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
   Node& written = member(node, "sigma");
   if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
@@ -154,6 +179,9 @@ RigValues values_of(const Rig& rig) {
     values.joint_offsets.push_back(joint.offset);
     values.joint_scales.push_back(joint.scale);
     values.joint_sigmas.push_back(joint.sigma);
+    values.joint_models.push_back(joint.model);
+    values.joint_further.emplace_back();
+    for (const JointNumber& number : further_numbers(joint)) values.joint_further.back().push_back(number.value);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(sensor.link_T_sensor);

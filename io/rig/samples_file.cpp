@@ -157,10 +157,18 @@ void check_payload(const Field& view, const std::string& type, const std::string
   if (!own.empty() && !view.has(own)) view.fail("a " + type + " view needs '" + own + "'");
 }
 
+/// The keys that a view may have beside sensor and target.
+Names view_keys() {
+  Names keys = {"ids"};
+  for (const SensorKeys& type : sensor_types())
+    if (*type.payload) keys.push_back(type.payload);
+  keys.insert(keys.end(), {"sigma", "covariance", "image"});
+  return keys;
+}
+
 View read_view(const Field& field, const SampleJoints& joints, const Lookup& look) {
   const Rig& rig = look.rig;
-  static const Names required = {"sensor", "target"},
-                     optional = {"ids", "pixels", "rays", "points", "pose", "sigma", "covariance", "image"};
+  static const Names required = {"sensor", "target"}, optional = view_keys();
   field.check_keys(required, optional);
   View view;
   view.where = field.where();
@@ -175,13 +183,13 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
     if (!payload.empty()) view.z = read_pose_numbers(field[payload]);
   } else {
     const int numbers = sensor.model->numbers();
-    view.z = field[payload].table(numbers);
+    view.z = numbers == 1 ? field[payload].vector() : field[payload].table(numbers);
     view.ids = read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
   }
   if (sensor.model->measurement_kind() == MeasurementKind::chain && !look.spreads[view.target])
     field.fail("a chain needs a target with three points not on a line, '" + target.name +
                "' has none; for a single point use a sensor of type point on link '" + rig.tree.links[sensor.link] + "'");
-  view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor.type) : sensor.sigma;
+  view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor) : sensor.sigma;
   if (field.has("covariance")) {
     if (sensor.type != "point") field["covariance"].fail("a " + sensor.type + " view has no 'covariance', only a point view has");
     if (field.has("sigma")) field["covariance"].fail("either sigma or covariance, not both");
@@ -221,11 +229,11 @@ std::string json_table(const double* values, int count, int columns) {
 }
 
 /// Inverse of read_sigma.
-std::string json_sigma(const std::vector<double>& sigma, const std::string& type) {
-  const Names names = sigma_names(type);
+std::string json_sigma(const std::vector<double>& sigma, const Sensor& sensor) {
+  const Names names = sigma_names(sensor);
   if (names.empty()) {
     const bool same = std::all_of(sigma.begin(), sigma.end(), [&](double s) { return s == sigma[0]; });
-    return type == "camera" || same ? shortest(sigma[0]) : list_text(sigma.data(), static_cast<int>(sigma.size()));
+    return !sigma_by_axis(sensor) || same ? shortest(sigma[0]) : list_text(sigma.data(), static_cast<int>(sigma.size()));
   }
   std::string out = "{";
   const size_t stride = sigma.size() / names.size();
@@ -241,7 +249,9 @@ std::string json_view(const Rig& rig, const View& view) {
   if (!sensor.model->measures_pose()) {
     std::string ids;
     for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
-    out += ", \"ids\": [" + ids + "], \"" + payload + "\": " + json_table(view.z.data(), count, sensor.model->numbers());
+    const int numbers = sensor.model->numbers();
+    out += ", \"ids\": [" + ids + "], \"" + payload +
+           "\": " + (numbers == 1 ? list_text(view.z.data(), count) : json_table(view.z.data(), count, numbers));
   } else if (!payload.empty()) {
     const double* z = view.z.data();
     out += ", \"" + payload + "\": {\"xyz\": " + list_text(z, 3) + ", \"quat\": " + list_text(z + 3, 4) + "}";
@@ -251,7 +261,7 @@ std::string json_view(const Rig& rig, const View& view) {
     for (int i = 0; i < count; ++i) out += (i ? ", " : "") + json_table(view.covariance[i].data(), 3, 3);  // symmetric
     out += "]";
   } else if (view.sigma != sensor.sigma) {
-    out += ", \"sigma\": " + json_sigma(view.sigma, sensor.type);
+    out += ", \"sigma\": " + json_sigma(view.sigma, sensor);
   }
   return out + "}";
 }

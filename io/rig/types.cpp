@@ -1,5 +1,6 @@
 #include "types.h"
 
+#include "../../models/sensors/sensors.h"
 #include "../document/names.h"
 
 namespace kincal {
@@ -15,11 +16,13 @@ const std::vector<TargetKeys>& target_types() {
 
 const std::vector<SensorKeys>& sensor_types() {
   static const std::vector<SensorKeys> types = {
-      {"camera", {"model", "intrinsics", "sigma"}, {"image_size", "distortion", "baseline"}, "pixels"},
-      {"point", {"sigma"}, {}, "points"},
-      {"pose", {"sigma"}, {}, "pose"},
-      {"chain", {"sigma"}, {}, ""},
-      {"tilting_laser", {"joint", "sigma"}, {}, "rays"}};
+      {"camera", {"model", "intrinsics", "sigma"}, {"image_size", "distortion", "baseline"}, "pixels",
+       [] { return make_camera(Lens::pinhole, 0); }, "0.2                   # GUESS: px"},
+      {"point", {"sigma"}, {}, "points", make_point, "0.0002                # GUESS: m", true},
+      {"pose", {"sigma"}, {}, "pose", make_pose, "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad"},
+      {"chain", {"sigma"}, {}, "", make_chain, "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad; of the grip"},
+      {"tilting_laser", {"joint", "sigma"}, {}, "rays", make_tilting_laser,
+       "{joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m"}};
   return types;
 }
 
@@ -28,25 +31,33 @@ std::string payload_of(const Sensor& sensor) {
   return keys ? keys->payload : "points";
 }
 
-Names sigma_names(const std::string& type) {
-  if (type == "tilting_laser") return {"joint", "bearing", "range"};
-  return type == "pose" || type == "chain" ? Names{"translation", "rotation"} : Names{};
+Names sigma_names(const Sensor& sensor) {
+  Names names;
+  const std::vector<NoisePart> parts = sensor.model->noise_parts();
+  for (size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) names.push_back(parts[i].name);
+  return names;
 }
 
-std::vector<double> read_sigma(const Field& field, const std::string& type) {
-  const Names names = sigma_names(type);
+bool sigma_by_axis(const Sensor& sensor) {
+  const SensorKeys* keys = find_type(sensor_types(), sensor.type);
+  return !keys || keys->by_axis;
+}
+
+std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
+  const Names names = sigma_names(sensor);
   if (names.empty()) {
-    const bool list = type == "point" && field.node->kind == Node::Kind::sequence;
-    if (!list) return std::vector<double>(type == "camera" ? 2 : 3, field.positive());
-    const std::vector<double> sigma = field.vector(3);
-    for (size_t i = 0; i < 3; ++i) field.item(i).positive();
+    const int count = sensor.model->sigmas();
+    const bool list = sigma_by_axis(sensor) && field.node->kind == Node::Kind::sequence;
+    if (!list) return std::vector<double>(count, field.positive());
+    const std::vector<double> sigma = field.vector(count);
+    for (size_t i = 0; i < sigma.size(); ++i) field.item(i).positive();
     return sigma;
   }
   if (field.node->kind != Node::Kind::mapping)
-    field.fail("a " + type + " takes {" + comma_separated(names) + "}, each a number greater than 0");
+    field.fail("a " + sensor.type + " takes {" + comma_separated(names) + "}, each a number greater than 0");
   field.check_keys(names);
   std::vector<double> sigma;
-  for (const std::string& name : names) sigma.insert(sigma.end(), names.size() == 2 ? 3 : 1, field[name].positive());
+  for (const NoisePart& part : sensor.model->noise_parts()) sigma.insert(sigma.end(), part.count, field[part.name].positive());
   return sigma;
 }
 

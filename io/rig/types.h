@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -19,10 +20,14 @@ struct TargetKeys {
 };
 const std::vector<TargetKeys>& target_types();
 
+/// All that files know of a type of sensor. What it measures and how says its model.
 struct SensorKeys {
   std::string name;  // of the type
   Names required, optional;
   const char* payload;  // key of a view's measured numbers, "" if the joint readings are the measurement
+  std::shared_ptr<const SensorModel> (*make)();  // the model; of a camera one without a lens, until its keys are read
+  const char* guess;     // sigma that `init` writes, with its unit as a comment
+  bool by_axis = false;  // sigma may be a list, one number a residual
 };
 const std::vector<SensorKeys>& sensor_types();
 
@@ -44,10 +49,13 @@ const Keys* find_type(const std::vector<Keys>& types, const std::string& name) {
 /// This is the key of the measured numbers in a sensor's views. Sensors of other types, which a program may add to its rig, show points.
 std::string payload_of(const Sensor& sensor);
 
-/// The parts of a type's sigma have these names; empty: it is a number or a list.
-Names sigma_names(const std::string& type);
+/// The parts of a sensor's sigma have these names (noise_parts() of its model); empty: it is a number or a list.
+Names sigma_names(const Sensor& sensor);
+
+/// Whether a list of numbers may stand for the sigma of a sensor. Sensors of types that files do not know take one.
+bool sigma_by_axis(const Sensor& sensor);
 
 /// Standard deviations are returned as the model takes them: camera 2, point 3, laser (joint, bearing, range), poses 3 + 3.
-std::vector<double> read_sigma(const Field& field, const std::string& type);
+std::vector<double> read_sigma(const Field& field, const Sensor& sensor);
 
 }  // namespace kincal

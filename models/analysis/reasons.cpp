@@ -207,7 +207,7 @@ class ReasonFinder {
     out_.kind = "nothing_depends";
     out_.why = "nothing that is measured depends on " + names();
     const Parameter& parameter = scene_.table().all[first_parameter()];
-    if (parameter.kind == ParameterKind::joint_scale) {
+    if (parameter.kind == ParameterKind::joint_scale || parameter.kind == ParameterKind::joint_shape) {
       const auto range = range_of(scene_, parameter.owner);
       if (std::max(std::abs(range.first), std::abs(range.second)) < 1e-9) {
         const std::string& joint = scene_.rig().tree.joints[parameter.owner].name;

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "../fitting/fit.h"
+#include "../fitting/free_targets.h"
 #include "../rig/numbers.h"
 #include "linearisation.h"
 
@@ -253,7 +254,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vect
     const Judged read = judge(recording, samples, table.initial, table.initial, how);
     if (!now.undefined.empty())
       throw std::runtime_error("sample '" + now.undefined[0] +
-                               "' cannot be evaluated: a point lies behind a camera wherever its target is put");
+                               "' cannot be evaluated: a point lies behind a camera wherever its target is put" +
+                               (some_sensor_tells_no_pose(rig) ? ", or what sees its target does not tell where it is" : ""));
     out.converged = out.converged && now.converged;
     out.chi2 += now.chi2;
     out.dof += now.dof;

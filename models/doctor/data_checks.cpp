@@ -63,6 +63,7 @@ std::vector<char> placing_parameters(const ParameterTable& table) {
   for (size_t p = 0; p < table.all.size(); ++p) switch (table.all[p].kind) {
       case ParameterKind::joint_offset:
       case ParameterKind::joint_scale:
+      case ParameterKind::joint_shape:
       case ParameterKind::joint_origin:
       case ParameterKind::sensor_pose:
       case ParameterKind::target_pose:
@@ -184,8 +185,8 @@ void check_still_joints(const Recording& recording, const FreedNames& freed, std
     const size_t samples = survey.samples.at(j).size();
     if (samples < 2 || r.second.second - r.second.first > std::max(1e-6, 3 * rig.joints[j].sigma)) continue;
     std::vector<std::string> names;
-    if (table.joint_offset[j] >= 0 && freed.parameter[table.joint_offset[j]]) names.push_back(table.all[table.joint_offset[j]].name);
-    if (table.joint_scale[j] >= 0 && freed.parameter[table.joint_scale[j]]) names.push_back(table.all[table.joint_scale[j]].name);
+    for (int k = 0; table.joint_offset[j] >= 0 && k < rig.joints[j].model->size(); ++k)
+      if (freed.parameter[table.joint_offset[j] + k]) names.push_back(table.all[table.joint_offset[j] + k].name);
     if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
       names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "../fitting/free_targets.h"
 #include "../rig/words.h"
 #include "hypotheses.h"
 #include "start_values.h"
@@ -302,6 +303,8 @@ struct Outcomes {
 std::string verdict(const Recording& recording, const TrialContext& context, const TrialFit& now, const Outcomes& outcomes) {
   std::string out = std::isfinite(outcomes.per_dof_at_first) ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
                                                              : "the fit cannot start: points lie behind a camera";
+  if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
+    out += ", or what sees a free target does not tell where it is";
   if (good(now) && !outcomes.fit_findings) {
     out += outcomes.data_findings ? ": the fit itself needs no explanation." : ": nothing to explain.";
   } else if (good(now)) {

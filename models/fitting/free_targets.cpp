@@ -32,6 +32,17 @@ std::vector<int> free_targets(const Rig& rig, const Sample& sample, const std::v
   return targets;
 }
 
+/// Whether none of a sample's views of a target, by the marked sensors, gives a pose to start from; `types`: of these sensors.
+bool no_view_tells_a_pose(const Rig& rig, const Sample& sample, int target, const std::vector<char>& used, std::string& types) {
+  for (const View& v : sample.views) {
+    const Sensor& sensor = rig.sensors[v.sensor];
+    if (!used[v.sensor] || v.target != target) continue;
+    if (sensor.model->measurement_kind() != MeasurementKind::none) return false;
+    if (types.find(sensor.type) == std::string::npos) types += (types.empty() ? "" : ", ") + sensor.type;
+  }
+  return true;
+}
+
 /// The better of the two best proposals, with residuals minimised. `order`: cost and index of each proposal, ascending; `trial`: what else
 /// the problem depends on.
 Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key, const std::vector<Pose>& found,
@@ -82,6 +93,11 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
       for (const View& v : sample.views)
         if (used[v.sensor] && v.target == target)
           for (const Pose& p : proposals(rig, table, values.shared, sample, v)) found.push_back(p);
+      std::string types;
+      if (found.empty() && no_view_tells_a_pose(rig, sample, target, used, types))
+        throw std::runtime_error("sample '" + sample.id + "': no start found for the pose of target '" + rig.targets[target].name +
+                                 "': what sees it (" + types +
+                                 ") does not tell where it is; let another sensor see it too, or mount it on a link with a pose");
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {
         trial.targets[key] = found[i];
@@ -100,6 +116,10 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
       values.targets[key] = refined_proposal(problem, key, found, order, trial);
     }
   }
+}
+
+bool some_sensor_tells_no_pose(const Rig& rig) {
+  return std::any_of(rig.sensors.begin(), rig.sensors.end(), [](const Sensor& s) { return s.model->measurement_kind() == MeasurementKind::none; });
 }
 
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {

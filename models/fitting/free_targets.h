@@ -16,6 +16,10 @@ namespace kincal {
 void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
                    Values& values, bool refined = true);
 
+/// Returns whether some sensor of the rig tells no pose by its views alone (MeasurementKind::none): a reason why a free target may have no
+/// start.
+bool some_sensor_tells_no_pose(const Rig& rig);
+
 /// Returns the sensor_T_target that a view gives by itself: a chain's (the identity), a measured one, a rigid fit of points, a camera's
 /// perspective pose with its residuals minimised. nullopt where it does not determine one (fewer than four pixels or three points, points
 /// on a line, a scan).

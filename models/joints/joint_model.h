@@ -7,8 +7,10 @@
 // other in the vector of values (models/rig/parameters.h), from its offset on. All else (columns of the Jacobian, starting values,
 // simulation, names of the parameters joint/NAME/...) follows from the functions below: nothing outside knows the formula.
 //
-// To add a model, derive from JointModel in a header here and give it to the joint: JointSettings::model of models/rig/rig.h. Its further
-// numbers are parameters of kind joint_shape. (rig.yaml cannot name models yet.) Nothing here allocates but further().
+// To add a model, derive from JointModel in a header here, with a name(), and add it to the list in joint_models.cpp: a rig.yaml then
+// names it (`model: NAME`) and gives its further numbers values, each under its own name. A program gives a model of its own to
+// JointSettings::model of models/rig/rig.h, or to read_rig. Further numbers are parameters of kind joint_shape. Nothing here allocates but
+// further().
 #pragma once
 
 #include <cmath>
@@ -20,13 +22,17 @@ namespace kincal {
 
 /// A number of a joint model beyond offset and scale.
 struct JointNumber {
-  std::string name, unit;  // parameter joint/NAME/<name>
-  double value = 0;        // initial
+  std::string name, unit;     // parameter joint/NAME/<name>; not sigma, offset, scale, model or origin
+  double value = 0;           // initial, where the rig says nothing
+  double usual_error = 0.05;  // standard deviation of how far it is off in a robot that nobody has calibrated
+  double yardstick = 0;       // the sigma above which it counts as weakly determined; 0: 1 cm, 1 degree, or 0.01, as its unit says
 };
 
 class JointModel {
  public:
   virtual ~JointModel() = default;
+  /// What a rig.yaml calls the model; empty: it cannot name it.
+  virtual std::string name() const { return ""; }
   /// The numbers behind offset and scale, in the order of `own`.
   virtual std::vector<JointNumber> further() const { return {}; }
   /// How many own numbers there are, offset and scale included; at most kMaxJointNumbers.
@@ -55,6 +61,7 @@ constexpr int kMaxJointNumbers = 8;
 /// position = scale * reading + offset.
 class LinearJoint final : public JointModel {
  public:
+  std::string name() const override { return "linear"; }
   double position(double reading, const double* own) const override { return own[1] * reading + own[0]; }
   double by_reading(double, const double* own) const override { return own[1]; }
   double by_own(int k, double reading, const double*) const override { return k == 0 ? 1 : reading; }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -20,13 +21,35 @@ std::string excess_text(double ratio) {
 
 std::string count_text(size_t count, const char* what) { return std::to_string(count) + " " + what + (count == 1 ? "" : "s"); }
 
+/// The types of the sensors whose views show what has this pose, if none of them can give a pose to start from; else "".
+std::string types_without_start(const Solution& solution, const std::string& pose) {
+  std::string types;
+  for (const Sample& sample : solution.samples())
+    for (const View& v : sample.views) {
+      const int target = solution.table().target_pose[v.target];
+      if (solution.table().all[solution.table().sensor_pose[v.sensor]].name != pose &&
+          (target < 0 || solution.table().all[target].name != pose))
+        continue;
+      const Sensor& sensor = solution.rig().sensors[v.sensor];
+      if (sensor.model->measurement_kind() != MeasurementKind::none) return "";
+      if (types.find(sensor.type) == std::string::npos) types += (types.empty() ? "" : ", ") + sensor.type;
+    }
+  return types;
+}
+
 void warn_of_starts(const Solution& solution, Warnings& out) {
   for (const std::string& message : solution.without_effect) out.push_back({"no_effect", message});
   for (const std::string& name : solution.identity_starts)
     out.push_back(
         {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
-  for (const std::string& name : solution.lost_starts)
-    out.push_back({"no_start", name + " is absent from the rig and nothing with a known pose ties it down: it starts at the identity"});
+  for (const std::string& name : solution.lost_starts) {
+    const std::string types = types_without_start(solution, name);
+    out.push_back({"no_start", name + " is absent from the rig and " +
+                                   (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
+                                                  : "a sensor of type " + types +
+                                                        " gives no pose to start from: it starts at the identity, and the result may be "
+                                                        "wrong; give it a pose in the rig")});
+  }
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
@@ -109,6 +132,45 @@ void warn_of_parameters(const Solution& solution, Warnings& out) {
   }
 }
 
+/// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
+double largest_bend(const Solution& solution, int joint) {
+  const Rig& rig = solution.rig();
+  double largest = 0;
+  const auto include = [&](const Sample& sample, double reading) {
+    if (std::isnan(reading)) return;
+    const Configuration robot(rig, solution.table(), solution.values.shared, sample.readings);
+    const double* own = robot.own_numbers(joint);
+    largest = std::max(largest, std::abs(rig.joints[joint].model->position(reading, own) - (own[1] * reading + own[0])));
+  };
+  for (const Sample& sample : solution.samples()) {
+    include(sample, sample.readings[joint]);
+    for (const View& v : sample.views)
+      if (rig.sensors[v.sensor].scanning_joint == joint)
+        for (size_t i = 0; i < v.z.size(); i += rig.sensors[v.sensor].model->numbers()) include(sample, v.z[i]);
+  }
+  return largest;
+}
+
+/// A URDF takes up offsets, and scales on demand; who reads no more than it loses the rest of a joint model.
+void warn_of_joint_models(const Solution& solution, Warnings& out) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  for (size_t j = 0; j < rig.joints.size(); ++j) {
+    if (table.joint_offset[j] < 0 || rig.joints[j].model->size() <= 2) continue;
+    const double largest = largest_bend(solution, static_cast<int>(j));
+    if (largest == 0) continue;
+    std::string numbers;
+    for (int k = 2; k < rig.joints[j].model->size(); ++k) {
+      const Parameter& p = table.all[table.joint_offset[j] + k];
+      numbers += (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
+    }
+    out.push_back({"joint_model", "joint '" + rig.tree.joints[j].name + "': a URDF cannot express its joint model (" + numbers +
+                                      "); a robot that takes the linear part alone is off by up to" + text(" %.3g ", largest) +
+                                      table.all[table.joint_offset[j]].units[0] +
+                                      " in these samples. The numbers stand in the calibrated rig"});
+  }
+}
+
 void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found, Warnings& out) {
   if (found.empty()) return;
   std::string list;
@@ -177,6 +239,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_chi2(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_parameters(report.solution, out);
+  warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
     warn_of_misfits("outlier_sample", "sample", report.misfits.samples, out);
     warn_of_misfits("outlier_view", "view", report.misfits.views, out);

@@ -20,6 +20,12 @@ ParameterKind kind_of_block(const std::string& name) {
 
 }  // namespace
 
+std::vector<JointNumber> further_numbers(const JointSettings& joint) {
+  std::vector<JointNumber> out = joint.model->further();
+  for (size_t k = 0; k < out.size() && k < joint.further.size(); ++k) out[k].value = joint.further[k];
+  return out;
+}
+
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind) {
   for (const ParameterBlock& block : sensor.parameters)
     if (kind_of_block(block.name) == kind) return &block;
@@ -66,8 +72,11 @@ ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.
       const JointSettings& settings = rig.joints[j];
       joint_offset[j] = add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
       joint_scale[j] = add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
-      for (const JointNumber& n : settings.model->further())
-        add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value});
+      for (const JointNumber& n : further_numbers(settings)) {
+        Parameter& p = all[add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value})];
+        p.usual_error = n.usual_error;
+        p.yardstick = n.yardstick;
+      }
     }
     joint_origin[j] = add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
   }
@@ -102,6 +111,7 @@ ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.
 
 double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values) {
   const Parameter& p = table.all[component.parameter];
+  if (p.yardstick > 0) return p.yardstick;
   switch (p.kind) {
     case ParameterKind::square:
     case ParameterKind::intrinsics:
@@ -122,6 +132,8 @@ double usual_error(const ParameterTable& table, const Component& component, cons
   switch (p.kind) {
     case ParameterKind::joint_scale:
       return 0.01 * std::abs(value);
+    case ParameterKind::joint_shape:
+      return p.usual_error;
     case ParameterKind::intrinsics:
       return 0.05 * std::abs(values(p.start + component.index % 2));
     case ParameterKind::baseline:

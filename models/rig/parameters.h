@@ -34,6 +34,7 @@ struct Parameter {
   int start = 0;  // in the vector of values
   ParameterKind kind = ParameterKind::own_number;
   int owner = -1;  // index of the joint, sensor or target that it belongs to
+  double usual_error = 0, yardstick = 0;  // of joint_shape, as its model says (JointNumber)
 
   int size() const { return static_cast<int>(components.size()); }
   std::string component_name(int c) const { return components[c].empty() ? name : name + "." + components[c]; }
@@ -90,6 +91,9 @@ struct ParameterTable {
   std::vector<char> has_pose_;  // by link: a sensor or mounted target stands on it
 };
 
+/// Returns the numbers of a joint's model beyond offset and scale, with the rig's initial values.
+std::vector<JointNumber> further_numbers(const JointSettings& joint);
+
 /// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
@@ -97,11 +101,11 @@ Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
 /// Returns the sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1 % (of a focal length, a size, a gear),
-/// 0.1 for lens coefficients.
+/// 0.1 for lens coefficients; of a joint model's further numbers what the model says.
 double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values);
 /// Returns how far a component may be off in a robot that was never calibrated, as a standard deviation: poses and origins 0.05 m and 5
 /// degrees, joint offsets 0.05 rad or m, gear scales 1 %, fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board
-/// sizes 5 %, target points 5 % of the target's extent.
+/// sizes 5 %, target points 5 % of the target's extent, a joint model's further numbers what the model says.
 double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values);
 /// Returns what is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
 const char* improper_value(const Parameter& parameter, int component, double value);

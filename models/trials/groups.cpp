@@ -108,11 +108,12 @@ void GroupMaker::add_group(const std::string& name, const std::vector<Freed>& fr
 }
 
 void GroupMaker::make_groups() {
-  std::vector<Freed> offsets, scales, squares, baselines, intrinsics, distortion;
+  std::vector<Freed> offsets, scales, shapes, squares, baselines, intrinsics, distortion;
   for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
     if (table_.joint_offset[j] < 0) continue;
     offsets.push_back(whole(table_, table_.joint_offset[j]));
     scales.push_back(whole(table_, table_.joint_scale[j]));
+    for (int k = 2; k < rig_.joints[j].model->size(); ++k) shapes.push_back(whole(table_, table_.joint_offset[j] + k));
   }
   for (size_t t = 0; t < rig_.targets.size(); ++t)
     if (table_.target_square[t] >= 0) squares.push_back(whole(table_, table_.target_square[t]));
@@ -127,6 +128,7 @@ void GroupMaker::make_groups() {
   add_group("joint offsets", offsets, [](const Parameter& p, int) { return p.units[0] == "m" ? kSlide : kOffset; });
   make_geometry();
   add_group("gear scales", scales, [](const Parameter&, int) { return kScale; });
+  add_group("joint shapes", shapes, [](const Parameter& p, int) { return p.usual_error; });
   add_group("board sizes", squares, [&](const Parameter& p, int) { return kSquare * table_.initial(p.start); });
   add_group("baselines", baselines, [](const Parameter&, int) { return kBaseline; });
   add_group("intrinsics", intrinsics, [&](const Parameter& p, int) { return kIntrinsics * std::abs(table_.initial(p.start)); });

@@ -1,9 +1,9 @@
 // The groups of parameters that automatic staging (staging.h) tries, one after the other.
 //
 // Groups. `mounts`: poses of sensors and mounted targets (always kept: everything else is measured from them); joint offsets; the
-// independent geometry of each chain between what sees and what is seen (models/rig/geometry.h); gear scales; sizes of boards;
-// baselines; intrinsics; distortion. All groups but the mounts have priors, around the rig's values, wide enough for what robots are off
-// by, so that what is weak stays put.
+// independent geometry of each chain between what sees and what is seen (models/rig/geometry.h); gear scales; what joint models add;
+// sizes of boards; baselines; intrinsics; distortion. All groups but the mounts have priors, around the rig's values, wide enough for what
+// robots are off by, so that what is weak stays put.
 #pragma once
 
 #include <string>

@@ -6,6 +6,7 @@
 #include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/rig_text.h"
 #include "../../../io/rig/samples_file.h"
+#include "../../../models/rig/parameters.h"
 
 #include <unistd.h>
 
@@ -500,6 +501,123 @@ TEST_CASE("a rig without joints gets them only when needed", "[rig]") {
   CHECK_THAT(rig_text(rig, values, "robot.urdf"), !Contains("joints:"));
   values.joint_scales[rig.rig.tree.find_joint("slide_joint")] = 0.5;
   CHECK_THAT(rig_text(rig, values, "robot.urdf"), Contains("base: base_link\njoints:\n  slide_joint: {scale: 0.5}\ntargets:"));
+}
+
+namespace {
+
+struct Bend final : JointModel {
+  std::string name() const override { return "quadratic"; }
+  std::vector<JointNumber> further() const override { return {{"bend", "", 0.125}}; }
+  int size() const override { return 3; }
+  double position(double q, const double* own) const override { return own[0] + q * (own[1] + q * own[2]); }
+  double by_reading(double q, const double* own) const override { return own[1] + 2 * own[2] * q; }
+  double by_own(int k, double q, const double*) const override { return k == 0 ? 1 : k == 1 ? q : q * q; }
+};
+
+/// One number a point: its z in the sensor's frame.
+struct Height {
+  static constexpr int kRows = 1, kNumbers = 1;
+  int parameter_count() const { return 0; }
+  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p, double*) const {
+    r[0] = p.z() - z[0];
+    if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
+    return true;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
+  const Place place;
+  const JointModels models = {linear_joint(), std::make_shared<Bend>()};
+  const auto with = [](const std::string& joints) {
+    std::string text = kRig;
+    const size_t at = text.find("  elbow_flex_joint: {sigma");
+    return text.replace(at, text.find("targets:") - at, joints);
+  };
+  const auto read = [&](const std::string& joints) {
+    place.write("rig.yaml", with(joints));
+    return read_rig(place.rig, "", models);
+  };
+  const std::string elbow_joint = "elbow_flex_joint", pan_joint = "shoulder_pan_joint";
+
+  // The model may stand behind the numbers, in a glob, and be taken back.
+  const RigFile rig = read("  elbow_flex_joint: {bend: -0.5, offset: 0.01}\n  \"*_flex_joint\": {model: quadratic}\n"
+                           "  shoulder_pan_joint: {model: quadratic}\n  slide_joint: {model: quadratic}\n  sl*: {model: linear}\n");
+  const Tree& tree = rig.rig.tree;
+  const int elbow = tree.find_joint(elbow_joint), pan = tree.find_joint(pan_joint), slide = tree.find_joint("slide_joint");
+  CHECK(rig.rig.joints[elbow].model == models[1]);
+  CHECK(rig.rig.joints[elbow].further == std::vector<double>{-0.5});
+  CHECK(rig.rig.joints[pan].further == std::vector<double>{0.125});
+  CHECK(rig.rig.joints[slide].model == linear_joint());
+  const ParameterTable table(rig.rig);
+  CHECK(table.select("joint/*/bend").size() == 2);
+
+  RigValues values = values_of(rig.rig);
+  CHECK(rig_text(rig, values, "robot.urdf") == to_yaml(rig.node));
+  values.joint_offsets[elbow] = 0;
+  values.joint_further[elbow] = {1 / 3.0};
+  values.joint_further[pan] = {0.75};
+  values.joint_models[slide] = models[1];
+  values.joint_further[slide] = {2};
+  place.write("written.yaml", rig_text(rig, values, "robot.urdf"));
+  const RigFile written = read_rig((place.directory / "written.yaml").string(), "", models);
+  for (int j : {elbow, pan, slide}) CHECK(written.rig.joints[j].model == models[1]);
+  CHECK(written.rig.joints[elbow].further[0] == 1 / 3.0);
+  CHECK(written.rig.joints[elbow].offset == 0);
+  CHECK(written.rig.joints[pan].further[0] == 0.75);
+  CHECK(written.rig.joints[slide].further[0] == 2);
+
+  // Its own entry says linear before a glob of the others' numbers: it stays so when it moves behind the glob.
+  const RigFile kept = read("  \"*\": {model: quadratic}\n  elbow_flex_joint: {model: linear}\n  \"*_flex_*\": {offset: 0.5}\n");
+  RigValues moved = values_of(kept.rig);
+  moved.joint_offsets[elbow] = 0;
+  place.write("written.yaml", rig_text(kept, moved, "robot.urdf"));
+  const RigFile again = read_rig((place.directory / "written.yaml").string(), "", models);
+  CHECK(again.rig.joints[elbow].model == linear_joint());
+  CHECK(again.rig.joints[elbow].offset == 0);
+  CHECK(again.rig.joints[pan].model == models[1]);
+  moved.joint_models[pan] = linear_joint();
+  moved.joint_further[pan].clear();
+  place.write("written.yaml", rig_text(kept, moved, "robot.urdf"));
+  CHECK(read_rig((place.directory / "written.yaml").string(), "", models).rig.joints[pan].model == linear_joint());
+
+  const auto refused = [&](const std::string& joints) { return error_of([&] { read(joints); }); };
+  CHECK_THAT(refused("  elbow_flex_joint: {model: quadratc}\n"),
+             Contains("rig.yaml:6: joints.elbow_flex_joint.model: unknown joint model 'quadratc'; nearest: quadratic; valid: linear, quadratic"));
+  CHECK_THAT(refused("  elbow_flex_joint: {bend: 1}\n"),
+             Contains("joints.elbow_flex_joint.bend: joint 'elbow_flex_joint' has the model linear, which has no 'bend'"));
+  CHECK_THAT(refused("  elbow_flex_joint: {model: quadratic, bend: much}\n"), Contains("joints.elbow_flex_joint.bend: a finite number"));
+  place.write("rig.yaml", with("  elbow_flex_joint: {model: quadratic}\n"));
+  CHECK_THAT(error_of([&] { read_rig(place.rig); }), Contains("unknown joint model 'quadratic'") && Contains("valid: linear"));
+  place.write("rig.yaml", with("  elbow_flex_joint: {model: linear, scale: 2}\n"));
+  RigFile plain = read_rig(place.rig);
+  CHECK(plain.rig.joints[elbow].scale == 2);
+
+  // A model that a program has set and the rig cannot name is not lost in silence.
+  plain.rig.joints[elbow].model = models[1];
+  CHECK_THAT(error_of([&] { rig_text(plain, values_of(plain.rig), "robot.urdf"); }), Contains("joints.elbow_flex_joint: has a joint model"));
+}
+
+TEST_CASE("a sensor of one number a point is read and written as a plain list", "[samples]") {
+  const Place place;
+  Rig rig = read_rig(place.rig).rig;
+  Sensor gauge;
+  gauge.name = "gauge";
+  gauge.type = "height";
+  gauge.link = rig.tree.root;
+  gauge.model = std::make_shared<PointwiseSensor<Height>>();
+  gauge.sigma = {0.001};
+  rig.sensors.push_back(gauge);
+  place.write("samples.jsonl", R"({"id": "a", "joints": {}, "views": [)"
+                               R"({"sensor": "gauge", "target": "board", "ids": [2, 0], "points": [0.5, 0.25], "sigma": 0.002}]})");
+  const std::vector<Sample> samples = read_samples(place.samples, rig);
+  CHECK(samples[0].views[0].z == std::vector<double>{0.5, 0.25});
+  CHECK(samples[0].views[0].sigma == std::vector<double>{0.002});
+  const std::string text = samples_text(rig, samples);
+  CHECK_THAT(text, Contains("\"points\": [0.5, 0.25], \"sigma\": 0.002"));
+  place.write("samples.jsonl", text);
+  CHECK(samples_text(rig, read_samples(place.samples, rig)) == text);
 }
 
 TEST_CASE("a sample's values", "[samples]") {

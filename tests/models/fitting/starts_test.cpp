@@ -3,7 +3,7 @@
 // Proves: rigid fits, also of mirrored, flat and degenerate points; poses of free targets from every type of sensor, without noise to
 // 1e-6, where a plane has two mirror solutions the right one; poses of sensors and mounted targets that are up to 180 degrees and 1 m
 // from the identity, in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker, stereo), alone and
-// together; what cannot be tied to anything is returned by name; the calibration finds the same optimum as from given poses.
+// together; what cannot be tied to anything is returned by name, and a sensor whose views tell no pose is named as the reason; the calibration finds the same optimum as from given poses.
 // Does not prove: good starts from few or very noisy views, or from targets much smaller than their distance.
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -17,6 +17,7 @@
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
+#include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -585,6 +586,61 @@ TEST_CASE("unknown poses: what nothing ties to the rest is returned by name") {
   std::sort(found.lost.begin(), found.lost.end());
   CHECK(found.lost == std::vector<std::string>{"sensor/alone/pose", "sensor/blind/pose", "target/dark/pose"});
   CHECK(found.worst < 1e-6);
+}
+
+namespace {
+
+/// The height of a point above the sensor's plane z = 0: one number, which tells no pose.
+struct Height {
+  static constexpr int kRows = 1, kNumbers = 1;
+  int parameter_count() const { return 0; }
+  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p, double*) const {
+    r[0] = p.z() - z[0];
+    if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
+    return true;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") {
+  Rig rig;
+  add_link(rig, "base");
+  add_joint(rig, JointType::revolute, "pan", "base", "tool", {0, 0, 1}, at({0, 0, 0.5}));
+  finish_tree(rig.tree);
+  const int gauge = add_sensor(rig, "gauge", "height", "base", at({0, 0, 0.2}), std::make_shared<PointwiseSensor<Height>>(), {0.001});
+  add_grid(rig, "board", 3, 4, 0.1);
+  add_grid(rig, "plate", 3, 4, 0.1, "tool", at({0.3, 0, 0}, {0.3, 0.2, 0}));
+  std::vector<Sample> samples(3);
+  for (size_t k = 0; k < samples.size(); ++k) {
+    samples[k].id = "s" + std::to_string(k);
+    samples[k].readings = {0.2 * static_cast<double>(k)};
+    View view;
+    view.sensor = gauge;
+    view.target = target_index(rig, "plate");
+    view.ids = {0, 5, 11};
+    view.z = {0.3, 0.3, 0.3};
+    view.sigma = {0.001};
+    samples[k].views = {view};
+  }
+  Step step;
+  step.name = "all";
+  step.sensors = {gauge};
+  step.free = {"sensor/gauge/pose"};
+  rig.steps = {step};
+
+  Rig absent = rig;
+  absent.sensors[0].pose_given = false;
+  const Report report = study_of(absent, samples);
+  std::string words;
+  for (const Warning& w : report.warnings)
+    if (w.id == "no_start") words += w.text;
+  CHECK_THAT(words, Catch::Matchers::Contains("sensor/gauge/pose is absent from the rig and a sensor of type height gives no pose"));
+
+  for (Sample& sample : samples) sample.views[0].target = target_index(rig, "board");
+  const Solution solution = solution_of(rig, samples);
+  CHECK(solution.status == Status::undefined_start);
+  CHECK_THAT(solution.message, Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
 }
 
 TEST_CASE("calibration: absent poses end in the same optimum as given ones") {

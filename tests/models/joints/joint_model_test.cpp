@@ -5,8 +5,9 @@
 // independent forward model being bent the same way: the numbers are parameters with names; residuals, whitening and every derivative of an
 // Estimation, entry by entry; derivatives of frames; what a simulation logs. A Calibration finds a planted bend, with an honest sigma, and
 // does not fit without it.
-// Does not prove: that files can name a model (none but the linear one can be written), nor anything of a model's use to real gears.
-#include "../../../models/joints/joint_model.h"
+// The rig's initial values go before the model's; names are found in a list of models.
+// Does not prove: what files do with a model (tests/io/results/joint_model_test.cpp), nor anything of a model's use to real gears.
+#include "../../../models/joints/joint_models.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -98,6 +99,28 @@ TEST_CASE("joint models: their numbers are parameters, one after the other from 
     CHECK(s.table.initial(p.start) == bend / 2);
   }
   CHECK(s.table.select("joint/*/bend").size() == kBends.size());
+}
+
+TEST_CASE("joint models: by name, and the rig's numbers before the model's") {
+  CHECK(find_joint_model(joint_models(), "linear") == linear_joint());
+  CHECK_FALSE(find_joint_model(joint_models(), ""));
+  const JointModels mine = {linear_joint(), std::make_shared<QuadraticJoint>(0.5)};
+  CHECK(find_joint_model(mine, "quadratic") == mine[1]);
+  Rig rig = nasty_robot();
+  JointSettings& elbow = rig.joints[joint_index(rig, "elbow")];
+  elbow.model = mine[1];
+  const auto initial = [&](double& usual) {
+    const ParameterTable table(rig);
+    const Component bend = {table.select("joint/elbow/bend").at(0).parameter, 0};
+    usual = usual_error(table, bend, table.initial);
+    CHECK(yardstick(table, bend, table.initial) == 0.01);
+    return table.initial(table.all[bend.parameter].start);
+  };
+  double usual;
+  CHECK(initial(usual) == 0.5);
+  CHECK(usual == 0.05);
+  elbow.further = {0.25};
+  CHECK(initial(usual) == 0.25);
 }
 
 TEST_CASE("joint models: residuals, whitening and every derivative of a robot with bends") {
