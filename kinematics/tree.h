@@ -10,7 +10,8 @@
 // is not walked. Going down a joint multiplies by  origin * motion(q), going up by  motion(-q) * origin^-1.
 // With F = a_T_joint, the joint's frame before its motion, both directions give for a_T_b' = exp(twist) a_T_b
 // (a twist of b as seen from a):
-//     by the position:              twist = direction * Ad_F [0 | axis]  (revolute),  direction * Ad_F [axis | 0]  (prismatic)
+//     by the position:              twist = direction * Ad_F [0 | axis]  (revolute),
+//                                           direction * Ad_F [axis | 0]  (prismatic)
 //     by the origin's increment xi: twist = direction * Ad_F xi          (parent_T_joint exp(xi))
 // because exp(xi) and the motion act next to each other in F, and inverting a product flips the sign.
 #pragma once

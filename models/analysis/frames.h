@@ -6,7 +6,8 @@
 // increment xi: Ad xi, for partly freed poses Ad J_r(xi), models/estimation/estimation.h), the frame's origin p and its axes move by
 //     dp = v + w x p,   dtheta = w,
 // the rows of J (6 x unknowns). With the unknowns' covariance C of a calibration's last step
-//     covariance of (dp, dtheta) = J C J',   sigma of the position = sqrt(trace of its upper block), of the rotation = that of the lower:
+//     covariance of (dp, dtheta) = J C J',
+//     sigma of the position = sqrt(trace of its upper block), of the rotation = that of the lower:
 // the root mean square that the length of the error would have over many such calibrations. What the last step held is taken as exact.
 // Noise of the joint readings when the robot is used (one draw a joint) adds, with Jq the motion by the readings, Jq S Jq'.
 //

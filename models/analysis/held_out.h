@@ -2,7 +2,8 @@
 //
 // Intervals: for the mean square q of a sensor's residuals over m blocks (squares s_i of n_i points, q = sum s_i / sum n_i) the jackknife
 // over blocks on the logarithm (Efron, Stein 1981), with theta_i = ln q without block i and theta its mean,
-//     e^2 = (m - 1) / m  sum (theta_i - theta)^2,     95 % interval of rms = sqrt(q) exp(-+ t e / 2),
+//     e^2 = (m - 1) / m  sum (theta_i - theta)^2,
+//     95 % interval of rms = sqrt(q) exp(-+ t e / 2),
 // t the 97.5 % quantile of Student's t with m - 1 degrees of freedom. So blocks may be correlated inside and of any size. Nothing is
 // random. The interval is how far rms would scatter with other blocks of the same kind for this calibration; with fewer than three targets,
 // or views, the blocks are samples, and with fewer than three of those there is no interval.

@@ -2,7 +2,8 @@
 //
 // Where two sensors see the same target in the same sample, the points of the one are carried through the kinematics into the residual
 // of the other, against what that measured itself:
-//     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,    hub: the base, or the link that carries the target.
+//     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,
+//     hub: the base, or the link that carries the target.
 // The joint readings are taken as read and every shared parameter as it stands; no target's pose is estimated, and nothing but the two
 // sensors takes part. So a loop shows the error of a robot that looks with one sensor and acts with the other.
 //

@@ -5,7 +5,8 @@
 // taken as right. Let A be the Jacobian of the whole problem, shared and private unknowns, H = A (A'A)^-1 A' the projection onto its
 // columns and R = 1 - H. At the solution the residuals are r = R e, e the noise in sigmas. If group g's true variance is f_g times the
 // assumed one,
-//     E[q_g] = sum_j S_gj f_j,    q_g = |r_g|^2,    S_gj = tr(R_gj R_jg).                       (Helmert's variance components)
+//     E[q_g] = sum_j S_gj f_j,    q_g = |r_g|^2,    S_gj = tr(R_gj R_jg)
+// (Helmert's variance components).
 // The factors f solve S f = q; seen sigma = assumed * sqrt(f_g). Since R R = R, a row of S sums to the redundancy of the group,
 //     sum_j S_gj = tr R_gg = sum_i (1 - h_ii),
 // so where all f are alike f_g = q_g / redundancy_g: Foerstner's simplified estimator. It is not enough here: a joint's rows have small
@@ -15,7 +16,8 @@
 // U be an orthonormal basis of its private columns' range in row space (thin Q), B = (1 - U U') J_shared T with T T' the shared
 // unknowns' covariance. Then H = U U' (within the sample) + B B', and with rows U_g, B_g of a group
 //     tr H_gg = |U_g|^2 + |B_g|^2,
-//     tr(H_gj H_jg) = sum over samples of <U_g'U_g, U_j'U_j> + 2 <U_g'B_g, U_j'B_j>,  plus <sum B_g'B_g, sum B_j'B_j>.
+//     tr(H_gj H_jg) = sum over samples of <U_g'U_g, U_j'U_j> + 2 <U_g'B_g, U_j'B_j>,
+//                     plus <sum B_g'B_g, sum B_j'B_j>.
 // Uncertainty: Cov q ~ 2 F S F, F = diag(q_g / redundancy_g), hence Cov f = 2 S^-1 F S F S^-1, and that of sigma relative to itself
 // is sqrt(Cov f_gg) / (2 f_g). For a group that stands alone and has much redundancy it is 1 / sqrt(2 redundancy).
 // What has a redundancy below 5 or below 2 % of its rows, or would come out with an uncertainty above a half, cannot be estimated: it is

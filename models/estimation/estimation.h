@@ -8,8 +8,10 @@
 // Noise modes (covariance of the whitened residuals of one view; Jq = L Mq: derivative by the joints' readings, S their variances):
 //   latent, none: own noise only.
 //   marginal:     own + Jq S Jq' for all residuals of the view together (the paper's equations (11)-(14), (21)). With U = own^-1/2 Jq S^1/2
-//                 = Q w^1/2 V' its root is applied to the few columns of U only:  (1 + U U')^-1/2 = 1 - U K U',
-//                 K = V ((1 - (1 + w)^-1/2) / w) V'  (Woodbury's identity for the root: it never subtracts large Gram matrices).
+//                 = Q w^1/2 V' its root is applied to the few columns of U only:
+//                 (1 + U U')^-1/2 = 1 - U K U',
+//                 K = V ((1 - (1 + w)^-1/2) / w) V'
+//                 (Woodbury's identity for the root: it never subtracts large Gram matrices).
 //   point:        only the block of each point of that matrix, as the paper's code did.
 // Covariances that depend on the parameters are held between calls of renew().
 //

@@ -2,7 +2,8 @@
 //
 // A model turns a reading (what the encoder says, rad or m) into the position of the joint (rad or m) by own numbers that can be
 // calibrated. Every model begins with the same two,
-//     position = scale * reading + offset + what the model adds,   own = [offset, scale, further numbers ...],
+//     position = scale * reading + offset + what the model adds,
+//     own = [offset, scale, further numbers ...],
 // because the offset is what a URDF's origin takes up and the scale is the gear. A model is stateless; its numbers stand one after the
 // other in the vector of values (models/rig/parameters.h), from its offset on. All else (columns of the Jacobian, starting values,
 // simulation, names of the parameters joint/NAME/...) follows from the functions below: nothing outside knows the formula.

@@ -7,7 +7,8 @@
 //       a = u radial + 2 p1 u v + p2 (s + 2 u^2),   b = v radial + p1 (s + 2 v^2) + 2 p2 u v;
 //     undefined for z <= 1e-9 (behind the camera).
 //   kannala_brandt (as OpenCV's fisheye):  rho = hypot(X, y), t = atan2(rho, z),
-//       (a, b) = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) (X, y) / rho;  defined all around but at the point opposite to +z.
+//       (a, b) = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) (X, y) / rho;
+//       defined all around but at the point opposite to +z.
 //   pixel = (fx a + cx, fy b + cy).
 #pragma once
 

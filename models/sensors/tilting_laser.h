@@ -3,11 +3,13 @@
 // Numbers of a ray: joint reading t, bearing b, range d. The measured point in the sensor's frame, at the ray's own tilt, is
 // m = d (cos b, sin b, 0); residual = predicted - m, m. With q the joint's position at the reading t (models/joints) and s the sign with
 // which the path from sensor to target walks the joint (see Scan):
-//     p_behind = behind_T_target p,   p_joint = motion(s q) p_behind,   p_sensor = sensor_T_before p_joint.
+//     p_behind = behind_T_target p,   p_joint = motion(s q) p_behind,
+//     p_sensor = sensor_T_before p_joint.
 // Derivatives of p_sensor, R = rotation of sensor_T_before, M = rotation of motion(s q), axis a:
 //     twist [v | w] behind the joint:        R M (v + w x p_behind)
 //     twist on the sensor's side:            v + w x p_sensor
-//     q: rotation  s R (a x p_joint),  translation  s R a;   the joint's own numbers: times d q / d number.
+//     q: rotation  s R (a x p_joint),  translation  s R a;
+//     the joint's own numbers: times d q / d number.
 // Own noise: derivative of the measured point, taken as fixed in the world, by (joint, bearing, range) times their sigmas. An error
 // of the joint moves the sensor, so m as seen from the far side turns by the joint's motion; back in the sensor's frame that is
 // -(d p_sensor / d q) at p_sensor = m, times d q / d t.

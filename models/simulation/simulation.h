@@ -7,7 +7,8 @@
 // the point crosses the scan plane (z = 0 in the sensor's frame): with n the plane's normal, c its offset, u the axis, x the point, in the
 // joint's frame,
 //     prismatic:  n.(x + q u) + c = 0,      rotation:  A cos q + B sin q + C = 0,
-//     A = n.(x - u (u.x)),  B = n.(u x x),  C = (n.u)(u.x) + c;     t = (direction q - offset) / scale.
+//     A = n.(x - u (u.x)),  B = n.(u x x),  C = (n.u)(u.x) + c;
+//     t = (direction q - offset) / scale.
 // Everything else is prediction plus N(0, sigma). With all sigmas 0 every residual at the truth is 0.
 //
 // What is seen: whole targets only. Camera: every point inside the image (without image_size: as far beyond the principal point as before

@@ -6,7 +6,8 @@
 //
 // One sample. With its free targets and joint errors eliminated (an orthogonal factorisation, as in solver/observability.h) and its
 // rows compressed by a singular value decomposition, sample i gives
-//     z_i = F_i delta + noise,  noise ~ N(0, s^2 1),   F_i: at most p rows for p joints,   |z_i - F_i delta|^2: its chi2 in these rows.
+//     z_i = F_i delta + noise,  noise ~ N(0, s^2 1),   F_i: at most p rows for p joints,
+//     |z_i - F_i delta|^2: its chi2 in these rows.
 // F and z are computed again at the estimate, three times in all; offsets are small, so that the last two agree.
 //
 // Estimate. d_i is the sample's distance from the posture: the largest difference of a named joint's position (rad; m of a prismatic joint
@@ -27,7 +28,8 @@
 // Sigma. Weights are no noise: a sample far away is not noisier, it only counts less. And what scatters more than the rig states is not
 // averaged away: the offset itself varies within the bandwidth, or the robot does not repeat. So the offset of sample i is
 // delta + gamma_i, gamma_i ~ N(0, G), G diagonal, noise s0 = min(1, s); G by expectation and maximisation,
-//     P_i = (F_i'F_i / s0^2 + G^-1)^-1,  m_i = P_i F_i'(z_i - F_i delta) / s0^2,   G_j = sum w_i (m_ij^2 + P_i,jj) / sum w_i,
+//     P_i = (F_i'F_i / s0^2 + G^-1)^-1,  m_i = P_i F_i'(z_i - F_i delta) / s0^2,
+//     G_j = sum w_i (m_ij^2 + P_i,jj) / sum w_i,
 // and the variance of what is wanted, the right offset at one posture near here, is
 //     A^-1 (s0^2 B + s^4 / t^2 + sum w_i^2 F_i'F_i G F_i'F_i) A^-1 + G.
 // The mean alone is better known than that where the samples lie evenly around the posture; that is not known.

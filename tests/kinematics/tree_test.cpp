@@ -38,7 +38,7 @@ Joint& add_joint(Tree& tree, JointType type, const std::string& parent, const st
 }
 
 /// base - shoulder - elbow - slide - wheel - tip         (revolute, revolute oblique, prismatic negative, continuous, fixed)
-///             |        \- finger - nail                 (mimics elbow by -0.5; mimics finger, prismatic)
+///             |        \- finger - nail             (mimics elbow by -0.5; mimics finger, prismatic)
 ///             \- head - eye                             (revolute about -z, fixed)
 ///  base - float - above                                 (floating, revolute)
 Tree make_tree() {
