@@ -20,7 +20,7 @@ struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
   double offset = 0, scale = 1;  // initial values of the model's first two numbers
   std::shared_ptr<const JointModel> model = linear_joint();
-  std::vector<double> further;   // initial values of its further numbers; of those that are missing the model's own (further_numbers())
+  std::vector<double> further = {};  // initial values of its further numbers; of those that are missing the model's own (further_numbers())
 };
 
 struct Target {
