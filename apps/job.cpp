@@ -9,15 +9,18 @@
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
-#include "require.h"
 #include "../models/rig/selection.h"
+#include "require.h"
 
 namespace kincal {
 
-const std::map<std::string, NoiseMode> kNoiseModes = {
-    {"latent", NoiseMode::latent}, {"marginal", NoiseMode::marginal}, {"point", NoiseMode::point}, {"none", NoiseMode::none}};
-const std::map<std::string, LinearSolver> kLinearSolvers = {
-    {"auto", LinearSolver::automatic}, {"dense", LinearSolver::dense}, {"cholmod", LinearSolver::cholmod}};
+const std::map<std::string, NoiseMode> kNoiseModes = {{"latent", NoiseMode::latent},
+                                                      {"marginal", NoiseMode::marginal},
+                                                      {"point", NoiseMode::point},
+                                                      {"none", NoiseMode::none}};
+const std::map<std::string, LinearSolver> kLinearSolvers = {{"auto", LinearSolver::automatic},
+                                                            {"dense", LinearSolver::dense},
+                                                            {"cholmod", LinearSolver::cholmod}};
 
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
@@ -32,7 +35,9 @@ ExitCode exit_code(const Report& report) {
 
 std::string rig_path(const std::string& path) {
   std::error_code ignored;
-  return std::filesystem::is_directory(path, ignored) ? (std::filesystem::path(path) / "rig.yaml").string() : path;
+  return std::filesystem::is_directory(path, ignored)
+             ? (std::filesystem::path(path) / "rig.yaml").string()
+             : path;
 }
 
 std::string in_program_words(std::string message) {
@@ -42,7 +47,8 @@ std::string in_program_words(std::string message) {
   };
   for (const std::string option : {"free", "fix", "spread"}) {
     const size_t end = message.find(']');
-    if (message.rfind(option + "[", 0) == 0 && end != std::string::npos) message.replace(0, end + 1, "--" + option);
+    if (message.rfind(option + "[", 0) == 0 && end != std::string::npos)
+      message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
   }
   if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
@@ -52,27 +58,37 @@ std::string in_program_words(std::string message) {
 }
 
 InputError with_nearest(const NameError& error, const Recording& recording) {
-  return InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid.empty() ? recording.table.names() : error.valid));
+  return InputError(
+      in_program_words(error.what()) +
+      nearest_names(error.name, error.valid.empty() ? recording.table.names() : error.valid));
 }
 
-std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file, std::vector<Sample> samples, const std::string& samples_path) {
-  const std::shared_ptr<const Recording> recording = make_recording(rig_file.rig, std::move(samples));
+std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
+                                                   std::vector<Sample> samples,
+                                                   const std::string& samples_path) {
+  const std::shared_ptr<const Recording> recording =
+      make_recording(rig_file.rig, std::move(samples));
   try {
     check_steps(*recording);
     return recording;
   } catch (const NameError& error) {
     throw InputError(error.what() + nearest_names(error.name, error.valid));
-  } catch (const std::invalid_argument& error) {  // a step that frees or sees nothing: either file may be wrong
+  } catch (const std::invalid_argument&
+               error) {  // a step that frees or sees nothing: either file may be wrong
     const std::string what = error.what();
-    throw InputError(what.rfind(rig_file.path, 0) == 0 ? what : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
+    throw InputError(what.rfind(rig_file.path, 0) == 0
+                         ? what
+                         : rig_file.path + ": " + what + " (samples: " + samples_path + ")");
   }
 }
 
 Job read_job(const std::string& rig, const std::string& samples, int holdout) {
   RigFile rig_file = read_rig(rig_path(rig));
-  std::shared_ptr<const Recording> recording = checked_recording(rig_file, read_samples(samples, rig_file.rig), samples);
+  std::shared_ptr<const Recording> recording =
+      checked_recording(rig_file, read_samples(samples, rig_file.rig), samples);
   if (recording->training().empty())
-    throw InputError(samples + ": every sample has \"split\": \"test\": nothing is left to calibrate with");
+    throw InputError(samples +
+                     ": every sample has \"split\": \"test\": nothing is left to calibrate with");
   std::vector<std::string> held_out;
   if (holdout > 0) {
     std::vector<Sample> split = recording->samples;
@@ -111,7 +127,8 @@ std::vector<Requirement> read_requirements(const Job& job, const CalibrateSettin
 }
 
 /// Those to report, and those that something is required of.
-std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings, const std::vector<Requirement>& requirements) {
+std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings,
+                               const std::vector<Requirement>& requirements) {
   std::vector<Frame> out;
   const auto add = [&](const std::string& name) {
     if (std::none_of(out.begin(), out.end(), [&](const Frame& f) { return f.name == name; }))
@@ -128,7 +145,8 @@ std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings
 void check_validation(const Job& job, const CalibrateSettings& settings) {
   read_frames(job, settings, read_requirements(job, settings));
   try {
-    if (settings.cross_validate > 0) deal_folds(job.recording->rig, job.recording->samples, settings.cross_validate);
+    if (settings.cross_validate > 0)
+      deal_folds(job.recording->rig, job.recording->samples, settings.cross_validate);
   } catch (const std::invalid_argument& error) {
     throw InputError("--cross-validate: " + std::string(error.what()));
   }
@@ -149,8 +167,9 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
   }
 }
 
-std::optional<Report> run(Job& job, const CalibrateSettings& settings, bool diagnose,
-                          const std::function<bool(const std::string&, int, double, double)>& progress) {
+std::optional<Report> run(
+    Job& job, const CalibrateSettings& settings, bool diagnose,
+    const std::function<bool(const std::string&, int, double, double)>& progress) {
   check_validation(job, settings);
   StudyOptions options;
   options.calibration = options_of(settings);
@@ -168,7 +187,8 @@ std::optional<Report> run(Job& job, const CalibrateSettings& settings, bool diag
     std::optional<Report> report = study(job.recording, options);
     if (!report) return std::nullopt;
     if (report->staging) set_steps(job.rig_file, report->staging->steps);
-    for (Warning& w : report->warnings) w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
+    for (Warning& w : report->warnings)
+      w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
     if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
       report->solution.message = "--reject: " + report->solution.message;
     return report;
@@ -191,53 +211,67 @@ ResultFiles make_files(const Job& job, const Report& report, const CalibrateSett
 
 void add_settings(CLI::App& command, CalibrateSettings& s) {
   command
-      .add_option(
-          "--noise", s.noise,
-          "how noise of joint readings counts: latent (an unknown error per joint and sample; honest sigmas), marginal, point, none")
+      .add_option("--noise", s.noise,
+                  "how noise of joint readings counts: latent (an unknown error per joint and "
+                  "sample; honest sigmas), marginal, point, none")
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
-  command.add_option("--threads", s.threads, "threads of one calibration; the result is the same for any number")
+  command
+      .add_option("--threads", s.threads,
+                  "threads of one calibration; the result is the same for any number")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   command.add_option("--step", s.step, "run all steps up to this one");
-  command.add_option("--free", s.free, "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; may be repeated")
+  command
+      .add_option("--free", s.free,
+                  "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; "
+                  "may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
-  command.add_option("--fix", s.fix, "name or glob to hold in the last step that runs; may be repeated")
+  command
+      .add_option("--fix", s.fix,
+                  "name or glob to hold in the last step that runs; may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
   command.add_flag("--reject", s.reject,
-                   "take gross outliers out first (points, views, samples), by a robust fit; say which; then fit what is left");
+                   "take gross outliers out first (points, views, samples), by a robust fit; say "
+                   "which; then fit what is left");
   command.add_flag("--estimate-noise", s.estimate_noise,
-                   "estimate the sigmas of sensors and joints along, as far as the data tell them; rig.yaml gets them (latent and none)");
+                   "estimate the sigmas of sensors and joints along, as far as the data tell them; "
+                   "rig.yaml gets them (latent and none)");
   command
       .add_option("--holdout", s.holdout,
-                  "hold out one K-th of the training samples, besides those with split: test; whole targets where a sensor's samples are\n"
+                  "hold out one K-th of the training samples, besides those with split: test; "
+                  "whole targets where a sensor's samples are\n"
                   "spread over several mounted ones")
       ->check(CLI::Range(2, 1000))
       ->type_name("K");
-  command.add_option("--cross-validate", s.cross_validate, "K more calibrations, each judged on the K-th of the training that it lacks")
+  command
+      .add_option("--cross-validate", s.cross_validate,
+                  "K more calibrations, each judged on the K-th of the training that it lacks")
       ->check(CLI::Range(2, 1000))
       ->type_name("K");
   command
       .add_option("--report-frame", s.report_frames,
-                  "predicted sigma over the workspace of a link, sensor/NAME or target/NAME relative to the base; may be repeated")
+                  "predicted sigma over the workspace of a link, sensor/NAME or target/NAME "
+                  "relative to the base; may be repeated")
       ->allow_extra_args(false)
       ->type_name("FRAME");
   command
       .add_option(
           "--require", s.require,
-          "tolerance, exit code 4 if it is not met: 'sensor/NAME<0.2mm' (rms as read, held out where there is any), 'frame/LINK<1mm'\n"
+          "tolerance, exit code 4 if it is not met: 'sensor/NAME<0.2mm' (rms as read, held out "
+          "where there is any), 'frame/LINK<1mm'\n"
           "(predicted sigma), 'chi2/dof<1.5'; units px, m, mm, um, rad, mrad, deg; may be repeated")
       ->allow_extra_args(false)
       ->type_name("QUANTITY<LIMIT");
   command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
-  command.add_flag(
-      "--write-reduction", s.write_reduction,
-      "write calibrated gear scales into robot.urdf's mechanicalReduction and set them to 1 in rig.yaml (for logs recorded from then on)");
+  command.add_flag("--write-reduction", s.write_reduction,
+                   "write calibrated gear scales into robot.urdf's mechanicalReduction and set "
+                   "them to 1 in rig.yaml (for logs recorded from then on)");
 }
 
 }  // namespace kincal

@@ -17,8 +17,16 @@ class App;
 
 namespace kincal {
 
-enum ExitCode { kConverged = 0, kBadInput = 1, kUnobservable = 2, kNotConverged = 3, kToleranceNotMet = 4, kInterrupted = 130 };
-/// Returns the exit code of the status; kToleranceNotMet where that is good but a --require is not met.
+enum ExitCode {
+  kConverged = 0,
+  kBadInput = 1,
+  kUnobservable = 2,
+  kNotConverged = 3,
+  kToleranceNotMet = 4,
+  kInterrupted = 130
+};
+/// Returns the exit code of the status; kToleranceNotMet where that is good but a --require is not
+/// met.
 ExitCode exit_code(const Report& report);
 
 extern const std::map<std::string, NoiseMode> kNoiseModes;
@@ -47,15 +55,19 @@ struct Job {
 /// Returns the path of a rig; a folder with a rig.yaml (a result) stands for that file.
 std::string rig_path(const std::string& path);
 
-/// Puts together a rig and samples that were read from `samples_path`, with every step checked. @throws InputError
-std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file, std::vector<Sample> samples, const std::string& samples_path);
-/// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out from the fit besides the samples that
-/// are so already; 0: none. @throws InputError
+/// Puts together a rig and samples that were read from `samples_path`, with every step checked.
+/// @throws InputError
+std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
+                                                   std::vector<Sample> samples,
+                                                   const std::string& samples_path);
+/// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out
+/// from the fit besides the samples that are so already; 0: none. @throws InputError
 Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
 
 /// Returns the error for the user: the unknown parameter name with the nearest ones that exist.
 InputError with_nearest(const NameError& error, const Recording& recording);
-/// Returns a message of the library in the program's terms: places in options ("free[0]", "last_step") become switches (--free, --step).
+/// Returns a message of the library in the program's terms: places in options ("free[0]",
+/// "last_step") become switches (--free, --step).
 std::string in_program_words(std::string message);
 
 /// Returns what each step would free and count. @throws InputError
@@ -64,10 +76,12 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
-/// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from then on. With `diagnose`, mistakes are
-/// looked for if it ends badly. nullopt: `progress` (see CalibrationOptions) cancelled. @throws InputError, std::exception
-std::optional<Report> run(Job& job, const CalibrateSettings& settings, bool diagnose,
-                          const std::function<bool(const std::string&, int, double, double)>& progress);
+/// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from
+/// then on. With `diagnose`, mistakes are looked for if it ends badly. nullopt: `progress` (see
+/// CalibrationOptions) cancelled. @throws InputError, std::exception
+std::optional<Report> run(
+    Job& job, const CalibrateSettings& settings, bool diagnose,
+    const std::function<bool(const std::string&, int, double, double)>& progress);
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings);
 

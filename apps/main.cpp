@@ -1,4 +1,5 @@
-// The program: subcommands, help, and what is common to their errors and exit codes. Everything else is in the libraries.
+// The program: subcommands, help, and what is common to their errors and exit codes. Everything
+// else is in the libraries.
 
 #include <cctype>
 #include <csignal>
@@ -15,15 +16,19 @@ namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
 
-/// The first argument that looks like an option and is none, with the nearest ones that there are; else "".
+/// The first argument that looks like an option and is none, with the nearest ones that there are;
+/// else "".
 std::string unknown_option(const CLI::App& command) {
   std::vector<std::string> known;
   for (const CLI::Option* option : command.get_options())
     for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
   for (const std::string& word : command.remaining()) {
-    if (word.size() < 2 || word[0] != '-' || std::isdigit(static_cast<unsigned char>(word[1])) || word == "--") continue;
+    if (word.size() < 2 || word[0] != '-' || std::isdigit(static_cast<unsigned char>(word[1])) ||
+        word == "--")
+      continue;
     const std::string name = word.substr(0, word.find('='));
-    return (command.get_parent() ? command.get_name() + ": " : std::string()) + "there is no option '" + name + "'" +
+    return (command.get_parent() ? command.get_name() + ": " : std::string()) +
+           "there is no option '" + name + "'" +
            kincal::nearest_names(name[1] == '-' ? name : "-" + name, known);
   }
   return "";
@@ -48,30 +53,39 @@ int main(int argc, char** argv) {
   std::signal(SIGTERM, [](int) { interrupted = 1; });
 
   CLI::App app{
-      "kincal calibrates robots: joint offsets, gear scales, mounts, intrinsics, baselines and target poses that best explain\n"
+      "kincal calibrates robots: joint offsets, gear scales, mounts, intrinsics, baselines and "
+      "target poses that best explain\n"
       "all measurements at once (bundle adjustment over kinematic chains)."};
   app.set_version_flag("--version", "kincal " KINCAL_VERSION);
   app.require_subcommand(1);
   app.footer(
       "Examples:\n"
-      "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and counts\n"
-      "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf is the calibrated robot\n"
-      "  kincal batch fleet --out results                           the same for every folder of fleet\n"
-      "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated values\n"
+      "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and "
+      "counts\n"
+      "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf "
+      "is the calibrated robot\n"
+      "  kincal batch fleet --out results                           the same for every folder of "
+      "fleet\n"
+      "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated "
+      "values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
-      "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets around one posture\n"
+      "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
+      "around one posture\n"
       "  kincal diff result other_result                            two calibrations compared\n"
-      "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 130 interrupted, nothing written. With 2, 3 and 4\n"
+      "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
+      "determined by the data (named in the\n"
+      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 130 interrupted, "
+      "nothing written. With 2, 3 and 4\n"
       "results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
 
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
-      init_command(app), check_command(app), calibrate_command(app, line), batch_command(app, line), evaluate_command(app),
-      diff_command(app), apply_command(app), local_command(app, line),     simulate_command(app),
+      init_command(app),        check_command(app),       calibrate_command(app, line),
+      batch_command(app, line), evaluate_command(app),    diff_command(app),
+      apply_command(app),       local_command(app, line), simulate_command(app),
   };
   std::vector<std::string> names;
   std::string known;
@@ -86,19 +100,25 @@ int main(int argc, char** argv) {
     int code = kBadInput;
     for (const Command& command : commands)
       if (*command.app) code = command.run();
-    if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout)) throw InputError("standard output cannot be written");
+    if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout))
+      throw InputError("standard output cannot be written");
     return code;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
-      const std::string what =
-          argc == 1 ? "a command is required" : "there is no command '" + std::string(argv[1]) + "'" + nearest_names(argv[1], names);
-      std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n", what.c_str(), known.c_str());
+      const std::string what = argc == 1 ? "a command is required"
+                                         : "there is no command '" + std::string(argv[1]) + "'" +
+                                               nearest_names(argv[1], names);
+      std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n",
+                   what.c_str(), known.c_str());
       return kBadInput;
     }
-    const std::string unknown = unknown_option(app.get_subcommands().empty() ? app : *app.get_subcommands()[0]);
-    std::fprintf(stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n", unknown.empty() ? error.what() : unknown.c_str(),
-                 app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
+    const std::string unknown =
+        unknown_option(app.get_subcommands().empty() ? app : *app.get_subcommands()[0]);
+    std::fprintf(
+        stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n",
+        unknown.empty() ? error.what() : unknown.c_str(),
+        app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "kincal: error: %s\n", error.what());
   }

@@ -25,13 +25,15 @@ const std::map<std::string, LimitUnit> kUnits = {{"px", {"px", 1}},
 
 std::string trimmed(const std::string& text) {
   const size_t begin = text.find_first_not_of(' ');
-  return begin == std::string::npos ? "" : text.substr(begin, text.find_last_not_of(' ') - begin + 1);
+  return begin == std::string::npos ? ""
+                                    : text.substr(begin, text.find_last_not_of(' ') - begin + 1);
 }
 
 std::string units_of(const std::vector<std::string>& kinds) {
   std::string out;
   for (const char* name : {"px", "m", "mm", "um", "rad", "mrad", "deg"})
-    if (std::count(kinds.begin(), kinds.end(), kUnits.at(name).of)) out += (out.empty() ? "" : ", ") + std::string(name);
+    if (std::count(kinds.begin(), kinds.end(), kUnits.at(name).of))
+      out += (out.empty() ? "" : ", ") + std::string(name);
   return out;
 }
 
@@ -41,13 +43,15 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   const Rig& rig = recording.rig;
   const std::string where = "--require '" + text + "': ";
   const size_t less = text.find('<');
-  const std::string quantity = trimmed(text.substr(0, less)), limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
+  const std::string quantity = trimmed(text.substr(0, less)),
+                    limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
   const size_t digits = std::min(limit.find_first_not_of("0123456789.+-eE"), limit.size());
   Requirement requirement;
   requirement.text = text;
   requirement.unit = trimmed(limit.substr(digits));
   const auto malformed = [&] {
-    return InputError(where + "QUANTITY<LIMIT is expected: sensor/NAME<0.2mm, frame/LINK<0.5mm or chi2/dof<1.5");
+    return InputError(
+        where + "QUANTITY<LIMIT is expected: sensor/NAME<0.2mm, frame/LINK<0.5mm or chi2/dof<1.5");
   };
   if (less == std::string::npos || quantity.empty()) throw malformed();
   Node number;
@@ -56,17 +60,21 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   try {
     requirement.limit = top(number, where).positive();
   } catch (const InputError&) {
-    throw InputError(where + "'" + limit + "' is no limit: a number above 0 and a unit are expected, as in 0.2mm");
+    throw InputError(where + "'" + limit +
+                     "' is no limit: a number above 0 and a unit are expected, as in 0.2mm");
   }
   const std::string unit_names = units_of({"px", "m", "rad"});
   const auto unit = kUnits.find(requirement.unit);
   if (quantity != "chi2/dof" && unit == kUnits.end())
-    throw InputError(where + (requirement.unit.empty() ? "a unit is missing behind the limit" : "unknown unit '" + requirement.unit + "'") +
+    throw InputError(where +
+                     (requirement.unit.empty() ? "a unit is missing behind the limit"
+                                               : "unknown unit '" + requirement.unit + "'") +
                      "; valid: " + unit_names);
   // `kinds`: m, rad, px that the quantity can have.
   const auto take_unit = [&](const std::string& name, const std::vector<std::string>& kinds) {
     if (!std::count(kinds.begin(), kinds.end(), unit->second.of))
-      throw InputError(where + "'" + requirement.unit + "' is no unit of " + name + "; valid: " + units_of(kinds));
+      throw InputError(where + "'" + requirement.unit + "' is no unit of " + name +
+                       "; valid: " + units_of(kinds));
     requirement.factor = unit->second.factor;
     requirement.rotation = unit->second.of == std::string("rad");
   };
@@ -99,7 +107,8 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
       requirement.limit = given * requirement.factor;
       out.push_back(requirement);
     }
-    if (out.empty()) throw InputError(where + "unknown sensor '" + pattern + "'" + nearest_names(pattern, names));
+    if (out.empty())
+      throw InputError(where + "unknown sensor '" + pattern + "'" + nearest_names(pattern, names));
   } else {
     throw malformed();
   }

@@ -30,12 +30,14 @@ std::string contents(const std::string& path) {
   std::string text;
   char buffer[1 << 16];
   for (size_t n; (n = std::fread(buffer, 1, sizeof buffer, file)) > 0;) text.append(buffer, n);
-  if ((packed ? pclose(file) : std::fclose(file)) != 0) throw std::runtime_error(path + ": cannot be unpacked");
+  if ((packed ? pclose(file) : std::fclose(file)) != 0)
+    throw std::runtime_error(path + ": cannot be unpacked");
   return text;
 }
 
 Vector3d in_camera(const double* camera, const Vector3d& p) {
-  return exp_so3(Vector3d(camera[0], camera[1], camera[2])) * p + Vector3d(camera[3], camera[4], camera[5]);
+  return exp_so3(Vector3d(camera[0], camera[1], camera[2])) * p +
+         Vector3d(camera[3], camera[4], camera[5]);
 }
 
 }  // namespace
@@ -47,17 +49,20 @@ BundleAdjustmentData read_bal(const std::string& path) {
     char* end;
     const double v = std::strtod(at, &end);
     if (end == at)
-      throw std::runtime_error(path + ": ends too early, or there is something else than a number at byte " +
-                               std::to_string(at - text.c_str()));
+      throw std::runtime_error(
+          path + ": ends too early, or there is something else than a number at byte " +
+          std::to_string(at - text.c_str()));
     at = end;
     return v;
   };
   const auto whole = [&](const char* what, double least, double most) {
     const double v = number();
-    if (!(v >= least && v <= most) || v != std::floor(v)) throw std::runtime_error(path + ": " + std::to_string(v) + " is no " + what);
+    if (!(v >= least && v <= most) || v != std::floor(v))
+      throw std::runtime_error(path + ": " + std::to_string(v) + " is no " + what);
     return static_cast<int>(v);
   };
-  const int cameras = whole("number of cameras", 1, 1e6), points = whole("number of points", 1, 1e8),
+  const int cameras = whole("number of cameras", 1, 1e6),
+            points = whole("number of points", 1, 1e8),
             observations = whole("number of observations", 1, 1e9);
   BundleAdjustmentData data;
   for (int i = 0; i < observations; ++i) {
@@ -80,21 +85,24 @@ BundleAdjustmentData synthetic_bal(int cameras, int points, std::uint64_t seed) 
   for (int c = 0; c < cameras; ++c) {
     const double bearing = kTurn * c / cameras;
     // The camera looks along -z; its x axis points along the ring (clockwise), y up.
-    const Vector3d back(-std::cos(bearing), -std::sin(bearing), 0), up(0, 0, 1), right = up.cross(back);
+    const Vector3d back(-std::cos(bearing), -std::sin(bearing), 0), up(0, 0, 1),
+        right = up.cross(back);
     Matrix3d camera_R_world;
     camera_R_world << right.transpose(), up.transpose(), back.transpose();
     camera_R_world = exp_so3(random.vector(0.03)) * camera_R_world;
     const Vector3d position = -radius * back + random.vector(0.1);
     const Vector3d w = log_so3(camera_R_world), t = -(camera_R_world * position);
     truth.insert(truth.end(), {w.x(), w.y(), w.z(), t.x(), t.y(), t.z()});
-    truth.insert(truth.end(), {900 + random.normal(20), -0.05 + random.normal(0.01), 0.01 + random.normal(0.002)});
+    truth.insert(truth.end(), {900 + random.normal(20), -0.05 + random.normal(0.01),
+                               0.01 + random.normal(0.002)});
   }
   for (int p = 0; p < points; ++p) {
     const int seen = 3 + static_cast<int>(random.uniform() * 7.44);  // 3 .. 10
     const int first = static_cast<int>(random.uniform() * cameras);
     const double bearing = kTurn * (first + 0.5 * (seen - 1) + random.uniform(-0.5, 0.5)) / cameras;
     const double distance = radius + random.uniform(8, 14);
-    const Vector3d at(distance * std::cos(bearing), distance * std::sin(bearing), random.uniform(-2.5, 2.5));
+    const Vector3d at(distance * std::cos(bearing), distance * std::sin(bearing),
+                      random.uniform(-2.5, 2.5));
     for (int k = 0; k < seen; ++k) {
       const int c = (first + k) % cameras;
       const double* camera = &truth[9 * c];
@@ -110,12 +118,14 @@ BundleAdjustmentData synthetic_bal(int cameras, int points, std::uint64_t seed) 
     data.points.insert(data.points.end(), {start.x(), start.y(), start.z()});
   }
   const double sigma[9] = {0.002, 0.002, 0.002, 0.02, 0.02, 0.02, 5, 0.005, 0.002};
-  for (size_t i = 0; i < truth.size(); ++i) data.cameras.push_back(truth[i] + random.normal(sigma[i % 9]));
+  for (size_t i = 0; i < truth.size(); ++i)
+    data.cameras.push_back(truth[i] + random.normal(sigma[i % 9]));
   return data;
 }
 
 std::string describe(const BundleAdjustmentData& data) {
-  return std::to_string(data.cameras.size() / 9) + " cameras, " + std::to_string(data.points.size() / 3) + " points, " +
+  return std::to_string(data.cameras.size() / 9) + " cameras, " +
+         std::to_string(data.points.size() / 3) + " points, " +
          std::to_string(data.camera_of.size()) + " observations";
 }
 

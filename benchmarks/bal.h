@@ -11,13 +11,14 @@
 
 namespace kincal::benchmarks {
 
-/// Reads `cameras points observations`, `camera point x y` an observation, then the numbers of cameras and points, one a line.
-/// A name that ends in .xz is unpacked by the program xz.
+/// Reads `cameras points observations`, `camera point x y` an observation, then the numbers of
+/// cameras and points, one a line. A name that ends in .xz is unpacked by the program xz.
 /// @throws std::runtime_error naming the file.
 BundleAdjustmentData read_bal(const std::string& path);
 
-/// Cameras stand in a ring, 1.25 m apart, and look outwards at a facade about 10 m away. Each point is seen by 3 to 10 cameras in a
-/// row, 6.24 on average, so that the reduced camera matrix is a band. Image noise 0.5 px; the start is off by a few cm and mrad.
+/// Cameras stand in a ring, 1.25 m apart, and look outwards at a facade about 10 m away. Each point
+/// is seen by 3 to 10 cameras in a row, 6.24 on average, so that the reduced camera matrix is a
+/// band. Image noise 0.5 px; the start is off by a few cm and mrad.
 BundleAdjustmentData synthetic_bal(int cameras, int points, std::uint64_t seed = 1);
 
 /// "500 cameras, 100000 points, 624000 observations"

@@ -1,4 +1,5 @@
-// Bundle adjustment in Ceres: points eliminated first, automatic or analytic derivatives, dense or sparse reduced system.
+// Bundle adjustment in Ceres: points eliminated first, automatic or analytic derivatives, dense or
+// sparse reduced system.
 #pragma once
 
 #include <memory>

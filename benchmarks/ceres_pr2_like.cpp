@@ -38,7 +38,8 @@ struct ViewData {
   double inverse_sigma;
 };
 
-// ---------------------------------------------------------------- usual: templates, a corner at a time
+// ---------------------------------------------------------------- usual: templates, a corner at a
+// time
 
 /// sin(a) / a, (1 - cos(a)) / a^2 and (a - sin(a)) / a^3 as functions of a^2, smooth at 0.
 template <class T>
@@ -65,7 +66,9 @@ Vector3<T> move(const T* xi, const Vector3<Scalar>& p) {
   T a, b, c;
   rotation_factors(T(w.squaredNorm()), a, b, c);
   // p + a w x p + b w x (w x p) + v + b w x v + c w x (w x v), the products shared.
-  const Vector3<T> wp(w(1) * p(2) - w(2) * p(1), w(2) * p(0) - w(0) * p(2), w(0) * p(1) - w(1) * p(0)), wv = w.cross(v);
+  const Vector3<T> wp(w(1) * p(2) - w(2) * p(1), w(2) * p(0) - w(0) * p(2),
+                      w(0) * p(1) - w(1) * p(0)),
+      wv = w.cross(v);
   const Vector3<T> twice = w.cross(Vector3<T>(b * wp + c * wv));
   Vector3<T> moved;
   for (int k = 0; k < 3; ++k) moved(k) = p(k) + v(k) + a * wp(k) + b * wv(k) + twice(k);
@@ -82,7 +85,8 @@ Vector3<T> move_back(const T* xi, const Vector3<T>& p) {
 /// Constants stay double: a Jet times a number costs a third of a Jet times a Jet.
 template <class T>
 Vector3<T> turn(const Matrix3d& r, const Vector3<T>& p) {
-  return {r(0, 0) * p(0) + r(0, 1) * p(1) + r(0, 2) * p(2), r(1, 0) * p(0) + r(1, 1) * p(1) + r(1, 2) * p(2),
+  return {r(0, 0) * p(0) + r(0, 1) * p(1) + r(0, 2) * p(2),
+          r(1, 0) * p(0) + r(1, 1) * p(1) + r(1, 2) * p(2),
           r(2, 0) * p(0) + r(2, 1) * p(1) + r(2, 2) * p(2)};
 }
 template <class T>
@@ -93,7 +97,8 @@ Vector3<T> apply(const Pose& pose, const Vector3<T>& p) {
 
 /// Corner i as sensor sees it. offsets_scales(j, offset, scale) tells the numbers of joint j.
 template <class T, class Joints>
-Vector3<T> seen(const ViewData& view, int i, const T* board, const T* pose, const Joints& offset_scale) {
+Vector3<T> seen(const ViewData& view, int i, const T* board, const T* pose,
+                const Joints& offset_scale) {
   Vector3<T> p = apply(view.base_T_board, move(board, Vector3d(view.corners->col(i))));
   for (size_t j = 0; j < view.chain->axes.size(); ++j) {
     const Vector3d& axis = view.chain->axes[j];
@@ -146,13 +151,15 @@ struct HandCorner {
   }
 };
 
-// ---------------------------------------------------------------- strongest: by hand, a view at a time
+// ---------------------------------------------------------------- strongest: by hand, a view at a
+// time
 
 /// J_r of SE(3) in closed form: exp(xi + d) = exp(xi) exp(J_r d).
 Matrix6d right_jacobian(const Vector6d& xi) {
   const Vector3d w = -xi.tail<3>();  // J_r(xi) = J_l(-xi)
   const double s = w.squaredNorm();
-  double b, c, d, e;  // (1 - cos a)/a^2, (a - sin a)/a^3, (1 - a^2/2 - cos a)/a^4, (a - sin a - a^3/6)/a^5
+  double b, c, d,
+      e;  // (1 - cos a)/a^2, (a - sin a)/a^3, (1 - a^2/2 - cos a)/a^4, (a - sin a - a^3/6)/a^5
   if (s < 1e-2) {
     b = 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90)));
     c = 1.0 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)));
@@ -167,8 +174,10 @@ Matrix6d right_jacobian(const Vector6d& xi) {
   }
   const Matrix3d p = skew(-xi.head<3>()), f = skew(w), pf = p * f, fp = f * p, fpf = f * pf;
   Matrix6d m;
-  m.topLeftCorner<3, 3>() = m.bottomRightCorner<3, 3>() = Matrix3d::Identity() + b * f + c * (f * f);
-  m.topRightCorner<3, 3>() = 0.5 * p + c * (fp + pf + fpf) - d * (f * fp + pf * f - 3 * fpf) - 0.5 * (d - 3 * e) * (fpf * f + f * fpf);
+  m.topLeftCorner<3, 3>() = m.bottomRightCorner<3, 3>() =
+      Matrix3d::Identity() + b * f + c * (f * f);
+  m.topRightCorner<3, 3>() = 0.5 * p + c * (fp + pf + fpf) - d * (f * fp + pf * f - 3 * fpf) -
+                             0.5 * (d - 3 * e) * (fpf * f + f * fpf);
   m.bottomLeftCorner<3, 3>().setZero();
   return m;
 }
@@ -182,14 +191,16 @@ Rows_t<6, 6> seen_through(const Pose& t, const Matrix6d& m) {
   return out;
 }
 
-/// The view's geometry at the parameters: where the board is, and the twists of the board as the sensor sees them.
+/// The view's geometry at the parameters: where the board is, and the twists of the board as the
+/// sensor sees them.
 template <int N>
 struct Geometry {
   Pose sensor_T_board;
   Rows_t<6, 6> by_board, by_pose;
   Rows_t<6, N> by_offset;  // by the joints' offsets; by the scales: times the readings
 
-  void compute(const ViewData& view, const double* board, const std::array<double, N>& positions, const double* pose, bool derivatives) {
+  void compute(const ViewData& view, const double* board, const std::array<double, N>& positions,
+               const double* pose, bool derivatives) {
     const Eigen::Map<const Vector6d> xi_board(board), xi_pose(pose);
     Pose base_T_here;
     Vector3d axes[N], centres[N];
@@ -207,14 +218,16 @@ struct Geometry {
       centres[j] = base_T_here.translation;
       base_T_here.rotation = before * turn;
     }
-    const Pose sensor_T_base = inverse(base_T_here * (view.chain->link_T_sensor * exp_se3(xi_pose)));
+    const Pose sensor_T_base =
+        inverse(base_T_here * (view.chain->link_T_sensor * exp_se3(xi_pose)));
     sensor_T_board = sensor_T_base * (view.base_T_board * exp_se3(xi_board));
     if (!derivatives) return;
     by_board = seen_through(sensor_T_board, right_jacobian(xi_board));
     by_pose = -right_jacobian(xi_pose);
     for (int j = 0; j < N; ++j) {
       const Vector3d axis = sensor_T_base.rotation * axes[j], centre = sensor_T_base * centres[j];
-      by_offset.template block<3, 1>(0, j) = axis.cross(centre);  // a joint's motion moves the sensor, so the board goes the other way
+      by_offset.template block<3, 1>(0, j) =
+          axis.cross(centre);  // a joint's motion moves the sensor, so the board goes the other way
       by_offset.template block<3, 1>(3, j) = -axis;
     }
   }
@@ -230,7 +243,9 @@ std::array<double, N> positions(const ViewData& view, const double* joints) {
 /// The same of an arm's 7 joints, whose wrist has its own block.
 std::array<double, 7> positions(const ViewData& view, const double* upper, const double* wrist) {
   std::array<double, 7> q;
-  for (int j = 0; j < 7; ++j) q[j] = j < 5 ? upper[5 + j] * view.readings[j] + upper[j] : wrist[j - 3] * view.readings[j] + wrist[j - 5];
+  for (int j = 0; j < 7; ++j)
+    q[j] = j < 5 ? upper[5 + j] * view.readings[j] + upper[j]
+                 : wrist[j - 3] * view.readings[j] + wrist[j - 5];
   return q;
 }
 
@@ -244,24 +259,31 @@ void joint_columns(const Rows_t<Rows, N>& by_offset, const double* readings, dou
     }
 }
 
-/// One corner in a camera: residuals and, if asked for, their derivatives by the board's twist and by fx fy cx cy k1 k2.
+/// One corner in a camera: residuals and, if asked for, their derivatives by the board's twist and
+/// by fx fy cx cy k1 k2.
 struct CornerRows {
   double r[2];
   Rows_t<2, 6> by_twist, by_numbers;
 
-  bool compute(const ViewData& view, const Pose& sensor_T_board, const double* number, int i, bool derivatives) {
-    const double w = view.inverse_sigma, fx = number[0] * w, fy = number[1] * w, k1 = number[4], k2 = number[5];
+  bool compute(const ViewData& view, const Pose& sensor_T_board, const double* number, int i,
+               bool derivatives) {
+    const double w = view.inverse_sigma, fx = number[0] * w, fy = number[1] * w, k1 = number[4],
+                 k2 = number[5];
     const Vector3d p = sensor_T_board * Vector3d(view.corners->col(i));
     if (!(p.z() > 1e-9)) return false;
-    const double inverse_depth = 1 / p.z(), u = p.x() * inverse_depth, v = p.y() * inverse_depth, s = u * u + v * v;
+    const double inverse_depth = 1 / p.z(), u = p.x() * inverse_depth, v = p.y() * inverse_depth,
+                 s = u * u + v * v;
     const double radial = 1 + s * (k1 + s * k2);
     r[0] = fx * u * radial + (number[2] - view.z[2 * i]) * w;
     r[1] = fy * v * radial + (number[3] - view.z[2 * i + 1]) * w;
     if (!derivatives) return true;
-    const double slope = 2 * (k1 + 2 * k2 * s), uu = radial + slope * u * u, uv = slope * u * v, vv = radial + slope * v * v;
+    const double slope = 2 * (k1 + 2 * k2 * s), uu = radial + slope * u * u, uv = slope * u * v,
+                 vv = radial + slope * v * v;
     Rows_t<2, 6>& l = by_twist;  // [v | w]: a (v + w x p) = [a | p x a]
-    l(0, 0) = fx * inverse_depth * uu, l(0, 1) = fx * inverse_depth * uv, l(0, 2) = -fx * inverse_depth * (uu * u + uv * v);
-    l(1, 0) = fy * inverse_depth * uv, l(1, 1) = fy * inverse_depth * vv, l(1, 2) = -fy * inverse_depth * (uv * u + vv * v);
+    l(0, 0) = fx * inverse_depth * uu, l(0, 1) = fx * inverse_depth * uv,
+         l(0, 2) = -fx * inverse_depth * (uu * u + uv * v);
+    l(1, 0) = fy * inverse_depth * uv, l(1, 1) = fy * inverse_depth * vv,
+         l(1, 2) = -fy * inverse_depth * (uv * u + vv * v);
     for (int k = 0; k < 2; ++k) {
       l(k, 3) = p.y() * l(k, 2) - p.z() * l(k, 1);
       l(k, 4) = p.z() * l(k, 0) - p.x() * l(k, 2);
@@ -273,7 +295,8 @@ struct CornerRows {
   }
 };
 
-/// A camera behind N joints: 96 residuals; board 6, joints N offsets and N scales, camera 12 (pose 6, fx fy cx cy k1 k2).
+/// A camera behind N joints: 96 residuals; board 6, joints N offsets and N scales, camera 12 (pose
+/// 6, fx fy cx cy k1 k2).
 template <int N>
 class CameraView final : public ceres::SizedCostFunction<2 * kCorners, 6, 2 * N, 12> {
  public:
@@ -290,7 +313,8 @@ class CameraView final : public ceres::SizedCostFunction<2 * kCorners, 6, 2 * N,
       if (!jacobians) continue;
       const Rows_t<2, 6>& l = corner.by_twist;
       if (jacobians[0]) Eigen::Map<Rows_t<2, 6>>(jacobians[0] + 12 * i) = l.lazyProduct(g.by_board);
-      if (jacobians[1]) joint_columns<2, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1] + 4 * N * i);
+      if (jacobians[1])
+        joint_columns<2, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1] + 4 * N * i);
       if (jacobians[2]) {
         Eigen::Map<Rows_t<2, 12>> out(jacobians[2] + 24 * i);
         out.template leftCols<6>() = l.lazyProduct(g.by_pose);
@@ -317,16 +341,22 @@ class HandView final : public ceres::SizedCostFunction<3 * kCorners, 6, 10, 4, 6
       const Vector3d p = g.sensor_T_board * Vector3d(view_.corners->col(i));
       for (int k = 0; k < 3; ++k) r[3 * i + k] = (p(k) - view_.z[3 * i + k]) * w;
       if (!jacobians) continue;
-      // d p = v + w x p: each column of a block is its upper half plus its lower half crossed with p.
+      // d p = v + w x p: each column of a block is its upper half plus its lower half crossed with
+      // p.
       const Matrix3d cross = -skew(p);
       if (jacobians[0])
-        Eigen::Map<Rows_t<3, 6>>(jacobians[0] + 18 * i) = w * (g.by_board.topRows<3>() + cross.lazyProduct(g.by_board.bottomRows<3>()));
+        Eigen::Map<Rows_t<3, 6>>(jacobians[0] + 18 * i) =
+            w * (g.by_board.topRows<3>() + cross.lazyProduct(g.by_board.bottomRows<3>()));
       if (jacobians[3])
-        Eigen::Map<Rows_t<3, 6>>(jacobians[3] + 18 * i) = w * (g.by_pose.topRows<3>() + cross.lazyProduct(g.by_pose.bottomRows<3>()));
+        Eigen::Map<Rows_t<3, 6>>(jacobians[3] + 18 * i) =
+            w * (g.by_pose.topRows<3>() + cross.lazyProduct(g.by_pose.bottomRows<3>()));
       if (!jacobians[1] && !jacobians[2]) continue;
-      const Rows_t<3, 7> by_offset = w * (g.by_offset.topRows<3>() + cross.lazyProduct(g.by_offset.bottomRows<3>()));
-      if (jacobians[1]) joint_columns<3, 5>(by_offset.leftCols<5>(), view_.readings, jacobians[1] + 30 * i);
-      if (jacobians[2]) joint_columns<3, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2] + 12 * i);
+      const Rows_t<3, 7> by_offset =
+          w * (g.by_offset.topRows<3>() + cross.lazyProduct(g.by_offset.bottomRows<3>()));
+      if (jacobians[1])
+        joint_columns<3, 5>(by_offset.leftCols<5>(), view_.readings, jacobians[1] + 30 * i);
+      if (jacobians[2])
+        joint_columns<3, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2] + 12 * i);
     }
     return true;
   }
@@ -335,16 +365,19 @@ class HandView final : public ceres::SizedCostFunction<3 * kCorners, 6, 10, 4, 6
   ViewData view_;
 };
 
-// ---------------------------------------------------------------- compressed: kincal's idea, in Ceres
+// ---------------------------------------------------------------- compressed: kincal's idea, in
+// Ceres
 
-/// The triangle R of a QR of `a`: R'R = a'a. Through the Gram matrix, which is faster; by QR if that is not positive definite.
+/// The triangle R of a QR of `a`: R'R = a'a. Through the Gram matrix, which is faster; by QR if
+/// that is not positive definite.
 template <int Rows, int W>
 Rows_t<W, W> triangle(const Rows_t<Rows, W>& a) {
   Eigen::Matrix<double, W, W> gram = Eigen::Matrix<double, W, W>::Zero();
   for (int k = 0; k < Rows; k += 4) {
     const double *p = a.data() + k * W, *q = p + W, *r = q + W, *s = r + W;
     for (int j = 0; j < W; ++j)
-      for (int i = j; i < W; ++i) gram(i, j) += p[j] * p[i] + q[j] * q[i] + r[j] * r[i] + s[j] * s[i];
+      for (int i = j; i < W; ++i)
+        gram(i, j) += p[j] * p[i] + q[j] * q[i] + r[j] * r[i] + s[j] * s[i];
   }
   const Eigen::LLT<Eigen::Matrix<double, W, W>> cholesky(gram);
   if (cholesky.info() == Eigen::Success) return cholesky.matrixU();
@@ -352,8 +385,9 @@ Rows_t<W, W> triangle(const Rows_t<Rows, W>& a) {
   return qr.matrixQR().template topRows<W>().template triangularView<Eigen::Upper>();
 }
 
-/// CameraView in 13 residuals: with the triangle R of [derivatives by the twist and by the camera's numbers | residuals], the last
-/// column of R has the norm of the residuals, and with R in place of the rows all products J'J and J'r are the same.
+/// CameraView in 13 residuals: with the triangle R of [derivatives by the twist and by the camera's
+/// numbers | residuals], the last column of R has the norm of the residuals, and with R in place of
+/// the rows all products J'J and J'r are the same.
 template <int N>
 class CompressedCamera final : public ceres::SizedCostFunction<13, 6, 2 * N, 12> {
  public:
@@ -384,7 +418,8 @@ class CompressedCamera final : public ceres::SizedCostFunction<13, 6, 2 * N, 12>
     const Rows_t<13, 6> l = t.template leftCols<6>();
     out = t.col(12);
     if (jacobians[0]) Eigen::Map<Rows_t<13, 6>>(jacobians[0] + 0) = l.lazyProduct(g.by_board);
-    if (jacobians[1]) joint_columns<13, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1]);
+    if (jacobians[1])
+      joint_columns<13, N>(l.lazyProduct(g.by_offset), view_.readings, jacobians[1]);
     if (jacobians[2]) {
       Eigen::Map<Rows_t<13, 12>> by_camera(jacobians[2]);
       by_camera.template leftCols<6>() = l.lazyProduct(g.by_pose);
@@ -426,7 +461,8 @@ class CompressedHand final : public ceres::SizedCostFunction<7, 6, 10, 4, 6> {
     out = t.col(6);
     if (jacobians[0]) Eigen::Map<Rows_t<7, 6>>(jacobians[0] + 0) = l.lazyProduct(g.by_board);
     if (jacobians[1]) joint_columns<7, 5>(by_offset.leftCols<5>(), view_.readings, jacobians[1]);
-    if (jacobians[2]) joint_columns<7, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2]);
+    if (jacobians[2])
+      joint_columns<7, 2>(by_offset.rightCols<2>(), view_.readings + 5, jacobians[2]);
     if (jacobians[3]) Eigen::Map<Rows_t<7, 6>>(jacobians[3] + 0) = l.lazyProduct(g.by_pose);
     return true;
   }
@@ -440,7 +476,8 @@ class CompressedHand final : public ceres::SizedCostFunction<7, 6, 10, 4, 6> {
 /// (x - mean) / sigma, number by number.
 class DiagonalPrior final : public ceres::CostFunction {
  public:
-  DiagonalPrior(std::vector<double> mean, std::vector<double> sigma) : mean_(std::move(mean)), sigma_(std::move(sigma)) {
+  DiagonalPrior(std::vector<double> mean, std::vector<double> sigma)
+      : mean_(std::move(mean)), sigma_(std::move(sigma)) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(mean_.size()));
     set_num_residuals(static_cast<int>(mean_.size()));
   }
@@ -462,7 +499,8 @@ class DiagonalPrior final : public ceres::CostFunction {
 struct JointBlock {
   int first, count;
 };
-constexpr JointBlock kJointBlocks[5] = {{0, 2}, {2, 5}, {7, 2}, {9, 5}, {14, 2}};  // head; left arm, wrist; right arm, wrist
+constexpr JointBlock kJointBlocks[5] = {
+    {0, 2}, {2, 5}, {7, 2}, {9, 5}, {14, 2}};  // head; left arm, wrist; right arm, wrist
 
 }  // namespace
 
@@ -500,7 +538,8 @@ struct CeresPr2Like::Implementation {
 
 CeresPr2Like::~CeresPr2Like() = default;
 
-CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_unique<Implementation>()) {
+CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form)
+    : i_(std::make_unique<Implementation>()) {
   Implementation& m = *i_;
   m.form = form;
   const Rig& rig = p.rig;
@@ -551,11 +590,17 @@ CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_
   for (size_t k = 0; k < p.samples.size(); ++k) {
     const Sample& sample = p.samples[k];
     for (const View& v : sample.views) {
-      const int s = v.sensor, first = find_path(rig.tree, rig.base, rig.sensors[s].link).front().joint;
-      const ViewData view{&m.chains[s], &sample.readings[first], p.start.targets.at({static_cast<int>(k), 0}), &m.corners,
-                          v.z.data(),   1 / v.sigma[0]};
+      const int s = v.sensor,
+                first = find_path(rig.tree, rig.base, rig.sensors[s].link).front().joint;
+      const ViewData view{&m.chains[s],
+                          &sample.readings[first],
+                          p.start.targets.at({static_cast<int>(k), 0}),
+                          &m.corners,
+                          v.z.data(),
+                          1 / v.sigma[0]};
       const size_t block = first == 0 ? 0 : first == 2 ? 1 : 3;
-      double *board = m.boards[k].data(), *joints = m.joint_blocks[block].data(), *pose = m.sensors[s].data();
+      double *board = m.boards[k].data(), *joints = m.joint_blocks[block].data(),
+             *pose = m.sensors[s].data();
       const size_t joint_count = m.chains[s].axes.size();
       if (form == PeerForm::compressed) {
         if (joint_count == 2)
@@ -563,7 +608,8 @@ CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_
         else if (joint_count == 5)
           m.problem->AddResidualBlock(new CompressedCamera<5>(view), nullptr, board, joints, pose);
         else
-          m.problem->AddResidualBlock(new CompressedHand(view), nullptr, board, joints, m.joint_blocks[block + 1].data(), pose);
+          m.problem->AddResidualBlock(new CompressedHand(view), nullptr, board, joints,
+                                      m.joint_blocks[block + 1].data(), pose);
         continue;
       }
       if (form == PeerForm::strongest) {
@@ -572,33 +618,43 @@ CeresPr2Like::CeresPr2Like(const RobotProblem& p, PeerForm form) : i_(std::make_
         else if (joint_count == 5)
           m.problem->AddResidualBlock(new CameraView<5>(view), nullptr, board, joints, pose);
         else
-          m.problem->AddResidualBlock(new HandView(view), nullptr, board, joints, m.joint_blocks[block + 1].data(), pose);
+          m.problem->AddResidualBlock(new HandView(view), nullptr, board, joints,
+                                      m.joint_blocks[block + 1].data(), pose);
         continue;
       }
       for (int i = 0; i < kCorners; ++i) {
         if (joint_count == 2)
-          m.problem->AddResidualBlock(new ceres::AutoDiffCostFunction<CameraCorner<2>, 2, 6, 4, 6, 6>(new CameraCorner<2>{view, i}),
-                                      nullptr, board, joints, pose, pose + 6);
+          m.problem->AddResidualBlock(
+              new ceres::AutoDiffCostFunction<CameraCorner<2>, 2, 6, 4, 6, 6>(
+                  new CameraCorner<2>{view, i}),
+              nullptr, board, joints, pose, pose + 6);
         else if (joint_count == 5)
-          m.problem->AddResidualBlock(new ceres::AutoDiffCostFunction<CameraCorner<5>, 2, 6, 10, 6, 6>(new CameraCorner<5>{view, i}),
-                                      nullptr, board, joints, pose, pose + 6);
+          m.problem->AddResidualBlock(
+              new ceres::AutoDiffCostFunction<CameraCorner<5>, 2, 6, 10, 6, 6>(
+                  new CameraCorner<5>{view, i}),
+              nullptr, board, joints, pose, pose + 6);
         else
-          m.problem->AddResidualBlock(new ceres::AutoDiffCostFunction<HandCorner, 3, 6, 10, 4, 6>(new HandCorner{view, i}), nullptr, board,
-                                      joints, m.joint_blocks[block + 1].data(), pose);
+          m.problem->AddResidualBlock(
+              new ceres::AutoDiffCostFunction<HandCorner, 3, 6, 10, 4, 6>(new HandCorner{view, i}),
+              nullptr, board, joints, m.joint_blocks[block + 1].data(), pose);
       }
     }
   }
   const auto add_prior = [&](double* x, const double* mean, const double* sigma, size_t size) {
-    m.problem->AddResidualBlock(new DiagonalPrior({mean, mean + size}, {sigma, sigma + size}), nullptr, x);
+    m.problem->AddResidualBlock(new DiagonalPrior({mean, mean + size}, {sigma, sigma + size}),
+                                nullptr, x);
   };
   for (size_t b = 0; b < m.joint_blocks.size(); ++b)
-    add_prior(m.joint_blocks[b].data(), m.joint_start[b].data(), joint_sigma[b].data(), m.joint_blocks[b].size());
+    add_prior(m.joint_blocks[b].data(), m.joint_start[b].data(), joint_sigma[b].data(),
+              m.joint_blocks[b].size());
   for (size_t s = 0; s < m.sensors.size(); ++s) {
     if (form != PeerForm::usual) {
-      add_prior(m.sensors[s].data(), m.sensor_start[s].data(), sensor_sigma[s].data(), m.sensors[s].size());
+      add_prior(m.sensors[s].data(), m.sensor_start[s].data(), sensor_sigma[s].data(),
+                m.sensors[s].size());
     } else {
       for (size_t at = 0; at < m.sensors[s].size(); at += 6)
-        add_prior(m.sensors[s].data() + at, m.sensor_start[s].data() + at, sensor_sigma[s].data() + at, 6);
+        add_prior(m.sensors[s].data() + at, m.sensor_start[s].data() + at,
+                  sensor_sigma[s].data() + at, 6);
     }
   }
 }
@@ -613,11 +669,13 @@ Run CeresPr2Like::solve(int threads) {
   options.max_num_iterations = 100;
   options.num_threads = threads;
   options.logging_type = ceres::SILENT;
-  if (i_->form != PeerForm::usual) options.jacobi_scaling = false;  // same steps here, 7 % less time
+  if (i_->form != PeerForm::usual)
+    options.jacobi_scaling = false;  // same steps here, 7 % less time
   options.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   size_t index = 0;
   for (const auto& block : i_->blocks())
-    options.linear_solver_ordering->AddElementToGroup(block.first, index++ < i_->boards.size() ? 0 : 1);
+    options.linear_solver_ordering->AddElementToGroup(block.first,
+                                                      index++ < i_->boards.size() ? 0 : 1);
   ceres::Solver::Summary summary;
   Run run;
   const double cpu = cpu_seconds(), wall = wall_seconds();
@@ -626,7 +684,8 @@ Run CeresPr2Like::solve(int threads) {
   run.wall = wall_seconds() - wall;
   run.start_cost = summary.initial_cost;
   run.cost = summary.final_cost;
-  run.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps - 1;  // the evaluation at the start counts as a step
+  run.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps -
+                   1;  // the evaluation at the start counts as a step
   run.converged = summary.termination_type == ceres::CONVERGENCE;
   return run;
 }

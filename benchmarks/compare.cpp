@@ -1,7 +1,9 @@
-// kincal-compare: whole problems, kincal beside Ceres, run in turns so that both meet the same disturbances.
+// kincal-compare: whole problems, kincal beside Ceres, run in turns so that both meet the same
+// disturbances.
 //
-// Measured is the CPU time of the process from a built problem to the solution: kincal's LevenbergMarquardt (analysis, workspace) and
-// solve; Ceres' Solve. Nothing is reported before start and final costs agree.
+// Measured is the CPU time of the process from a built problem to the solution: kincal's
+// LevenbergMarquardt (analysis, workspace) and solve; Ceres' Solve. Nothing is reported before
+// start and final costs agree.
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -33,14 +35,16 @@ namespace {
 using nlohmann::json;
 
 constexpr double kSameStart = 1e-12;  // relative, of costs at the start: the same function
-const std::vector<std::string> kProblems = {"pr2-like-60", "pr2-like-500", "bal-16-22106", "bal-49-7776", "synthetic-500"};
+const std::vector<std::string> kProblems = {"pr2-like-60", "pr2-like-500", "bal-16-22106",
+                                            "bal-49-7776", "synthetic-500"};
 
 struct Settings {
   int rounds = 7;
   std::vector<std::string> problems;
   std::string data;  // folder with bal/
   bool wanted(const std::string& problem) const {
-    return problems.empty() || std::find(problems.begin(), problems.end(), problem) != problems.end();
+    return problems.empty() ||
+           std::find(problems.begin(), problems.end(), problem) != problems.end();
   }
 };
 
@@ -55,44 +59,59 @@ double quantile(std::vector<double> v, double q) {
   std::sort(v.begin(), v.end());
   const double at = q * static_cast<double>(v.size() - 1);
   const size_t below = static_cast<size_t>(at);
-  return below + 1 < v.size() ? v[below] + (at - static_cast<double>(below)) * (v[below + 1] - v[below]) : v[below];
+  return below + 1 < v.size()
+             ? v[below] + (at - static_cast<double>(below)) * (v[below + 1] - v[below])
+             : v[below];
 }
 std::vector<double> times(const std::vector<Run>& runs, double Run::*time) {
   std::vector<double> t;
   for (const Run& r : runs) t.push_back(r.*time);
   return t;
 }
-double median(const std::vector<Run>& runs, double Run::*time = &Run::seconds) { return quantile(times(runs, time), 0.5); }
+double median(const std::vector<Run>& runs, double Run::*time = &Run::seconds) {
+  return quantile(times(runs, time), 0.5);
+}
 /// Interquartile range over median.
 double spread(const std::vector<Run>& runs, double Run::*time = &Run::seconds) {
   const std::vector<double> t = times(runs, time);
   return (quantile(t, 0.75) - quantile(t, 0.25)) / quantile(t, 0.5);
 }
-double relative_difference(double a, double b) { return std::abs(a - b) / std::max(std::abs(a), std::abs(b)); }
+double relative_difference(double a, double b) {
+  return std::abs(a - b) / std::max(std::abs(a), std::abs(b));
+}
 
 /// One run of each that does not count, in which costs are compared; then `rounds` in turns.
 /// @throws std::runtime_error if they do not minimise the same.
-void race(const std::string& problem, std::vector<Contestant>& contestants, int rounds, double same_end) {
+void race(const std::string& problem, std::vector<Contestant>& contestants, int rounds,
+          double same_end) {
   std::vector<Run> first;
   double fastest_peer = 1e300;
   for (const Contestant& c : contestants) {
     first.push_back(c.run());
-    if (!first.back().converged) throw std::runtime_error(problem + ": " + c.name + " did not converge");
+    if (!first.back().converged)
+      throw std::runtime_error(problem + ": " + c.name + " did not converge");
     if (first.size() > 1) fastest_peer = std::min(fastest_peer, first.back().seconds);
     for (const auto& [what, difference, allowed] :
-         {std::make_tuple("at the start", relative_difference(first.back().start_cost, first[0].start_cost), kSameStart),
-          std::make_tuple("at the end", relative_difference(first.back().cost, first[0].cost), same_end)})
+         {std::make_tuple("at the start",
+                          relative_difference(first.back().start_cost, first[0].start_cost),
+                          kSameStart),
+          std::make_tuple("at the end", relative_difference(first.back().cost, first[0].cost),
+                          same_end)})
       if (!(difference <= allowed)) {
         char text[300];
-        std::snprintf(text, sizeof text, "%s: costs %s differ by %.2g of them between %s (%.12g -> %.12g) and %s (%.12g -> %.12g)",
-                      problem.c_str(), what, difference, contestants[0].name.c_str(), first[0].start_cost, first[0].cost, c.name.c_str(),
-                      first.back().start_cost, first.back().cost);
+        std::snprintf(text, sizeof text,
+                      "%s: costs %s differ by %.2g of them between %s (%.12g -> %.12g) and %s "
+                      "(%.12g -> %.12g)",
+                      problem.c_str(), what, difference, contestants[0].name.c_str(),
+                      first[0].start_cost, first[0].cost, c.name.c_str(), first.back().start_cost,
+                      first.back().cost);
         throw std::runtime_error(text);
       }
   }
   for (size_t i = contestants.size(); i-- > 1;)
     if (contestants[i].dropped_if_slow && first[i].seconds > 2 * fastest_peer) {
-      std::printf("  %s: %.4g s in its first run, more than twice the best: not repeated\n", contestants[i].name.c_str(), first[i].seconds);
+      std::printf("  %s: %.4g s in its first run, more than twice the best: not repeated\n",
+                  contestants[i].name.c_str(), first[i].seconds);
       contestants.erase(contestants.begin() + static_cast<long>(i));
     }
   for (int round = 0; round < rounds; ++round)
@@ -101,11 +120,13 @@ void race(const std::string& problem, std::vector<Contestant>& contestants, int 
 
 void print_contestant(const Contestant& c) {
   const Run& r = c.runs.back();
-  std::printf("  %-52s %9.2f ms  +-%4.1f %%  %3d it  %8.2f ms/it  %.9g -> %.9g\n", c.name.c_str(), 1e3 * median(c.runs),
-              100 * spread(c.runs), r.iterations, 1e3 * median(c.runs) / std::max(1, r.iterations), r.start_cost, r.cost);
+  std::printf("  %-52s %9.2f ms  +-%4.1f %%  %3d it  %8.2f ms/it  %.9g -> %.9g\n", c.name.c_str(),
+              1e3 * median(c.runs), 100 * spread(c.runs), r.iterations,
+              1e3 * median(c.runs) / std::max(1, r.iterations), r.start_cost, r.cost);
 }
 
-void compare_with(const std::string& problem, const Contestant& kincal, const Contestant& peer, const std::string& name, json& report) {
+void compare_with(const std::string& problem, const Contestant& kincal, const Contestant& peer,
+                  const std::string& name, json& report) {
   const double ratio = median(peer.runs) / median(kincal.runs);
   std::printf("  kincal is %.2f times as fast as %s\n", ratio, name.c_str());
   report["comparisons"].push_back({{"problem", problem},
@@ -124,7 +145,8 @@ void compare_with(const std::string& problem, const Contestant& kincal, const Co
 }
 
 /// Wall time of one thread and of two, in turns: the median of the pairs' ratios.
-void compare_threads(const std::string& problem, const std::string& who, const std::function<Run(int)>& run, int rounds, json& report) {
+void compare_threads(const std::string& problem, const std::string& who,
+                     const std::function<Run(int)>& run, int rounds, json& report) {
   std::vector<Run> one, two;
   std::vector<double> ratios;
   for (int round = 0; round < 2 * rounds; ++round) {
@@ -132,16 +154,21 @@ void compare_threads(const std::string& problem, const std::string& who, const s
     two.push_back(run(2));
     ratios.push_back(one.back().wall / two.back().wall);
   }
-  const double a = median(one, &Run::wall), b = median(two, &Run::wall), ratio = quantile(ratios, 0.5);
-  std::printf("  %s: wall time with 1 thread %.2f ms, with 2 threads %.2f ms; pair by pair %.2f times as fast%s\n", who.c_str(), 1e3 * a,
-              1e3 * b, ratio, one.back().cost == two.back().cost ? ", the same cost to the last bit" : "");
-  report["threads"].push_back({{"problem", problem},
-                               {"program", who},
-                               {"seconds_1", a},
-                               {"seconds_2", b},
-                               {"speedup", ratio},
-                               {"spread", (quantile(ratios, 0.75) - quantile(ratios, 0.25)) / ratio},
-                               {"same_cost", one.back().cost == two.back().cost}});
+  const double a = median(one, &Run::wall), b = median(two, &Run::wall),
+               ratio = quantile(ratios, 0.5);
+  std::printf(
+      "  %s: wall time with 1 thread %.2f ms, with 2 threads %.2f ms; pair by pair %.2f times as "
+      "fast%s\n",
+      who.c_str(), 1e3 * a, 1e3 * b, ratio,
+      one.back().cost == two.back().cost ? ", the same cost to the last bit" : "");
+  report["threads"].push_back(
+      {{"problem", problem},
+       {"program", who},
+       {"seconds_1", a},
+       {"seconds_2", b},
+       {"speedup", ratio},
+       {"spread", (quantile(ratios, 0.75) - quantile(ratios, 0.25)) / ratio},
+       {"same_cost", one.back().cost == two.back().cost}});
 }
 
 // ---------------------------------------------------------------- robots
@@ -160,7 +187,9 @@ Run solve_robot(const RobotProblem& p, int threads) {
   run.seconds = cpu_seconds() - cpu;
   run.wall = wall_seconds() - wall;
   run.setup = cpu - before;
-  run.start_cost = summary.history.empty() ? 0 : 0.5 * summary.history.front().first;  // no losses: chi2 is twice the cost
+  run.start_cost = summary.history.empty()
+                       ? 0
+                       : 0.5 * summary.history.front().first;  // no losses: chi2 is twice the cost
   run.cost = 0.5 * summary.cost.doubled;
   run.iterations = summary.iterations;
   run.converged = summary.outcome == Outcome::converged;
@@ -171,28 +200,36 @@ Run solve_robot(const RobotProblem& p, int threads) {
 std::pair<double, double> robot(int boards, const Settings& settings, json& report) {
   const RobotProblem p = pr2_like(boards);
   const Counts c = count(Estimation(p, p.training(), p.setup));
-  std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows, c.shared, c.private_unknowns);
-  CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest), compressed(p, PeerForm::compressed);
-  std::vector<Contestant> contestants = {{"kincal", [&] { return solve_robot(p, 1); }},
-                                         {"ceres strongest (analytic, block a view, DENSE_SCHUR)", [&] { return strongest.solve(); }},
-                                         {"ceres with kincal's compression of views", [&] { return compressed.solve(); }},
-                                         {"ceres usual (autodiff, block a corner)", [&] { return usual.solve(); }}};
+  std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows,
+              c.shared, c.private_unknowns);
+  CeresPr2Like usual(p, PeerForm::usual), strongest(p, PeerForm::strongest),
+      compressed(p, PeerForm::compressed);
+  std::vector<Contestant> contestants = {
+      {"kincal", [&] { return solve_robot(p, 1); }},
+      {"ceres strongest (analytic, block a view, DENSE_SCHUR)", [&] { return strongest.solve(); }},
+      {"ceres with kincal's compression of views", [&] { return compressed.solve(); }},
+      {"ceres usual (autodiff, block a corner)", [&] { return usual.solve(); }}};
   race(p.name, contestants, settings.rounds, 1e-6);
   for (const Contestant& contestant : contestants) print_contestant(contestant);
-  std::printf("  building kincal's Estimation, before that: %.2f ms\n", 1e3 * median(contestants[0].runs, &Run::setup));
-  for (size_t i = contestants.size(); i-- > 1;) compare_with(p.name, contestants[0], contestants[i], contestants[i].name, report);
+  std::printf("  building kincal's Estimation, before that: %.2f ms\n",
+              1e3 * median(contestants[0].runs, &Run::setup));
+  for (size_t i = contestants.size(); i-- > 1;)
+    compare_with(p.name, contestants[0], contestants[i], contestants[i].name, report);
   compare_threads(
-      p.name, "kincal", [&](int threads) { return solve_robot(p, threads); }, settings.rounds, report);
+      p.name, "kincal", [&](int threads) { return solve_robot(p, threads); }, settings.rounds,
+      report);
   return {median(contestants[0].runs), median(contestants[1].runs)};
 }
 
 // ---------------------------------------------------------------- joint noise
 
-/// What errors of joint readings as unknowns cost: seconds of an iteration of the last step of a calibration from files, `latent` against
-/// `none`, all steps before it run as well. Medians over all iterations but the first (which has set-up in it) of runs in turns.
+/// What errors of joint readings as unknowns cost: seconds of an iteration of the last step of a
+/// calibration from files, `latent` against `none`, all steps before it run as well. Medians over
+/// all iterations but the first (which has set-up in it) of runs in turns.
 void compare_noise(const std::string& folder, const Settings& settings, json& report) {
   const RigFile rig = read_rig(folder + "/rig.yaml");
-  const std::shared_ptr<const Recording> recording = make_recording(rig.rig, read_samples(folder + "/samples.jsonl", rig.rig));
+  const std::shared_ptr<const Recording> recording =
+      make_recording(rig.rig, read_samples(folder + "/samples.jsonl", rig.rig));
   const std::string last = rig.rig.steps.back().name;
   std::vector<double> seconds[2];
   for (int round = 0; round < settings.rounds; ++round)
@@ -209,14 +246,17 @@ void compare_noise(const std::string& folder, const Settings& settings, json& re
       calibrate(recording, options);
     }
   const double latent = quantile(seconds[0], 0.5), none = quantile(seconds[1], 0.5);
-  std::printf("\npr2-simulated-large, step %s: an iteration takes %.2f ms with joint noise latent, %.2f ms with none: %.2f times\n",
-              last.c_str(), 1e3 * latent, 1e3 * none, latent / none);
+  std::printf(
+      "\npr2-simulated-large, step %s: an iteration takes %.2f ms with joint noise latent, %.2f ms "
+      "with none: %.2f times\n",
+      last.c_str(), 1e3 * latent, 1e3 * none, latent / none);
   report["noise"] = {{"latent_seconds", latent}, {"none_seconds", none}, {"ratio", latent / none}};
 }
 
 // ---------------------------------------------------------------- bundle adjustment
 
-void bundle(const std::string& name, const BundleAdjustmentData& data, const Settings& settings, json& report) {
+void bundle(const std::string& name, const BundleAdjustmentData& data, const Settings& settings,
+            json& report) {
   std::printf("\n%s: %s\n", name.c_str(), describe(data).c_str());
   CeresBal automatic(data, false), analytic(data, true);
   std::vector<Contestant> contestants = {
@@ -225,7 +265,8 @@ void bundle(const std::string& name, const BundleAdjustmentData& data, const Set
       {"ceres analytic, DENSE_SCHUR", [&] { return analytic.solve(false); }, true},
       {"ceres usual (autodiff, SPARSE_SCHUR)", [&] { return automatic.solve(true); }},
   };
-  if (data.cameras.size() > 9 * 200) contestants.erase(contestants.begin() + 2);  // thousands of dense columns: minutes a run
+  if (data.cameras.size() > 9 * 200)
+    contestants.erase(contestants.begin() + 2);  // thousands of dense columns: minutes a run
   race(name, contestants, settings.rounds, 1e-5);
   for (const Contestant& contestant : contestants) print_contestant(contestant);
   compare_with(name, contestants[0], contestants.back(), contestants.back().name, report);
@@ -235,9 +276,13 @@ void bundle(const std::string& name, const BundleAdjustmentData& data, const Set
   compare_with(name, contestants[0], *best, "ceres best of DENSE_SCHUR and SPARSE_SCHUR", report);
   report["comparisons"].back()["peer_solver"] = best->name;
   compare_threads(
-      name, "kincal", [&](int threads) { return Run(solve_with_kincal(data, {threads})); }, settings.rounds, report);
+      name, "kincal", [&](int threads) { return Run(solve_with_kincal(data, {threads})); },
+      settings.rounds, report);
   compare_threads(
-      name, best->name, [&](int threads) { return analytic.solve(best->name.find("SPARSE") != std::string::npos, threads); },
+      name, best->name,
+      [&](int threads) {
+        return analytic.solve(best->name.find("SPARSE") != std::string::npos, threads);
+      },
       std::min(3, settings.rounds), report);
 }
 
@@ -264,7 +309,8 @@ void memory(json& report) {
     const BundleAdjustmentData d = synthetic_bal(500, 100000);
     CeresBal(d, true).solve(true);
   });
-  std::printf("\nsynthetic-500, peak memory of a process: the data alone %.0f MB, ceres %.0f MB", data, ceres);
+  std::printf("\nsynthetic-500, peak memory of a process: the data alone %.0f MB, ceres %.0f MB",
+              data, ceres);
   report["memory"] = {{"problem", "synthetic-500"}, {"data_mb", data}, {"ceres_mb", ceres}};
   const double kincal = peak_memory([] { solve_with_kincal(synthetic_bal(500, 100000), {}); });
   std::printf(", kincal %.0f MB: %.2f times less than ceres", kincal, ceres / kincal);
@@ -293,11 +339,13 @@ json heading() {
   const std::time_t now = std::time(nullptr);
   std::strftime(date, sizeof date, "%Y-%m-%d", std::gmtime(&now));
   return {{"date", date},
-          {"machine", first_line_of("sed -n 's/^model name[[:space:]]*: //p' /proc/cpuinfo | head -n 1") + ", " +
-                          std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores"},
+          {"machine",
+           first_line_of("sed -n 's/^model name[[:space:]]*: //p' /proc/cpuinfo | head -n 1") +
+               ", " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores"},
           {"compiler", KINCAL_COMPILER},
           {"flags", KINCAL_FLAGS},
-          {"commit", first_line_of("git -C '" KINCAL_SOURCE_DIR "' describe --always --dirty 2>/dev/null")},
+          {"commit",
+           first_line_of("git -C '" KINCAL_SOURCE_DIR "' describe --always --dirty 2>/dev/null")},
           {"load", load},
           {"comparisons", json::array()},
           {"threads", json::array()},
@@ -307,8 +355,10 @@ json heading() {
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "Compares kincal with Ceres on whole problems: same data, same cost, same start, same stopping rule (relative decrease 1e-6).\n"
-      "Runs take turns; medians of CPU seconds on one thread are compared, the spread (+-) is the interquartile range over the median.");
+      "Compares kincal with Ceres on whole problems: same data, same cost, same start, same "
+      "stopping rule (relative decrease 1e-6).\n"
+      "Runs take turns; medians of CPU seconds on one thread are compared, the spread (+-) is the "
+      "interquartile range over the median.");
   Settings settings;
   std::string file;
   bool quick = false;
@@ -316,9 +366,10 @@ int run(int argc, char** argv) {
   settings.data = data ? data : KINCAL_SOURCE_DIR "/../shared/data";
   app.add_option("--json", file, "Write the results to this file as well");
   app.add_flag("--quick", quick, "5 runs of each instead of 7");
-  app.add_option("--problem", settings.problems,
-                 "Only this one (may be repeated): pr2-like-60, pr2-like-500, bal-16-22106, bal-49-7776,\n"
-                 "synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
+  app.add_option(
+         "--problem", settings.problems,
+         "Only this one (may be repeated): pr2-like-60, pr2-like-500, bal-16-22106, bal-49-7776,\n"
+         "synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
       ->check(CLI::IsMember(kProblems))
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -327,32 +378,46 @@ int run(int argc, char** argv) {
 
   json report = heading();
   report["rounds"] = settings.rounds;
-  std::printf("%s, load %.1f; %s; %s; %s\n", report["machine"].get<std::string>().c_str(), report["load"].get<double>(), KINCAL_COMPILER,
-              KINCAL_FLAGS, report["commit"].get<std::string>().c_str());
-  if (report["load"] > 0.5) std::printf("This machine is busy: times of two threads will not be worth much\n");
+  std::printf("%s, load %.1f; %s; %s; %s\n", report["machine"].get<std::string>().c_str(),
+              report["load"].get<double>(), KINCAL_COMPILER, KINCAL_FLAGS,
+              report["commit"].get<std::string>().c_str());
+  if (report["load"] > 0.5)
+    std::printf("This machine is busy: times of two threads will not be worth much\n");
   if (settings.wanted("synthetic-500")) memory(report);
   std::pair<double, double> small{0, 0}, large{0, 0};
   if (settings.wanted("pr2-like-60")) small = robot(60, settings, report);
   if (settings.wanted("pr2-like-500")) large = robot(500, settings, report);
   if (small.first > 0 && large.first > 0) {
     const double kincal = large.first / small.first, ceres = large.second / small.second;
-    std::printf("\nFrom 60 to 500 boards (8.33 times the data): kincal takes %.2f times as long, ceres strongest %.2f times\n", kincal,
-                ceres);
-    report["growth"] = {
-        {"from", "pr2-like-60"}, {"to", "pr2-like-500"}, {"data", 500.0 / 60}, {"kincal", kincal}, {"ceres_strongest", ceres}};
+    std::printf(
+        "\nFrom 60 to 500 boards (8.33 times the data): kincal takes %.2f times as long, ceres "
+        "strongest %.2f times\n",
+        kincal, ceres);
+    report["growth"] = {{"from", "pr2-like-60"},
+                        {"to", "pr2-like-500"},
+                        {"data", 500.0 / 60},
+                        {"kincal", kincal},
+                        {"ceres_strongest", ceres}};
   }
   const std::string large_set = settings.data + "/pr2-simulated-large";
-  if (settings.problems.empty() && access((large_set + "/rig.yaml").c_str(), R_OK) == 0) compare_noise(large_set, settings, report);
+  if (settings.problems.empty() && access((large_set + "/rig.yaml").c_str(), R_OK) == 0)
+    compare_noise(large_set, settings, report);
   for (const std::string name : {"16-22106", "49-7776"}) {
     if (!settings.wanted("bal-" + name)) continue;
     const std::string path = settings.data + "/bal/problem-" + name + "-pre.txt";
-    const std::string found = access(path.c_str(), R_OK) == 0 ? path : access((path + ".xz").c_str(), R_OK) == 0 ? path + ".xz" : "";
+    const std::string found = access(path.c_str(), R_OK) == 0             ? path
+                              : access((path + ".xz").c_str(), R_OK) == 0 ? path + ".xz"
+                                                                          : "";
     if (found.empty())
-      std::printf("\nbal-%s: skipped, there is no %s[.xz] (set KINCAL_DATA to the folder that holds bal/)\n", name.c_str(), path.c_str());
+      std::printf(
+          "\nbal-%s: skipped, there is no %s[.xz] (set KINCAL_DATA to the folder that holds "
+          "bal/)\n",
+          name.c_str(), path.c_str());
     else
       bundle("bal-" + name, read_bal(found), settings, report);
   }
-  if (settings.wanted("synthetic-500")) bundle("synthetic-500", synthetic_bal(500, 100000), settings, report);
+  if (settings.wanted("synthetic-500"))
+    bundle("synthetic-500", synthetic_bal(500, 100000), settings, report);
   if (!file.empty()) {
     std::ofstream out(file);
     out << report.dump(1) << "\n";

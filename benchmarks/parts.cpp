@@ -29,7 +29,8 @@ struct Started {
   Estimation estimation;
   VectorXd state;
 
-  explicit Started(const RobotProblem& p) : estimation(p, p.training(), p.setup), state(estimation.pack(p.start)) {
+  explicit Started(const RobotProblem& p)
+      : estimation(p, p.training(), p.setup), state(estimation.pack(p.start)) {
     estimation.renew(state);
     estimation.prepare(state);
   }
@@ -58,9 +59,11 @@ void chain_of_7(benchmark::State& bench) {
 }
 BENCHMARK(chain_of_7);
 
-// ---------------------------------------------------------------- sensors: one view with derivatives
+// ---------------------------------------------------------------- sensors: one view with
+// derivatives
 
-void view(benchmark::State& bench, const SensorModel& model, const std::vector<ParameterBlock>& blocks, int count) {
+void view(benchmark::State& bench, const SensorModel& model,
+          const std::vector<ParameterBlock>& blocks, int count) {
   Random random(3);
   const Target& board = pr2().rig.targets[0];
   const Eigen::Matrix3Xd points = board.square * board.layout;
@@ -107,8 +110,8 @@ void view(benchmark::State& bench, const SensorModel& model, const std::vector<P
   bench.counters["columns"] = columns.total;
 }
 void view_camera(benchmark::State& bench) {
-  view(bench, *make_camera(Lens::brown_conrady, 5), camera_parameters(Lens::brown_conrady, {500, 500, 320, 240}, {-0.1, 0.02, 0, 0, 0}, 0),
-       48);
+  view(bench, *make_camera(Lens::brown_conrady, 5),
+       camera_parameters(Lens::brown_conrady, {500, 500, 320, 240}, {-0.1, 0.02, 0, 0, 0}, 0), 48);
 }
 void view_point(benchmark::State& bench) { view(bench, *make_point(), {}, 48); }
 void view_pose(benchmark::State& bench) { view(bench, *make_pose(), {}, 1); }
@@ -128,14 +131,16 @@ void sample(benchmark::State& bench, const RobotProblem& p, bool derivatives) {
   Started s(p);
   const GroupShape& shape = s.estimation.groups()[0];
   const int k = shape.private_size, m = shape.size() - k, stride = shape.size() + 1 + kRoom;
-  std::vector<double> rows(static_cast<size_t>(k + 1) * stride), shared(static_cast<size_t>(m + 1) * (m + kRoom)), gradient(m + kRoom);
+  std::vector<double> rows(static_cast<size_t>(k + 1) * stride),
+      shared(static_cast<size_t>(m + 1) * (m + kRoom)), gradient(m + kRoom);
   std::vector<std::ptrdiff_t> origin(m);
   std::vector<int> row(m);
   for (int i = 0; i < m; ++i) {
     origin[i] = static_cast<std::ptrdiff_t>(i) * (m + kRoom);
     row[i] = i;
   }
-  const GroupEquations to{rows.data(), stride, shared.data(), origin.data(), row.data(), gradient.data()};
+  const GroupEquations to{rows.data(),   stride,     shared.data(),
+                          origin.data(), row.data(), gradient.data()};
   for (auto _ : bench) {
     Cost cost;
     if (derivatives)
@@ -148,7 +153,8 @@ void sample(benchmark::State& bench, const RobotProblem& p, bool derivatives) {
   bench.counters["residuals"] = shape.rows;
   bench.counters["columns"] = shape.size();
 }
-/// PR2-like: five cameras and a hand. Rows of all views, their Gram matrices, expanded to the sample's columns.
+/// PR2-like: five cameras and a hand. Rows of all views, their Gram matrices, expanded to the
+/// sample's columns.
 void linearise_sample(benchmark::State& bench) { sample(bench, pr2(), true); }
 /// The same sample's cost alone.
 void evaluate_sample(benchmark::State& bench) { sample(bench, pr2(), false); }
@@ -160,8 +166,8 @@ BENCHMARK(linearise_sample_arms)->Unit(benchmark::kMicrosecond);
 
 // ---------------------------------------------------------------- the whole
 
-/// One iteration: 64 samples x 5 cameras x 48 corners, 32 columns a view, 116 shared parameters: CPU time between the ends of the
-/// first and the third iteration, halved.
+/// One iteration: 64 samples x 5 cameras x 48 corners, 32 columns a view, 116 shared parameters:
+/// CPU time between the ends of the first and the third iteration, halved.
 void iteration(benchmark::State& bench) {
   Started s(arms());
   double times[2] = {0, 0};
@@ -194,7 +200,8 @@ void factor_116(benchmark::State& bench) {
   ReducedSystem system(s.estimation.shared_size(), s.estimation.groups(), LinearSolver::dense);
   std::vector<double> values(system.storage(), 0.0);
   for (int j = 0; j < matrix.cols(); ++j)
-    for (int i = j; i < matrix.rows(); ++i) values[static_cast<size_t>(system.origin()[j] + i)] = matrix(i, j);
+    for (int i = j; i < matrix.rows(); ++i)
+      values[static_cast<size_t>(system.origin()[j] + i)] = matrix(i, j);
   std::vector<double> factored = values;
   for (auto _ : bench) {  // the copy is 1 us of it
     factored = values;

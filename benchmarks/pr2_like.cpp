@@ -20,7 +20,8 @@ using ArmLimits = std::vector<Limits>;
 
 // ---------------------------------------------------------------- robots
 
-int add_joint(Rig& rig, const std::string& name, int parent, const Vector3d& axis, const Pose& origin) {
+int add_joint(Rig& rig, const std::string& name, int parent, const Vector3d& axis,
+              const Pose& origin) {
   Joint joint;
   joint.name = name;
   joint.type = JointType::revolute;
@@ -37,7 +38,9 @@ int add_joint(Rig& rig, const std::string& name, int parent, const Vector3d& axi
 /// Links behind each joint of a 7-joint arm, from the shoulder on.
 std::vector<int> add_arm(Rig& rig, const std::string& prefix, const Pose& base_T_shoulder) {
   const Vector3d x = Vector3d::UnitX(), y = Vector3d::UnitY(), z = Vector3d::UnitZ();
-  const auto along = [](double length) { return Pose{Matrix3d::Identity(), Vector3d(length, 0, 0)}; };
+  const auto along = [](double length) {
+    return Pose{Matrix3d::Identity(), Vector3d(length, 0, 0)};
+  };
   std::vector<int> links;
   links.push_back(add_joint(rig, prefix + "shoulder_pan", 0, z, base_T_shoulder));
   links.push_back(add_joint(rig, prefix + "shoulder_lift", links.back(), y, along(0.1)));
@@ -50,12 +53,16 @@ std::vector<int> add_arm(Rig& rig, const std::string& prefix, const Pose& base_T
 }
 /// `mirror`: +1 for a left arm, -1 for a right one.
 ArmLimits arm_limits(double mirror) {
-  const auto side = [&](double low, double high) { return mirror > 0 ? Limits{low, high} : Limits{-high, -low}; };
-  return {side(-0.5, 1.2), {-0.3, 1.2}, side(-0.6, 3.0), {-2.0, -0.2}, {-kPi, kPi}, {-1.9, -0.2}, {-kPi, kPi}};
+  const auto side = [&](double low, double high) {
+    return mirror > 0 ? Limits{low, high} : Limits{-high, -low};
+  };
+  return {side(-0.5, 1.2), {-0.3, 1.2},  side(-0.6, 3.0), {-2.0, -0.2},
+          {-kPi, kPi},     {-1.9, -0.2}, {-kPi, kPi}};
 }
 
 /// A camera that looks along the link's x axis, tilted down by `pitch`.
-int add_camera(Rig& rig, const std::string& name, int link, const Vector3d& at, double pitch, double focal, double sigma) {
+int add_camera(Rig& rig, const std::string& name, int link, const Vector3d& at, double pitch,
+               double focal, double sigma) {
   Matrix3d looking_along_x;
   looking_along_x << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   Sensor s;
@@ -65,7 +72,8 @@ int add_camera(Rig& rig, const std::string& name, int link, const Vector3d& at, 
   s.link_T_sensor = {rotation_from_rpy({0, pitch, 0}) * looking_along_x, at};
   s.pose_given = true;
   s.model = make_camera(Lens::brown_conrady, 5);
-  s.parameters = camera_parameters(Lens::brown_conrady, {focal, focal, kWidth / 2, kHeight / 2}, {-0.05, 0.02, 0, 0, 0}, 0);
+  s.parameters = camera_parameters(Lens::brown_conrady, {focal, focal, kWidth / 2, kHeight / 2},
+                                   {-0.05, 0.02, 0, 0, 0}, 0);
   s.sigma = {sigma, sigma};
   s.image_width = static_cast<int>(kWidth);
   s.image_height = static_cast<int>(kHeight);
@@ -91,7 +99,8 @@ void add_board(Rig& rig) {
   board.square = kSquare;
   board.layout.resize(3, kColumns * kRows);
   for (int i = 0; i < kRows; ++i)
-    for (int j = 0; j < kColumns; ++j) board.layout.col(i * kColumns + j) << j - 0.5 * (kColumns - 1), i - 0.5 * (kRows - 1), 0;
+    for (int j = 0; j < kColumns; ++j)
+      board.layout.col(i * kColumns + j) << j - 0.5 * (kColumns - 1), i - 0.5 * (kRows - 1), 0;
   rig.targets.push_back(board);
 }
 
@@ -131,7 +140,8 @@ void draw_truth(RobotProblem& p, Random& random) {
     const int pose = start(p.table.sensor_pose[s]);
     set_pose(values, pose, get_pose(values, pose) * random.motion(0.005, 0.01));
     if (p.rig.sensors[s].parameters.empty()) continue;
-    const int intrinsics = start(p.table.sensor_block[s]), distortion = start(p.table.sensor_block[s] + 1);
+    const int intrinsics = start(p.table.sensor_block[s]),
+              distortion = start(p.table.sensor_block[s] + 1);
     for (int i = 0; i < 4; ++i) values(intrinsics + i) += random.normal(5);
     for (int i = 0; i < 2; ++i) values(distortion + i) += random.normal(0.02);
   }
@@ -151,11 +161,13 @@ std::vector<Pose> true_links(const RobotProblem& p, const std::vector<double>& r
 }
 
 /// What sensor s really measures, without noise; false if it does not see the whole board.
-bool observe_board(const RobotProblem& p, int s, const std::vector<Pose>& base_T_link, const Pose& base_T_board, std::vector<double>& z) {
+bool observe_board(const RobotProblem& p, int s, const std::vector<Pose>& base_T_link,
+                   const Pose& base_T_board, std::vector<double>& z) {
   const Sensor& sensor = p.rig.sensors[s];
   const Target& board = p.rig.targets[0];
   const Eigen::Matrix3Xd points = board.square * board.layout;
-  const Pose base_T_sensor = base_T_link[sensor.link] * get_pose(p.truth.shared, p.table.all[p.table.sensor_pose[s]].start);
+  const Pose base_T_sensor = base_T_link[sensor.link] *
+                             get_pose(p.truth.shared, p.table.all[p.table.sensor_pose[s]].start);
   const int rows = sensor.model->rows(), n = board.count();
   std::vector<int> ids(n);
   for (int i = 0; i < n; ++i) ids[i] = i;
@@ -174,18 +186,23 @@ bool observe_board(const RobotProblem& p, int s, const std::vector<Pose>& base_T
   z.assign(static_cast<size_t>(n) * rows, 0.0);
   if (!sensor.model->evaluate(view, Columns(), z.data(), nullptr)) return false;
   if (rows == 3) return view.sensor_T_target.translation.norm() < 2;
-  // From the front (the board's z axis points away from who reads it), not too steeply, not too near, all of it in the image.
-  if (view.sensor_T_target.rotation.col(2).dot(view.sensor_T_target.translation.normalized()) < 0.3) return false;
+  // From the front (the board's z axis points away from who reads it), not too steeply, not too
+  // near, all of it in the image.
+  if (view.sensor_T_target.rotation.col(2).dot(view.sensor_T_target.translation.normalized()) < 0.3)
+    return false;
   for (int i = 0; i < n; ++i) {
     const Vector3d q = view.sensor_T_target * Vector3d(points.col(i));
-    if (q.z() < 0.25 || std::abs(q.x() / q.z()) > 0.9 || std::abs(q.y() / q.z()) > 0.9) return false;
-    if (z[2 * i] < 10 || z[2 * i] > kWidth - 10 || z[2 * i + 1] < 10 || z[2 * i + 1] > kHeight - 10) return false;
+    if (q.z() < 0.25 || std::abs(q.x() / q.z()) > 0.9 || std::abs(q.y() / q.z()) > 0.9)
+      return false;
+    if (z[2 * i] < 10 || z[2 * i] > kWidth - 10 || z[2 * i + 1] < 10 || z[2 * i + 1] > kHeight - 10)
+      return false;
   }
   return true;
 }
 
 void draw(std::vector<double>& readings, int first, const ArmLimits& limits, Random& random) {
-  for (size_t i = 0; i < limits.size(); ++i) readings[first + i] = random.uniform(limits[i].low, limits[i].high);
+  for (size_t i = 0; i < limits.size(); ++i)
+    readings[first + i] = random.uniform(limits[i].low, limits[i].high);
 }
 
 /// A part of the robot that is posed by itself until its sensors see the board.
@@ -196,7 +213,8 @@ struct Limb {
 };
 
 /// One sample: limbs are posed one after the other; false if one of them does not find a posture.
-bool draw_sample(RobotProblem& p, const Pose& base_T_board, const std::vector<Limb>& limbs, int tries, Random& random) {
+bool draw_sample(RobotProblem& p, const Pose& base_T_board, const std::vector<Limb>& limbs,
+                 int tries, Random& random) {
   Sample sample;
   sample.id = std::to_string(p.samples.size());
   sample.readings.assign(p.rig.joints.size(), 0.0);
@@ -234,7 +252,8 @@ void check(const RobotProblem& p, long rows, long shared, long private_unknowns)
   const Estimation estimation(p, p.training(), p.setup);
   const Counts c = count(estimation);
   if (c.rows != rows || c.shared != shared || c.private_unknowns != private_unknowns)
-    throw std::logic_error(p.name + " has " + std::to_string(c.rows) + " residuals, " + std::to_string(c.shared) + " shared and " +
+    throw std::logic_error(p.name + " has " + std::to_string(c.rows) + " residuals, " +
+                           std::to_string(c.shared) + " shared and " +
                            std::to_string(c.private_unknowns) + " private unknowns");
 }
 
@@ -243,24 +262,30 @@ void check(const RobotProblem& p, long rows, long shared, long private_unknowns)
 Counts count(const Estimation& estimation) {
   Counts c;
   c.shared = estimation.shared_size();
-  for (const GroupShape& g : estimation.groups()) c.rows += g.rows, c.private_unknowns += g.private_size;
+  for (const GroupShape& g : estimation.groups())
+    c.rows += g.rows, c.private_unknowns += g.private_size;
   return c;
 }
 
 RobotProblem pr2_like(int boards) {
   Rig rig;
   rig.tree.links = {"base"};
-  const int pan = add_joint(rig, "head_pan", 0, Vector3d::UnitZ(), {Matrix3d::Identity(), Vector3d(-0.017, 0, 0.38)});
-  const int head = add_joint(rig, "head_tilt", pan, Vector3d::UnitY(), {Matrix3d::Identity(), Vector3d(0.068, 0, 0)});
+  const int pan = add_joint(rig, "head_pan", 0, Vector3d::UnitZ(),
+                            {Matrix3d::Identity(), Vector3d(-0.017, 0, 0.38)});
+  const int head = add_joint(rig, "head_tilt", pan, Vector3d::UnitY(),
+                             {Matrix3d::Identity(), Vector3d(0.068, 0, 0)});
   const std::vector<int> left = add_arm(rig, "l_", {Matrix3d::Identity(), Vector3d(0, 0.188, 0)});
   const std::vector<int> right = add_arm(rig, "r_", {Matrix3d::Identity(), Vector3d(0, -0.188, 0)});
-  const std::vector<int> eyes = {add_camera(rig, "narrow_left", head, {0.05, 0.06, 0.11}, 0, 600, 0.125),
-                                 add_camera(rig, "narrow_right", head, {0.05, -0.03, 0.11}, 0, 600, 0.125),
-                                 add_camera(rig, "wide_left", head, {0.04, 0.03, 0.09}, 0, 380, 0.25),
-                                 add_camera(rig, "wide_right", head, {0.04, -0.06, 0.09}, 0, 380, 0.25)};
-  const int forearms[2] = {add_camera(rig, "forearm_left", left[4], {0.135, 0, 0.044}, 0.3, 430, 0.5),
-                           add_camera(rig, "forearm_right", right[4], {0.135, 0, 0.044}, 0.3, 430, 0.5)};
-  const int hands[2] = {add_hand(rig, "hand_left", left[6], 0.0005), add_hand(rig, "hand_right", right[6], 0.001)};
+  const std::vector<int> eyes = {
+      add_camera(rig, "narrow_left", head, {0.05, 0.06, 0.11}, 0, 600, 0.125),
+      add_camera(rig, "narrow_right", head, {0.05, -0.03, 0.11}, 0, 600, 0.125),
+      add_camera(rig, "wide_left", head, {0.04, 0.03, 0.09}, 0, 380, 0.25),
+      add_camera(rig, "wide_right", head, {0.04, -0.06, 0.09}, 0, 380, 0.25)};
+  const int forearms[2] = {
+      add_camera(rig, "forearm_left", left[4], {0.135, 0, 0.044}, 0.3, 430, 0.5),
+      add_camera(rig, "forearm_right", right[4], {0.135, 0, 0.044}, 0.3, 430, 0.5)};
+  const int hands[2] = {add_hand(rig, "hand_left", left[6], 0.0005),
+                        add_hand(rig, "hand_right", right[6], 0.001)};
   const int first_of_arm[2] = {2, 9};
   add_board(rig);
   finish_tree(rig.tree);
@@ -272,12 +297,16 @@ RobotProblem pr2_like(int boards) {
   Matrix3d facing;  // the board's axes as the head sees them: x to its right, y down, z away
   facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   while (static_cast<int>(p.samples.size()) < boards) {
-    const Vector3d at(random.uniform(0.75, 1.15), random.uniform(-0.45, 0.45), random.uniform(-0.25, 0.45));
+    const Vector3d at(random.uniform(0.75, 1.15), random.uniform(-0.45, 0.45),
+                      random.uniform(-0.25, 0.45));
     const Vector3d w = random.vector(0.3);
-    const double bearing = std::atan2(at.y(), at.x()), depression = std::atan2(0.45 - at.z(), at.head<2>().norm());
+    const double bearing = std::atan2(at.y(), at.x()),
+                 depression = std::atan2(0.45 - at.z(), at.head<2>().norm());
     const Pose base_T_board{rotation_from_rpy({0, depression, bearing}) * facing * exp_so3(w), at};
-    const Limits pan_limits{bearing - 0.12, bearing + 0.12}, tilt_limits{depression - 0.12, depression + 0.12};
-    const int arm = static_cast<int>(p.samples.size() % 2), other = 1 - arm;  // `arm`: whose hand sees the board
+    const Limits pan_limits{bearing - 0.12, bearing + 0.12},
+        tilt_limits{depression - 0.12, depression + 0.12};
+    const int arm = static_cast<int>(p.samples.size() % 2),
+              other = 1 - arm;  // `arm`: whose hand sees the board
     draw_sample(p, base_T_board,
                 {{0, {pan_limits, tilt_limits}, eyes},
                  {first_of_arm[other], arm_limits(other == 0 ? 1 : -1), {forearms[other]}},
@@ -295,9 +324,13 @@ RobotProblem four_arms(int samples) {
   for (int a = 0; a < 4; ++a) {  // in two rows, all looking along x
     const std::string number = std::to_string(a);
     const std::vector<int> arm =
-        add_arm(rig, "arm" + number + "_", {Matrix3d::Identity(), Vector3d(-0.3 * (a / 2), a % 2 ? -0.3 : 0.3, 0)});
-    Limb limb{7 * a, arm_limits(a % 2 ? -1 : 1), {add_camera(rig, "camera" + number, arm[6], {0.1, 0, 0}, 0, 430, 0.25)}};
-    if (a == 0) limb.sensors.push_back(add_camera(rig, "camera4", arm[6], {0.1, 0.05, 0}, 0, 430, 0.25));
+        add_arm(rig, "arm" + number + "_",
+                {Matrix3d::Identity(), Vector3d(-0.3 * (a / 2), a % 2 ? -0.3 : 0.3, 0)});
+    Limb limb{7 * a,
+              arm_limits(a % 2 ? -1 : 1),
+              {add_camera(rig, "camera" + number, arm[6], {0.1, 0, 0}, 0, 430, 0.25)}};
+    if (a == 0)
+      limb.sensors.push_back(add_camera(rig, "camera4", arm[6], {0.1, 0.05, 0}, 0, 430, 0.25));
     limbs.push_back(limb);
   }
   add_board(rig);
@@ -310,7 +343,8 @@ RobotProblem four_arms(int samples) {
   Matrix3d facing;
   facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   while (static_cast<int>(p.samples.size()) < samples) {
-    const Vector3d at(random.uniform(0.8, 1.2), random.uniform(-0.3, 0.3), random.uniform(-0.4, 0.2));
+    const Vector3d at(random.uniform(0.8, 1.2), random.uniform(-0.3, 0.3),
+                      random.uniform(-0.4, 0.2));
     draw_sample(p, {facing * exp_so3(random.vector(0.3)), at}, limbs, 5000, random);
   }
   check(p, 480L * samples + 116, 116, 6L * samples);

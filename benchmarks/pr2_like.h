@@ -1,4 +1,5 @@
-// Calibration problems of fixed size and fixed seed, made in memory: the same numbers on every machine.
+// Calibration problems of fixed size and fixed seed, made in memory: the same numbers on every
+// machine.
 #pragma once
 
 #include <string>
@@ -8,7 +9,8 @@
 
 namespace kincal::benchmarks {
 
-/// A recording and all else that one estimation needs. `start` is where it starts; `truth` made the data.
+/// A recording and all else that one estimation needs. `start` is where it starts; `truth` made the
+/// data.
 struct RobotProblem : Recording {
   std::string name;
   EstimationSetup setup;
@@ -22,14 +24,16 @@ struct Counts {
 };
 Counts count(const Estimation& estimation);
 
-/// A robot like the PR2: a head of 2 joints with 4 cameras, two arms of 7 joints with a camera on each forearm and a sensor of 3-D
-/// points in each hand. In each sample one free board of 6 x 8 corners is seen by the head's cameras, by the camera of one forearm
-/// and by the hand of the other arm; the arms alternate. 116 shared parameters, 624 residuals a board.
+/// A robot like the PR2: a head of 2 joints with 4 cameras, two arms of 7 joints with a camera on
+/// each forearm and a sensor of 3-D points in each hand. In each sample one free board of 6 x 8
+/// corners is seen by the head's cameras, by the camera of one forearm and by the hand of the other
+/// arm; the arms alternate. 116 shared parameters, 624 residuals a board.
 /// @throws std::logic_error if the counts are not boards * 624 + 116, 116 and boards * 6.
 RobotProblem pr2_like(int boards);
 
-/// Four arms of 7 joints that carry five cameras, each camera sees the board of every sample: 116 shared parameters, 32 columns and
-/// 96 residuals a view, five views a sample. For measurements of one iteration.
+/// Four arms of 7 joints that carry five cameras, each camera sees the board of every sample: 116
+/// shared parameters, 32 columns and 96 residuals a view, five views a sample. For measurements of
+/// one iteration.
 RobotProblem four_arms(int samples);
 
 }  // namespace kincal::benchmarks

@@ -1,4 +1,5 @@
-// Random numbers that are the same on every platform: the standard fixes the engine, not its distributions.
+// Random numbers that are the same on every platform: the standard fixes the engine, not its
+// distributions.
 #pragma once
 
 #include <cmath>

@@ -43,10 +43,17 @@ Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r) {
   t.maxCoeff(&largest);
   Eigen::Vector4d q;
   switch (largest) {
-    case 0: q << t(0), r(0, 1) + r(1, 0), r(0, 2) + r(2, 0), r(2, 1) - r(1, 2); break;
-    case 1: q << r(0, 1) + r(1, 0), t(1), r(1, 2) + r(2, 1), r(0, 2) - r(2, 0); break;
-    case 2: q << r(0, 2) + r(2, 0), r(1, 2) + r(2, 1), t(2), r(1, 0) - r(0, 1); break;
-    default: q << r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1), t(3);
+    case 0:
+      q << t(0), r(0, 1) + r(1, 0), r(0, 2) + r(2, 0), r(2, 1) - r(1, 2);
+      break;
+    case 1:
+      q << r(0, 1) + r(1, 0), t(1), r(1, 2) + r(2, 1), r(0, 2) - r(2, 0);
+      break;
+    case 2:
+      q << r(0, 2) + r(2, 0), r(1, 2) + r(2, 1), t(2), r(1, 0) - r(0, 1);
+      break;
+    default:
+      q << r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1), t(3);
   }
   q.normalize();
   return q(3) < 0 ? Eigen::Vector4d(-q) : q;
@@ -58,8 +65,9 @@ Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw) {
   return Matrix3d::Identity() + 2 * q(3) * k + 2 * (k * k);
 }
 
-// The quaternion of half the angle. Eigen's FromTwoVectors is the same but for opposite vectors, where it takes a singular value
-// decomposition whose compilation costs seconds in every source that uses it.
+// The quaternion of half the angle. Eigen's FromTwoVectors is the same but for opposite vectors,
+// where it takes a singular value decomposition whose compilation costs seconds in every source
+// that uses it.
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b) {
   const Vector3d from = a.normalized(), to = b.normalized();
   const double cosine = to.dot(from);
@@ -143,8 +151,8 @@ Matrix6d adjoint(const Pose& a_T_b) {
 }
 
 Matrix3d rotation_from_rpy(const Vector3d& rpy) {
-  const double cr = std::cos(rpy(0)), sr = std::sin(rpy(0)), cp = std::cos(rpy(1)), sp = std::sin(rpy(1)),
-               cy = std::cos(rpy(2)), sy = std::sin(rpy(2));
+  const double cr = std::cos(rpy(0)), sr = std::sin(rpy(0)), cp = std::cos(rpy(1)),
+               sp = std::sin(rpy(1)), cy = std::cos(rpy(2)), sy = std::sin(rpy(2));
   Matrix3d r;
   r << cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,  //
       sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,   //
@@ -155,7 +163,8 @@ Matrix3d rotation_from_rpy(const Vector3d& rpy) {
 Vector3d rpy_from_rotation(const Matrix3d& r) {
   const double yaw = std::atan2(r(1, 0), r(0, 0));
   const double c = std::cos(yaw), s = std::sin(yaw);
-  // Rz(-yaw) R = Ry(pitch) Rx(roll): its first row starts with cos(pitch), its second is (0, cos(roll), -sin(roll)).
+  // Rz(-yaw) R = Ry(pitch) Rx(roll): its first row starts with cos(pitch), its second is (0,
+  // cos(roll), -sin(roll)).
   const double cos_pitch = c * r(0, 0) + s * r(1, 0);
   const double cos_roll = c * r(1, 1) - s * r(0, 1), minus_sin_roll = c * r(1, 2) - s * r(0, 2);
   return {std::atan2(-minus_sin_roll, cos_roll), std::atan2(-r(2, 0), cos_pitch), yaw};

@@ -15,8 +15,8 @@
 
 namespace kincal {
 
-// The names of Eigen that models, io and apps use without its namespace. The solver, which includes no kinematics,
-// declares its own in problem.h.
+// The names of Eigen that models, io and apps use without its namespace. The solver, which includes
+// no kinematics, declares its own in problem.h.
 using Eigen::Matrix3d;
 using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
@@ -36,7 +36,9 @@ struct Pose {
 inline Pose operator*(const Pose& a, const Pose& b) {
   return {a.rotation * b.rotation, a.rotation * b.translation + a.translation};
 }
-inline Vector3d operator*(const Pose& a, const Vector3d& p) { return a.rotation * p + a.translation; }
+inline Vector3d operator*(const Pose& a, const Vector3d& p) {
+  return a.rotation * p + a.translation;
+}
 inline Pose inverse(const Pose& a) {
   return {a.rotation.transpose(), -(a.rotation.transpose() * a.translation)};
 }
@@ -44,12 +46,13 @@ inline Pose inverse(const Pose& a) {
 /// Returns [v]x, with which [v]x u = v x u.
 Matrix3d skew(const Vector3d& v);
 
-/// Returns the rotation of |w| radians about w (Rodrigues); it is exact to rounding for every length, 0 included.
+/// Returns the rotation of |w| radians about w (Rodrigues); it is exact to rounding for every
+/// length, 0 included.
 Matrix3d exp_so3(const Vector3d& w);
 /// Returns exp_so3(angle * axis) of a unit axis, and is cheaper.
 Matrix3d rotation_about(const Vector3d& axis, double angle);
-/// Returns the least rotation that turns a to the direction of b, both of any length but 0; where they are opposite, half a turn
-/// about an axis across a.
+/// Returns the least rotation that turns a to the direction of b, both of any length but 0; where
+/// they are opposite, half a turn about an axis across a.
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b);
 /// Inverts exp_so3 with |w| <= pi, through the quaternion: it is accurate near 0 and near pi.
 Vector3d log_so3(const Matrix3d& r);
@@ -62,19 +65,23 @@ Matrix3d inverse_left_jacobian_so3(const Vector3d& w);
 Pose exp_se3(const Vector6d& xi);
 /// Inverts exp_se3; the rotation part is within pi.
 Vector6d log_se3(const Pose& t);
-/// Returns J_r, with which exp(xi + d) = exp(xi) exp(J_r d) to first order, as a series in the small adjoint that converges for every xi.
+/// Returns J_r, with which exp(xi + d) = exp(xi) exp(J_r d) to first order, as a series in the
+/// small adjoint that converges for every xi.
 Matrix6d right_jacobian_se3(const Vector6d& xi);
 
-/// Returns Ad_T, which turns the twist xi of frame b, given in b, into the same seen from a:  T exp(xi) T^-1 = exp(Ad_T xi).
+/// Returns Ad_T, which turns the twist xi of frame b, given in b, into the same seen from a:  T
+/// exp(xi) T^-1 = exp(Ad_T xi).
 Matrix6d adjoint(const Pose& a_T_b);
 
 /// Returns the rotation of URDF's fixed-axis roll, pitch, yaw:  R = Rz(yaw) Ry(pitch) Rx(roll).
 Matrix3d rotation_from_rpy(const Vector3d& rpy);
-/// Inverts rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles reproduce the rotation to rounding at and
-/// near pitch = +-90 degrees too, where two separate arctangents lose up to 1e-7 rad.
+/// Inverts rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles
+/// reproduce the rotation to rounding at and near pitch = +-90 degrees too, where two separate
+/// arctangents lose up to 1e-7 rad.
 Vector3d rpy_from_rotation(const Matrix3d& r);
 
-/// Returns (x, y, z, w), w >= 0. It starts from the largest component and is accurate for every rotation.
+/// Returns (x, y, z, w), w >= 0. It starts from the largest component and is accurate for every
+/// rotation.
 Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r);
 /// Returns the rotation of a quaternion (x, y, z, w) of any positive length.
 Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw);

@@ -22,14 +22,16 @@ int Tree::find_joint(const std::string& name) const {
 }
 
 void finish_tree(Tree& tree) {
-  const int links = static_cast<int>(tree.links.size()), joints = static_cast<int>(tree.joints.size());
+  const int links = static_cast<int>(tree.links.size()),
+            joints = static_cast<int>(tree.joints.size());
   if (links == 0) throw std::invalid_argument("the robot has no links");
   tree.joint_above.assign(links, -1);
   for (int j = 0; j < joints; ++j) {
     int& above = tree.joint_above[tree.joints[j].child];
     if (above >= 0)
-      throw std::invalid_argument("link '" + tree.links[tree.joints[j].child] + "' has two parents: joints '" +
-                                  tree.joints[above].name + "' and '" + tree.joints[j].name + "'");
+      throw std::invalid_argument("link '" + tree.links[tree.joints[j].child] +
+                                  "' has two parents: joints '" + tree.joints[above].name +
+                                  "' and '" + tree.joints[j].name + "'");
     above = j;
   }
   tree.root = -1;
@@ -43,14 +45,18 @@ void finish_tree(Tree& tree) {
     }
   for (int l = 0; l < links; ++l) {  // every walk up must end at a root after at most `links` steps
     int at = l, steps = 0;
-    while (tree.joint_above[at] >= 0 && steps <= links) at = tree.joints[tree.joint_above[at]].parent, ++steps;
-    if (steps > links) throw std::invalid_argument("the joints above link '" + tree.links[l] + "' form a loop");
+    while (tree.joint_above[at] >= 0 && steps <= links)
+      at = tree.joints[tree.joint_above[at]].parent, ++steps;
+    if (steps > links)
+      throw std::invalid_argument("the joints above link '" + tree.links[l] + "' form a loop");
   }
-  if (root_count > 1) throw std::invalid_argument("the links form several trees, with the roots " + roots);
+  if (root_count > 1)
+    throw std::invalid_argument("the links form several trees, with the roots " + roots);
   for (const Joint& joint : tree.joints) {
     const Joint* at = &joint;
     for (int steps = 0; at->mimic; ++steps) {
-      if (steps > joints) throw std::invalid_argument("joint '" + joint.name + "' mimics itself, by way of others");
+      if (steps > joints)
+        throw std::invalid_argument("joint '" + joint.name + "' mimics itself, by way of others");
       at = &tree.joints[at->mimic->master];
     }
   }
@@ -76,7 +82,8 @@ void follow_mimics(const Tree& tree, std::vector<double>& positions) {
 Path find_path(const Tree& tree, int from, int to) {
   const auto upward = [&](int link) {
     std::vector<int> joints;
-    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent]) joints.push_back(j);
+    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
+      joints.push_back(j);
     return joints;
   };
   std::vector<int> up = upward(from), down = upward(to);
@@ -87,17 +94,18 @@ Path find_path(const Tree& tree, int from, int to) {
   for (const PathStep& step : path) {
     const Joint& joint = tree.joints[step.joint];
     if (joint.type == JointType::floating || joint.type == JointType::planar)
-      throw std::invalid_argument("joint '" + joint.name + "' between links '" + tree.links[from] + "' and '" +
-                                  tree.links[to] + "' is " +
-                                  (joint.type == JointType::floating ? "floating" : "planar") +
-                                  "; only fixed, revolute, continuous and prismatic joints can be calibrated");
+      throw std::invalid_argument(
+          "joint '" + joint.name + "' between links '" + tree.links[from] + "' and '" +
+          tree.links[to] + "' is " + (joint.type == JointType::floating ? "floating" : "planar") +
+          "; only fixed, revolute, continuous and prismatic joints can be calibrated");
   }
   return path;
 }
 
 std::pair<double, double> usual_range(const Joint& joint) {
   const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
-  if (joint.type == JointType::continuous || !(joint.lower < joint.upper)) return {-without, without};
+  if (joint.type == JointType::continuous || !(joint.lower < joint.upper))
+    return {-without, without};
   return {joint.lower, joint.upper};
 }
 
@@ -110,7 +118,8 @@ Pose joint_motion(const Joint& joint, double position) {
   return motion;
 }
 
-std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions) {
+std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
+                             const std::vector<double>& positions) {
   std::vector<Pose> poses(tree.links.size());
   std::vector<char> done(tree.links.size(), 0);
   done[tree.root] = 1;
@@ -118,7 +127,8 @@ std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
   for (size_t l = 0; l < tree.links.size(); ++l) {
     chain.clear();
     int at = static_cast<int>(l);
-    for (; !done[at]; at = tree.joints[tree.joint_above[at]].parent) chain.push_back(tree.joint_above[at]);
+    for (; !done[at]; at = tree.joints[tree.joint_above[at]].parent)
+      chain.push_back(tree.joint_above[at]);
     for (auto j = chain.rbegin(); j != chain.rend(); ++j) {
       const Joint& joint = tree.joints[*j];
       poses[joint.child] = poses[joint.parent] * origins[*j] * joint_motion(joint, positions[*j]);
@@ -128,7 +138,8 @@ std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
   return poses;
 }
 
-std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets) {
+std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins,
+                               const std::vector<double>& offsets) {
   std::vector<Pose> folded = origins;
   for (size_t j = 0; j < tree.joints.size(); ++j) {
     const Driver d = driver(tree, static_cast<int>(j));

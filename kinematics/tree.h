@@ -2,18 +2,20 @@
 //
 // Every joint places its child link relative to its parent link:
 //     parent_T_child = parent_T_joint * motion(position),
-// parent_T_joint (the URDF's origin) constant, motion a rotation about or a translation along a unit axis given
-// in the joint's frame. The calibrated position of a joint is  scale * reading + offset  (done by the caller);
-// a mimic joint has  position = multiplier * position(master) + offset  and no reading of its own.
+// parent_T_joint (the URDF's origin) constant, motion a rotation about or a translation along a
+// unit axis given in the joint's frame. The calibrated position of a joint is  scale * reading +
+// offset  (done by the caller); a mimic joint has  position = multiplier * position(master) +
+// offset  and no reading of its own.
 //
-// A path a -> b goes up from a to the common ancestor and down to b; what lies above the ancestor cancels and
-// is not walked. Going down a joint multiplies by  origin * motion(q), going up by  motion(-q) * origin^-1.
-// With F = a_T_joint, the joint's frame before its motion, both directions give for a_T_b' = exp(twist) a_T_b
-// (a twist of b as seen from a):
+// A path a -> b goes up from a to the common ancestor and down to b; what lies above the ancestor
+// cancels and is not walked. Going down a joint multiplies by  origin * motion(q), going up by
+// motion(-q) * origin^-1. With F = a_T_joint, the joint's frame before its motion, both directions
+// give for a_T_b' = exp(twist) a_T_b (a twist of b as seen from a):
 //     by the position:              twist = direction * Ad_F [0 | axis]  (revolute),
 //                                           direction * Ad_F [axis | 0]  (prismatic)
 //     by the origin's increment xi: twist = direction * Ad_F xi          (parent_T_joint exp(xi))
-// because exp(xi) and the motion act next to each other in F, and inverting a product flips the sign.
+// because exp(xi) and the motion act next to each other in F, and inverting a product flips the
+// sign.
 #pragma once
 
 #include <optional>
@@ -35,15 +37,16 @@ struct Mimic {
 struct Joint {
   std::string name;
   JointType type = JointType::fixed;
-  int parent = -1, child = -1;            // link indices
-  Pose parent_T_joint;                    // the URDF's origin
-  Vector3d axis = Vector3d::UnitX();      // unit length, in the joint's frame; meaningless where !moves
+  int parent = -1, child = -1;        // link indices
+  Pose parent_T_joint;                // the URDF's origin
+  Vector3d axis = Vector3d::UnitX();  // unit length, in the joint's frame; meaningless where !moves
   std::optional<Mimic> mimic;
-  double lower = 0, upper = 0;            // limits, rad or m; lower == upper: none given
+  double lower = 0, upper = 0;  // limits, rad or m; lower == upper: none given
 
   /// True if the joint has one degree of freedom, which this module can walk.
   bool moves() const {
-    return type == JointType::revolute || type == JointType::continuous || type == JointType::prismatic;
+    return type == JointType::revolute || type == JointType::continuous ||
+           type == JointType::prismatic;
   }
   /// True if the joint moves and has a reading of its own (and so an offset, a scale and a noise).
   bool has_reading() const { return moves() && !mimic; }
@@ -53,28 +56,31 @@ struct Joint {
 struct Tree {
   std::vector<std::string> links;
   std::vector<Joint> joints;
-  std::vector<int> joint_above;           // per link: the joint whose child it is, -1 for the root
-  int root = -1;                          // link index
+  std::vector<int> joint_above;  // per link: the joint whose child it is, -1 for the root
+  int root = -1;                 // link index
 
   /// Both return an index by name, -1 if there is none.
   int find_link(const std::string& name) const;
   int find_joint(const std::string& name) const;
 };
 
-/// Fills joint_above and root and checks the structure. Joints must have valid link indices and unit axes.
-/// @throws std::invalid_argument naming the links or joints: no link; several roots; a link with two parents; a loop
+/// Fills joint_above and root and checks the structure. Joints must have valid link indices and
+/// unit axes.
+/// @throws std::invalid_argument naming the links or joints: no link; several roots; a link with
+/// two parents; a loop
 ///         (also one detached from the root); a mimic loop.
 void finish_tree(Tree& tree);
 
-/// A Driver is the joint with a reading behind a joint that may mimic others:  position(joint) = factor * position(driver) + offset. A
-/// joint that mimics nothing is its own driver, with 1 and 0.
+/// A Driver is the joint with a reading behind a joint that may mimic others:  position(joint) =
+/// factor * position(driver) + offset. A joint that mimics nothing is its own driver, with 1 and 0.
 struct Driver {
   int joint;
   double factor, offset;
 };
 Driver driver(const Tree& tree, int joint);
 
-/// Fills in the positions of the followers from those of the joints with a reading. `positions` has one entry a joint.
+/// Fills in the positions of the followers from those of the joints with a reading. `positions` has
+/// one entry a joint.
 void follow_mimics(const Tree& tree, std::vector<double>& positions);
 
 struct PathStep {
@@ -83,18 +89,23 @@ struct PathStep {
 };
 using Path = std::vector<PathStep>;
 
-/// Returns the joints on the path from link `from` to link `to`; those above the common ancestor are not among them.
+/// Returns the joints on the path from link `from` to link `to`; those above the common ancestor
+/// are not among them.
 /// @throws std::invalid_argument if a floating or planar joint lies on the path.
 Path find_path(const Tree& tree, int from, int to);
 
-/// Returns the range of positions that a joint may be asked to take: its limits; without such, and of continuous joints, +-pi or +-0.5 m.
+/// Returns the range of positions that a joint may be asked to take: its limits; without such, and
+/// of continuous joints, +-pi or +-0.5 m.
 std::pair<double, double> usual_range(const Joint& joint);
 
-/// Returns the motion of a joint at a position (rad or m); it is the identity for joints that do not move.
+/// Returns the motion of a joint at a position (rad or m); it is the identity for joints that do
+/// not move.
 Pose joint_motion(const Joint& joint, double position);
 
-/// Walks one step of a path, from a_T_from (in front of it) to a_T_to; a_T_joint is the joint's frame before its motion.
-inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_from, Pose& a_T_joint, Pose& a_T_to) {
+/// Walks one step of a path, from a_T_from (in front of it) to a_T_to; a_T_joint is the joint's
+/// frame before its motion.
+inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_from,
+                 Pose& a_T_joint, Pose& a_T_to) {
   if (step.direction > 0) {
     a_T_joint = a_T_from * origin;
     a_T_to = a_T_joint * motion;
@@ -104,7 +115,8 @@ inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, c
   }
 }
 
-/// Returns the twist [v | w], seen from a, of everything behind a joint per unit of its position; see the head of this file.
+/// Returns the twist [v | w], seen from a, of everything behind a joint per unit of its position;
+/// see the head of this file.
 inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_T_joint) {
   Vector6d twist;
   const Vector3d axis = direction * (a_T_joint.rotation * joint.axis);
@@ -115,13 +127,15 @@ inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_
   return twist;
 }
 
-/// Returns root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a joint. Floating and planar joints are
-/// taken at their origin.
-std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& positions);
+/// Returns root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a
+/// joint. Floating and planar joints are taken at their origin.
+std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
+                             const std::vector<double>& positions);
 
-/// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a joint whose offset is d gets
-/// motion(axis, multiplier * d) in its own origin (through chains of mimics the product of multipliers).
-/// `origins` and `offsets` have one entry a joint.
-std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins, const std::vector<double>& offsets);
+/// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a
+/// joint whose offset is d gets motion(axis, multiplier * d) in its own origin (through chains of
+/// mimics the product of multipliers). `origins` and `offsets` have one entry a joint.
+std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins,
+                               const std::vector<double>& offsets);
 
 }  // namespace kincal

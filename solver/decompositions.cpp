@@ -44,11 +44,14 @@ SingularValues3 singular_values(const Eigen::Matrix3d& matrix) {
 }
 
 SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(
+      matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
   return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
 }
 
-VectorXd least_squares(const MatrixXd& a, const VectorXd& b) { return a.colPivHouseholderQr().solve(b); }
+VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
 
 bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x) {
   Eigen::ColPivHouseholderQR<MatrixXd> qr(a);
@@ -75,15 +78,21 @@ VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b);
 
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
 
-MatrixXd inverse_of_symmetric(const MatrixXd& a) { return solve_symmetric(a, MatrixXd::Identity(a.rows(), a.cols())); }
+MatrixXd inverse_of_symmetric(const MatrixXd& a) {
+  return solve_symmetric(a, MatrixXd::Identity(a.rows(), a.cols()));
+}
 
-void triangularise(Eigen::Ref<MatrixXd> rows) { Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows); }
+void triangularise(Eigen::Ref<MatrixXd> rows) {
+  Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows);
+}
 
 MatrixXd root_of_covariance(const MatrixXd& c) {
   const VectorXd scale = c.diagonal().cwiseMax(0.0).cwiseSqrt();
   const VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(inverse.asDiagonal() * c * inverse.asDiagonal());
-  return scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(inverse.asDiagonal() * c *
+                                                      inverse.asDiagonal());
+  return scale.asDiagonal() * eigen.eigenvectors() *
+         eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
 }
 
 struct Elimination::Parts {
@@ -102,9 +111,14 @@ Elimination::Elimination(MatrixXd block) : parts_(new Parts) {
 Elimination::~Elimination() = default;
 long Elimination::rank() const { return parts_->qr.rank(); }
 
-// Only the first rank() reflections: what is beyond them is determined by nothing here and must not eat shared information.
-void Elimination::rotate(MatrixXd& rows) const { rows.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint()); }
-void Elimination::rotate(VectorXd& column) const { column.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint()); }
+// Only the first rank() reflections: what is beyond them is determined by nothing here and must not
+// eat shared information.
+void Elimination::rotate(MatrixXd& rows) const {
+  rows.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint());
+}
+void Elimination::rotate(VectorXd& column) const {
+  column.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()).adjoint());
+}
 
 MatrixXd Elimination::basis() const {
   MatrixXd out = MatrixXd::Identity(parts_->qr.rows(), rank());

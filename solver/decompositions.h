@@ -1,5 +1,5 @@
-// Dense decompositions behind plain functions. Eigen instantiates each of them anew in every source that names it, several seconds a
-// time; here each is compiled once. All of them allocate.
+// Dense decompositions behind plain functions. Eigen instantiates each of them anew in every source
+// that names it, several seconds a time; here each is compiled once. All of them allocate.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +18,8 @@ struct SymmetricEigen {
 SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
 Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix);
 
-/// Singular values, descending, and what `parts` asks for (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only), by Jacobi's method.
+/// Singular values, descending, and what `parts` asks for (Eigen::ComputeFullU, ComputeThinV, ...;
+/// 0: the values only), by Jacobi's method.
 struct SingularValues {
   VectorXd values;
   MatrixXd u, v;
@@ -38,7 +39,8 @@ struct SingularValues9 {
 };
 SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix);
 
-/// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come last get 0.
+/// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come
+/// last get 0.
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b);
 /// The same; false, x unchanged, where a pivot is at most `threshold` of the largest.
 bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x);
@@ -64,22 +66,26 @@ MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
 /// a^-1 for symmetric a, likewise.
 MatrixXd inverse_of_symmetric(const MatrixXd& a);
 
-/// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the number of columns are left undefined, as is
-/// what is below the diagonal.
+/// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the
+/// number of columns are left undefined, as is what is below the diagonal.
 void triangularise(Eigen::Ref<MatrixXd> rows);
 
-/// W with W W' = c for a covariance whose diagonal may span many orders; what is negative by rounding counts as 0.
+/// W with W W' = c for a covariance whose diagonal may span many orders; what is negative by
+/// rounding counts as 0.
 MatrixXd root_of_covariance(const MatrixXd& c);
 
-/// What is left of rows when the unknowns of some columns are eliminated: an orthogonal factorisation with column pivoting, by rank (columns
-/// scaled to unit length, singular values above 1e-9 of the largest), so that a block which its rows do not determine loses only what it has.
+/// What is left of rows when the unknowns of some columns are eliminated: an orthogonal
+/// factorisation with column pivoting, by rank (columns scaled to unit length, singular values
+/// above 1e-9 of the largest), so that a block which its rows do not determine loses only what it
+/// has.
 class Elimination {
  public:
   /// `block`: the columns of the unknowns to eliminate.
   explicit Elimination(MatrixXd block);
   ~Elimination();
   long rank() const;
-  /// Q' rows, of which the first rank() are what determines the eliminated unknowns and the others what is left.
+  /// Q' rows, of which the first rank() are what determines the eliminated unknowns and the others
+  /// what is left.
   void rotate(MatrixXd& rows) const;
   void rotate(VectorXd& column) const;
   /// Orthonormal basis of the block's range: rows x rank().

@@ -70,7 +70,8 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       w.factor.resize(largest_factor * RangeProblem::kRange + kSlack);
     }
     w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
-    if (system.stacks()) w.stack.resize(static_cast<size_t>(kStackedRows + deepest) * system.ld() + kSlack);
+    if (system.stacks())
+      w.stack.resize(static_cast<size_t>(kStackedRows + deepest) * system.ld() + kSlack);
     if (!system.dense() && !ranges) w.block.resize(static_cast<size_t>(widest) * widest);
     w.solution.resize(deepest + kSlack);
   }
@@ -78,8 +79,11 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
   shared_matrix.assign(ranges ? system.diagonal_storage() : system.storage(), 0.0);
   damped_matrix.assign(system.storage(), 0.0);
   if (system.in_blocks()) eliminated_blocks.assign(system.block_storage(), 0.0);
-  for (VectorXd* v : {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
-  for (VectorXd* v : {&private_step, &private_scale, &first_private_scale}) v->setZero(private_size);
+  for (VectorXd* v :
+       {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale})
+    v->setZero(n);
+  for (VectorXd* v : {&private_step, &private_scale, &first_private_scale})
+    v->setZero(private_size);
   right_side.assign(n + kSlack, 0.0);
 }
 
@@ -92,7 +96,8 @@ void Arrowhead::place_pieces() {
   double total = 0;
   for (const GroupShape& g : groups) total += eliminating(g);
   // Each has matrices to be added up: as many as keep that small beside the rest.
-  const double storage = static_cast<double>(system.in_blocks() ? system.block_storage() : system.storage());
+  const double storage =
+      static_cast<double>(system.in_blocks() ? system.block_storage() : system.storage());
   int most = kPieces;
   while (most > kFewPieces && total < 8 * most * storage) most /= 2;
   pieces = partition(most, eliminating);
@@ -107,17 +112,21 @@ std::vector<Piece> Arrowhead::partition(int most, const Work& work) const {
   for (size_t g = 0; g < groups.size(); ++g) {
     sum += work(groups[g]);
     out.back().last = static_cast<int>(g) + 1;
-    if (sum * most < total * out.size() || out.size() == static_cast<size_t>(most) || g + 1 == groups.size()) continue;
+    if (sum * most < total * out.size() || out.size() == static_cast<size_t>(most) ||
+        g + 1 == groups.size())
+      continue;
     out.emplace_back();
     out.back().first = static_cast<int>(g) + 1;
   }
   return out;
 }
 
-/// Runs work(piece, worker) over all pieces, of the partition for matrices or of the finer one for sums of numbers.
+/// Runs work(piece, worker) over all pieces, of the partition for matrices or of the finer one for
+/// sums of numbers.
 template <class Work>
 void Arrowhead::over(std::vector<Piece>& partition, const Work& work) {
-  crew.run(static_cast<int>(partition.size()), [&](int piece, int worker) { work(partition[piece], worker); });
+  crew.run(static_cast<int>(partition.size()),
+           [&](int piece, int worker) { work(partition[piece], worker); });
 }
 
 /// evaluate() of a piece's groups, summed; false where a residual is undefined.
@@ -134,7 +143,8 @@ bool Arrowhead::evaluate_each(Piece& p, const VectorXd& state, int worker) const
 bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
   over(fine_pieces, [&](Piece& p, int worker) {
     p.cost = {};
-    p.defined = ranges ? ranges->evaluate_range(p.first, p.last, state, worker, p.cost) : evaluate_each(p, state, worker);
+    p.defined = ranges ? ranges->evaluate_range(p.first, p.last, state, worker, p.cost)
+                       : evaluate_each(p, state, worker);
   });
   cost = {};
   bool defined = true;
@@ -150,10 +160,12 @@ Arrowhead::GroupArrays Arrowhead::arrays_of(size_t g, int first, int worker) {
   Worker& w = workers[worker];
   return ranges ? GroupArrays{w.rows.data() + (stores[g].rows - stores[first].rows),
                               w.factor.data() + (stores[g].factor - stores[first].factor)}
-                : GroupArrays{group_rows.get() + stores[g].rows, group_factors.get() + stores[g].factor};
+                : GroupArrays{group_rows.get() + stores[g].rows,
+                              group_factors.get() + stores[g].factor};
 }
 
-/// Equations of groups first .. last - 1 (of one range): rows to their arrays, C and b to the worker's.
+/// Equations of groups first .. last - 1 (of one range): rows to their arrays, C and b to the
+/// worker's.
 bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker) {
   Worker& w = workers[worker];
   if (ranges) ranges->prepare_range(first, last, state, worker);
@@ -161,7 +173,9 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
     const int k = groups[g].private_size;
     double* rows_of_group = arrays_of(g, first, worker).rows;
     std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
-    GroupEquations to{rows_of_group, stride(g), w.shared.data(), system.origin(), groups[g].columns.data(), w.gradient.data()};
+    GroupEquations to{
+        rows_of_group,    stride(g), w.shared.data(), system.origin(), groups[g].columns.data(),
+        w.gradient.data()};
     const bool local = !system.dense() && !ranges;
     const size_t m = groups[g].columns.size();
     if (ranges) to.origin = system.diagonal_origin();
@@ -184,32 +198,41 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
   return true;
 }
 
-/// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not positive definite to rounding.
+/// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not
+/// positive definite to rounding.
 bool Arrowhead::factor_private(size_t g, const GroupArrays& at, int width, double lambda) {
   const int k = groups[g].private_size, ld = k + kSlack;
   for (int j = 0; j < k; ++j)
-    for (int i = j; i < k; ++i) at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
+    for (int i = j; i < k; ++i)
+      at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
   for (int i = 0; i < k; ++i) {
     const double scale = private_scale(stores[g].private_start + i);
-    at.factor[i + static_cast<size_t>(i) * ld] += scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
+    at.factor[i + static_cast<size_t>(i) * ld] +=
+        scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
   }
   return kernels().cholesky(at.factor, k, ld);
 }
 
 /// Eliminates the private unknowns of a group into the piece.
-bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked) {
-  const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()), width = stride(g);
+bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker,
+                                int& stacked) {
+  const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()),
+            width = stride(g);
   if (k == 0) return true;
   if (!factor_private(g, at, width, lambda)) return false;
   Worker& w = workers[worker];
   const int right_width = padded(m + 1);
-  for (int i = 0; i < k; ++i) std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1, w.right.data() + i * right_width);
+  for (int i = 0; i < k; ++i)
+    std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1,
+                w.right.data() + i * right_width);
   kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
   if (!system.stacks()) {
     if (system.in_blocks())
-      system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, aligned(w.eliminated), w.eliminated_gradient.data());
+      system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width,
+                             aligned(w.eliminated), w.eliminated_gradient.data());
     else
-      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(), w.eliminated_gradient.data());
+      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(),
+                      w.eliminated_gradient.data());
     return true;
   }
   const int* column = groups[g].columns.data();
@@ -225,12 +248,15 @@ bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, 
 }
 
 void Arrowhead::multiply(int worker, int& stacked) {
-  kernels().subtract_product(workers[worker].eliminated.data(), n + 1, system.ld(), workers[worker].stack.data(), stacked, system.ld());
+  kernels().subtract_product(workers[worker].eliminated.data(), n + 1, system.ld(),
+                             workers[worker].stack.data(), stacked, system.ld());
   stacked = 0;
 }
 
-/// The damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
-Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost) {
+/// The damped reduced system at `state`. With `linearise` the normal equations are new; without,
+/// only the damping is.
+Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bool linearise,
+                                        bool first_scales, Cost& cost) {
   if (linearise) {
     problem.prepare(state);
     std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
@@ -250,7 +276,8 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
       ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
       w.gradient.setZero();
     }
-    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0) : system.clear(w.eliminated.data());
+    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
+                       : system.clear(w.eliminated.data());
     w.eliminated_gradient.setZero();
     int stacked = 0;
     for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
@@ -261,7 +288,8 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
         if (linearise)
           for (int i = 0; i < groups[g].private_size; ++i) {
             const int place = stores[g].private_start + i;
-            private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i], first_private_scale(place), first_scales);
+            private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i],
+                                            first_private_scale(place), first_scales);
           }
         p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
       }
@@ -272,7 +300,8 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     while (turn.load(std::memory_order_acquire) != piece) std::this_thread::yield();
     if (linearise) {
       if (ranges)
-        kernels().add(shared_matrix.data(), w.shared.data(), static_cast<std::ptrdiff_t>(shared_matrix.size()));
+        kernels().add(shared_matrix.data(), w.shared.data(),
+                      static_cast<std::ptrdiff_t>(shared_matrix.size()));
       else
         system.accumulate(shared_matrix.data(), w.shared.data());
       shared_gradient += w.gradient;
@@ -280,7 +309,8 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
       cost.chi2 += p.cost.chi2;
     }
     if (system.in_blocks())
-      kernels().add(aligned(eliminated_blocks), aligned(w.eliminated), static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
+      kernels().add(aligned(eliminated_blocks), aligned(w.eliminated),
+                    static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
     else
       system.accumulate(damped_matrix.data(), w.eliminated.data());
     reduced_gradient += w.eliminated_gradient;
@@ -293,7 +323,8 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
   }
   if (linearise) {
     const std::ptrdiff_t* origin = ranges ? system.diagonal_origin() : system.origin();
-    for (int i = 0; i < n; ++i) shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
+    for (int i = 0; i < n; ++i)
+      shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
   }
   if (!defined || !std::isfinite(cost.doubled)) return Assembly::undefined;
   if (!definite) return Assembly::indefinite;
@@ -304,12 +335,17 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     system.accumulate(damped_matrix.data(), shared_matrix.data());
   reduced_gradient += shared_gradient;
   if (system.stacks())
-    for (int i = 0; i < n; ++i) reduced_gradient(i) += damped_matrix[system.origin()[i] + n], damped_matrix[system.origin()[i] + n] = 0;
-  for (int i = 0; i < n; ++i) system.add_to_diagonal(damped_matrix.data(), i, shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
+    for (int i = 0; i < n; ++i)
+      reduced_gradient(i) += damped_matrix[system.origin()[i] + n],
+          damped_matrix[system.origin()[i] + n] = 0;
+  for (int i = 0; i < n; ++i)
+    system.add_to_diagonal(damped_matrix.data(), i,
+                           shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
   return Assembly::fine;
 }
 
-/// Step of the assembled system at damping lambda; promised decrease of twice the cost and length in standard deviations.
+/// Step of the assembled system at damping lambda; promised decrease of twice the cost and length
+/// in standard deviations.
 bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, double& length) {
   if (!system.factor(damped_matrix.data())) return false;
   for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
@@ -323,7 +359,8 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
     for (int first = p.first; first < p.last; first += RangeProblem::kRange) {
       const int last = std::min(p.last, first + RangeProblem::kRange);
       if (ranges) substitute_range(p, first, last, state, lambda, worker);
-      for (int g = first; g < last && !ranges; ++g) substitute(p, g, arrays_of(g, first, worker), lambda, worker);
+      for (int g = first; g < last && !ranges; ++g)
+        substitute(p, g, arrays_of(g, first, worker), lambda, worker);
     }
   });
   for (const Piece& p : fine_pieces) {
@@ -350,7 +387,8 @@ void Arrowhead::substitute(Piece& p, size_t g, const GroupArrays& at, double lam
 }
 
 /// substitute() for the groups of a range, from [P | a | a + Q dx] that the problem computes again.
-void Arrowhead::substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda, int worker) {
+void Arrowhead::substitute_range(Piece& p, int first, int last, const VectorXd& state,
+                                 double lambda, int worker) {
   Worker& w = workers[worker];
   ranges->recompute_rows(first, last, state, shared_step, worker, w.rows.data());
   double* group = w.rows.data();
@@ -364,7 +402,8 @@ void Arrowhead::substitute_range(Piece& p, int first, int last, const VectorXd& 
 }
 
 /// Steps of a group from d = -(a + Q dx).
-void Arrowhead::private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d, double lambda) {
+void Arrowhead::private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d,
+                              double lambda) {
   const int k = groups[g].private_size, start = stores[g].private_start;
   kernels().solve_lower(factor, k, k + kSlack, d);
   kernels().solve_lower_transposed(factor, k, k + kSlack, d);

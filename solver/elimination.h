@@ -1,5 +1,6 @@
-// The elimination of all groups' private unknowns into the reduced system, and the way back: the arrowhead of problem.h at one state and
-// one damping. The formulas stand in levenberg_marquardt.h. This header is for the sources of this folder only.
+// The elimination of all groups' private unknowns into the reduced system, and the way back: the
+// arrowhead of problem.h at one state and one damping. The formulas stand in levenberg_marquardt.h.
+// This header is for the sources of this folder only.
 #pragma once
 
 #include <atomic>
@@ -12,8 +13,9 @@
 
 namespace kincal {
 
-/// A GroupStore says where one group keeps its numbers between linearisation and substitution: its rows [P Q a] and the factor of the
-/// damped P, as offsets into arenas. The groups of a RangeProblem keep nothing; their offsets are into the worker's scratch.
+/// A GroupStore says where one group keeps its numbers between linearisation and substitution: its
+/// rows [P Q a] and the factor of the damped P, as offsets into arenas. The groups of a
+/// RangeProblem keep nothing; their offsets are into the worker's scratch.
 struct GroupStore {
   size_t rows = 0, factor = 0;
   int private_start = 0;
@@ -27,7 +29,8 @@ struct Piece {
   double slope = 0, damping = 0;
 };
 
-/// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are added to the totals in the pieces' order.
+/// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are
+/// added to the totals in the pieces' order.
 struct Worker {
   std::vector<double> shared;      // C
   std::vector<double> eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
@@ -39,7 +42,8 @@ struct Worker {
   std::vector<double> solution;      // private step of one group
 };
 
-/// An Arrowhead holds what is kept of the groups between linearisation and substitution, and all matrices. They are allocated once.
+/// An Arrowhead holds what is kept of the groups between linearisation and substitution, and all
+/// matrices. They are allocated once.
 class Arrowhead {
  public:
   Arrowhead(Problem& p, LinearSolver linear_solver, int threads);
@@ -47,10 +51,12 @@ class Arrowhead {
   /// Sums the cost of all groups; false where a residual is undefined.
   bool evaluate(const VectorXd& state, Cost& cost);
   enum class Assembly { fine, undefined, indefinite };
-  /// Assembles the damped reduced system at `state`. With `linearise` the normal equations are new; without, only the damping is.
-  Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales, Cost& cost);
-  /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease of twice the cost and its length in
-  /// standard deviations.
+  /// Assembles the damped reduced system at `state`. With `linearise` the normal equations are new;
+  /// without, only the damping is.
+  Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales,
+                    Cost& cost);
+  /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease
+  /// of twice the cost and its length in standard deviations.
   bool step(const VectorXd& state, double lambda, double& promised, double& length);
 
   Problem& problem;
@@ -75,7 +81,9 @@ class Arrowhead {
   template <class Work>
   std::vector<Piece> partition(int most, const Work& work) const;
   /// Returns the distance between the rows of a group.
-  int stride(size_t g) const { return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1); }
+  int stride(size_t g) const {
+    return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1);
+  }
   template <class Work>
   void over(std::vector<Piece>& partition, const Work& work);
   bool evaluate_each(Piece& p, const VectorXd& state, int worker) const;
@@ -85,8 +93,10 @@ class Arrowhead {
   bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked);
   void multiply(int worker, int& stacked);
   void substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker);
-  void substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda, int worker);
-  void private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d, double lambda);
+  void substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda,
+                        int worker);
+  void private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d,
+                     double lambda);
 
   Crew crew;
   std::vector<Piece> pieces, fine_pieces;

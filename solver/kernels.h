@@ -1,9 +1,11 @@
-// The dense inner loops of the solver on plain pointers, compiled for several instruction sets and chosen at run time.
+// The dense inner loops of the solver on plain pointers, compiled for several instruction sets and
+// chosen at run time.
 //
-// Nothing here allocates. Arrays are column-major with leading dimension `ld` unless said otherwise. Vector code works in packs of
-// up to 8 numbers and may read and overwrite up to kSlack numbers behind what it is given: rows n .. n + kSlack - 1 of each column
-// must exist (ld >= n + kSlack, or the next array's slack), what is in them does not matter.
-// Results differ in the last bits between instruction sets (fused multiply-add), never between runs or numbers of threads.
+// Nothing here allocates. Arrays are column-major with leading dimension `ld` unless said
+// otherwise. Vector code works in packs of up to 8 numbers and may read and overwrite up to kSlack
+// numbers behind what it is given: rows n .. n + kSlack - 1 of each column must exist (ld >= n +
+// kSlack, or the next array's slack), what is in them does not matter. Results differ in the last
+// bits between instruction sets (fused multiply-add), never between runs or numbers of threads.
 #pragma once
 
 #include <cstddef>
@@ -21,44 +23,52 @@ constexpr int padded(int n) { return (n + 7) & ~7; }
 struct Kernels {
   const char* name;
 
-  /// Computes g = L'L (w x w, both triangles, leading dimension ld) of w columns of `rows` numbers (a multiple of 8), `stride` apart.
+  /// Computes g = L'L (w x w, both triangles, leading dimension ld) of w columns of `rows` numbers
+  /// (a multiple of 8), `stride` apart.
   void (*gram)(const double* columns, int rows, std::ptrdiff_t stride, int w, double* g, int ld);
 
-  /// Computes C -= A A' on the lower triangle of C (n x n): A is n x depth, column-major, lda >= n + kSlack or slack behind its last
-  /// column. What is above the diagonal of C is scratch.
-  void (*subtract_product)(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda);
+  /// Computes C -= A A' on the lower triangle of C (n x n): A is n x depth, column-major, lda >= n
+  /// + kSlack or slack behind its last column. What is above the diagonal of C is scratch.
+  void (*subtract_product)(double* c, int n, int ldc, const double* a, int depth,
+                           std::ptrdiff_t lda);
 
-  /// Replaces the lower triangle by its Cholesky factor L; the diagonal then holds 1 / L(i, i). False if it is not positive definite to
-  /// rounding.
+  /// Replaces the lower triangle by its Cholesky factor L; the diagonal then holds 1 / L(i, i).
+  /// False if it is not positive definite to rounding.
   bool (*cholesky)(double* a, int n, int ld);
   /// These compute b <- L^-1 b and b <- L^-T b with such a factor (b has slack).
   void (*solve_lower)(const double* factor, int n, int ld, double* b);
   void (*solve_lower_transposed)(const double* factor, int n, int ld, double* b);
 
-  /// Computes B <- L^-1 B with such a factor: B is n x width, row-major, rows `stride` >= padded(width) apart.
-  void (*solve_rows)(const double* factor, int n, int ld, double* b, int width, std::ptrdiff_t stride);
+  /// Computes B <- L^-1 B with such a factor: B is n x width, row-major, rows `stride` >=
+  /// padded(width) apart.
+  void (*solve_rows)(const double* factor, int n, int ld, double* b, int width,
+                     std::ptrdiff_t stride);
 
-  /// Computes d -= sum_k a_k b_k': d has `columns` columns of `rows` numbers, column q at d + step[q]; a_k(row) = a[k stride + row],
-  /// b_k(q) = b[k stride + q]. Writes exactly `rows` numbers a column.
-  void (*subtract_block)(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
-                         std::ptrdiff_t stride);
+  /// Computes d -= sum_k a_k b_k': d has `columns` columns of `rows` numbers, column q at d +
+  /// step[q]; a_k(row) = a[k stride + row], b_k(q) = b[k stride + q]. Writes exactly `rows` numbers
+  /// a column.
+  void (*subtract_block)(double* d, const std::ptrdiff_t* step, const double* a, int rows,
+                         const double* b, int columns, int depth, std::ptrdiff_t stride);
 
-  /// Eliminates a point seen by cameras of 9 numbers: with B = [B_0 .. B_runs-1 | b] (3 rows, `stride` apart, 9 columns a run),
-  /// block -= B_i' B_j for the runs' pairs i >= j, and gradient -= B_i' b at first[i] .. + 8. `block` has the blocks' numbers pair after
-  /// pair, for i, for j <= i. A block has kBlockStorage9x9 numbers: rows 0-7 column after column, then row 8.
-  void (*subtract_products_9x9)(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
-                         double* gradient);
+  /// Eliminates a point seen by cameras of 9 numbers: with B = [B_0 .. B_runs-1 | b] (3 rows,
+  /// `stride` apart, 9 columns a run), block -= B_i' B_j for the runs' pairs i >= j, and gradient
+  /// -= B_i' b at first[i] .. + 8. `block` has the blocks' numbers pair after pair, for i, for j <=
+  /// i. A block has kBlockStorage9x9 numbers: rows 0-7 column after column, then row 8.
+  void (*subtract_products_9x9)(double* blocks, const int* block, const int* first, int runs,
+                                const double* b, std::ptrdiff_t stride, double* gradient);
 
-  /// Computes product = G M and out = M' G M: G (width x width, leading dimension ldg, both triangles), of which the first k columns count;
-  /// M (k x columns), product (width x columns) and out (columns x columns, whole) row-major, ld >= columns + kSlack apart.
-  void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld);
+  /// Computes product = G M and out = M' G M: G (width x width, leading dimension ldg, both
+  /// triangles), of which the first k columns count; M (k x columns), product (width x columns) and
+  /// out (columns x columns, whole) row-major, ld >= columns + kSlack apart.
+  void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns,
+                 double* product, double* out, int ld);
 
   /// Adds b to a.
   void (*add)(double* a, const double* b, std::ptrdiff_t n);
 };
 
-/// Returns the kernels for this processor. The environment variable KINCAL_ISA (baseline, avx2, avx512) lowers the instruction set, for
-/// tests and comparisons; any other value of it is ignored.
+/// Returns the kernels for this processor. The environment variable KINCAL_ISA (baseline, avx2,
+/// avx512) lowers the instruction set, for tests and comparisons; any other value of it is ignored.
 const Kernels& kernels();
 /// Returns all kernels that this processor can run, `count` of them, the plainest first; for tests.
 const Kernels* const* all_kernels(int& count);

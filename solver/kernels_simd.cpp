@@ -11,7 +11,8 @@ namespace {
 constexpr int T = kLanes == 8 ? 4 : 3;
 
 template <int I, int J, bool Diagonal>
-inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride, double* g, int ld) {
+inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride, double* g,
+                      int ld) {
   Pack s[I][J] = {};
   for (int r = 0; r < rows; r += kLanes) {
     Pack x[I], y[J];
@@ -30,12 +31,14 @@ inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t
       for (int j = 0; j < J; ++j, ++k) out[k] = sum(s[i][j]);
   }
   for (int i = 0; i < I; ++i)
-    for (int j = 0; j < (Diagonal ? i + 1 : J); ++j) g[i + static_cast<std::ptrdiff_t>(j) * ld] = out[i * J + j];
+    for (int j = 0; j < (Diagonal ? i + 1 : J); ++j)
+      g[i + static_cast<std::ptrdiff_t>(j) * ld] = out[i * J + j];
 }
 
 /// More than 6 parameters because kernels take plain pointers.
 template <int J>
-inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t stride, int left, double* g, int ld) {
+inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t stride, int left,
+                      double* g, int ld) {
   while (left >= T) {
     gram_tile<T, J, false>(a, b, rows, stride, g, ld);
     a += T * stride;
@@ -68,7 +71,8 @@ void gram(const double* columns, int rows, std::ptrdiff_t stride, int w, double*
     if (width == T) gram_rows<T>(b + T * stride, b, rows, stride, w - j - T, corner + T, ld);
   }
   for (int j = 1; j < w; ++j)
-    for (int i = 0; i < j; ++i) g[i + static_cast<std::ptrdiff_t>(j) * ld] = g[j + static_cast<std::ptrdiff_t>(i) * ld];
+    for (int i = 0; i < j; ++i)
+      g[i + static_cast<std::ptrdiff_t>(j) * ld] = g[j + static_cast<std::ptrdiff_t>(i) * ld];
 }
 
 // ---- subtract_product: tiles of P packs x N columns stay in registers over the whole depth.
@@ -77,7 +81,8 @@ constexpr int P = 3;
 constexpr int N = kLanes == 8 ? 8 : 4;
 
 template <int Packs, int Columns>
-inline void product_tile(double* c, int ldc, const double* a, const double* b, int depth, std::ptrdiff_t lda) {
+inline void product_tile(double* c, int ldc, const double* a, const double* b, int depth,
+                         std::ptrdiff_t lda) {
   Pack s[Packs][Columns] = {};
   for (int k = 0; k < depth; ++k) {
     Pack x[Packs];
@@ -96,27 +101,38 @@ inline void product_tile(double* c, int ldc, const double* a, const double* b, i
 
 /// More than 6 parameters because kernels take plain pointers.
 template <int Columns>
-inline void product_columns(double* c, int rows, int ldc, const double* a, const double* b, int depth, std::ptrdiff_t lda) {
+inline void product_columns(double* c, int rows, int ldc, const double* a, const double* b,
+                            int depth, std::ptrdiff_t lda) {
   int i = 0;
-  for (; i + P * kLanes <= rows; i += P * kLanes) product_tile<P, Columns>(c + i, ldc, a + i, b, depth, lda);
-  for (; i + kLanes < rows; i += 2 * kLanes) product_tile<2, Columns>(c + i, ldc, a + i, b, depth, lda);
+  for (; i + P * kLanes <= rows; i += P * kLanes)
+    product_tile<P, Columns>(c + i, ldc, a + i, b, depth, lda);
+  for (; i + kLanes < rows; i += 2 * kLanes)
+    product_tile<2, Columns>(c + i, ldc, a + i, b, depth, lda);
   if (i < rows) product_tile<1, Columns>(c + i, ldc, a + i, b, depth, lda);
 }
 
-/// The first `columns` columns of subtract_product(); more than 6 parameters because kernels take plain pointers.
-void subtract_columns(double* c, int n, int columns, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
+/// The first `columns` columns of subtract_product(); more than 6 parameters because kernels take
+/// plain pointers.
+void subtract_columns(double* c, int n, int columns, int ldc, const double* a, int depth,
+                      std::ptrdiff_t lda) {
   int j = 0;
-  for (; j + N <= columns; j += N) product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
-  for (; j + 2 <= columns; j += 2) product_columns<2>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
-  if (j < columns) product_columns<1>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j, depth, lda);
+  for (; j + N <= columns; j += N)
+    product_columns<N>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j,
+                       depth, lda);
+  for (; j + 2 <= columns; j += 2)
+    product_columns<2>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j,
+                       depth, lda);
+  if (j < columns)
+    product_columns<1>(c + j + static_cast<std::ptrdiff_t>(j) * ldc, n - j, ldc, a + j, a + j,
+                       depth, lda);
 }
 
 void subtract_product(double* c, int n, int ldc, const double* a, int depth, std::ptrdiff_t lda) {
   subtract_columns(c, n, n, ldc, a, depth, lda);
 }
 
-// ---- cholesky: strips of kStrip columns, of panels of kPanel columns; the rest of the strip is updated after each panel, the rest of the
-// matrix after each strip.
+// ---- cholesky: strips of kStrip columns, of panels of kPanel columns; the rest of the strip is
+// updated after each panel, the rest of the matrix after each strip.
 
 constexpr int kPanel = 16, kStrip = 48;
 
@@ -142,13 +158,15 @@ bool cholesky_corner(double* corner, int n, int ld_corner) {
   constexpr int ld = kPanel + kLanes;
   double a[kPanel * ld];
   for (int j = 0; j < n; ++j)
-    for (int i = j; i < n; ++i) a[i + j * ld] = corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner];
+    for (int i = j; i < n; ++i)
+      a[i + j * ld] = corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner];
   for (int j = 0; j < n; ++j) {
     double* column = a + static_cast<std::ptrdiff_t>(j) * ld;
     for (int p = 0; p < j; ++p) {
       const double* before = a + static_cast<std::ptrdiff_t>(p) * ld;
       const double b = before[j];
-      for (int i = j; i < n; i += kLanes) store(column + i, load(column + i) - load(before + i) * b);
+      for (int i = j; i < n; i += kLanes)
+        store(column + i, load(column + i) - load(before + i) * b);
     }
     const double pivot = column[j];
     if (!(pivot > 0) || pivot > 1.7976931348623157e308) return false;
@@ -157,7 +175,8 @@ bool cholesky_corner(double* corner, int n, int ld_corner) {
     column[j] = inverse;
   }
   for (int j = 0; j < n; ++j)
-    for (int i = j; i < n; ++i) corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner] = a[i + j * ld];
+    for (int i = j; i < n; ++i)
+      corner[i + static_cast<std::ptrdiff_t>(j) * ld_corner] = a[i + j * ld];
   return true;
 }
 
@@ -169,7 +188,8 @@ inline void solve_below(const double* corner, double* x, int ld) {
     for (int j = 0; j < half; ++j) s[j] = load(x + static_cast<std::ptrdiff_t>(first + j) * ld);
     for (int p = 0; p < first; ++p) {
       const Pack before = load(x + static_cast<std::ptrdiff_t>(p) * ld);
-      for (int j = 0; j < half; ++j) s[j] -= before * corner[first + j + static_cast<std::ptrdiff_t>(p) * ld];
+      for (int j = 0; j < half; ++j)
+        s[j] -= before * corner[first + j + static_cast<std::ptrdiff_t>(p) * ld];
     }
     for (int p = 0; p < half; ++p) {
       const double* column = corner + first + static_cast<std::ptrdiff_t>(first + p) * ld;
@@ -191,10 +211,12 @@ bool cholesky(double* a, int n, int ld) {
       if (!cholesky_corner(corner, end - k, ld)) return false;
       if (end == n) return true;
       for (int i = kPanel; i < n - k; i += kLanes) solve_below(corner, corner + i, ld);
-      subtract_columns(corner + kPanel * (static_cast<std::ptrdiff_t>(ld) + 1), n - end, strip_end - end, ld, corner + kPanel, kPanel, ld);
+      subtract_columns(corner + kPanel * (static_cast<std::ptrdiff_t>(ld) + 1), n - end,
+                       strip_end - end, ld, corner + kPanel, kPanel, ld);
     }
     double* rest = a + strip_end * (static_cast<std::ptrdiff_t>(ld) + 1);
-    subtract_product(rest, n - strip_end, ld, a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, kStrip, ld);
+    subtract_product(rest, n - strip_end, ld,
+                     a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, kStrip, ld);
   }
   return true;
 }
@@ -258,8 +280,8 @@ void solve_rows(const double* factor, int n, int ld, double* b, int width, std::
 
 /// More than 6 parameters because kernels take plain pointers.
 template <int Depth>
-inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
-                          std::ptrdiff_t stride) {
+inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a, int rows,
+                          const double* b, int columns, int depth, std::ptrdiff_t stride) {
   const int n = Depth > 0 ? Depth : depth;
   int i = 0;
   for (; i + kLanes <= rows; i += kLanes) {
@@ -288,8 +310,8 @@ inline void block_columns(double* d, const std::ptrdiff_t* step, const double* a
 }
 
 /// More than 6 parameters because kernels take plain pointers.
-void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int rows, const double* b, int columns, int depth,
-                    std::ptrdiff_t stride) {
+void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int rows,
+                    const double* b, int columns, int depth, std::ptrdiff_t stride) {
   if (depth == 3)
     block_columns<3>(d, step, a, rows, b, columns, depth, stride);
   else if (depth == 6)
@@ -303,8 +325,8 @@ void subtract_block(double* d, const std::ptrdiff_t* step, const double* a, int 
 constexpr int kEight = 8 / kLanes;
 
 /// More than 6 parameters because kernels take plain pointers.
-void subtract_products_9x9(double* blocks, const int* block, const int* first, int runs, const double* b, std::ptrdiff_t stride,
-                    double* gradient) {
+void subtract_products_9x9(double* blocks, const int* block, const int* first, int runs,
+                           const double* b, std::ptrdiff_t stride, double* gradient) {
   const double *r0 = b + 9 * runs, *r1 = r0 + stride, *r2 = r1 + stride;
   for (int i = 0; i < runs; ++i) {
     const double* bi = b + 9 * i;
@@ -313,15 +335,19 @@ void subtract_products_9x9(double* blocks, const int* block, const int* first, i
       for (int p = 0; p < kEight; ++p) x[k][p] = load(bi + k * stride + p * kLanes);
     const double l0 = bi[8], l1 = bi[stride + 8], l2 = bi[2 * stride + 8];
     double* g = gradient + first[i];
-    for (int p = 0; p < kEight; ++p) store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
+    for (int p = 0; p < kEight; ++p)
+      store(g + p * kLanes, load(g + p * kLanes) - x[0][p] * *r0 - x[1][p] * *r1 - x[2][p] * *r2);
     g[8] -= l0 * *r0 + l1 * *r1 + l2 * *r2;
     const double* b0 = b;
     for (int j = 0; j <= i; ++j, b0 += 9) {
       const double *b1 = b0 + stride, *b2 = b1 + stride;
       double* d = blocks + static_cast<std::ptrdiff_t>(*block++) * kBlockStorage9x9;
       for (int q = 0; q < 9; ++q, d += 8)
-        for (int p = 0; p < kEight; ++p) store(d + p * kLanes, load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
-      for (int p = 0; p < 8; p += kLanes) store(d + p, load(d + p) - load(b0 + p) * l0 - load(b1 + p) * l1 - load(b2 + p) * l2);
+        for (int p = 0; p < kEight; ++p)
+          store(d + p * kLanes,
+                load(d + p * kLanes) - x[0][p] * b0[q] - x[1][p] * b1[q] - x[2][p] * b2[q]);
+      for (int p = 0; p < 8; p += kLanes)
+        store(d + p, load(d + p) - load(b0 + p) * l0 - load(b1 + p) * l1 - load(b2 + p) * l2);
       d[8] -= l0 * b0[8] + l1 * b1[8] + l2 * b2[8];
     }
   }
@@ -331,8 +357,9 @@ void subtract_products_9x9(double* blocks, const int* block, const int* first, i
 
 /// More than 6 parameters because kernels take plain pointers.
 template <int Depth>
-inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows, int depth, const double* from,
-                    std::ptrdiff_t ld_from, int columns, double* to, std::ptrdiff_t ld) {
+inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows,
+                    int depth, const double* from, std::ptrdiff_t ld_from, int columns, double* to,
+                    std::ptrdiff_t ld) {
   const int n = Depth > 0 ? Depth : depth;
   for (int j = 0; j < columns; j += kLanes) {
     if constexpr (Depth > 0) {
@@ -359,7 +386,8 @@ inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t 
 }
 
 /// More than 6 parameters because kernels take plain pointers.
-void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns, double* product, double* out, int ld) {
+void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns,
+            double* product, double* out, int ld) {
   if (k == 6) {
     combine<6>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
     combine<6>(m, 1, ldm, columns, k, product, ld, columns, out, ld);
@@ -378,8 +406,17 @@ void add(double* a, const double* b, std::ptrdiff_t n) {
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {KINCAL_ISA_NAME, gram,           subtract_product, cholesky, solve_lower, solve_lower_transposed,
-                          solve_rows,      subtract_block, subtract_products_9x9,   expand,   add};
+const Kernels kKernels = {KINCAL_ISA_NAME,
+                          gram,
+                          subtract_product,
+                          cholesky,
+                          solve_lower,
+                          solve_lower_transposed,
+                          solve_rows,
+                          subtract_block,
+                          subtract_products_9x9,
+                          expand,
+                          add};
 
 }  // namespace KINCAL_ISA
 }  // namespace kincal

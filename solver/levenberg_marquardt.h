@@ -1,19 +1,22 @@
 // Levenberg-Marquardt on the arrowhead, by the Schur complement.
 //
-// With damping D = lambda diag(H) (Marquardt), every group's private block is eliminated by a small Cholesky,
+// With damping D = lambda diag(H) (Marquardt), every group's private block is eliminated by a small
+// Cholesky,
 //     P + D_p = L L',   B = L^-1 [Q | a],   S = C + D_x - sum B_Q' B_Q,   s = b - sum B_Q' B_a,
 // then  S dx = -s  and  dp = -L^-T L^-1 (a + Q dx).
 // With g the whole gradient and d the whole step, the quadratic model promises (in twice the cost)
 //     promised = -g'd + lambda d'Dd,   and moves the residuals by   |J d|^2 = -g'd - lambda d'Dd,
 // the length of the step in standard deviations: both cost nothing beyond the solution.
 //
-// Converged means: an (all but) undamped step of less than 1e-7 standard deviations, with the covariances evaluated where it
-// starts; or residuals of nothing (noise-free data); or steps that promise less than 1e-12 of the cost and no longer shrink,
-// because what is left is rounding. Covariances that depend on the state are renewed after each step once steps are small: the
-// point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
-// Damping: Nielsen's update, but a thirtieth where the gain is within 3 % of 1. A rejected step repeats the elimination, not the
-// evaluation (a RangeProblem: both). Groups are partitioned by the problem's size alone, each worker sums one piece at a time, and pieces
-// are added in their order: the result is the same to the last bit for any number of threads.
+// Converged means: an (all but) undamped step of less than 1e-7 standard deviations, with the
+// covariances evaluated where it starts; or residuals of nothing (noise-free data); or steps that
+// promise less than 1e-12 of the cost and no longer shrink, because what is left is rounding.
+// Covariances that depend on the state are renewed after each step once steps are small: the point
+// where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
+// Damping: Nielsen's update, but a thirtieth where the gain is within 3 % of 1. A rejected step
+// repeats the elimination, not the evaluation (a RangeProblem: both). Groups are partitioned by the
+// problem's size alone, each worker sums one piece at a time, and pieces are added in their order:
+// the result is the same to the last bit for any number of threads.
 #pragma once
 
 #include <functional>
@@ -33,8 +36,9 @@ struct SolverOptions {
   int max_iterations = 200;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
-  /// This is the stopping rule of other solvers, for comparisons: a solve has converged as well when an accepted step lowers the cost by at
-  /// most this share of it. With 0 it has only when nothing moves any more.
+  /// This is the stopping rule of other solvers, for comparisons: a solve has converged as well
+  /// when an accepted step lowers the cost by at most this share of it. With 0 it has only when
+  /// nothing moves any more.
   double relative_decrease = 0;
   /// It is called after each iteration with its number, chi2 and damping; false cancels.
   std::function<bool(int, double, double)> progress;
@@ -44,8 +48,9 @@ struct SolveSummary {
   Outcome outcome = Outcome::not_converged;
   int iterations = 0;
   Cost cost;
-  std::vector<std::pair<double, double>> history;  // chi2, damping: at the start and after each iteration
-  int undefined_group = -1;                        // first group whose residual is undefined at the start
+  std::vector<std::pair<double, double>>
+      history;               // chi2, damping: at the start and after each iteration
+  int undefined_group = -1;  // first group whose residual is undefined at the start
 };
 
 class LevenbergMarquardt {
@@ -55,11 +60,13 @@ class LevenbergMarquardt {
   ~LevenbergMarquardt();
   const char* linear_solver() const;
 
-  /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems, problems that allocate nothing); the
-  /// summary is the solver's own and holds until the next call.
+  /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems,
+  /// problems that allocate nothing); the summary is the solver's own and holds until the next
+  /// call.
   const SolveSummary& solve(VectorXd& state);
 
-  /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and gradient.
+  /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and
+  /// gradient.
   void reduced(const VectorXd& state, MatrixXd& matrix, VectorXd& gradient);
 
  private:

@@ -1,5 +1,6 @@
-// Robust losses. With s the squared whitened norm of a residual block, c the scale in sigmas and z = s / c^2, the (twice) cost is
-// c^2 rho(z); the solver's weight is the slope rho'(z), with which a Gauss-Newton step on sqrt(rho') r solves J' rho' r = 0.
+// Robust losses. With s the squared whitened norm of a residual block, c the scale in sigmas and z
+// = s / c^2, the (twice) cost is c^2 rho(z); the solver's weight is the slope rho'(z), with which a
+// Gauss-Newton step on sqrt(rho') r solves J' rho' r = 0.
 #pragma once
 
 #include <cmath>
@@ -11,14 +12,15 @@ enum class LossKind { none, huber, soft_l1, cauchy, tukey };
 struct Loss {
   LossKind kind = LossKind::none;
   double scale = 1;
-  bool from_data =
-      false;  // the scale counts in robust standard deviations of the residuals themselves instead of sigmas (models/fitting/robust.h)
+  bool from_data = false;  // the scale counts in robust standard deviations of the residuals
+                           // themselves instead of sigmas (models/fitting/robust.h)
 
   /// Returns c^2 rho(s / c^2) and sets `slope` to rho'.
   double operator()(double s, double& slope) const {
     const double c2 = scale * scale, z = s / c2;
     switch (kind) {
-      case LossKind::none: break;
+      case LossKind::none:
+        break;
       case LossKind::huber:
         if (z <= 1) break;
         slope = 1 / std::sqrt(z);

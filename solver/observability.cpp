@@ -11,7 +11,8 @@ namespace {
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
 
-/// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit length.
+/// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit
+/// length.
 void separate(MatrixXd& basis) {
   const Eigen::Index k = basis.cols();
   for (Eigen::Index step = 0; step < k; ++step) {
@@ -25,10 +26,11 @@ void separate(MatrixXd& basis) {
   for (Eigen::Index j = 0; j < k; ++j) basis.col(j).normalize();
 }
 
-/// R with R'R = S, at least one row: the remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and private
-/// rank; `squared_norm`: of the columns before the elimination.
-MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observability& out, VectorXd& squared_norm,
-                     std::vector<MatrixXd>* reduced_rows) {
+/// R with R'R = S, at least one row: the remainders of all groups, stacked and compressed whenever
+/// the stack is full. Counts rows and private rank; `squared_norm`: of the columns before the
+/// elimination.
+MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observability& out,
+                     VectorXd& squared_norm, std::vector<MatrixXd>* reduced_rows) {
   const int n = problem.shared_size();
   MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
   squared_norm.setZero(n);
@@ -66,8 +68,10 @@ void add_null(Observability& out, const VectorXd& direction) {
   out.null_space.rightCols<1>() = direction;
 }
 
-/// The directions among the right singular vectors `null` that are orthogonal to the dead columns (scale 0).
-void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauges, const VectorXd& scale, Observability& out) {
+/// The directions among the right singular vectors `null` that are orthogonal to the dead columns
+/// (scale 0).
+void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauges,
+                const VectorXd& scale, Observability& out) {
   const Eigen::Index n = scale.size();
   MatrixXd space(n, null.size());
   for (size_t j = 0; j < null.size(); ++j) space.col(j) = vectors.col(null[j]);
@@ -81,7 +85,8 @@ void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauge
     std::vector<std::pair<int, double>> direction;
     for (int i = 0; i < n; ++i) {
       if (std::abs(basis(i, j)) > 1e-3) out.unobservable[i] = 1;
-      if (std::abs(basis(i, j)) > 0.02) direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
+      if (std::abs(basis(i, j)) > 0.02)
+        direction.push_back({i, basis(i, j) * scale(i) / (basis(largest, j) * scale(largest))});
     }
     out.directions.push_back(std::move(direction));
     add_null(out, basis.col(j).cwiseProduct(scale) / (basis(largest, j) * scale(largest)));
@@ -100,7 +105,8 @@ MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   return shared.bottomRows(shared.rows() - own.rank());
 }
 
-Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* reduced_rows) {
+Observability observe(Problem& problem, const VectorXd& state,
+                      std::vector<MatrixXd>* reduced_rows) {
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);
@@ -140,7 +146,8 @@ Observability observe(Problem& problem, const VectorXd& state, std::vector<Matri
       null.push_back(i);
     }
   }
-  // The null space of the scaled columns contains a unit vector for every dead one; what is orthogonal to these are gauges.
+  // The null space of the scaled columns contains a unit vector for every dead one; what is
+  // orthogonal to these are gauges.
   const int gauges = static_cast<int>(null.size()) - (n - alive);
   if (gauges > 0) add_gauges(svd.v, null, gauges, scale, out);
   return out;

@@ -1,13 +1,15 @@
 // What the data determine: rank, covariance, and the directions that nothing holds.
 //
-// Works on square roots throughout: each view's rows are compressed by QR, a group's private unknowns are eliminated by an
-// orthogonal factorisation with column pivoting (by rank: a block that its sample does not determine loses only what it has),
-// the remainders of all groups are compressed to a triangle R with R'R = S. Nothing is squared, so that 1e-14 of a squared
-// column norm can be distinguished from rounding, which the normal equations cannot.
+// Works on square roots throughout: each view's rows are compressed by QR, a group's private
+// unknowns are eliminated by an orthogonal factorisation with column pivoting (by rank: a block
+// that its sample does not determine loses only what it has), the remainders of all groups are
+// compressed to a triangle R with R'R = S. Nothing is squared, so that 1e-14 of a squared column
+// norm can be distinguished from rounding, which the normal equations cannot.
 //
-// Unobservable: a column of which elimination leaves at most 1e-14 of its squared norm, by itself. Of the others, columns scaled
-// to unit length: a squared singular value of at most 1e-9 of the largest. Several such directions form a subspace; its basis is
-// brought to reduced echelon form with pivoting, which keeps independent gauges apart (gauges of disjoint parameters exactly).
+// Unobservable: a column of which elimination leaves at most 1e-14 of its squared norm, by itself.
+// Of the others, columns scaled to unit length: a squared singular value of at most 1e-9 of the
+// largest. Several such directions form a subspace; its basis is brought to reduced echelon form
+// with pivoting, which keeps independent gauges apart (gauges of disjoint parameters exactly).
 #pragma once
 
 #include <Eigen/Core>
@@ -21,10 +23,12 @@ namespace kincal {
 struct Observability {
   /// The covariance of the shared unknowns is n x n, and zero in directions that are unobservable.
   MatrixXd covariance;
-  /// An entry is 1 if moving this unknown changes an unobservable direction: its share of the scaled unit vector is above 1e-3.
+  /// An entry is 1 if moving this unknown changes an unobservable direction: its share of the
+  /// scaled unit vector is above 1e-3.
   std::vector<char> unobservable;
-  /// For each unobservable direction these are its larger entries, as (column, coefficient) in real units. They are scaled so that the
-  /// largest is 1; entries below 0.02 (of the scaled unit vector) are left out.
+  /// For each unobservable direction these are its larger entries, as (column, coefficient) in real
+  /// units. They are scaled so that the largest is 1; entries below 0.02 (of the scaled unit
+  /// vector) are left out.
   std::vector<std::vector<std::pair<int, double>>> directions;
   /// The same directions stand here with all their coefficients, n x directions.
   MatrixXd null_space;
@@ -37,13 +41,15 @@ struct Observability {
   long dof() const { return rows - rank; }
 };
 
-/// Computes all this at a solution, with covariances as they were last renewed. It allocates. `reduced_rows` gets for every group
-/// [J_touched r] after the elimination of its private unknowns: a few rows whose Gram matrices sum up to that of the reduced system.
-Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* reduced_rows = nullptr);
+/// Computes all this at a solution, with covariances as they were last renewed. It allocates.
+/// `reduced_rows` gets for every group [J_touched r] after the elimination of its private unknowns:
+/// a few rows whose Gram matrices sum up to that of the reduced system.
+Observability observe(Problem& problem, const VectorXd& state,
+                      std::vector<MatrixXd>* reduced_rows = nullptr);
 
-/// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private J_touched r] (Problem::square_root):
-/// returns what is left of [J_touched r] and adds the rank of the private columns to `rank`. Without private unknowns these are the rows
-/// themselves.
+/// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private
+/// J_touched r] (Problem::square_root): returns what is left of [J_touched r] and adds the rank of
+/// the private columns to `rank`. Without private unknowns these are the rows themselves.
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank);
 
 }  // namespace kincal

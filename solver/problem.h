@@ -1,13 +1,14 @@
 // What the solver minimises.
 //
-// Cost = 1/2 sum_k rho(|r_k|^2) over residual blocks r_k, whitened. Unknowns are shared (columns 0 .. n-1) or private to a
-// group; a group (one sample of a robot, one point of a bundle adjustment) sees only its own private unknowns and some
-// shared columns, so the normal equations are an arrowhead:
+// Cost = 1/2 sum_k rho(|r_k|^2) over residual blocks r_k, whitened. Unknowns are shared (columns 0
+// .. n-1) or private to a group; a group (one sample of a robot, one point of a bundle adjustment)
+// sees only its own private unknowns and some shared columns, so the normal equations are an
+// arrowhead:
 //     [ P_1           Q_1 ] [dp_1]     [a_1]
 //     [      P_2      Q_2 ] [dp_2] = - [a_2]
 //     [ Q_1' Q_2' ..  C   ] [dx  ]     [b  ]
-// A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a problem must compute. Its private
-// rows stay with the group, the rest is added to C and b.
+// A group's part of it is the Gram matrix of [J_private J_shared r] over its columns; that is all a
+// problem must compute. Its private rows stay with the group, the rest is added to C and b.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,7 +22,8 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// chi2 is the sum of squared whitened residuals; `doubled` is twice the minimised cost, that is with the losses.
+/// chi2 is the sum of squared whitened residuals; `doubled` is twice the minimised cost, that is
+/// with the losses.
 struct Cost {
   double doubled = 0, chi2 = 0;
 };
@@ -33,9 +35,11 @@ struct GroupShape {
   int size() const { return private_size + static_cast<int>(columns.size()); }
 };
 
-/// GroupEquations says where a group's part of the normal equations goes. Places 0 .. m - 1 are the group's shared columns, in order.
+/// GroupEquations says where a group's part of the normal equations goes. Places 0 .. m - 1 are the
+/// group's shared columns, in order.
 struct GroupEquations {
-  double* rows;    // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the upper triangle counts
+  double* rows;    // [P | Q | a], zero at first: private_size rows of size() + 1 numbers; of P the
+                   // upper triangle counts
   int stride;      // between rows
   double* shared;  // C at places i >= j is added to shared[origin[row[j]] + row[i]]
   const std::ptrdiff_t* origin;
@@ -43,8 +47,9 @@ struct GroupEquations {
   double* gradient;  // b at place i is added to gradient[row[i]]
 };
 
-/// A Problem is a nonlinear least-squares problem in groups. Its state is one vector that only the problem understands. Calls for different
-/// workers may run at the same time; `worker` selects scratch space. No result may depend on the number of workers.
+/// A Problem is a nonlinear least-squares problem in groups. Its state is one vector that only the
+/// problem understands. Calls for different workers may run at the same time; `worker` selects
+/// scratch space. No result may depend on the number of workers.
 class Problem {
  public:
   virtual ~Problem() = default;
@@ -53,33 +58,43 @@ class Problem {
   /// Makes scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;
 
-  /// Computes what groups share; it is called once before linearise() or square_root() of all groups at this state.
+  /// Computes what groups share; it is called once before linearise() or square_root() of all
+  /// groups at this state.
   virtual void prepare(const VectorXd& state) = 0;
   /// Computes the cost of a group; false where a residual is undefined.
   virtual bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const = 0;
-  /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to the normal equations.
-  virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const = 0;
-  /// Computes a square root of the same: rows A with A'A = gram, from the residuals without squaring anything (QR of each view).
+  /// Adds the Gram matrix of [J_private J_touched r], weighted by the losses' slopes, to the normal
+  /// equations.
+  virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                         Cost& cost) const = 0;
+  /// Computes a square root of the same: rows A with A'A = gram, from the residuals without
+  /// squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;
   /// Moves a state by a step into `moved`; privates stand group after group in `private_step`.
-  virtual void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const = 0;
-  /// Evaluates covariances that depend on the state at this one and holds them from then on; false if there are none.
+  virtual void retract(const VectorXd& state, const VectorXd& shared_step,
+                       const VectorXd& private_step, VectorXd& moved) const = 0;
+  /// Evaluates covariances that depend on the state at this one and holds them from then on; false
+  /// if there are none.
   virtual bool renew(const VectorXd& state) = 0;
 };
 
-/// A RangeProblem is one of very many tiny groups (bundle adjustment), which the solver hands to it in ranges, so that what can be computed
-/// for several at once is. Linearising again is cheaper there than keeping the groups' rows, so the solver does not keep them. Shared
-/// columns that stand together (of one camera) meet others only through privates: linearise() writes only the blocks of C on its diagonal.
+/// A RangeProblem is one of very many tiny groups (bundle adjustment), which the solver hands to it
+/// in ranges, so that what can be computed for several at once is. Linearising again is cheaper
+/// there than keeping the groups' rows, so the solver does not keep them. Shared columns that stand
+/// together (of one camera) meet others only through privates: linearise() writes only the blocks
+/// of C on its diagonal.
 class RangeProblem : public Problem {
  public:
   static constexpr int kRange = 64;  // most groups of a range
   /// Evaluates groups first .. last - 1, any number of them, and adds their cost to `cost`.
-  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const = 0;
+  virtual bool evaluate_range(int first, int last, const VectorXd& state, int worker,
+                              Cost& cost) const = 0;
   /// Prepares linearise() of these groups, which follows.
   virtual void prepare_range(int first, int last, const VectorXd& state, int worker) const = 0;
-  /// Writes [P | a | a + Q dx] of these groups to `rows`, group after group private_size rows of private_size + 2 numbers, upper
-  /// triangle of P; `rows` has slack behind it.
-  virtual void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& shared_step, int worker, double* rows) const = 0;
+  /// Writes [P | a | a + Q dx] of these groups to `rows`, group after group private_size rows of
+  /// private_size + 2 numbers, upper triangle of P; `rows` has slack behind it.
+  virtual void recompute_rows(int first, int last, const VectorXd& state,
+                              const VectorXd& shared_step, int worker, double* rows) const = 0;
 };
 
 }  // namespace kincal

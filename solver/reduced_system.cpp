@@ -71,7 +71,8 @@ struct ReducedSystem::Sparse {
   }
   bool compute(const double* values) {
     matrix.x = const_cast<double*>(values);  // read only
-    return cholmod_factorize(&matrix, factor, &common) && common.status == CHOLMOD_OK && factor->minor == factor->n;
+    return cholmod_factorize(&matrix, factor, &common) && common.status == CHOLMOD_OK &&
+           factor->minor == factor->n;
   }
   void solve(double* b) {
     cholmod_dense right{};
@@ -91,7 +92,8 @@ struct ReducedSystem::Sparse {
 
   Sparse(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>&) {
     const std::vector<double> ones(row.size(), 1);
-    matrix = Eigen::Map<const Eigen::SparseMatrix<double>>(n, n, static_cast<int>(row.size()), start.data(), row.data(), ones.data());
+    matrix = Eigen::Map<const Eigen::SparseMatrix<double>>(n, n, static_cast<int>(row.size()),
+                                                           start.data(), row.data(), ones.data());
     factor.analyzePattern(matrix);
   }
   bool compute(const double* values) {
@@ -99,7 +101,9 @@ struct ReducedSystem::Sparse {
     factor.factorize(matrix);
     return factor.info() == Eigen::Success;
   }
-  static std::vector<int> amd(int n, std::vector<int>&, std::vector<int>&) { return std::vector<int>(n); }  // Eigen's own ordering
+  static std::vector<int> amd(int n, std::vector<int>&, std::vector<int>&) {
+    return std::vector<int>(n);
+  }  // Eigen's own ordering
   void solve(double* b) {
     Eigen::Map<VectorXd> x(b, matrix.rows());
     x = factor.solve(x).eval();
@@ -107,17 +111,24 @@ struct ReducedSystem::Sparse {
 };
 #endif
 
-ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice, bool ranges) : n_(n), groups_(&groups) {
+ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice,
+                             bool ranges)
+    : n_(n), groups_(&groups) {
   find_runs();
   const Work work = place_runs();
-  in_blocks_ = ranges && std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
-               std::all_of(groups.begin(), groups.end(), [](const GroupShape& g) { return g.private_size == 3; });
-  dense_ = choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
+  in_blocks_ =
+      ranges &&
+      std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
+      std::all_of(groups.begin(), groups.end(),
+                  [](const GroupShape& g) { return g.private_size == 3; });
+  dense_ =
+      choice == LinearSolver::dense || n == 0 || (choice == LinearSolver::automatic && n <= 400);
   RunGraph graph;
   if (!dense_) {
     size_t entries;
     graph = graph_of_runs(entries);
-    dense_ = choice == LinearSolver::automatic && static_cast<double>(entries) > 0.3 * n * (n + 1.0) / 2;
+    dense_ =
+        choice == LinearSolver::automatic && static_cast<double>(entries) > 0.3 * n * (n + 1.0) / 2;
   }
   if (dense_)
     place_dense(work);
@@ -125,7 +136,8 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
     place_sparse(graph);
 }
 
-/// Runs: neighbours that the same groups touch. A group's set of columns is recognised by hashes, summed by column.
+/// Runs: neighbours that the same groups touch. A group's set of columns is recognised by hashes,
+/// summed by column.
 void ReducedSystem::find_runs() {
   std::vector<std::uint64_t> touched(n_, 0);
   for (size_t g = 0; g < groups_->size(); ++g) {
@@ -148,13 +160,16 @@ void ReducedSystem::find_runs() {
 /// The groups' runs.
 ReducedSystem::Work ReducedSystem::place_runs() {
   std::vector<int> run_of(n_);
-  for (size_t r = 0; r < runs_.size(); ++r) std::fill_n(run_of.begin() + runs_[r].first, runs_[r].size, static_cast<int>(r));
+  for (size_t r = 0; r < runs_.size(); ++r)
+    std::fill_n(run_of.begin() + runs_[r].first, runs_[r].size, static_cast<int>(r));
   Work work;
   group_runs_start_.push_back(0);
   for (const GroupShape& g : *groups_) {
-    for (size_t i = 0; i < g.columns.size(); i += runs_[group_runs_.back()].size) group_runs_.push_back(run_of[g.columns[i]]);
+    for (size_t i = 0; i < g.columns.size(); i += runs_[group_runs_.back()].size)
+      group_runs_.push_back(run_of[g.columns[i]]);
     group_runs_start_.push_back(static_cast<int>(group_runs_.size()));
-    for (size_t i = group_firsts_.size(); i < group_runs_.size(); ++i) group_firsts_.push_back(runs_[group_runs_[i]].first);
+    for (size_t i = group_firsts_.size(); i < group_runs_.size(); ++i)
+      group_firsts_.push_back(runs_[group_runs_[i]].first);
     work.full += static_cast<double>(g.private_size) * n_ * n_;
     work.touched += static_cast<double>(g.private_size) * g.columns.size() * g.columns.size();
   }
@@ -174,7 +189,8 @@ ReducedSystem::RunGraph ReducedSystem::graph_of_runs(size_t& entries) const {
   for (size_t g = 0; g < groups_->size(); ++g)
     for (int j = group_runs_start_[g]; j < group_runs_start_[g + 1]; ++j) {
       std::vector<int>& column = below[group_runs_[j]];
-      column.insert(column.end(), group_runs_.begin() + j, group_runs_.begin() + group_runs_start_[g + 1]);
+      column.insert(column.end(), group_runs_.begin() + j,
+                    group_runs_.begin() + group_runs_start_[g + 1]);
       if (column.size() > 4 * static_cast<size_t>(runs) + 64) compress(column);
     }
   entries = 0;
@@ -221,15 +237,18 @@ void ReducedSystem::place_sparse(RunGraph& graph) {
       at += runs_[graph.row[k]].size;
     }
   for (int b = 0; in_blocks_ && b < runs; ++b)
-    for (int k = graph.start[b]; k < graph.start[b + 1]; ++k) blocks_.push_back({graph.row[k], b, begin_of[k]});
+    for (int k = graph.start[b]; k < graph.start[b + 1]; ++k)
+      blocks_.push_back({graph.row[k], b, begin_of[k]});
   place_blocks([&](int a, int b) {
-    return static_cast<int>(std::lower_bound(graph.row.begin() + graph.start[b], graph.row.begin() + graph.start[b + 1], a) -
+    return static_cast<int>(std::lower_bound(graph.row.begin() + graph.start[b],
+                                             graph.row.begin() + graph.start[b + 1], a) -
                             graph.row.begin());
   });
   for (size_t g = 0; !in_blocks_ && g < groups_->size(); ++g) {
     pair_start_.push_back(pair_places_.size());
     for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
-      const auto begin = graph.row.begin() + graph.start[group_runs_[b]], end = graph.row.begin() + graph.start[group_runs_[b] + 1];
+      const auto begin = graph.row.begin() + graph.start[group_runs_[b]],
+                 end = graph.row.begin() + graph.start[group_runs_[b] + 1];
       auto it = begin;
       for (int a = b + 1; a < group_runs_start_[g + 1]; ++a) {
         it = std::lower_bound(it, end, group_runs_[a]);
@@ -250,19 +269,23 @@ void ReducedSystem::place_blocks(const BlockOf& block_of) {
   for (size_t g = 0; in_blocks_ && g < groups_->size(); ++g) {
     group_blocks_start_.push_back(group_blocks_.size());
     for (int i = group_runs_start_[g]; i < group_runs_start_[g + 1]; ++i)
-      for (int j = group_runs_start_[g]; j <= i; ++j) group_blocks_.push_back(block_of(group_runs_[i], group_runs_[j]));
+      for (int j = group_runs_start_[g]; j <= i; ++j)
+        group_blocks_.push_back(block_of(group_runs_[i], group_runs_[j]));
   }
 }
 
-void ReducedSystem::subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks, double* gradient) const {
+void ReducedSystem::subtract_blocks(int group, const double* b, std::ptrdiff_t stride,
+                                    double* blocks, double* gradient) const {
   const int first = group_runs_start_[group];
-  kernels().subtract_products_9x9(blocks, group_blocks_.data() + group_blocks_start_[group], group_firsts_.data() + first,
-                           group_runs_start_[group + 1] - first, b, stride, gradient);
+  kernels().subtract_products_9x9(blocks, group_blocks_.data() + group_blocks_start_[group],
+                                  group_firsts_.data() + first,
+                                  group_runs_start_[group + 1] - first, b, stride, gradient);
 }
 
 void ReducedSystem::add_blocks(double* values, const double* blocks) const {
   for (const Block& block : blocks_) {
-    const int first = runs_[block.column].first, below = dense_ ? runs_[block.row].first : block.place;
+    const int first = runs_[block.column].first,
+              below = dense_ ? runs_[block.row].first : block.place;
     for (int q = 0; q < 9; ++q) {
       double* to = values + step_[first + q] + below;
       for (int i = block.row == block.column ? q : 0; i < 8; ++i) to[i] += blocks[8 * q + i];
@@ -281,11 +304,13 @@ void ReducedSystem::add(int group, const double* block, int ld, double* values) 
       const int at = a == b ? 0 : *place++;
       for (int q = 0; q < rb.size; ++q)
         for (int i = a == b ? q : 0; i < ra.size; ++i)
-          values[step_[rb.first + q] + at + i] += block[row + i + static_cast<size_t>(column + q) * ld];
+          values[step_[rb.first + q] + at + i] +=
+              block[row + i + static_cast<size_t>(column + q) * ld];
     }
 }
 
-void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride, double* values, double* gradient) const {
+void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff_t stride,
+                             double* values, double* gradient) const {
   const Kernels& kernel = kernels();
   const int* place = dense_ ? nullptr : pair_places_.data() + pair_start_[group];
   const int first = group_runs_start_[group], last = group_runs_start_[group + 1];
@@ -295,20 +320,24 @@ void ReducedSystem::subtract(int group, const double* b, int depth, std::ptrdiff
     const Run& rj = runs_[group_runs_[j]];
     kernel.subtract_block(gradient + rj.first, &none, b + column, rj.size, b + m, 1, depth, stride);
     const std::ptrdiff_t* step = step_.data() + rj.first;
-    // The diagonal block column by column: above the diagonal a sparse array has the numbers of others.
+    // The diagonal block column by column: above the diagonal a sparse array has the numbers of
+    // others.
     double* corner = values + (dense_ ? rj.first : 0);
     for (int q = 0; q < rj.size; ++q)
-      kernel.subtract_block(corner + q, step + q, b + column + q, rj.size - q, b + column + q, 1, depth, stride);
+      kernel.subtract_block(corner + q, step + q, b + column + q, rj.size - q, b + column + q, 1,
+                            depth, stride);
     for (int i = j + 1, row = column + rj.size; i < last; row += runs_[group_runs_[i++]].size) {
       const Run& ri = runs_[group_runs_[i]];
-      kernel.subtract_block(values + (dense_ ? ri.first : *place++), step, b + row, ri.size, b + column, rj.size, depth, stride);
+      kernel.subtract_block(values + (dense_ ? ri.first : *place++), step, b + row, ri.size,
+                            b + column, rj.size, depth, stride);
     }
   }
 }
 
 void ReducedSystem::accumulate(double* to, const double* from) const {
   if (!dense_) return kernels().add(to, from, static_cast<std::ptrdiff_t>(row_of_.size()));
-  for (int j = 0; j < n_; ++j) kernels().add(to + origin_[j] + j, from + origin_[j] + j, n_ + 1 - j);
+  for (int j = 0; j < n_; ++j)
+    kernels().add(to + origin_[j] + j, from + origin_[j] + j, n_ + 1 - j);
 }
 
 void ReducedSystem::clear(double* values) const {
@@ -319,7 +348,8 @@ void ReducedSystem::clear(double* values) const {
 void ReducedSystem::add_diagonal_blocks(double* values, const double* blocks) const {
   for (const Run& run : runs_)
     for (int j = run.first; j < run.first + run.size; ++j)
-      for (int i = j; i < run.first + run.size; ++i) values[origin_[j] + i] += blocks[diagonal_origin_[j] + i];
+      for (int i = j; i < run.first + run.size; ++i)
+        values[origin_[j] + i] += blocks[diagonal_origin_[j] + i];
 }
 
 MatrixXd ReducedSystem::full(const double* values) const {
@@ -332,7 +362,9 @@ MatrixXd ReducedSystem::full(const double* values) const {
   return m.selfadjointView<Eigen::Lower>();
 }
 
-bool ReducedSystem::factor(double* values) { return dense_ ? kernels().cholesky(values, n_, ld_) : sparse_->compute(values); }
+bool ReducedSystem::factor(double* values) {
+  return dense_ ? kernels().cholesky(values, n_, ld_) : sparse_->compute(values);
+}
 
 void ReducedSystem::solve(const double* factored, double* b) {
   if (!dense_) return sparse_->solve(b);

@@ -1,7 +1,8 @@
-// Packs of doubles as wide as the instruction set of the file that includes this. For the files that are compiled once for each
-// instruction set (CMakeLists.txt, kincal_for_each_instruction_set): everything stands in a namespace named after the set, and no
-// Eigen and no standard algorithm may be included there, so that no function compiled for a new processor can be taken by the
-// linker for use on an old one.
+// Packs of doubles as wide as the instruction set of the file that includes this. For the files
+// that are compiled once for each instruction set (CMakeLists.txt,
+// kincal_for_each_instruction_set): everything stands in a namespace named after the set, and no
+// Eigen and no standard algorithm may be included there, so that no function compiled for a new
+// processor can be taken by the linker for use on an old one.
 #pragma once
 
 #ifndef KINCAL_ISA
@@ -64,7 +65,8 @@ static inline void transpose(Pack* r) {
 static inline double sum(Pack x) {
 #if defined(__AVX512F__)
   typedef double Half __attribute__((vector_size(32)));
-  const Half h = __builtin_shufflevector(x, x, 0, 1, 2, 3) + __builtin_shufflevector(x, x, 4, 5, 6, 7);
+  const Half h =
+      __builtin_shufflevector(x, x, 0, 1, 2, 3) + __builtin_shufflevector(x, x, 4, 5, 6, 7);
   return (h[0] + h[2]) + (h[1] + h[3]);
 #elif defined(__AVX__)
   return (x[0] + x[2]) + (x[1] + x[3]);
@@ -78,16 +80,23 @@ static inline void sum4(Pack a, Pack b, Pack c, Pack d, double* out) {
 #if defined(__AVX__)
   typedef double Quad __attribute__((vector_size(32)));
 #if defined(__AVX512F__)
-  const Quad qa = __builtin_shufflevector(a, a, 0, 1, 2, 3) + __builtin_shufflevector(a, a, 4, 5, 6, 7);
-  const Quad qb = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
-  const Quad qc = __builtin_shufflevector(c, c, 0, 1, 2, 3) + __builtin_shufflevector(c, c, 4, 5, 6, 7);
-  const Quad qd = __builtin_shufflevector(d, d, 0, 1, 2, 3) + __builtin_shufflevector(d, d, 4, 5, 6, 7);
+  const Quad qa =
+      __builtin_shufflevector(a, a, 0, 1, 2, 3) + __builtin_shufflevector(a, a, 4, 5, 6, 7);
+  const Quad qb =
+      __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
+  const Quad qc =
+      __builtin_shufflevector(c, c, 0, 1, 2, 3) + __builtin_shufflevector(c, c, 4, 5, 6, 7);
+  const Quad qd =
+      __builtin_shufflevector(d, d, 0, 1, 2, 3) + __builtin_shufflevector(d, d, 4, 5, 6, 7);
 #else
   const Quad qa = a, qb = b, qc = c, qd = d;
 #endif
-  const Quad ab = __builtin_shufflevector(qa, qb, 0, 4, 2, 6) + __builtin_shufflevector(qa, qb, 1, 5, 3, 7);
-  const Quad cd = __builtin_shufflevector(qc, qd, 0, 4, 2, 6) + __builtin_shufflevector(qc, qd, 1, 5, 3, 7);
-  const Quad s = __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+  const Quad ab =
+      __builtin_shufflevector(qa, qb, 0, 4, 2, 6) + __builtin_shufflevector(qa, qb, 1, 5, 3, 7);
+  const Quad cd =
+      __builtin_shufflevector(qc, qd, 0, 4, 2, 6) + __builtin_shufflevector(qc, qd, 1, 5, 3, 7);
+  const Quad s =
+      __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
   out[0] = s[0], out[1] = s[1], out[2] = s[2], out[3] = s[3];
 #else
   out[0] = sum(a), out[1] = sum(b), out[2] = sum(c), out[3] = sum(d);

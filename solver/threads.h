@@ -9,12 +9,14 @@
 
 namespace kincal {
 
-/// A Crew runs pieces of work on `count` threads, the caller's being one of them. Which thread takes which piece is open: results must
-/// depend on the piece only. With count 1 no thread is started.
+/// A Crew runs pieces of work on `count` threads, the caller's being one of them. Which thread
+/// takes which piece is open: results must depend on the piece only. With count 1 no thread is
+/// started.
 class Crew {
  public:
   explicit Crew(int count) {
-    for (int worker = 1; worker < count; ++worker) threads_.emplace_back([this, worker] { serve(worker); });
+    for (int worker = 1; worker < count; ++worker)
+      threads_.emplace_back([this, worker] { serve(worker); });
   }
   ~Crew() {
     {
@@ -29,7 +31,8 @@ class Crew {
 
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 
-  /// Calls work(piece, worker) for every piece 0 .. pieces - 1 and returns when all are done. `work` must not throw.
+  /// Calls work(piece, worker) for every piece 0 .. pieces - 1 and returns when all are done.
+  /// `work` must not throw.
   template <class Work>
   void run(int pieces, const Work& work) {
     if (threads_.empty()) {
@@ -39,7 +42,9 @@ class Crew {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       work_ = &work;
-      call_ = [](const void* w, int piece, int worker) { (*static_cast<const Work*>(w))(piece, worker); };
+      call_ = [](const void* w, int piece, int worker) {
+        (*static_cast<const Work*>(w))(piece, worker);
+      };
       pieces_ = pieces;
       next_ = 0;
       busy_ = static_cast<int>(threads_.size());
@@ -53,7 +58,8 @@ class Crew {
   }
 
  private:
-  static constexpr int kSpins = 2000;  // some tens of microseconds: pieces follow each other faster than a thread falls asleep and wakes
+  static constexpr int kSpins = 2000;  // some tens of microseconds: pieces follow each other faster
+                                       // than a thread falls asleep and wakes
   static void pause() {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();

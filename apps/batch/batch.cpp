@@ -13,15 +13,15 @@
 #include <optional>
 #include <vector>
 
+#include "../../io/document/files.h"
+#include "../../io/document/names.h"
+#include "../../io/results/summary_file.h"
+#include "../job.h"
+#include "../tables/batch_table.h"
 #include "batch_progress.h"
 #include "child.h"
 #include "output.h"
 #include "sets.h"
-#include "../job.h"
-#include "../tables/batch_table.h"
-#include "../../io/document/files.h"
-#include "../../io/document/names.h"
-#include "../../io/results/summary_file.h"
 
 namespace kincal {
 namespace {
@@ -36,7 +36,8 @@ std::string some(const std::vector<std::string>& names, size_t most) {
   return out;
 }
 
-/// While one exists, signals wait until they are asked for, so that none is missed between two looks.
+/// While one exists, signals wait until they are asked for, so that none is missed between two
+/// looks.
 class Signals {
  public:
   Signals() {
@@ -64,12 +65,13 @@ class Signals {
 struct Work {
   std::vector<SetSummary> summaries;  // by set; status empty: not yet known
   std::vector<size_t> todo;           // sets to calibrate
-  std::vector<std::string> redone;     // those of them that have a result, with why it does not do
+  std::vector<std::string> redone;    // those of them that have a result, with why it does not do
   size_t failing = 0;                 // sets that are known to fail, so far
 };
 
 /// Looks for what is done already; false: interrupted.
-bool find_work(const Sets& sets, const Output& output, const std::string& options, const Signals& signals, Work& work) {
+bool find_work(const Sets& sets, const Output& output, const std::string& options,
+               const Signals& signals, Work& work) {
   work.summaries.resize(sets.all.size());
   for (size_t i = 0; i < sets.all.size(); ++i) {
     if (signals.wait(0)) return false;
@@ -80,7 +82,9 @@ bool find_work(const Sets& sets, const Output& output, const std::string& option
     if (!set.wrong.empty()) {
       work.summaries[i] = failed(set, kBadInput, set.wrong);
     } else if (fs::exists(folder, ignored) && !fs::exists(folder / "batch.json", ignored)) {
-      work.summaries[i] = failed(set, kBadInput, folder.string() + ": is there already and was not written by a batch: move it away");
+      work.summaries[i] = failed(
+          set, kBadInput,
+          folder.string() + ": is there already and was not written by a batch: move it away");
     } else if (std::optional<SetSummary> done = find_done(set, output, options, why)) {
       work.summaries[i] = *done;
     } else {
@@ -91,7 +95,8 @@ bool find_work(const Sets& sets, const Output& output, const std::string& option
   return true;
 }
 
-/// A --step, --free or --fix that no set has is reported once, before anything runs. Sets that cannot be read are reported later.
+/// A --step, --free or --fix that no set has is reported once, before anything runs. Sets that
+/// cannot be read are reported later.
 /// @throws InputError
 void check_names(const Sets& sets, const CalibrateSettings& settings) {
   std::vector<std::pair<std::string, std::string>> wanted;  // option, name
@@ -114,12 +119,14 @@ void check_names(const Sets& sets, const CalibrateSettings& settings) {
         if (option == "--step") {
           found = std::count(names.begin(), names.end(), name) > 0;
           if (wrong.empty())
-            wrong = "--step: there is no step '" + name + "' in any set" + nearest_names(name, names) + "; " + sets.all[i].name + " has " +
-                    known;
+            wrong = "--step: there is no step '" + name + "' in any set" +
+                    nearest_names(name, names) + "; " + sets.all[i].name + " has " + known;
         } else {
           const ParameterTable table(rig_file.rig);
           found = !table.select(name).empty();
-          if (wrong.empty()) wrong = option + ": '" + name + "' matches no parameter in any set" + nearest_names(name, table.names());
+          if (wrong.empty())
+            wrong = option + ": '" + name + "' matches no parameter in any set" +
+                    nearest_names(name, table.names());
         }
       } catch (const InputError&) {
       }
@@ -129,12 +136,14 @@ void check_names(const Sets& sets, const CalibrateSettings& settings) {
 }
 
 std::string failing_text(const SetSummary& s) {
-  return "kincal: error: " + s.name + ": " + (s.status == "failed" ? "" : s.status + ": ") + s.error;
+  return "kincal: error: " + s.name + ": " + (s.status == "failed" ? "" : s.status + ": ") +
+         s.error;
 }
 
-/// Calibrates what is to be done, each set in a child, at most `jobs` at once. Returns how many are finished: all, or it was interrupted.
-size_t calibrate_all(const Sets& sets, const Output& output, const BatchArguments& a, const Signals& signals, Work& work,
-                     BatchProgress& progress) {
+/// Calibrates what is to be done, each set in a child, at most `jobs` at once. Returns how many are
+/// finished: all, or it was interrupted.
+size_t calibrate_all(const Sets& sets, const Output& output, const BatchArguments& a,
+                     const Signals& signals, Work& work, BatchProgress& progress) {
   struct Child {
     size_t set;
     Clock::time_point start;
@@ -144,7 +153,8 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
   const auto finish = [&](size_t i, SetSummary summary) {
     const fs::path folder = output.result(summary.name);
     std::error_code ignored;
-    if (summary.status == "failed" && fs::exists(folder, ignored)) summary.error += " (" + folder.string() + " is the result of before)";
+    if (summary.status == "failed" && fs::exists(folder, ignored))
+      summary.error += " (" + folder.string() + " is the result of before)";
     if (summary.fails()) ++work.failing, progress.say(failing_text(summary));
     work.summaries[i] = std::move(summary);
     ++finished;
@@ -157,7 +167,8 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
       if (pid < 0 && !running.empty()) break;  // not now: when one of them has ended
       ++next;
       if (pid < 0)
-        finish(i, failed(sets.all[i], kBadInput, std::string("no process can be started: ") + std::strerror(errno)));
+        finish(i, failed(sets.all[i], kBadInput,
+                         std::string("no process can be started: ") + std::strerror(errno)));
       else
         running[pid] = {i, Clock::now()};
     }
@@ -187,7 +198,8 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
 
 int batch(const BatchArguments& a) {
   std::error_code ignored;
-  const Sets sets = fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
+  const Sets sets =
+      fs::is_directory(a.sets, ignored) ? sets_of_folder(a.sets, a.out) : sets_of_list(a.sets);
   check_names(sets, a.settings);
   const Output output = open_output(a.out);
   const std::string options = options_text(a.settings), count = plural(sets.all.size(), "set");
@@ -210,10 +222,13 @@ int batch(const BatchArguments& a) {
   }
   if (!silent)
     progress.say(count + (before > 0 ? ", " + std::to_string(before) + " done before" : "") +
-                 (work.redone.empty() ? "" : ", " + std::to_string(work.redone.size()) + " again: " + some(work.redone, 5)));
+                 (work.redone.empty() ? ""
+                                      : ", " + std::to_string(work.redone.size()) +
+                                            " again: " + some(work.redone, 5)));
 
   // The summary is there only when the batch is done.
-  const std::string csv = (output.folder / "summary.csv").string(), json = (output.folder / "summary.json").string();
+  const std::string csv = (output.folder / "summary.csv").string(),
+                    json = (output.folder / "summary.json").string();
   if (!work.todo.empty())
     for (const std::string& path : {csv, json}) fs::remove(path, ignored);
   const size_t finished = calibrate_all(sets, output, a, signals, work, progress);
@@ -235,7 +250,8 @@ int batch(const BatchArguments& a) {
   for (const SetSummary& s : work.summaries)
     if (s.fails()) names.push_back(s.name);
   if (names.empty()) return kConverged;
-  std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", names.size(), count.c_str(), some(names, 100).c_str());
+  std::fprintf(stderr, "kincal: error: %zu of %s failed: %s\n", names.size(), count.c_str(),
+               some(names, 100).c_str());
   return kBadInput;
 }
 

@@ -1,4 +1,5 @@
-// `kincal batch`: many sample sets, each calibrated in a process of its own into a result directory of its own.
+// `kincal batch`: many sample sets, each calibrated in a process of its own into a result directory
+// of its own.
 #pragma once
 
 #include <string>
@@ -15,8 +16,8 @@ struct BatchArguments {
   CalibrateSettings settings;
 };
 
-/// Calibrates every set that has no result yet. It returns the exit code: 0 all converged, 1 some did not, 130 interrupted. @throws
-/// InputError where nothing can be started
+/// Calibrates every set that has no result yet. It returns the exit code: 0 all converged, 1 some
+/// did not, 130 interrupted. @throws InputError where nothing can be started
 int batch(const BatchArguments& a);
 
 }  // namespace kincal

@@ -11,7 +11,8 @@ using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start);
 
-/// A BatchProgress shows how far a batch is, on standard error: one line that is written anew on a terminal, else a line every ten seconds.
+/// A BatchProgress shows how far a batch is, on standard error: one line that is written anew on a
+/// terminal, else a line every ten seconds.
 class BatchProgress {
  public:
   BatchProgress(bool quiet, size_t todo);

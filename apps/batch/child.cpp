@@ -10,22 +10,25 @@
 #include <cstring>
 #include <filesystem>
 
-#include "batch_progress.h"
 #include "../../io/document/files.h"
+#include "batch_progress.h"
 
 namespace kincal {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent, and ends the process with the exit code:
-/// at once, since its memory need not be given back piece by piece.
-[[noreturn]] void calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
+/// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent,
+/// and ends the process with the exit code: at once, since its memory need not be given back piece
+/// by piece.
+[[noreturn]] void calibrate_set(const Set& set, const Output& output,
+                                const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
     Job job = read_job(set.rig, set.samples, settings.holdout);
     const std::optional<Report> report = run(job, settings, false, nullptr);
-    if (report->solution.status == Status::undefined_start) throw std::runtime_error(report->solution.message);
+    if (report->solution.status == Status::undefined_start)
+      throw std::runtime_error(report->solution.message);
     ResultFiles files = make_files(job, *report, settings);
     BatchRecord record;
     record.version = KINCAL_VERSION;
@@ -35,7 +38,8 @@ namespace fs = std::filesystem;
     record.urdf = files.urdf_hash;
     record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
     record.set = summarize(*report);
-    for (const std::string& warning : job.rig_file.urdf.warnings) record.set.warnings.push_back("urdf: " + warning);
+    for (const std::string& warning : job.rig_file.urdf.warnings)
+      record.set.warnings.push_back("urdf: " + warning);
     record.set.exit_code = exit_code(*report);
     record.set.seconds = seconds_since(start);
     files.batch_json = record_text(record);
@@ -70,7 +74,8 @@ std::string options_text(const CalibrateSettings& s) {
   return out;
 }
 
-pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings, const sigset_t& signals_before) {
+pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings,
+                const sigset_t& signals_before) {
   const pid_t parent = getpid(), child = fork();
   if (child != 0) return child;
 #ifdef __linux__
@@ -95,11 +100,14 @@ SetSummary failed(const Set& set, int code, const std::string& error) {
 SetSummary summary_of(const Set& set, const Output& output, int status) {
   if (WIFSIGNALED(status))
     return failed(set, 128 + WTERMSIG(status),
-                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" + strsignal(WTERMSIG(status)) + ")");
+                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
+                      strsignal(WTERMSIG(status)) + ")");
   const int code = WEXITSTATUS(status);
   std::error_code ignored;
-  if (code == kConverged || code == kUnobservable || code == kNotConverged || code == kToleranceNotMet) {
-    std::optional<BatchRecord> record = read_record((output.result(set.name) / "batch.json").string());
+  if (code == kConverged || code == kUnobservable || code == kNotConverged ||
+      code == kToleranceNotMet) {
+    std::optional<BatchRecord> record =
+        read_record((output.result(set.name) / "batch.json").string());
     if (record) {
       record->set.name = set.name;
       return record->set;

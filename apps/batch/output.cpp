@@ -7,8 +7,8 @@
 #include <cerrno>
 #include <cstring>
 
-#include "../job.h"
 #include "../../io/document/files.h"
+#include "../job.h"
 
 namespace kincal {
 namespace {
@@ -28,15 +28,19 @@ Output open_output(const std::string& out) {
   std::error_code error, ignored;
   if (fs::exists(output.folder, ignored) && !fs::is_directory(output.scratch, ignored)) {
     if (!fs::is_directory(output.folder, ignored)) throw InputError(out + ": is not a directory");
-    if (!fs::is_empty(output.folder, ignored)) throw InputError(out + ": exists already and is not of a batch: choose another --out");
+    if (!fs::is_empty(output.folder, ignored))
+      throw InputError(out + ": exists already and is not of a batch: choose another --out");
   }
   for (const fs::path& path : {output.folder, output.scratch}) {
     fs::create_directory(path, error);
     if (error) throw InputError(path.string() + ": cannot be made: " + error.message());
   }
   const int lock = open((output.scratch / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-  if (lock < 0) throw InputError((output.scratch / "lock").string() + ": cannot be made: " + std::strerror(errno));
-  // Children of a batch that was just killed hold the lock for a moment. (A file system without locks goes without.)
+  if (lock < 0)
+    throw InputError((output.scratch / "lock").string() +
+                     ": cannot be made: " + std::strerror(errno));
+  // Children of a batch that was just killed hold the lock for a moment. (A file system without
+  // locks goes without.)
   for (int tries = 0; flock(lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK; ++tries) {
     if (tries == 50) throw InputError(out + ": another batch is writing here");
     usleep(100000);
@@ -45,7 +49,8 @@ Output open_output(const std::string& out) {
   return output;
 }
 
-std::optional<SetSummary> find_done(const Set& set, const Output& output, const std::string& options, std::string& why) {
+std::optional<SetSummary> find_done(const Set& set, const Output& output,
+                                    const std::string& options, std::string& why) {
   std::error_code ignored;
   const fs::path folder = output.result(set.name);
   if (!fs::exists(folder / "batch.json", ignored)) return std::nullopt;

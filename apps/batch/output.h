@@ -10,8 +10,8 @@
 
 namespace kincal {
 
-/// An Output is OUT with a folder .batch, which marks it as a batch's and has what is being written. It is locked as long as this process
-/// or one of its children lives.
+/// An Output is OUT with a folder .batch, which marks it as a batch's and has what is being
+/// written. It is locked as long as this process or one of its children lives.
 struct Output {
   std::filesystem::path folder, scratch;
 
@@ -24,7 +24,9 @@ struct Output {
 /// Makes the folder, or takes up that of a batch, and locks it. @throws InputError
 Output open_output(const std::string& out);
 
-/// Returns a set's summary if its result is there and of these inputs and options; else `why` says why not ("": never calibrated).
-std::optional<SetSummary> find_done(const Set& set, const Output& output, const std::string& options, std::string& why);
+/// Returns a set's summary if its result is there and of these inputs and options; else `why` says
+/// why not ("": never calibrated).
+std::optional<SetSummary> find_done(const Set& set, const Output& output,
+                                    const std::string& options, std::string& why);
 
 }  // namespace kincal

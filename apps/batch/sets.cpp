@@ -20,7 +20,8 @@ void check_name(const std::string& name, const std::string& where) {
     throw InputError(where + ": a set cannot be named '" + name + "': this is a file of the batch");
 }
 
-/// The words of a line: between tabs if there are any, else between spaces; in double quotes as they are. # begins a comment.
+/// The words of a line: between tabs if there are any, else between spaces; in double quotes as
+/// they are. # begins a comment.
 std::vector<std::string> words_of(const std::string& line, const std::string& where) {
   const bool tabs = line.find('\t') != std::string::npos;
   const auto separates = [&](char c) { return tabs ? c == '\t' : c == ' '; };
@@ -50,7 +51,9 @@ std::vector<std::string> words_of(const std::string& line, const std::string& wh
 
 }  // namespace
 
-std::string plural(size_t n, const std::string& what) { return std::to_string(n) + " " + what + (n == 1 ? "" : "s"); }
+std::string plural(size_t n, const std::string& what) {
+  return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
+}
 
 Sets sets_of_folder(const std::string& directory, const std::string& out) {
   Sets sets;
@@ -72,11 +75,12 @@ Sets sets_of_folder(const std::string& directory, const std::string& out) {
     if (!has_samples) wrong = entry.path().string() + ": has a rig.yaml but no samples.jsonl";
     sets.all.push_back({name, rig.string(), samples.string(), wrong});
   }
-  std::sort(sets.all.begin(), sets.all.end(), [](const Set& a, const Set& b) { return a.name < b.name; });
+  std::sort(sets.all.begin(), sets.all.end(),
+            [](const Set& a, const Set& b) { return a.name < b.name; });
   if (sets.all.empty()) {
     const bool is_set = fs::exists(fs::path(directory) / "samples.jsonl", ignored);
     throw InputError(directory + ": no folder in it has a rig.yaml and a samples.jsonl" +
-                     (is_set             ? "; it is a set itself: `kincal calibrate` takes a single one"
+                     (is_set ? "; it is a set itself: `kincal calibrate` takes a single one"
                       : sets.ignored > 0 ? " (" + plural(sets.ignored, "folder") + " with neither)"
                                          : ""));
   }
@@ -96,7 +100,8 @@ Sets sets_of_list(const std::string& path) {
     if (words.empty()) continue;
     if (words.size() < 2 || words.size() > 3)
       throw InputError(where +
-                       ": RIG SAMPLES or RIG SAMPLES NAME is expected (paths with spaces in double quotes, or tabs between them), not " +
+                       ": RIG SAMPLES or RIG SAMPLES NAME is expected (paths with spaces in double "
+                       "quotes, or tabs between them), not " +
                        plural(words.size(), "word"));
     const fs::path samples = folder / words[1];
     std::string name = samples.stem().string();
@@ -107,7 +112,8 @@ Sets sets_of_list(const std::string& path) {
     check_name(name, where);
     const auto inserted = lines.emplace(name, n);
     if (!inserted.second)
-      throw InputError(where + ": the set is named '" + name + "' like that of line " + std::to_string(inserted.first->second) +
+      throw InputError(where + ": the set is named '" + name + "' like that of line " +
+                       std::to_string(inserted.first->second) +
                        "; a third word on the line is its name");
     sets.all.push_back({name, (folder / words[0]).string(), samples.string(), ""});
   }

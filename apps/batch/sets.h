@@ -18,10 +18,11 @@ struct Sets {
   size_t ignored = 0;  // folders that have neither file
 };
 
-/// Takes every folder of `directory` with a rig.yaml and a samples.jsonl; one of the two alone is a set that fails. `out` is none. @throws
-/// InputError
+/// Takes every folder of `directory` with a rig.yaml and a samples.jsonl; one of the two alone is a
+/// set that fails. `out` is none. @throws InputError
 Sets sets_of_folder(const std::string& directory, const std::string& out);
-/// Reads the sets of a list file with lines `RIG SAMPLES [NAME]`, relative to the list's own folder. @throws InputError
+/// Reads the sets of a list file with lines `RIG SAMPLES [NAME]`, relative to the list's own
+/// folder. @throws InputError
 Sets sets_of_list(const std::string& path);
 
 /// Returns "1 set", "2 sets".

@@ -17,7 +17,8 @@ struct ApplyArguments {
 };
 
 int apply(const ApplyArguments& a) {
-  if (!a.force && std::ifstream(a.out).good()) throw InputError(a.out + ": exists already; --force replaces it");
+  if (!a.force && std::ifstream(a.out).good())
+    throw InputError(a.out + ": exists already; --force replaces it");
   const AppliedResult applied = apply_result(a.result, read_urdf(a.urdf), a.force);
   write_file(a.out, applied.urdf);
   for (const std::string& note : applied.notes) std::cerr << "kincal: warning: " << note << "\n";
@@ -29,11 +30,15 @@ int apply(const ApplyArguments& a) {
 
 Command apply_command(CLI::App& app) {
   auto a = std::make_shared<ApplyArguments>();
-  CLI::App* command = app.add_subcommand("apply", "Put the changes of a result into another copy of the robot's URDF");
+  CLI::App* command = app.add_subcommand(
+      "apply", "Put the changes of a result into another copy of the robot's URDF");
   command->add_option("RESULT", a->result, "result directory or its result.json")->required();
-  command->add_option("URDF", a->urdf, "the copy; only numbers of its joint origins are replaced")->required();
+  command->add_option("URDF", a->urdf, "the copy; only numbers of its joint origins are replaced")
+      ->required();
   command->add_option("--out", a->out, "file to write")->required();
-  command->add_flag("--force", a->force, "replace an existing file; apply a result that is not converged or not determined");
+  command->add_flag(
+      "--force", a->force,
+      "replace an existing file; apply a result that is not converged or not determined");
   return {command, [a] { return apply(*a); }};
 }
 

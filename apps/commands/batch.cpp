@@ -14,25 +14,33 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<BatchArguments>();
   a->settings.command = command_line;
   a->jobs = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  CLI::App* command = app.add_subcommand("batch", "Calibrate many sample sets, each into a result directory of its own");
+  CLI::App* command = app.add_subcommand(
+      "batch", "Calibrate many sample sets, each into a result directory of its own");
   command
-      ->add_option(
-          "SETS", a->sets,
-          "a folder whose folders have a rig.yaml and a samples.jsonl each, or a list file with lines RIG SAMPLES [NAME], relative to\n"
-          "the list's folder")
+      ->add_option("SETS", a->sets,
+                   "a folder whose folders have a rig.yaml and a samples.jsonl each, or a list "
+                   "file with lines RIG SAMPLES [NAME], relative to\n"
+                   "the list's folder")
       ->required();
-  command->add_option("--out", a->out, "directory for the result directories, summary.csv and summary.json; the same one to go on")
+  command
+      ->add_option("--out", a->out,
+                   "directory for the result directories, summary.csv and summary.json; the same "
+                   "one to go on")
       ->required();
-  command->add_option("--jobs", a->jobs, "how many calibrations run at once (default: as many as there are cores)")
+  command
+      ->add_option("--jobs", a->jobs,
+                   "how many calibrations run at once (default: as many as there are cores)")
       ->check(CLI::Range(1, 1024));
   add_settings(*command, a->settings);
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--json", a->json, "print summary.json on standard output instead of tables");
   command->footer(
-      "A set whose result is there, of the same inputs, options and version, is not calibrated again; so the same command goes on after "
+      "A set whose result is there, of the same inputs, options and version, is not calibrated "
+      "again; so the same command goes on after "
       "an\n"
       "interruption. A set that fails stops no other; failing sets are named at the end.\n"
-      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see `status` in summary.csv) or do not\n"
+      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see "
+      "`status` in summary.csv) or do not\n"
       "meet a --require, or bad usage; 130 interrupted, what is finished stays.");
   return {command, [a] { return batch(*a); }};
 }

@@ -21,11 +21,13 @@ struct CalibrateArguments {
 
 int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
-    if (a.out.empty()) throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
+    if (a.out.empty())
+      throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
     check_output(a.out, a.force);
   }
   Job job = read_job(a.rig, a.samples, a.settings.holdout);
-  for (const std::string& warning : job.rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  for (const std::string& warning : job.rig_file.urdf.warnings)
+    std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   check_validation(job, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
     std::cout << staging_plan(staging_groups(job.rig_file.rig, job.recording->samples));
@@ -36,17 +38,20 @@ int calibrate(const CalibrateArguments& a) {
     return kConverged;
   }
   Progress progress(a.quiet || a.json);
-  const std::optional<Report> report = run(job, a.settings, true, [&](const std::string& step, int iteration, double chi2, double damping) {
-    progress.update(step, iteration, chi2, damping);
-    return not_interrupted();
-  });
+  const std::optional<Report> report =
+      run(job, a.settings, true,
+          [&](const std::string& step, int iteration, double chi2, double damping) {
+            progress.update(step, iteration, chi2, damping);
+            return not_interrupted();
+          });
   if (!report || !not_interrupted()) {
     progress.interrupted();
     return say_interrupted();
   }
   if (report->solution.status == Status::undefined_start) {
     progress.interrupted();
-    throw std::runtime_error(report->solution.message + "\nWhat may be wrong (kincal check):\n" + diagnosis_text(*report->diagnosis));
+    throw std::runtime_error(report->solution.message + "\nWhat may be wrong (kincal check):\n" +
+                             diagnosis_text(*report->diagnosis));
   }
   progress.finish();
   const ResultFiles files = make_files(job, *report, a.settings);
@@ -56,7 +61,8 @@ int calibrate(const CalibrateArguments& a) {
   else if (!a.quiet)
     std::cout << report_text(*report, files) << "\nWritten to " << a.out << "\n";
   for (const Judgement& j : report->validation.requirements)
-    if (!j.met && std::cout.flush()) std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
+    if (!j.met && std::cout.flush())
+      std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
   return exit_code(*report);
 }
 
@@ -65,31 +71,43 @@ int calibrate(const CalibrateArguments& a) {
 Command calibrate_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<CalibrateArguments>();
   a->settings.command = command_line;
-  CLI::App* command = app.add_subcommand("calibrate", "Estimate the parameters that the rig's steps free and write a result directory");
+  CLI::App* command = app.add_subcommand(
+      "calibrate",
+      "Estimate the parameters that the rig's steps free and write a result directory");
   command->add_option("RIG", a->rig, "rig.yaml: robot, sensors, targets, steps")->required();
-  command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")->required();
-  command->add_option("--out", a->out, "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, covariance.csv, residuals.csv");
+  command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")
+      ->required();
+  command->add_option("--out", a->out,
+                      "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, "
+                      "covariance.csv, residuals.csv");
   add_settings(*command, a->settings);
   command
       ->add_option("--restarts", a->settings.restarts,
-                   "run all steps N times more from other starting values and tell whether they end in the same minimum")
+                   "run all steps N times more from other starting values and tell whether they "
+                   "end in the same minimum")
       ->check(CLI::Range(1, 10000))
       ->type_name("N");
   command->add_flag("--force", a->force, "replace an existing result");
-  command->add_flag("--dry-run", a->dry_run, "only print what each step frees, the counts and the degrees of freedom");
+  command->add_flag("--dry-run", a->dry_run,
+                    "only print what each step frees, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--json", a->json, "print result.json on standard output instead of tables");
   command->footer(
-      "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, /intrinsics[.fx ...], /distortion, "
+      "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, "
+      "/intrinsics[.fx ...], /distortion, "
       "/baseline;\n"
-      "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent numbers of a chain. A rig without `estimate` "
+      "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent numbers "
+      "of a chain. A rig without `estimate` "
       "is\n"
-      "staged automatically: what lowers the error on samples left out of the fit is freed. `*` in globs crosses `/`. The tables show rms "
+      "staged automatically: what lowers the error on samples left out of the fit is freed. `*` in "
+      "globs crosses `/`. The tables show rms "
       "before and after; `as read` takes the joint "
       "readings\n"
       "as exact: what the robot's own software will see.\n"
-      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not determined; 3 a step did not converge; 4 a\n"
-      "--require is not met (2, 3, 4: results are written, result.json says so; where several apply 3 goes before 2 before 4); 130\n"
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not "
+      "determined; 3 a step did not converge; 4 a\n"
+      "--require is not met (2, 3, 4: results are written, result.json says so; where several "
+      "apply 3 goes before 2 before 4); 130\n"
       "interrupted, nothing written.");
   return {command, [a] { return calibrate(*a); }};
 }

@@ -7,10 +7,10 @@
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"
+#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../tables/report_table.h"
 #include "command.h"
-#include "../../models/rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -23,10 +23,12 @@ struct CheckArguments {
 
 int check(const CheckArguments& a) {
   const RigFile rig_file = read_rig(rig_path(a.rig));
-  for (const std::string& warning : rig_file.urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  for (const std::string& warning : rig_file.urdf.warnings)
+    std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
-  const std::shared_ptr<const Recording> recording = checked_recording(rig_file, samples, a.samples);
+  const std::shared_ptr<const Recording> recording =
+      checked_recording(rig_file, samples, a.samples);
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
@@ -54,19 +56,28 @@ int check(const CheckArguments& a) {
 
 Command check_command(CLI::App& app) {
   auto a = std::make_shared<CheckArguments>();
-  CLI::App* command = app.add_subcommand("check", "Test the usual mistakes as hypotheses and say which one explains the data");
+  CLI::App* command = app.add_subcommand(
+      "check", "Test the usual mistakes as hypotheses and say which one explains the data");
   command->add_option("RIG", a->rig, "rig.yaml")->required();
   command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
-  command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
-  command->add_option("--threads", a->threads, "the result is the same for any number")->check(CLI::Range(1, 1024))->capture_default_str();
+  command->add_option("--noise", a->noise, "as in calibrate")
+      ->check(CLI::IsMember(keys(kNoiseModes)))
+      ->capture_default_str();
+  command->add_option("--threads", a->threads, "the result is the same for any number")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
   command->add_flag("--json", a->json, "print {findings, chi2, dof, verdict, tested} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
-      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another corner, mirrored images or points, "
+      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another "
+      "corner, mirrored images or points, "
       "joints\n"
-      "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and targets on the wrong side, exchanged\n"
-      "cameras, images rectified or not, samples twice, sensors tied to nothing, and samples whose readings do not belong to their views.\n"
-      "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 interrupted.");
+      "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and "
+      "targets on the wrong side, exchanged\n"
+      "cameras, images rectified or not, samples twice, sensors tied to nothing, and samples whose "
+      "readings do not belong to their views.\n"
+      "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 "
+      "interrupted.");
   return {command, [a] { return check(*a); }};
 }
 

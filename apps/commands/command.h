@@ -1,5 +1,6 @@
-// Subcommands: what each of them is to main(). A command is a file of its own with a function below that adds its options to the
-// program and returns what to run when it is the one that is asked for.
+// Subcommands: what each of them is to main(). A command is a file of its own with a function below
+// that adds its options to the program and returns what to run when it is the one that is asked
+// for.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -10,7 +11,8 @@ namespace kincal {
 
 struct Command {
   CLI::App* app;
-  std::function<int()> run;  // returns the exit code (ExitCode, job.h); throws std::exception with a message for the user
+  std::function<int()> run;  // returns the exit code (ExitCode, job.h); throws std::exception with
+                             // a message for the user
 };
 
 Command calibrate_command(CLI::App& app, const std::string& command_line);
@@ -23,7 +25,8 @@ Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 
-/// False after SIGINT or SIGTERM. It is to be asked from time to time, and before anything is written.
+/// False after SIGINT or SIGTERM. It is to be asked from time to time, and before anything is
+/// written.
 bool not_interrupted();
 /// Prints that nothing was written, and returns the exit code.
 int say_interrupted();

@@ -29,22 +29,26 @@ int diff(const DiffArguments& args) {
 
 Command diff_command(CLI::App& app) {
   auto a = std::make_shared<DiffArguments>();
-  CLI::App* command = app.add_subcommand("diff", "Compare two calibrations of one robot by parameter and by frame");
+  CLI::App* command =
+      app.add_subcommand("diff", "Compare two calibrations of one robot by parameter and by frame");
   command->add_option("A", a->a, "result directory, its result.json, or a rig.yaml")->required();
   command->add_option("B", a->b, "likewise")->required();
   command
-      ->add_option(
-          "--frame", a->frames,
-          "link, sensor/NAME or target/NAME whose pose relative to the base is compared; may be repeated (default: what carries a\n"
-          "sensor or mounted target, and these)")
+      ->add_option("--frame", a->frames,
+                   "link, sensor/NAME or target/NAME whose pose relative to the base is compared; "
+                   "may be repeated (default: what carries a\n"
+                   "sensor or mounted target, and these)")
       ->allow_extra_args(false)
       ->type_name("FRAME");
   command->add_option("--samples", a->samples,
-                      "samples.jsonl of A's rig whose joint readings are the workspace (default: random within the joints' limits)");
+                      "samples.jsonl of A's rig whose joint readings are the workspace (default: "
+                      "random within the joints' limits)");
   command->add_flag("--json", a->json, "print everything as JSON");
   command->footer(
-      "Differences are B - A, in sigmas of the difference (root of the sum of both squared sigmas: for calibrations from different data).\n"
-      "Poses are compared as poses, whatever initial values they were estimated from. Exit codes: 0; 1 bad input, or different robots.");
+      "Differences are B - A, in sigmas of the difference (root of the sum of both squared sigmas: "
+      "for calibrations from different data).\n"
+      "Poses are compared as poses, whatever initial values they were estimated from. Exit codes: "
+      "0; 1 bad input, or different robots.");
   return {command, [a] { return diff(*a); }};
 }
 

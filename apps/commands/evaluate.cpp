@@ -6,10 +6,10 @@
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/report/warnings.h"
+#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../tables/report_table.h"
 #include "command.h"
-#include "../../models/rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -23,9 +23,11 @@ struct EvaluateArguments {
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
-  if (std::none_of(samples.begin(), samples.end(), [](const Sample& sample) { return sample.train; }))
+  if (std::none_of(samples.begin(), samples.end(),
+                   [](const Sample& sample) { return sample.train; }))
     rig_file.rig.steps.clear();  // new data to judge: no step has anything to fit
-  const std::shared_ptr<const Recording> recording = checked_recording(rig_file, samples, a.samples);
+  const std::shared_ptr<const Recording> recording =
+      checked_recording(rig_file, samples, a.samples);
   try {
     const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
     std::vector<Warning> words = warnings(evaluation);
@@ -34,7 +36,8 @@ int evaluate(const EvaluateArguments& a) {
       std::cout << evaluation_json(evaluation, words);
     } else {
       std::cout << residual_table(evaluation.sensors, false);
-      std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2, evaluation.dof);
+      std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2,
+                  evaluation.dof);
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
       std::printf("\n");
     }
@@ -49,18 +52,22 @@ int evaluate(const EvaluateArguments& a) {
 
 Command evaluate_command(CLI::App& app) {
   auto a = std::make_shared<EvaluateArguments>();
-  CLI::App* command =
-      app.add_subcommand("evaluate", "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
+  CLI::App* command = app.add_subcommand(
+      "evaluate",
+      "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
   command->add_option("RIG", a->rig, "rig.yaml")->required();
   command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
-  command->add_option(
-      "--urdf", a->urdf,
-      "a robot in place of the rig's; joint offsets of the rig are taken as folded into it, scales stay. For a calibrated robot.urdf\n"
-      "use the rig.yaml beside it: what a URDF cannot express is there");
-  command->add_option("--free", a->free, "name or glob to re-estimate in each split; may be repeated")
+  command->add_option("--urdf", a->urdf,
+                      "a robot in place of the rig's; joint offsets of the rig are taken as folded "
+                      "into it, scales stay. For a calibrated robot.urdf\n"
+                      "use the rig.yaml beside it: what a URDF cannot express is there");
+  command
+      ->add_option("--free", a->free, "name or glob to re-estimate in each split; may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
-  command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
+  command->add_option("--noise", a->noise, "as in calibrate")
+      ->check(CLI::IsMember(keys(kNoiseModes)))
+      ->capture_default_str();
   command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
   return {command, [a] { return evaluate(*a); }};
 }

@@ -20,7 +20,8 @@ struct InitArguments {
 };
 
 /// Numbers with `separator` between.
-std::vector<double> numbers(const std::string& option, std::string text, char separator, int count) {
+std::vector<double> numbers(const std::string& option, std::string text, char separator,
+                            int count) {
   for (char& c : text)
     if (c == separator) c = ',';
   const Node node = parse_yaml("[" + text + "]", option);
@@ -28,26 +29,35 @@ std::vector<double> numbers(const std::string& option, std::string text, char se
 }
 
 int init(const InitArguments& a) {
-  if (!a.out.empty() && !a.force && std::ifstream(a.out).good()) throw InputError(a.out + ": exists already; --force replaces it");
+  if (!a.out.empty() && !a.force && std::ifstream(a.out).good())
+    throw InputError(a.out + ": exists already; --force replaces it");
   const Urdf urdf = read_urdf(a.urdf);
-  for (const std::string& warning : urdf.warnings) std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  for (const std::string& warning : urdf.warnings)
+    std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   NewRig rig;
   rig.robot = a.urdf;
   if (!a.out.empty()) {  // as seen from the rig's folder
     const std::filesystem::path folder = std::filesystem::absolute(a.out).parent_path();
-    rig.robot = std::filesystem::absolute(a.urdf).lexically_normal().lexically_proximate(folder.lexically_normal()).string();
+    rig.robot = std::filesystem::absolute(a.urdf)
+                    .lexically_normal()
+                    .lexically_proximate(folder.lexically_normal())
+                    .string();
   }
-  for (const std::string& text : a.sensors) rig.sensors.push_back(parse_new_sensor(text, urdf.tree));
-  for (const std::string& text : a.targets) rig.targets.push_back(parse_new_target(text, urdf.tree));
+  for (const std::string& text : a.sensors)
+    rig.sensors.push_back(parse_new_sensor(text, urdf.tree));
+  for (const std::string& text : a.targets)
+    rig.targets.push_back(parse_new_target(text, urdf.tree));
   for (const std::string& text : a.intrinsics) {
     rig.intrinsics.push_back(numbers("--intrinsics", text, ',', 4));
     if (!(rig.intrinsics.back()[0] > 0 && rig.intrinsics.back()[1] > 0))
-      throw InputError("--intrinsics " + text + ": FX,FY,CX,CY is expected, fx and fy greater than 0");
+      throw InputError("--intrinsics " + text +
+                       ": FX,FY,CX,CY is expected, fx and fy greater than 0");
   }
   for (const std::string& text : a.image_sizes) {
     const std::vector<double> size = numbers("--image-size", text, 'x', 2);
     for (double v : size)
-      if (!(v >= 1 && v <= 1e6) || v != static_cast<int>(v)) throw InputError("--image-size " + text + ": WIDTHxHEIGHT in px is expected");
+      if (!(v >= 1 && v <= 1e6) || v != static_cast<int>(v))
+        throw InputError("--image-size " + text + ": WIDTHxHEIGHT in px is expected");
     rig.image_sizes.push_back({static_cast<int>(size[0]), static_cast<int>(size[1])});
   }
   const std::string text = new_rig_text(urdf, rig);
@@ -75,21 +85,28 @@ Command init_command(CLI::App& app) {
       ->required()
       ->allow_extra_args(false)
       ->type_name("TARGET");
-  command->add_option("--intrinsics", a->intrinsics, "FX,FY,CX,CY of the cameras in px; once for all, or once for each in their order")
+  command
+      ->add_option(
+          "--intrinsics", a->intrinsics,
+          "FX,FY,CX,CY of the cameras in px; once for all, or once for each in their order")
       ->allow_extra_args(false)
       ->type_name("NUMBERS");
   command
       ->add_option("--image-size", a->image_sizes,
-                   "WIDTHxHEIGHT of the cameras in px, likewise; without --intrinsics a guess is made from it and marked")
+                   "WIDTHxHEIGHT of the cameras in px, likewise; without --intrinsics a guess is "
+                   "made from it and marked")
       ->allow_extra_args(false)
       ->type_name("SIZE");
   command->add_option("--out", a->out, "file to write; default: standard output");
   command->add_flag("--force", a->force, "replace an existing file");
   command->footer(
       "Example:\n"
-      "  kincal init robot.urdf --sensor camera:camera_optical_frame --image-size 640x480 --sensor point:base_link:tracker \\\n"
-      "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out rig.yaml\n"
-      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` stages it automatically.");
+      "  kincal init robot.urdf --sensor camera:camera_optical_frame --image-size 640x480 --sensor "
+      "point:base_link:tracker \\\n"
+      "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out "
+      "rig.yaml\n"
+      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` stages it "
+      "automatically.");
   return {command, [a] { return init(*a); }};
 }
 

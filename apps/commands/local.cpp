@@ -44,14 +44,21 @@ int local(const LocalArguments& a) {
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
   if (!local.enough) {
     std::fprintf(stderr,
-                 "kincal: error: %s: %d samples within %g rad or m of the posture have views that depend on its joints, at least %d are\n"
-                 "needed. The nearest of all samples are at %s. Record postures around this one, name fewer joints, or allow more with\n"
+                 "kincal: error: %s: %d samples within %g rad or m of the posture have views that "
+                 "depend on its joints, at least %d are\n"
+                 "needed. The nearest of all samples are at %s. Record postures around this one, "
+                 "name fewer joints, or allow more with\n"
                  "--within\n",
-                 a.samples.c_str(), local.near, a.within, kLocalSamples, distances_text(local.distances, 2 * kLocalSamples).c_str());
+                 a.samples.c_str(), local.near, a.within, kLocalSamples,
+                 distances_text(local.distances, 2 * kLocalSamples).c_str());
     return kUnobservable;
   }
-  const LocalSource source = {
-      KINCAL_VERSION, a.command, a.near, sha256(rig_file.text), sha256(read_file(a.samples)), sha256(rig_file.urdf.text)};
+  const LocalSource source = {KINCAL_VERSION,
+                              a.command,
+                              a.near,
+                              sha256(rig_file.text),
+                              sha256(read_file(a.samples)),
+                              sha256(rig_file.urdf.text)};
   if (!not_interrupted()) return say_interrupted();
   if (!a.out.empty()) write_file(a.out, local_yaml(rig_file.rig, posture, local, source));
   if (a.json) {
@@ -68,26 +75,37 @@ int local(const LocalArguments& a) {
 Command local_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<LocalArguments>();
   a->command = command_line;
-  CLI::App* command = app.add_subcommand("local", "Estimate joint offsets that are valid around one posture, on top of a calibration");
-  command->add_option("RIG", a->rig, "a calibrated rig.yaml, or the result directory it is in")->required();
-  command->add_option("SAMPLES", a->samples, "samples.jsonl with postures around the one in question")->required();
+  CLI::App* command = app.add_subcommand(
+      "local", "Estimate joint offsets that are valid around one posture, on top of a calibration");
+  command->add_option("RIG", a->rig, "a calibrated rig.yaml, or the result directory it is in")
+      ->required();
   command
-      ->add_option(
-          "--near", a->near,
-          "the posture: a sample's id, a YAML or JSON file {joint: position}, or joint=value,joint=value (rad, m). Joints that it\n"
-          "does not name take no part")
+      ->add_option("SAMPLES", a->samples, "samples.jsonl with postures around the one in question")
+      ->required();
+  command
+      ->add_option("--near", a->near,
+                   "the posture: a sample's id, a YAML or JSON file {joint: position}, or "
+                   "joint=value,joint=value (rad, m). Joints that it\n"
+                   "does not name take no part")
       ->required();
   command->add_option("--out", a->out, "file for the offsets (local.yaml)");
-  command->add_option("--within", a->within, "samples further away than this in any of the joints take no part (rad, m)")
+  command
+      ->add_option("--within", a->within,
+                   "samples further away than this in any of the joints take no part (rad, m)")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command->add_option("--noise", a->noise, "as in calibrate")->check(CLI::IsMember(keys(kNoiseModes)))->capture_default_str();
+  command->add_option("--noise", a->noise, "as in calibrate")
+      ->check(CLI::IsMember(keys(kNoiseModes)))
+      ->capture_default_str();
   command->add_flag("--json", a->json, "print the same as JSON instead of a table");
   command->add_flag("--force", a->force, "replace an existing file");
   command->footer(
-      "For a task that is always done in about the same posture (plugging in, inserting): what no rigid model has, belts that stretch,\n"
-      "links that bend, gears out of true, is nearly constant there. The offsets are not for use elsewhere and never go into a URDF.\n"
-      "Exit codes: 0 done, also where the calibration is as good as it is (offsets 0, `gain: false`); 1 bad input; 2 too few samples near\n"
+      "For a task that is always done in about the same posture (plugging in, inserting): what no "
+      "rigid model has, belts that stretch,\n"
+      "links that bend, gears out of true, is nearly constant there. The offsets are not for use "
+      "elsewhere and never go into a URDF.\n"
+      "Exit codes: 0 done, also where the calibration is as good as it is (offsets 0, `gain: "
+      "false`); 1 bad input; 2 too few samples near\n"
       "the posture, nothing written.");
   return {command, [a] { return local(*a); }};
 }

@@ -6,9 +6,9 @@
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
+#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "command.h"
-#include "../../models/rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -38,7 +38,8 @@ int simulate(const SimulateArguments& a) {
     value.kind = Node::Kind::scalar;
     value.text = equals == std::string::npos ? "" : s.substr(equals + 1);
     const std::string where = "--spread";
-    if (equals == std::string::npos || equals == 0) throw InputError("--spread: GLOB=SIGMA is expected, not '" + s + "'");
+    if (equals == std::string::npos || equals == 0)
+      throw InputError("--spread: GLOB=SIGMA is expected, not '" + s + "'");
     spread.push_back({s.substr(0, equals), Field{&value, &where, s}.number_at_least(0)});
   }
   try {
@@ -48,26 +49,31 @@ int simulate(const SimulateArguments& a) {
   }
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
   for (const Simulation::Dropped& d : simulation.dropped)
-    std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n", d.sample.c_str(),
-                 rig_file.rig.sensors[d.sensor].name.c_str(), rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
+    std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
+                 d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),
+                 rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
   for (int s : simulation.idle)
-    std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n", rig_file.rig.sensors[s].name.c_str(),
+    std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n",
+                 rig_file.rig.sensors[s].name.c_str(),
                  rig_file.rig.sensors[s].type == "chain" ? "holds" : "sees");
   if (simulation.samples.size() < static_cast<size_t>(a.samples))
     std::fprintf(stderr,
-                 "kincal: warning: %zu of %d samples are left out: in these postures no sensor sees a whole target from its printed side\n",
+                 "kincal: warning: %zu of %d samples are left out: in these postures no sensor "
+                 "sees a whole target from its printed side\n",
                  a.samples - simulation.samples.size(), a.samples);
-  if (simulation.samples.empty()) throw InputError("simulate: no sample is left: no posture has a view that is possible");
-  if (!write_directory(
-          a.out,
-          {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)}, {"truth.json", truth_text(rig_file.rig, table, simulation)}},
-          a.force, not_interrupted))
+  if (simulation.samples.empty())
+    throw InputError("simulate: no sample is left: no posture has a view that is possible");
+  if (!write_directory(a.out,
+                       {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
+                        {"truth.json", truth_text(rig_file.rig, table, simulation)}},
+                       a.force, not_interrupted))
     return say_interrupted();
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
     for (const View& view : sample.views) ++views[view.sensor];
   std::printf("%zu samples", simulation.samples.size());
-  for (const auto& v : views) std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
+  for (const auto& v : views)
+    std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
   std::printf("\nWritten to %s: samples.jsonl, truth.json\n", a.out.c_str());
   return kConverged;
 }
@@ -76,19 +82,31 @@ int simulate(const SimulateArguments& a) {
 
 Command simulate_command(CLI::App& app) {
   auto a = std::make_shared<SimulateArguments>();
-  CLI::App* command = app.add_subcommand("simulate", "Make samples with known truth and noise from a rig: the way to try out a set-up");
-  command->add_option("RIG", a->rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")->required();
-  command->add_option("--samples", a->samples, "how many samples")->required()->check(CLI::Range(1, 1000000));
-  command->add_option("--seed", a->seed, "the same seed makes the same samples")->required()->check(CLI::Range(0LL, 1LL << 62));
-  command->add_option("--out", a->out, "new directory for samples.jsonl and truth.json")->required();
-  CLI::Option* truth_option =
-      command->add_option("--truth", a->truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
-  command->add_option("--spread", a->spread, "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
+  CLI::App* command = app.add_subcommand(
+      "simulate",
+      "Make samples with known truth and noise from a rig: the way to try out a set-up");
+  command
+      ->add_option("RIG", a->rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")
+      ->required();
+  command->add_option("--samples", a->samples, "how many samples")
+      ->required()
+      ->check(CLI::Range(1, 1000000));
+  command->add_option("--seed", a->seed, "the same seed makes the same samples")
+      ->required()
+      ->check(CLI::Range(0LL, 1LL << 62));
+  command->add_option("--out", a->out, "new directory for samples.jsonl and truth.json")
+      ->required();
+  CLI::Option* truth_option = command->add_option(
+      "--truth", a->truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
+  command
+      ->add_option("--spread", a->spread,
+                   "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
       ->allow_extra_args(false)
       ->type_name("GLOB")
       ->excludes(truth_option);
   command->add_option("--postures", a->postures,
-                      "JSON lines with postures, views and poses of targets; default: uniform within the joint limits");
+                      "JSON lines with postures, views and poses of targets; default: uniform "
+                      "within the joint limits");
   command->add_flag("--force", a->force, "replace an existing simulation");
   return {command, [a] { return simulate(*a); }};
 }

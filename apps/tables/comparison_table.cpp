@@ -11,39 +11,52 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   std::vector<WeightedRow> lines;
   for (const ParameterDifference& d : comparison.parameters)
     for (size_t c = 0; c < d.difference.size(); ++c) {
-      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c]))) continue;  // rounding of what was written
+      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c])))
+        continue;  // rounding of what was written
       const Unit unit = shown(d.units[c]);
       const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
       // Without a sigma by size, behind the others.
-      const double weight = std::isfinite(sigmas) ? sigmas + 1e9 : weight_of(d.difference[c], d.units[c]);
-      lines.push_back({weight,
-                       {component_name(d.name, d.components[c]), unit.name, text("%.7g", d.a[c] * unit.factor + 0.0),
-                        text("%.7g", d.b[c] * unit.factor + 0.0), text("%+.4g", d.difference[c] * unit.factor),
-                        std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor) : "-",
-                        std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
+      const double weight =
+          std::isfinite(sigmas) ? sigmas + 1e9 : weight_of(d.difference[c], d.units[c]);
+      lines.push_back(
+          {weight,
+           {component_name(d.name, d.components[c]), unit.name,
+            text("%.7g", d.a[c] * unit.factor + 0.0), text("%.7g", d.b[c] * unit.factor + 0.0),
+            text("%+.4g", d.difference[c] * unit.factor),
+            std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor) : "-",
+            std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
     }
   sort_by_weight(lines);
-  std::vector<std::vector<std::string>> rows = {{"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
+  std::vector<std::vector<std::string>> rows = {
+      {"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
   for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
-  std::string out = "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame itself)\n";
+  std::string out =
+      "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame "
+      "itself)\n";
   out += lines.empty() ? "  none\n" : align(rows, 2);
   if (lines.size() > most) out += text("  ... and %zu more with --json\n", lines.size() - most);
   if (!comparison.frames.empty()) {
     out += "\nFrames relative to " + comparison.base + " over postures" +
-           (comparison.workspace == "limits" ? ", random within the joints' limits\n" : " of the samples\n");
+           (comparison.workspace == "limits" ? ", random within the joints' limits\n"
+                                             : " of the samples\n");
     rows = {{"frame", "unit", "postures", "rms", "worst", "sigma", "in sigmas"}};
     for (const FrameDifference& f : comparison.frames)
       for (bool rotation : {false, true}) {
-        const double rms = rotation ? f.rotation_rms : f.position_rms, worst = rotation ? f.rotation_worst : f.position_worst;
+        const double rms = rotation ? f.rotation_rms : f.position_rms,
+                     worst = rotation ? f.rotation_worst : f.position_worst;
         const double sigma = rotation ? f.rotation_sigma : f.position_sigma;
-        rows.push_back({rotation ? "" : f.frame, rotation ? "mrad" : "mm", rotation ? "" : std::to_string(f.postures), value(rms, 1e3),
-                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : "-", value(rms / sigma)});
+        rows.push_back({rotation ? "" : f.frame, rotation ? "mrad" : "mm",
+                        rotation ? "" : std::to_string(f.postures), value(rms, 1e3),
+                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : "-",
+                        value(rms / sigma)});
       }
     out += align(rows, 2);
   }
-  const std::pair<const char*, const std::vector<std::string>*> only[] = {{"A", &comparison.only_in_a}, {"B", &comparison.only_in_b}};
+  const std::pair<const char*, const std::vector<std::string>*> only[] = {
+      {"A", &comparison.only_in_a}, {"B", &comparison.only_in_b}};
   for (const auto& side : only)
-    for (const std::string& name : *side.second) out += std::string("  only in ") + side.first + ": " + name + "\n";
+    for (const std::string& name : *side.second)
+      out += std::string("  only in ") + side.first + ": " + name + "\n";
   for (const std::string& note : comparison.notes) out += "  note: " + note + "\n";
   return out;
 }

@@ -7,26 +7,34 @@
 namespace kincal {
 
 std::string local_report(const Rig& rig, const LocalCalibration& local) {
-  std::string out = text("%d samples near, the nearest at %.3g, %d within %.4g (largest difference of a joint, rad or m)\n", local.near,
-                         local.distances.front(), local.samples, local.radius);
+  std::string out = text(
+      "%d samples near, the nearest at %.3g, %d within %.4g (largest difference of a joint, rad or "
+      "m)\n",
+      local.near, local.distances.front(), local.samples, local.radius);
   if (local.gain) {
     out += "\nOffsets around this posture, to be added to the joints' positions\n";
     std::vector<std::vector<std::string>> rows = {{"joint", "offset", "sigma", "unit", ""}};
     for (const LocalOffset& o : local.offsets) {
       const Joint& joint = rig.tree.joints[o.joint];
       const Unit unit = shown(joint.type == JointType::prismatic ? "m" : "rad");
-      rows.push_back({joint.name, text("%+.4g", o.offset * unit.factor), "± " + text("%.2g", o.sigma * unit.factor), unit.name,
+      rows.push_back({joint.name, text("%+.4g", o.offset * unit.factor),
+                      "± " + text("%.2g", o.sigma * unit.factor), unit.name,
                       o.determined ? "" : "not determined near here"});
     }
     out += align(rows, 1);
     out += text("\nValid while no joint is further than %.4g from the posture", local.radius);
-    out += local.ends ? "\n" : ": the furthest sample looked at. Where the gain ends is not known; if it never does, calibrate again\n";
+    out += local.ends ? "\n"
+                      : ": the furthest sample looked at. Where the gain ends is not known; if it "
+                        "never does, calibrate again\n";
   } else {
     out += "\nNo gain: the global calibration is as good here. Offsets are 0\n";
   }
-  out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted without itself)\n"
-                    : "\nErrors nearby with offsets that were tried (rms, readings as they are; each sample predicted without itself)\n";
-  const bool test = std::any_of(local.sensors.begin(), local.sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
+  out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted "
+                      "without itself)\n"
+                    : "\nErrors nearby with offsets that were tried (rms, readings as they are; "
+                      "each sample predicted without itself)\n";
+  const bool test = std::any_of(local.sensors.begin(), local.sensors.end(),
+                                [](const SensorResult& s) { return s.test.points > 0; });
   std::vector<std::vector<std::string>> rows = {{"sensor", "unit", "points", "before", "after"}};
   if (test) rows[0].insert(rows[0].end(), {"held out: points", "before", "after"});
   for (const SensorResult& s : local.sensors)
@@ -43,8 +51,10 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
       rows.push_back(row);
     }
   out += align(rows, 2);
-  out += text("chi2 in the directions of the offsets %.4g -> %.4g: gain %.3g ± %.2g; noise %.3g times as stated\n", local.chi2_before,
-              local.chi2, local.chi2_before - local.chi2, local.gain_sigma, local.noise);
+  out += text(
+      "chi2 in the directions of the offsets %.4g -> %.4g: gain %.3g ± %.2g; noise %.3g times as "
+      "stated\n",
+      local.chi2_before, local.chi2, local.chi2_before - local.chi2, local.gain_sigma, local.noise);
   return out;
 }
 

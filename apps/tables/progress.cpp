@@ -19,7 +19,9 @@ void Progress::update(const std::string& step, int iteration, double chi2, doubl
   }
   iteration_ = iteration;
   chi2_ = chi2;
-  if (terminal_) std::fprintf(stderr, "\r\033[K%s: iteration %d, chi2 %.8g, damping %.0e", step.c_str(), iteration, chi2, damping);
+  if (terminal_)
+    std::fprintf(stderr, "\r\033[K%s: iteration %d, chi2 %.8g, damping %.0e", step.c_str(),
+                 iteration, chi2, damping);
 }
 
 void Progress::interrupted() {
@@ -29,7 +31,8 @@ void Progress::interrupted() {
 
 void Progress::finish() {
   if (quiet_ || step_.empty() || iteration_ == 0) return;
-  std::fprintf(stderr, "%s%s: %d iterations, chi2 %.8g\n", terminal_ ? "\r\033[K" : "", step_.c_str(), iteration_, chi2_);
+  std::fprintf(stderr, "%s%s: %d iterations, chi2 %.8g\n", terminal_ ? "\r\033[K" : "",
+               step_.c_str(), iteration_, chi2_);
   step_.clear();
 }
 

@@ -5,7 +5,8 @@
 
 namespace kincal {
 
-/// Progress shows a live line per iteration on a terminal, a plain line per step elsewhere; on standard error.
+/// Progress shows a live line per iteration on a terminal, a plain line per step elsewhere; on
+/// standard error.
 class Progress {
  public:
   explicit Progress(bool quiet);

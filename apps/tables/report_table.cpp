@@ -4,10 +4,10 @@
 #include <cmath>
 #include <set>
 
+#include "../../io/document/numbers.h"
 #include "plan_table.h"
 #include "table.h"
 #include "validation_table.h"
-#include "../../io/document/numbers.h"
 
 namespace kincal {
 namespace {
@@ -21,30 +21,39 @@ std::string parameter_table(const Report& report, size_t most) {
       const Unit unit = shown(e.units[c]);
       const double change = e.value[c] - e.initial[c];
       lines.push_back({weight_of(change, e.units[c]),
-                       {component_name(e.name, e.components[c]), value(e.initial[c], unit.factor), value(e.value[c], unit.factor),
-                        text("%+.4g", change * unit.factor),
-                        std::isfinite(e.sigma[c]) ? "± " + text("%.2g", e.sigma[c] * unit.factor) : "not determined", unit.name}});
+                       {component_name(e.name, e.components[c]), value(e.initial[c], unit.factor),
+                        value(e.value[c], unit.factor), text("%+.4g", change * unit.factor),
+                        std::isfinite(e.sigma[c]) ? "± " + text("%.2g", e.sigma[c] * unit.factor)
+                                                  : "not determined",
+                        unit.name}});
     }
   sort_by_weight(lines);
-  // Where targets stand is seldom what one wants to know: a few of these behind the robot and its sensors.
-  std::vector<std::vector<std::string>> rows = {{"parameter", "before", "after", "change", "sigma", "unit"}};
+  // Where targets stand is seldom what one wants to know: a few of these behind the robot and its
+  // sensors.
+  std::vector<std::vector<std::string>> rows = {
+      {"parameter", "before", "after", "change", "sigma", "unit"}};
   for (bool target : {false, true}) {
     size_t room = target ? most / 3 : most;
     for (const WeightedRow& line : lines)
-      if ((line.cells[0].rfind("target/", 0) == 0) == target && room > 0) rows.push_back(line.cells), --room;
+      if ((line.cells[0].rfind("target/", 0) == 0) == target && room > 0)
+        rows.push_back(line.cells), --room;
   }
   std::string out = align(rows, 1);
-  if (lines.size() + 1 > rows.size()) out += "  ... and " + std::to_string(lines.size() + 1 - rows.size()) + " more in result.json\n";
+  if (lines.size() + 1 > rows.size())
+    out += "  ... and " + std::to_string(lines.size() + 1 - rows.size()) + " more in result.json\n";
   return out;
 }
 
-/// The paper's figure 10: sensors that look down, sensors that are looked into across; training samples.
+/// The paper's figure 10: sensors that look down, sensors that are looked into across; training
+/// samples.
 std::string loop_table(const Report& report) {
   constexpr size_t kColumns = 6;  // at a time
   const auto cell = [&](const std::string& from, const std::string& to) -> std::string {
     for (const Loop& loop : report.loops) {
       if (loop.from != from || loop.to != to || loop.train.points == 0) continue;
-      const auto rms = [&](double v) { return std::isfinite(v) ? text("%.3g", v * shown(loop.unit).factor) : "-"; };
+      const auto rms = [&](double v) {
+        return std::isfinite(v) ? text("%.3g", v * shown(loop.unit).factor) : "-";
+      };
       return rms(loop.train.rms_before) + "→" + rms(loop.train.rms);
     }
     return "";
@@ -52,19 +61,23 @@ std::string loop_table(const Report& report) {
   std::vector<const SensorResult*> seen, looking;  // columns, rows
   for (const SensorResult& s : report.residuals.sensors) {
     const auto trained = [](const Loop& loop) { return loop.train.points > 0; };
-    if (std::any_of(report.loops.begin(), report.loops.end(), [&](const Loop& l) { return trained(l) && l.to == s.name; }))
+    if (std::any_of(report.loops.begin(), report.loops.end(),
+                    [&](const Loop& l) { return trained(l) && l.to == s.name; }))
       seen.push_back(&s);
-    if (std::any_of(report.loops.begin(), report.loops.end(), [&](const Loop& l) { return trained(l) && l.from == s.name; }))
+    if (std::any_of(report.loops.begin(), report.loops.end(),
+                    [&](const Loop& l) { return trained(l) && l.from == s.name; }))
       looking.push_back(&s);
   }
   std::string out;
   for (size_t first = 0; first < seen.size(); first += kColumns) {
     const size_t last = std::min(seen.size(), first + kColumns);
     std::vector<std::vector<std::string>> rows = {{"from \\ to"}};
-    for (size_t c = first; c < last; ++c) rows[0].push_back(seen[c]->name + " " + shown(seen[c]->unit).name);
+    for (size_t c = first; c < last; ++c)
+      rows[0].push_back(seen[c]->name + " " + shown(seen[c]->unit).name);
     for (const SensorResult* from : looking) {
       rows.push_back({from->name});
-      for (size_t c = first; c < last; ++c) rows.back().push_back(from == seen[c] ? "" : cell(from->name, seen[c]->name));
+      for (size_t c = first; c < last; ++c)
+        rows.back().push_back(from == seen[c] ? "" : cell(from->name, seen[c]->name));
     }
     out += align(rows, 1);
   }
@@ -97,13 +110,16 @@ std::string weak_text(const Explanation& e) {
     const WeakDirection& w = e.weak[i];
     const Unit unit = shown(w.unit);
     out += "  " + w.parameters[0].first + ": ";
-    out += std::isfinite(w.sigma) ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
-                                  : "not determined by the data";
+    out += std::isfinite(w.sigma)
+               ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
+               : "not determined by the data";
     if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
       out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name + " with the prior";
     out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
   }
-  if (e.weak.size() > kMost) out += "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
+  if (e.weak.size() > kMost)
+    out +=
+        "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
   const auto line = [&](const std::string& title, const std::vector<std::string>& all) {
     if (all.empty()) return;
     out += "  " + title + ": ";
@@ -112,7 +128,8 @@ std::string weak_text(const Explanation& e) {
   };
   std::vector<std::string> priors, pairs;
   for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
-  for (const Correlation& c : e.correlations) pairs.push_back(c.a + " with " + c.b + text(" (%+.4f)", c.correlation));
+  for (const Correlation& c : e.correlations)
+    pairs.push_back(c.a + " with " + c.b + text(" (%+.4f)", c.correlation));
   line("the prior decides", priors);
   line("strong correlations", pairs);
   return out.empty() ? out : "\nWeakly determined parameters\n" + out;
@@ -124,7 +141,8 @@ std::string noise_text(const Report& report) {
   for (const NoiseLevel& l : report.noise_levels) {
     if (report.noise_estimated ? l.used == l.assumed : !l.differs()) continue;
     const Unit unit = shown(l.unit);
-    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part), unit_name = " " + unit.name;
+    const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part),
+                      unit_name = " " + unit.name;
     out += "  " + name + ": assumed " + value(l.assumed, unit.factor) + unit_name;
     if (report.noise_estimated) out += ", now " + value(l.used, unit.factor) + unit_name;
     if (std::isfinite(l.seen)) {
@@ -136,9 +154,9 @@ std::string noise_text(const Report& report) {
     out += "\n";
   }
   if (out.empty()) return out;
-  return (report.noise_estimated
-              ? "\nNoise, estimated from the data\n"
-              : "\nNoise that is seen beside the rig's sigmas (what the model lacks counts as noise; --estimate-noise)\n") +
+  return (report.noise_estimated ? "\nNoise, estimated from the data\n"
+                                 : "\nNoise that is seen beside the rig's sigmas (what the model "
+                                   "lacks counts as noise; --estimate-noise)\n") +
          out;
 }
 
@@ -150,9 +168,12 @@ std::string leverage_table(const std::vector<Leverage>& leverage) {
   for (const Leverage& l : leverage)
     if (samples.insert(l.sample).second && rows.size() < kMost)  // of each sample the worst
       rows.push_back({"without " + l.sample, l.parameter,
-                      std::isfinite(l.moved_sigmas) ? "would move by " + text("%+.2g", l.moved_sigmas) + " sigmas" : "is not determined"});
+                      std::isfinite(l.moved_sigmas)
+                          ? "would move by " + text("%+.2g", l.moved_sigmas) + " sigmas"
+                          : "is not determined"});
   std::string out = align(rows, 3);
-  if (samples.size() > rows.size()) out += text("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+  if (samples.size() > rows.size())
+    out += text("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
   return out;
 }
 
@@ -165,24 +186,33 @@ std::string rejected_table(const std::vector<Rejected>& rejected) {
     for (const Rejected& r : rejected) {
       if (r.ids.empty() == ids) continue;
       (ids ? points : r.sensor.empty() ? samples : views) += ids ? r.ids.size() : 1;
-      if (points + views + samples == 0 || static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost) continue;
+      if (points + views + samples == 0 ||
+          static_cast<size_t>(std::count(lines.begin(), lines.end(), '\n')) >= kMost)
+        continue;
       lines += "  sample " + r.sample;
       if (!r.sensor.empty()) lines += ", " + r.sensor + " of " + r.target;
       for (size_t i = 0; i < r.ids.size(); ++i)
-        lines += (i ? ", " : r.ids.size() == 1 ? ", point " : ", points ") + std::to_string(r.ids[i]);
+        lines += (i                   ? ", "
+                  : r.ids.size() == 1 ? ", point "
+                                      : ", points ") +
+                 std::to_string(r.ids[i]);
       lines += ": " + r.reason + "\n";
     }
-  if (rejected.size() > kMost) lines += text("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
-  return text("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples, samples == 1 ? "sample" : "samples", views,
-              views == 1 ? "view" : "views", points, points == 1 ? "point" : "points") +
+  if (rejected.size() > kMost)
+    lines += text("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
+  return text("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples,
+              samples == 1 ? "sample" : "samples", views, views == 1 ? "view" : "views", points,
+              points == 1 ? "point" : "points") +
          lines;
 }
 
 }  // namespace
 
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before) {
-  const bool test = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.test.points > 0; });
-  const bool train = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) { return s.train.points > 0; });
+  const bool test = std::any_of(sensors.begin(), sensors.end(),
+                                [](const SensorResult& s) { return s.test.points > 0; });
+  const bool train = std::any_of(sensors.begin(), sensors.end(),
+                                 [](const SensorResult& s) { return s.train.points > 0; });
   std::vector<std::vector<std::string>> rows = {{"sensor", "unit"}};
   for (const char* split : {"train", "held out"}) {
     if ((split[0] == 't' && !train) || (split[0] == 'h' && !test)) continue;
@@ -199,7 +229,8 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
       for (const SplitStatistics* split : {&s.train, &s.test}) {
         if ((split == &s.train && !train) || (split == &s.test && !test)) continue;
         row.push_back(rotation ? "" : std::to_string(split->points));
-        if (before) row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
+        if (before)
+          row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
         row.push_back(value(rotation ? split->rotation : split->rms, unit.factor));
         row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
       }
@@ -222,29 +253,42 @@ std::string diagnosis_text(const Diagnosis& d) {
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
   if (report.staging && !report.staging->trials.empty())
-    out += "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each group)\n" + staging_table(report.staging->trials);
+    out +=
+        "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each "
+        "group)\n" +
+        staging_table(report.staging->trials);
   out += "\nResiduals (rms)\n" + residual_table(report.residuals.sensors, true);
   out += validation_table(report);
-  if (report.restarts) out += "\nRestarts from other starting values\n" + restart_table(*report.restarts);
+  if (report.restarts)
+    out += "\nRestarts from other starting values\n" + restart_table(*report.restarts);
   if (!report.loops.empty())
-    out += "\nLoops (rms before→after of one sensor's points in another's view of them, joint readings as read)\n" + loop_table(report);
+    out +=
+        "\nLoops (rms before→after of one sensor's points in another's view of them, joint "
+        "readings as read)\n" +
+        loop_table(report);
   out += "\nParameters that changed most\n" + parameter_table(report, 12);
   if (!report.solution.computed_starts.empty()) {
-    out += "\nPoses that the rig leaves open (started from the data; the changes above count from there)\n";
-    std::vector<std::vector<std::string>> poses = {{"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
+    out +=
+        "\nPoses that the rig leaves open (started from the data; the changes above count from "
+        "there)\n";
+    std::vector<std::vector<std::string>> poses = {
+        {"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
     for (const ParameterEstimate& e : report.solution.parameters)
-      if (std::count(report.solution.computed_starts.begin(), report.solution.computed_starts.end(), e.name)) {
+      if (std::count(report.solution.computed_starts.begin(), report.solution.computed_starts.end(),
+                     e.name)) {
         const Vector3d& t = e.pose->translation;
         const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
         std::vector<std::string> row = {e.name};
-        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()}) row.push_back(text("%.6f", v));
+        for (double v : {t.x(), t.y(), t.z(), rpy.x(), rpy.y(), rpy.z()})
+          row.push_back(text("%.6f", v));
         row.push_back("m, rad");
         poses.push_back(row);
       }
     out += align(poses, 1);
   }
   out += text("\nchi2 %.8g, %ld degrees of freedom", report.solution.chi2, report.solution.dof);
-  if (report.solution.dof > 0) out += text(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
+  if (report.solution.dof > 0)
+    out += text(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
   out += "\n";
   out += noise_text(report);
   out += weak_text(report.explanation);
@@ -252,13 +296,15 @@ std::string report_text(const Report& report, const ResultFiles& files) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
   }
-  if (!files.reductions.empty()) out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
+  if (!files.reductions.empty())
+    out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
   for (const Reduction& r : files.reductions)
-    out += "  " + r.joint + ": scale " + text("%.6g", r.scale) + "; mechanicalReduction of " + r.transmission + " " + shortest(r.before) +
-           " -> " + shortest(r.after) + "\n";
+    out += "  " + r.joint + ": scale " + text("%.6g", r.scale) + "; mechanicalReduction of " +
+           r.transmission + " " + shortest(r.before) + " -> " + shortest(r.after) + "\n";
   if (!report.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(report.leverage);
   if (!report.rejected.empty()) out += "\n" + rejected_table(report.rejected);
-  if (report.diagnosis) out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis);
+  if (report.diagnosis)
+    out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis);
   if (!report.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : report.warnings) out += "  " + w.id + ": " + w.text + "\n";

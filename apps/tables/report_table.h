@@ -9,7 +9,8 @@
 
 namespace kincal {
 
-/// Shows the rms of each sensor after the calibration, train and held out. `before` adds the column of the rms before it.
+/// Shows the rms of each sensor after the calibration, train and held out. `before` adds the column
+/// of the rms before it.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
 /// Shows what the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);

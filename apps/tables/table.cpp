@@ -7,7 +7,8 @@ namespace kincal {
 namespace {
 
 size_t shown_width(const std::string& s) {  // UTF-8 continuation bytes take no place
-  return static_cast<size_t>(std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+  return static_cast<size_t>(
+      std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
 
 }  // namespace
@@ -38,13 +39,18 @@ Unit shown(const std::string& unit) {
   return {unit, 1};
 }
 
-std::string value(double v, double factor) { return std::isfinite(v) ? text("%.4g", v * factor) : "-"; }
-
-void sort_by_weight(std::vector<WeightedRow>& rows) {
-  std::stable_sort(rows.begin(), rows.end(), [](const WeightedRow& a, const WeightedRow& b) { return a.weight > b.weight; });
+std::string value(double v, double factor) {
+  return std::isfinite(v) ? text("%.4g", v * factor) : "-";
 }
 
-double weight_of(double change, const std::string& unit) { return std::abs(change) * (unit == "px" ? 10 : 1e3); }
+void sort_by_weight(std::vector<WeightedRow>& rows) {
+  std::stable_sort(rows.begin(), rows.end(),
+                   [](const WeightedRow& a, const WeightedRow& b) { return a.weight > b.weight; });
+}
+
+double weight_of(double change, const std::string& unit) {
+  return std::abs(change) * (unit == "px" ? 10 : 1e3);
+}
 
 std::string component_name(const std::string& parameter, const std::string& component) {
   return component.empty() ? parameter : parameter + "." + component;

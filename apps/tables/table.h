@@ -17,7 +17,8 @@ struct Unit {
   std::string name;
   double factor;
 };
-/// Returns the unit in which a table shows numbers of `unit`: m in mm, rad in mrad, all others as they are.
+/// Returns the unit in which a table shows numbers of `unit`: m in mm, rad in mrad, all others as
+/// they are.
 Unit shown(const std::string& unit);
 
 /// Returns a number in four digits, or "-" if it is not finite.
@@ -30,10 +31,11 @@ struct WeightedRow {
 };
 /// Sorts the rows by falling weight; rows of the same weight keep their order.
 void sort_by_weight(std::vector<WeightedRow>& rows);
-/// Returns how much a change of a parameter weighs in a table: a thousandth of a metre, a radian or a ratio and a tenth of a pixel weigh
-/// alike.
+/// Returns how much a change of a parameter weighs in a table: a thousandth of a metre, a radian or
+/// a ratio and a tenth of a pixel weigh alike.
 double weight_of(double change, const std::string& unit);
-/// Returns a component's name as tables write it: "parameter.component", or the parameter's name if the component has none.
+/// Returns a component's name as tables write it: "parameter.component", or the parameter's name if
+/// the component has none.
 std::string component_name(const std::string& parameter, const std::string& component);
 
 }  // namespace kincal

@@ -24,56 +24,73 @@ std::string validation_table(const Report& report) {
           if (s.name == e.sensor) train = rotation ? s.train.rotation_as_read : s.train.rms_as_read;
         std::string over = std::to_string(e.blocks) + (e.by_target ? " targets" : " samples");
         if (e.missing > 0) over += ", " + std::to_string(e.missing) + " views missing";
-        rows.push_back({rotation ? "" : e.sensor, unit.name, rotation ? "" : std::to_string(e.points), rotation ? "" : over,
-                        value(rotation ? e.rotation : e.rms, unit.factor), interval(rotation ? e.of_rotation : e.of_rms, unit.factor),
+        rows.push_back({rotation ? "" : e.sensor, unit.name,
+                        rotation ? "" : std::to_string(e.points), rotation ? "" : over,
+                        value(rotation ? e.rotation : e.rms, unit.factor),
+                        interval(rotation ? e.of_rotation : e.of_rms, unit.factor),
                         value(rotation ? e.rotation_as_read : e.rms_as_read, unit.factor),
-                        interval(rotation ? e.of_rotation_as_read : e.of_rms_as_read, unit.factor), value(train, unit.factor)});
+                        interval(rotation ? e.of_rotation_as_read : e.of_rms_as_read, unit.factor),
+                        value(train, unit.factor)});
       }
     return align(rows, 2);
   };
-  if (!v.test.empty()) out += "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
+  if (!v.test.empty())
+    out +=
+        "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
   if (v.cross_validation) {
     const CrossValidation& c = *v.cross_validation;
-    out += text("\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks it)\n", c.folds.size(),
-                c.by_target ? ", whole targets held out" : "") +
+    out += text(
+               "\nCross-validation, %zu folds%s (rms of each sample by the calibration that lacks "
+               "it)\n",
+               c.folds.size(), c.by_target ? ", whole targets held out" : "") +
            errors(c.sensors);
     for (size_t f = 0; f < c.folds.size(); ++f) {
       const CrossValidation::Fold& fold = c.folds[f];
       const char* wrong = !fold.error.empty() ? "no calibration: "
                           : !fold.converged   ? "not converged"
-                          : !fold.determined  ? "the other folds do not determine every freed parameter"
-                                              : nullptr;
+                          : !fold.determined
+                              ? "the other folds do not determine every freed parameter"
+                              : nullptr;
       if (wrong) out += text("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
     }
     std::string never;
     for (const std::string& n : c.never) never += (never.empty() ? "" : ", ") + n;
-    if (!never.empty()) out += "  never held out (the only data of a sensor or target): " + never + "\n";
+    if (!never.empty())
+      out += "  never held out (the only data of a sensor or target): " + never + "\n";
   }
   if (!v.frames.empty()) {
     out += "\nFrames relative to " + v.frames[0].base +
-           " (predicted sigma over postures; last column: with the noise of one reading of each joint)\n";
-    std::vector<std::vector<std::string>> rows = {{"frame", "postures", "unit", "rms", "median", "worst", "rms with readings"}};
+           " (predicted sigma over postures; last column: with the noise of one reading of each "
+           "joint)\n";
+    std::vector<std::vector<std::string>> rows = {
+        {"frame", "postures", "unit", "rms", "median", "worst", "rms with readings"}};
     for (const FrameReport& f : v.frames)
       for (const FrameSigma& s : f.workspaces)
         for (bool rotation : {false, true}) {
           const SigmaStatistics &alone = rotation ? s.rotation : s.position,
-                                &read = rotation ? s.rotation_with_readings : s.position_with_readings;
+                                &read =
+                                    rotation ? s.rotation_with_readings : s.position_with_readings;
           const bool first = &s == &f.workspaces[0] && !rotation;
-          rows.push_back(
-              {first ? f.frame : "",
-               rotation ? "" : std::to_string(s.postures) + (s.workspace == "samples" ? " of the samples" : " in the joints' limits"),
-               rotation ? "mrad" : "mm", std::isfinite(alone.rms) ? value(alone.rms, 1e3) : "not determined", value(alone.median, 1e3),
-               value(alone.worst, 1e3), value(read.rms, 1e3)});
+          rows.push_back({first ? f.frame : "",
+                          rotation ? ""
+                                   : std::to_string(s.postures) + (s.workspace == "samples"
+                                                                       ? " of the samples"
+                                                                       : " in the joints' limits"),
+                          rotation ? "mrad" : "mm",
+                          std::isfinite(alone.rms) ? value(alone.rms, 1e3) : "not determined",
+                          value(alone.median, 1e3), value(alone.worst, 1e3), value(read.rms, 1e3)});
         }
     out += align(rows, 2);
     for (const FrameReport& f : v.frames) {
       std::string held;
       for (const std::string& n : f.held) held += (held.empty() ? "" : ", ") + n;
-      if (!held.empty()) out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
+      if (!held.empty())
+        out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
     }
   }
   if (!v.requirements.empty()) out += "\nTolerances\n";
-  for (const Judgement& j : v.requirements) out += std::string(j.met ? "  met: " : "  NOT MET: ") + judgement_text(j) + "\n";
+  for (const Judgement& j : v.requirements)
+    out += std::string(j.met ? "  met: " : "  NOT MET: ") + judgement_text(j) + "\n";
   return out;
 }
 

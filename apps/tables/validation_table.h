@@ -7,7 +7,8 @@
 
 namespace kincal {
 
-/// Shows held-out errors with intervals, folds, frames, tolerances; it is empty if there are none of these.
+/// Shows held-out errors with intervals, folds, frames, tolerances; it is empty if there are none
+/// of these.
 std::string validation_table(const Report& report);
 
 }  // namespace kincal

@@ -12,21 +12,24 @@
 
 namespace kincal {
 
-constexpr size_t kMaxDepth = 100;  // of nesting: far beyond any real file, far below the end of the stack
+constexpr size_t kMaxDepth =
+    100;  // of nesting: far beyond any real file, far below the end of the stack
 
 /// Returns the place of an error, in front of a message.
 inline std::string place(const std::string& path, int line, int column) {
   return path + ":" + std::to_string(line) + ":" + std::to_string(column) + ": ";
 }
 
-/// A Builder makes a Node from a parser's events. It checks what neither parser does: depth, and duplicate keys.
+/// A Builder makes a Node from a parser's events. It checks what neither parser does: depth, and
+/// duplicate keys.
 class Builder {
  public:
   explicit Builder(const std::string& path) : path_(path) {}
 
   void open(Node::Kind kind, int line, int column) {
     if (open_.size() >= kMaxDepth)
-      throw InputError(place(path_, line, column) + "nested more than " + std::to_string(kMaxDepth) + " levels deep");
+      throw InputError(place(path_, line, column) + "nested more than " +
+                       std::to_string(kMaxDepth) + " levels deep");
     open_.emplace_back();
     open_.back().node.kind = kind;
     open_.back().node.line = line;
@@ -61,7 +64,8 @@ class Builder {
       top.node.items.push_back(std::move(node));
       return top.node.items.back();
     }
-    if (!top.has_key) throw InputError(place(path_, node.line, node.column) + "a key must be a text or a number");
+    if (!top.has_key)
+      throw InputError(place(path_, node.line, node.column) + "a key must be a text or a number");
     if (node.line != top.key_line) {  // a block below its key: messages about it point to the key
       node.line = top.key_line;
       node.column = top.key_column;
@@ -85,7 +89,8 @@ class Builder {
     std::set<std::string_view> seen;
     for (const auto& [name, value] : mapping.members)
       if (!seen.insert(name).second)
-        throw InputError(place(path_, value.line, value.column) + "key '" + name + "' stands twice");
+        throw InputError(place(path_, value.line, value.column) + "key '" + name +
+                         "' stands twice");
   }
 
   const std::string& path_;

@@ -1,4 +1,5 @@
-// Checked access to a tree of nodes: the checks that turn what stands in a file into numbers and names.
+// Checked access to a tree of nodes: the checks that turn what stands in a file into numbers and
+// names.
 #pragma once
 
 #include <string>
@@ -10,35 +11,38 @@
 
 namespace kincal {
 
-/// A Field is a node with its path in the file, for messages: "rig.yaml:12: sensors.wide_left.sigma: ...". It is cheap to make and refers
-/// to the node.
+/// A Field is a node with its path in the file, for messages: "rig.yaml:12:
+/// sensors.wide_left.sigma: ...". It is cheap to make and refers to the node.
 struct Field {
   const Node* node;
   const std::string* path;
-  std::string name;                                 // e.g. "sensors.wide_left.sigma", empty at the top
+  std::string name;  // e.g. "sensors.wide_left.sigma", empty at the top
 
-  std::string where() const;                        // "path:line: name"
+  std::string where() const;  // "path:line: name"
   [[noreturn]] void fail(const std::string& what) const;
 
   bool has(const std::string& key) const;
-  Field operator[](const std::string& key) const;   // member; fails with "key 'x' is missing"
-  Field item(size_t i) const;                       // fails on Node::numbers
-  size_t size() const;                              // items or members
+  Field operator[](const std::string& key) const;  // member; fails with "key 'x' is missing"
+  Field item(size_t i) const;                      // fails on Node::numbers
+  size_t size() const;                             // items or members
 
-  /// Fails on keys outside required + optional (with the nearest names), on missing ones, and on anything but a mapping.
-  void check_keys(const std::vector<std::string>& required, const std::vector<std::string>& optional = {}) const;
+  /// Fails on keys outside required + optional (with the nearest names), on missing ones, and on
+  /// anything but a mapping.
+  void check_keys(const std::vector<std::string>& required,
+                  const std::vector<std::string>& optional = {}) const;
 
-  double number() const;                            // finite
+  double number() const;  // finite
   double number_at_least(double low) const;
-  double positive() const;                          // > 0
+  double positive() const;  // > 0
   int integer(int low, int high) const;
   int integer_item(size_t i, int low, int high) const;
   bool boolean() const;
-  std::string string() const;                       // any scalar but null
-  std::vector<double> vector(int count = -1) const; // finite numbers; -1: any length
-  std::vector<double> table(int columns) const;     // a list of lists of `columns` finite numbers, row after row
+  std::string string() const;                        // any scalar but null
+  std::vector<double> vector(int count = -1) const;  // finite numbers; -1: any length
+  std::vector<double> table(
+      int columns) const;  // a list of lists of `columns` finite numbers, row after row
   std::vector<std::string> strings() const;
-  Pose pose() const;                                // {xyz, rpy} or {xyz, quat}; both parts optional
+  Pose pose() const;  // {xyz, rpy} or {xyz, quat}; both parts optional
 };
 Field top(const Node& node, const std::string& path);
 

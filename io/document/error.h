@@ -5,7 +5,8 @@
 
 namespace kincal {
 
-/// An InputError is something wrong in the user's input; the text has where (file:line), which field, what is valid.
+/// An InputError is something wrong in the user's input; the text has where (file:line), which
+/// field, what is valid.
 class InputError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

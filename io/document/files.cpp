@@ -39,17 +39,22 @@ std::string read_file(const std::string& path) {
   errno = 0;
   std::ifstream file(path, std::ios::binary);
   std::error_code ignored;
-  if (file && std::filesystem::is_directory(path, ignored)) throw InputError(path + ": cannot be read: is a directory");
-  if (!file) throw InputError(path + ": cannot be read: " + std::generic_category().message(errno ? errno : EIO));
+  if (file && std::filesystem::is_directory(path, ignored))
+    throw InputError(path + ": cannot be read: is a directory");
+  if (!file)
+    throw InputError(path +
+                     ": cannot be read: " + std::generic_category().message(errno ? errno : EIO));
   std::ostringstream text;
   text << file.rdbuf();
-  if (file.bad()) throw InputError(path + ": cannot be read: " + std::generic_category().message(EIO));
+  if (file.bad())
+    throw InputError(path + ": cannot be read: " + std::generic_category().message(EIO));
   return text.str();
 }
 
 void check_output(const std::string& directory, bool force) {
-  static const std::vector<std::string> own_files = {"robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
-                                                "residuals.csv", "batch.json", "report.html", "samples.jsonl", "truth.json"};
+  static const std::vector<std::string> own_files = {
+      "robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
+      "residuals.csv", "batch.json", "report.html", "samples.jsonl", "truth.json"};
   std::error_code error;
   const fs::path path(plain_name(directory));
   if (!fs::exists(path, error)) {
@@ -58,24 +63,30 @@ void check_output(const std::string& directory, bool force) {
       throw InputError(directory + ": the folder " + parent.string() + " does not exist");
     return;
   }
-  if (!force) throw InputError(directory + ": exists already; --force replaces a result, another --out keeps it");
+  if (!force)
+    throw InputError(directory +
+                     ": exists already; --force replaces a result, another --out keeps it");
   if (!fs::is_directory(path, error)) throw InputError(directory + ": is not a directory");
   for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
-    if (std::find(own_files.begin(), own_files.end(), entry.path().filename().string()) == own_files.end())
+    if (std::find(own_files.begin(), own_files.end(), entry.path().filename().string()) ==
+        own_files.end())
       throw InputError(directory + ": --force would delete " + entry.path().filename().string() +
                        ", which is no file of kincal's: move it away or choose another --out");
 }
 
-bool write_directory(const std::string& directory, const std::vector<std::pair<std::string, std::string>>& files, bool force,
+bool write_directory(const std::string& directory,
+                     const std::vector<std::pair<std::string, std::string>>& files, bool force,
                      bool (*go_on)(), const std::string& scratch) {
   const std::string name = plain_name(directory), pid = std::to_string(getpid());
-  const std::string beside = scratch.empty() ? name : (fs::path(scratch) / fs::path(name).filename()).string();
+  const std::string beside =
+      scratch.empty() ? name : (fs::path(scratch) / fs::path(name).filename()).string();
   const fs::path target(name), work(beside + ".writing-" + pid), old(beside + ".replaced-" + pid);
   std::error_code error, ignored;
   try {
     check_output(name, force);
     fs::remove_all(work, ignored);
-    if (!fs::create_directory(work, error)) throw InputError(work.string() + ": cannot be made: " + error.message());
+    if (!fs::create_directory(work, error))
+      throw InputError(work.string() + ": cannot be made: " + error.message());
     for (const auto& f : files) write_whole(work / f.first, f.second);
     if (go_on && !go_on()) {
       fs::remove_all(work, ignored);
@@ -122,7 +133,8 @@ std::string sha256(const std::string& text) {
   sha256_update(&context, text.size(), reinterpret_cast<const uint8_t*>(text.data()));
   sha256_digest(&context, sizeof digest, digest);
   std::string hex;
-  for (const uint8_t byte : digest) hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
+  for (const uint8_t byte : digest)
+    hex += {"0123456789abcdef"[byte >> 4], "0123456789abcdef"[byte & 15]};
   return hex;
 }
 

@@ -16,7 +16,8 @@
 namespace kincal {
 namespace {
 
-// ------------------------------------------------------------------------------------------------ any JSON
+// ------------------------------------------------------------------------------------------------
+// any JSON
 /// Walks the text and remembers how far the parser has read, which its events do not give.
 struct Cursor {
   using iterator_category = std::input_iterator_tag;
@@ -47,12 +48,22 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
         line_start_(text.data()) {}
 
   bool null() override { return scalar(Node::Kind::null, "", false); }
-  bool boolean(bool value) override { return scalar(Node::Kind::scalar, value ? "true" : "false", false); }
-  bool number_integer(number_integer_t value) override { return scalar(Node::Kind::scalar, std::to_string(value), false); }
-  bool number_unsigned(number_unsigned_t value) override { return scalar(Node::Kind::scalar, std::to_string(value), false); }
+  bool boolean(bool value) override {
+    return scalar(Node::Kind::scalar, value ? "true" : "false", false);
+  }
+  bool number_integer(number_integer_t value) override {
+    return scalar(Node::Kind::scalar, std::to_string(value), false);
+  }
+  bool number_unsigned(number_unsigned_t value) override {
+    return scalar(Node::Kind::scalar, std::to_string(value), false);
+  }
   /// The text comes from the value: nlohmann's own has the decimal point of the C locale in it.
-  bool number_float(number_float_t value, const string_t&) override { return scalar(Node::Kind::scalar, shortest(value), false); }
-  bool string(string_t& value) override { return scalar(Node::Kind::scalar, std::move(value), true); }
+  bool number_float(number_float_t value, const string_t&) override {
+    return scalar(Node::Kind::scalar, shortest(value), false);
+  }
+  bool string(string_t& value) override {
+    return scalar(Node::Kind::scalar, std::move(value), true);
+  }
   bool binary(binary_t&) override { return false; }
   bool start_object(std::size_t) override { return open(Node::Kind::mapping); }
   bool key(string_t& value) override {
@@ -65,7 +76,8 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
   bool start_array(std::size_t) override { return open(Node::Kind::sequence); }
   bool end_array() override { return close(); }
 
-  bool parse_error(std::size_t position, const std::string&, const nlohmann::detail::exception& error) override {
+  bool parse_error(std::size_t position, const std::string&,
+                   const nlohmann::detail::exception& error) override {
     const std::size_t end = std::min(position > 0 ? position - 1 : 0, text_.size());
     for (std::size_t i = scanned_ - text_.data(); i < end; ++i) count_line(text_.data() + i);
     const int error_column = static_cast<int>(text_.data() + end - line_start_) + 1;
@@ -80,10 +92,12 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
   static std::string plain_words(std::string what) {
     const size_t bracket = what.find("] "), column = what.find(", column ");
     if (bracket != std::string::npos) {
-      const size_t colon = column == std::string::npos ? std::string::npos : what.find(": ", column);
+      const size_t colon =
+          column == std::string::npos ? std::string::npos : what.find(": ", column);
       what.erase(0, colon == std::string::npos ? bracket + 2 : colon + 2);
     }
-    const bool nan = what.find("N'") != std::string::npos || what.find("I'") != std::string::npos;  // of NaN, Infinity
+    const bool nan = what.find("N'") != std::string::npos ||
+                     what.find("I'") != std::string::npos;  // of NaN, Infinity
     return nan ? what + " (JSON has finite numbers only)" : what;
   }
   void count_line(const char* p) {
@@ -91,10 +105,12 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
     ++line_;
     line_start_ = p + 1;
   }
-  /// Moves to the start of the token that an event is about: only separators and ends lie before it.
+  /// Moves to the start of the token that an event is about: only separators and ends lie before
+  /// it.
   void find_token() {
     static constexpr std::string_view between = " \t\r\n,:]}";
-    for (; scanned_ < furthest && between.find(*scanned_) != std::string_view::npos; ++scanned_) count_line(scanned_);
+    for (; scanned_ < furthest && between.find(*scanned_) != std::string_view::npos; ++scanned_)
+      count_line(scanned_);
   }
   int column() const { return static_cast<int>(scanned_ - line_start_) + 1; }
   bool scalar(Node::Kind kind, std::string&& value, bool quoted) {
@@ -109,7 +125,8 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
     skip_token(quoted);
     return true;
   }
-  /// A string ends where the parser has read to; anything else before the next separator, one of which it may have read.
+  /// A string ends where the parser has read to; anything else before the next separator, one of
+  /// which it may have read.
   void skip_token(bool quoted) {
     static constexpr std::string_view ends = " \t\r\n,:]}";
     if (quoted)
@@ -130,17 +147,20 @@ class JsonEvents : public nlohmann::json_sax<nlohmann::json> {
 
   const std::string& path_;
   const std::string& text_;
-  const char* scanned_;      // end of the last token
-  int line_;                 // of scanned_
+  const char* scanned_;  // end of the last token
+  int line_;             // of scanned_
   const char* line_start_;
 };
 
-// ------------------------------------------------------------------------------------------------ plain JSON
-/// Reads what machines write: ASCII without escapes, in one line, lists of numbers. All else is refused, for parse_json() to judge:
-/// every function returns false then. A value means the same as parse_json()'s.
+// ------------------------------------------------------------------------------------------------
+// plain JSON
+/// Reads what machines write: ASCII without escapes, in one line, lists of numbers. All else is
+/// refused, for parse_json() to judge: every function returns false then. A value means the same as
+/// parse_json()'s.
 class PlainJson {
  public:
-  PlainJson(std::string_view text, int line) : at_(text.data()), end_(at_ + text.size()), line_(line) {}
+  PlainJson(std::string_view text, int line)
+      : at_(text.data()), end_(at_ + text.size()), line_(line) {}
 
   bool whole(Node& node) { return value(node, 0) && (skip_blanks(), at_ == end_); }
 
@@ -155,7 +175,8 @@ class PlainJson {
   }
   bool take(char c) { return peek() == c && (++at_, true); }
   bool take_word(std::string_view word) {
-    if (static_cast<size_t>(end_ - at_) < word.size() || std::string_view(at_, word.size()) != word) return false;
+    if (static_cast<size_t>(end_ - at_) < word.size() || std::string_view(at_, word.size()) != word)
+      return false;
     at_ += word.size();
     return true;
   }
@@ -171,13 +192,15 @@ class PlainJson {
     return take('"');
   }
 
-  /// std::from_chars takes a little more than JSON allows (01, 1., inf), of which nothing passes here.
+  /// std::from_chars takes a little more than JSON allows (01, 1., inf), of which nothing passes
+  /// here.
   bool number(double& out) {
     const char* digits = at_ + (at_ != end_ && *at_ == '-');
     if (digits == end_ || !is_digit(*digits)) return false;
     const char* after = digits;
     while (after != end_ && is_digit(*after)) ++after;
-    if ((*digits == '0' && after - digits > 1) || (after != end_ && *after == '.' && (after + 1 == end_ || !is_digit(after[1]))))
+    if ((*digits == '0' && after - digits > 1) ||
+        (after != end_ && *after == '.' && (after + 1 == end_ || !is_digit(after[1]))))
       return false;
     const auto [stop, error] = std::from_chars(at_, end_, out);
     if (error != std::errc()) return false;
@@ -268,13 +291,17 @@ class PlainJson {
 Node parse_json(const std::string& text, const std::string& path, int line) {
   JsonEvents events(text, path, line);
   const char* begin = text.data();
-  nlohmann::json::sax_parse(Cursor{begin, &events.furthest}, Cursor{begin + text.size(), &events.furthest}, &events);
+  nlohmann::json::sax_parse(Cursor{begin, &events.furthest},
+                            Cursor{begin + text.size(), &events.furthest}, &events);
   return std::move(events.builder.root);
 }
 
-bool parse_plain_json(std::string_view text, int line, Node& node) { return PlainJson(text, line).whole(node = Node()); }
+bool parse_plain_json(std::string_view text, int line, Node& node) {
+  return PlainJson(text, line).whole(node = Node());
+}
 
-void for_each_json_line(const std::string& path, const std::function<std::string(const Field&)>& read) {
+void for_each_json_line(const std::string& path,
+                        const std::function<std::string(const Field&)>& read) {
   const std::string text = read_file(path);
   std::unordered_map<std::string, int> lines;  // of the ids
   Node node;
@@ -299,7 +326,9 @@ void for_each_json_line(const std::string& path, const std::function<std::string
       id = read(top(node, path));
     }
     const auto [first, is_new] = lines.emplace(id, line);
-    if (!is_new) top(node, path)["id"].fail("'" + id + "' stands already in line " + std::to_string(first->second));
+    if (!is_new)
+      top(node, path)["id"].fail("'" + id + "' stands already in line " +
+                                 std::to_string(first->second));
   }
 }
 

@@ -7,7 +7,8 @@ namespace {
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
-/// Insertions, deletions, replacements and swaps of neighbours between two names; a '*' of `name` stands for anything.
+/// Insertions, deletions, replacements and swaps of neighbours between two names; a '*' of `name`
+/// stands for anything.
 size_t edit_distance(const std::string& name, const std::string& other) {
   const size_t n = name.size(), m = other.size();
   std::vector<std::vector<size_t>> d(n + 1, std::vector<size_t>(m + 1, 0));
@@ -23,7 +24,8 @@ size_t edit_distance(const std::string& name, const std::string& other) {
         continue;
       }
       d[i][j] = std::min({d[i - 1][j] + 1, d[i][j - 1] + 1, d[i - 1][j - 1] + (a != b)});
-      if (i > 1 && j > 1 && a == lower(other[j - 2]) && lower(name[i - 2]) == b) d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
+      if (i > 1 && j > 1 && a == lower(other[j - 2]) && lower(name[i - 2]) == b)
+        d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
     }
   }
   return d[n][m];
@@ -38,7 +40,8 @@ size_t common_prefix(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names) {
-  constexpr size_t kLongest = 200, kMost = 4;  // longer ones are no slips of the pen, and costly to compare
+  constexpr size_t kLongest = 200,
+                   kMost = 4;  // longer ones are no slips of the pen, and costly to compare
   if (name.size() > kLongest) return "";
   const size_t letters = name.size() - std::count(name.begin(), name.end(), '*');
   const size_t limit = std::max<size_t>(2, letters / 3);
@@ -50,8 +53,9 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
   for (const std::string& other : names) {
     if (other.empty() || other.size() > kLongest) continue;
     size_t distance = edit_distance(name, other);
-    const bool part = std::min(letters, other.size()) >= 3 &&
-                      (other.find(name) != std::string::npos || name.find(other) != std::string::npos);
+    const bool part =
+        std::min(letters, other.size()) >= 3 &&
+        (other.find(name) != std::string::npos || name.find(other) != std::string::npos);
     if (part) distance = std::min(distance, limit);
     // of short names two changes are the whole name
     if (distance > limit || distance >= std::max(letters, other.size())) continue;

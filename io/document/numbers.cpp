@@ -26,7 +26,9 @@ std::string shortest(double value) {
   return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
 }
 
-std::string shortest(const Vector3d& v) { return shortest(v.x()) + " " + shortest(v.y()) + " " + shortest(v.z()); }
+std::string shortest(const Vector3d& v) {
+  return shortest(v.x()) + " " + shortest(v.y()) + " " + shortest(v.z());
+}
 
 std::string list_text(const double* values, int count) {
   std::string out = "[";

@@ -1,4 +1,5 @@
-// Decimal numbers as text, in and out: always with std::from_chars and std::to_chars, whatever the locale.
+// Decimal numbers as text, in and out: always with std::from_chars and std::to_chars, whatever the
+// locale.
 #pragma once
 
 #include <string>
@@ -11,7 +12,8 @@ namespace kincal {
 /// True for numbers such as 010, which YAML 1.1 takes as octal.
 bool starts_with_zero(std::string_view digits);
 
-/// Reads a whole finite decimal number. It refuses 010 (octal in YAML 1.1), 0x10, 1_000, 1:30, nan and inf: false.
+/// Reads a whole finite decimal number. It refuses 010 (octal in YAML 1.1), 0x10, 1_000, 1:30, nan
+/// and inf: false.
 bool read_number(std::string_view text, double& value);
 
 /// Returns the shortest decimal text that reads back as the same double; 0 and -0 are "0".

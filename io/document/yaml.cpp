@@ -17,10 +17,12 @@
 namespace kincal {
 namespace {
 
-constexpr size_t kMaxAliasNodes = 100'000;  // that all YAML anchors and aliases of a file together may hold
+constexpr size_t kMaxAliasNodes =
+    100'000;  // that all YAML anchors and aliases of a file together may hold
 constexpr size_t kYamlWidth = 110;
 
-// ------------------------------------------------------------------------------------------------ reading
+// ------------------------------------------------------------------------------------------------
+// reading
 size_t count_nodes(const Node& node) {
   size_t n = 1;
   for (const Node& item : node.items) n += count_nodes(item);
@@ -28,16 +30,20 @@ size_t count_nodes(const Node& node) {
   return n;
 }
 
-/// yaml-cpp's events instead of its nodes: they distinguish quoted from plain scalars, show every key, and leave aliases to us.
+/// yaml-cpp's events instead of its nodes: they distinguish quoted from plain scalars, show every
+/// key, and leave aliases to us.
 class YamlEvents : public YAML::EventHandler {
  public:
   explicit YamlEvents(const std::string& path) : builder(path), path_(path) {}
 
   void OnDocumentStart(const YAML::Mark&) override {}
   void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { value(make(Node::Kind::null, mark), anchor); }
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override {
+    value(make(Node::Kind::null, mark), anchor);
+  }
 
-  void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor, const std::string& text) override {
+  void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                const std::string& text) override {
     refuse_tag(mark, tag);
     if (builder.wants_key()) {
       if (anchor) fail(mark, "an anchor on a key is not supported");
@@ -57,11 +63,13 @@ class YamlEvents : public YAML::EventHandler {
     limit(copied);
   }
 
-  void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor, YAML::EmitterStyle::value) override {
+  void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                       YAML::EmitterStyle::value) override {
     open(Node::Kind::sequence, mark, tag, anchor);
   }
   void OnSequenceEnd() override { close(); }
-  void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor, YAML::EmitterStyle::value) override {
+  void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                  YAML::EmitterStyle::value) override {
     open(Node::Kind::mapping, mark, tag, anchor);
   }
   void OnMapEnd() override { close(); }
@@ -72,9 +80,11 @@ class YamlEvents : public YAML::EventHandler {
   [[noreturn]] void fail(const YAML::Mark& mark, const std::string& what) const {
     throw InputError(place(path_, mark.line + 1, mark.column + 1) + what);
   }
-  /// Tags beyond those that a plain file has by itself ("?": plain, "!": quoted, "": neither) would change what is meant.
+  /// Tags beyond those that a plain file has by itself ("?": plain, "!": quoted, "": neither) would
+  /// change what is meant.
   void refuse_tag(const YAML::Mark& mark, const std::string& tag) const {
-    if (!tag.empty() && tag != "?" && tag != "!") fail(mark, "the tag '" + tag + "' is not supported");
+    if (!tag.empty() && tag != "?" && tag != "!")
+      fail(mark, "the tag '" + tag + "' is not supported");
   }
   static Node make(Node::Kind kind, const YAML::Mark& mark) {
     Node node;
@@ -83,10 +93,9 @@ class YamlEvents : public YAML::EventHandler {
     node.column = mark.column + 1;
     return node;
   }
-  void value(Node&& node, YAML::anchor_t anchor) {
-    keep(builder.add(std::move(node)), anchor);
-  }
-  void open(Node::Kind kind, const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) {
+  void value(Node&& node, YAML::anchor_t anchor) { keep(builder.add(std::move(node)), anchor); }
+  void open(Node::Kind kind, const YAML::Mark& mark, const std::string& tag,
+            YAML::anchor_t anchor) {
     refuse_tag(mark, tag);
     if (builder.wants_key()) fail(mark, "a key must be a text or a number");
     builder.open(kind, mark.line + 1, mark.column + 1);
@@ -105,8 +114,9 @@ class YamlEvents : public YAML::EventHandler {
   void limit(const Node& copied) {
     alias_nodes_ += count_nodes(copied);
     if (alias_nodes_ > kMaxAliasNodes)
-      throw InputError(place(path_, copied.line, copied.column) + "anchors and aliases hold more than " +
-                       std::to_string(kMaxAliasNodes) + " values");
+      throw InputError(place(path_, copied.line, copied.column) +
+                       "anchors and aliases hold more than " + std::to_string(kMaxAliasNodes) +
+                       " values");
   }
 
   const std::string& path_;
@@ -115,30 +125,45 @@ class YamlEvents : public YAML::EventHandler {
   size_t alias_nodes_ = 0;
 };
 
-// ------------------------------------------------------------------------------------------------ writing
+// ------------------------------------------------------------------------------------------------
+// writing
 /// May the text stand without quotes and mean itself? Stricter than YAML.
 bool plain_ok(const std::string& text, bool in_flow) {
   static const std::set<std::string> nulls = {"", "~", "null", "Null", "NULL"};
-  if (nulls.count(text) || text.front() == ' ' || text.back() == ' ' || text.back() == ':') return false;
-  if (std::string_view("?:,[]{}#&*!|>'\"%@`=<").find(text[0]) != std::string_view::npos) return false;
-  if (text[0] == '-' && (text.size() == 1 || !(std::isalnum(static_cast<unsigned char>(text[1])) || text[1] == '.'))) return false;
-  if (text.compare(0, 3, "...") == 0 || text.find(": ") != std::string::npos || text.find(" #") != std::string::npos) return false;
+  if (nulls.count(text) || text.front() == ' ' || text.back() == ' ' || text.back() == ':')
+    return false;
+  if (std::string_view("?:,[]{}#&*!|>'\"%@`=<").find(text[0]) != std::string_view::npos)
+    return false;
+  if (text[0] == '-' &&
+      (text.size() == 1 || !(std::isalnum(static_cast<unsigned char>(text[1])) || text[1] == '.')))
+    return false;
+  if (text.compare(0, 3, "...") == 0 || text.find(": ") != std::string::npos ||
+      text.find(" #") != std::string::npos)
+    return false;
   if (in_flow && text.find_first_of(",[]{}:") != std::string::npos) return false;
-  return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= 0x20 && c != 0x7f; });
+  return std::all_of(text.begin(), text.end(),
+                     [](unsigned char c) { return c >= 0x20 && c != 0x7f; });
 }
 
 std::string scalar_text(const Node& node, bool in_flow) {
   if (node.kind == Node::Kind::null) return "null";
-  return node.quoted || !plain_ok(node.text, in_flow) ? quoted_text(node.text, Quoting::yaml) : node.text;
+  return node.quoted || !plain_ok(node.text, in_flow) ? quoted_text(node.text, Quoting::yaml)
+                                                      : node.text;
 }
-std::string key_text(const std::string& key, bool in_flow) { return plain_ok(key, in_flow) ? key : quoted_text(key, Quoting::yaml); }
+std::string key_text(const std::string& key, bool in_flow) {
+  return plain_ok(key, in_flow) ? key : quoted_text(key, Quoting::yaml);
+}
 
-bool is_scalar(const Node& node) { return node.kind == Node::Kind::scalar || node.kind == Node::Kind::null; }
+bool is_scalar(const Node& node) {
+  return node.kind == Node::Kind::scalar || node.kind == Node::Kind::null;
+}
 
-/// Sequences of scalars, and small mappings of such or of scalars, go into one line: "" if `node` does not.
+/// Sequences of scalars, and small mappings of such or of scalars, go into one line: "" if `node`
+/// does not.
 std::string flow_text(const Node& node, bool small_mapping) {
   if (is_scalar(node)) {
-    const bool keeps_kind = node.kind == Node::Kind::null || node.quoted || plain_ok(node.text, true);
+    const bool keeps_kind =
+        node.kind == Node::Kind::null || node.quoted || plain_ok(node.text, true);
     return keeps_kind ? scalar_text(node, true) : "";
   }
   std::string out;
@@ -162,17 +187,20 @@ std::string flow_text(const Node& node, bool small_mapping) {
 /// A vector, which stays in one line however long.
 bool is_vector(const Node& node) {
   double value = 0;
-  return node.items.size() <= 12 && std::all_of(node.items.begin(), node.items.end(), [&](const Node& item) {
-    return item.kind == Node::Kind::scalar && !item.quoted && read_number(item.text, value);
-  });
+  return node.items.size() <= 12 &&
+         std::all_of(node.items.begin(), node.items.end(), [&](const Node& item) {
+           return item.kind == Node::Kind::scalar && !item.quoted && read_number(item.text, value);
+         });
 }
 
 void write_block(const Node& node, size_t indent, bool first_line_indented, std::string& out);
 
 /// What follows "key:" or "-": a scalar or flow text in the same line, else a block.
-void write_value(const Node& value, size_t indent, size_t used, bool in_sequence, std::string& out) {
+void write_value(const Node& value, size_t indent, size_t used, bool in_sequence,
+                 std::string& out) {
   const bool one_line = is_scalar(value) || (value.members.empty() && is_vector(value));
-  const std::string line = is_scalar(value) ? scalar_text(value, false) : flow_text(value, !in_sequence);
+  const std::string line =
+      is_scalar(value) ? scalar_text(value, false) : flow_text(value, !in_sequence);
   if (!line.empty() && (one_line || used + line.size() <= kYamlWidth)) {
     out += " " + line + "\n";
   } else if (in_sequence) {
@@ -203,7 +231,8 @@ void write_block(const Node& node, size_t indent, bool first_line_indented, std:
 }  // namespace
 
 Node parse_yaml(const std::string& text, const std::string& path) {
-  // yaml-cpp 0.7 takes a quote that is never closed if the file ends in a line break; an end marker makes it an error.
+  // yaml-cpp 0.7 takes a quote that is never closed if the file ends in a line break; an end marker
+  // makes it an error.
   std::istringstream stream(text + (text.empty() || text.back() == '\n' ? "...\n" : "\n...\n"));
   YamlEvents events(path);
   try {
@@ -211,17 +240,20 @@ Node parse_yaml(const std::string& text, const std::string& path) {
     if (!parser.HandleNextDocument(events)) return Node{};
     YamlEvents rest(path);
     if (parser.HandleNextDocument(rest))
-      throw InputError(place(path, rest.builder.root.line, rest.builder.root.column) + "a second document; one is expected");
+      throw InputError(place(path, rest.builder.root.line, rest.builder.root.column) +
+                       "a second document; one is expected");
   } catch (const YAML::Exception& e) {
     const bool open_quote = e.msg.find("document indicator in scalar") != std::string::npos;
-    throw InputError(place(path, e.mark.line + 1, e.mark.column + 1) + (open_quote ? "a quoted text is not closed" : e.msg));
+    throw InputError(place(path, e.mark.line + 1, e.mark.column + 1) +
+                     (open_quote ? "a quoted text is not closed" : e.msg));
   }
   return std::move(events.builder.root);
 }
 
 std::string to_yaml(const Node& node) {
   if (is_scalar(node)) return scalar_text(node, false) + "\n";
-  if (node.items.empty() && node.members.empty()) return node.kind == Node::Kind::sequence ? "[]\n" : "{}\n";
+  if (node.items.empty() && node.members.empty())
+    return node.kind == Node::Kind::sequence ? "[]\n" : "{}\n";
   std::string out;
   write_block(node, 0, false, out);
   return out;

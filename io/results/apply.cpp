@@ -18,28 +18,34 @@ namespace fs = std::filesystem;
 
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
   constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
-  const std::string path = fs::is_directory(result_path) ? (fs::path(result_path) / "result.json").string() : result_path;
+  const std::string path = fs::is_directory(result_path)
+                               ? (fs::path(result_path) / "result.json").string()
+                               : result_path;
   const std::string text = read_file(path);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);
   if (!all.has("robot") || !all["robot"].has("joints"))
     throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
   if (!force && all["status"].string() != "converged")
-    throw InputError(path + ": status: " + all["status"].string() + ": this result is not to be trusted; --force applies it all the same");
+    throw InputError(path + ": status: " + all["status"].string() +
+                     ": this result is not to be trusted; --force applies it all the same");
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
   const auto apart = [](const Pose& a, const Pose& b) {
-    return std::max((a.translation - b.translation).norm(), log_so3(a.rotation.transpose() * b.rotation).norm());
+    return std::max((a.translation - b.translation).norm(),
+                    log_so3(a.rotation.transpose() * b.rotation).norm());
   };
   UrdfChanges changes;
   std::vector<Pose> origins;
   std::vector<double> offsets(urdf.tree.joints.size(), 0.0);
   for (const Joint& j : urdf.tree.joints) origins.push_back(j.parent_T_joint);
-  for (size_t i = 0; i < all["robot"]["mimics"].size(); ++i) {  // followers of a changed joint must be followers here too
+  for (size_t i = 0; i < all["robot"]["mimics"].size();
+       ++i) {  // followers of a changed joint must be followers here too
     const std::string& name = all["robot"]["mimics"].node->members[i].first;
     const int j = urdf.tree.find_joint(name);
     const std::string motion = j < 0 ? "absent" : motion_text(urdf.tree, urdf.tree.joints[j]);
     if (motion != all["robot"]["mimics"][name].string())
-      throw InputError(urdf.path + ": joint '" + name + "' is not that of the calibrated robot: it is " + motion + ", there it is " +
+      throw InputError(urdf.path + ": joint '" + name +
+                       "' is not that of the calibrated robot: it is " + motion + ", there it is " +
                        all["robot"]["mimics"][name].string());
   }
   size_t held = 0;
@@ -49,17 +55,22 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     const std::string& name = joints.node->members[i].first;
     const Field entry = joints[name];
     const int j = urdf.tree.find_joint(name);
-    if (j < 0) throw InputError(urdf.path + ": has no joint '" + name + "', which the result changes" + nearest_names(name, names));
+    if (j < 0)
+      throw InputError(urdf.path + ": has no joint '" + name + "', which the result changes" +
+                       nearest_names(name, names));
     const std::string motion = motion_text(urdf.tree, urdf.tree.joints[j]);
     if (motion != entry["motion"].string())
-      throw InputError(urdf.path + ": joint '" + name + "' is not that of the calibrated robot: it is " + motion + ", there it is " +
+      throw InputError(urdf.path + ": joint '" + name +
+                       "' is not that of the calibrated robot: it is " + motion + ", there it is " +
                        entry["motion"].string());
     const Pose before = read_exact_pose(entry["old"]), after = read_exact_pose(entry["new"]);
-    const double to_old = apart(urdf.tree.joints[j].parent_T_joint, before), to_new = apart(urdf.tree.joints[j].parent_T_joint, after);
+    const double to_old = apart(urdf.tree.joints[j].parent_T_joint, before),
+                 to_new = apart(urdf.tree.joints[j].parent_T_joint, after);
     if (to_new <= kSame && to_new < to_old) {
       ++held;
     } else if (to_old > kSame) {
-      throw InputError(urdf.path + ": the origin of joint '" + name + "' is not that of the calibrated robot (" + shortest(to_old) +
+      throw InputError(urdf.path + ": the origin of joint '" + name +
+                       "' is not that of the calibrated robot (" + shortest(to_old) +
                        " m or rad away): the changes do not fit this robot");
     }
     changes.origins[j] = after;
@@ -72,13 +83,15 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     for (const Transmission& t : urdf.transmissions)
       if (t.joint == name) changes.reductions[name] = reductions[name]["new"].number();
   }
-  if (held == joints.size() && held > 0) throw InputError(urdf.path + ": holds the changes of " + path + " already");
+  if (held == joints.size() && held > 0)
+    throw InputError(urdf.path + ": holds the changes of " + path + " already");
   if (held > 0)
-    throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " + std::to_string(joints.size()) + " changes of " + path +
-                     " already");
+    throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " +
+                     std::to_string(joints.size()) + " changes of " + path + " already");
   AppliedResult out;
   out.urdf = edit_urdf(urdf, changes);
-  // The written origins hold the offsets: take these out of them again, so that the proof compares file and model as in a calibration.
+  // The written origins hold the offsets: take these out of them again, so that the proof compares
+  // file and model as in a calibration.
   std::vector<double> back(offsets.size());
   for (size_t j = 0; j < offsets.size(); ++j) back[j] = -offsets[j];
   prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
@@ -88,7 +101,8 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     std::string numbers;
     for (const auto& [name, ignored] : model.members)
       if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
-    out.notes.push_back("joint '" + joint + "': a URDF cannot express its joint model (" + models[joint]["model"].string() + numbers +
+    out.notes.push_back("joint '" + joint + "': a URDF cannot express its joint model (" +
+                        models[joint]["model"].string() + numbers +
                         "); this one has its offset only");
   }
   return out;

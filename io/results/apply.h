@@ -14,7 +14,8 @@ struct AppliedResult {
 };
 
 /// Returns the text of `urdf` with the changes of a result (a result directory or its result.json).
-/// @throws InputError if the robot differs from the calibrated one where the result changes it, or holds the changes already; if the
+/// @throws InputError if the robot differs from the calibrated one where the result changes it, or
+/// holds the changes already; if the
 ///         result's status is not `converged`, unless `force`.
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force);
 

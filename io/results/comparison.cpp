@@ -13,7 +13,8 @@
 namespace kincal {
 namespace {
 
-constexpr double kEqual = 1e-9;  // written numbers carry 17 digits; angles go through roll, pitch, yaw
+constexpr double kEqual =
+    1e-9;  // written numbers carry 17 digits; angles go through roll, pitch, yaw
 constexpr int kPostures = 1000;
 constexpr std::uint64_t kSeed = 1;
 
@@ -27,7 +28,8 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
   const auto refuse = [&](const std::string& why) {
     throw InputError(a.path + " and " + b.path + " are calibrations of different robots: " + why);
   };
-  const auto only = [&](const std::string& kind, const std::set<std::string>& in_s, const std::set<std::string>& in_t, const CalibratedFiles& f) {
+  const auto only = [&](const std::string& kind, const std::set<std::string>& in_s,
+                        const std::set<std::string>& in_t, const CalibratedFiles& f) {
     for (const std::string& name : in_s)
       if (!in_t.count(name)) refuse(kind + " '" + name + "' is only in " + f.rig_file.urdf.path);
   };
@@ -36,7 +38,8 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
     for (const Joint& j : tree.joints) out.insert(j.name);
     return out;
   };
-  const std::set<std::string> links_s(s.links.begin(), s.links.end()), links_t(t.links.begin(), t.links.end());
+  const std::set<std::string> links_s(s.links.begin(), s.links.end()),
+      links_t(t.links.begin(), t.links.end());
   only("link", links_s, links_t, a);
   only("link", links_t, links_s, b);
   only("joint", joints(s), joints(t), a);
@@ -44,16 +47,21 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
   for (const Joint& j : s.joints) {
     const Joint& k = t.joints[t.find_joint(j.name)];
     if (s.links[j.parent] != t.links[k.parent] || s.links[j.child] != t.links[k.child])
-      refuse("joint '" + j.name + "' is between '" + s.links[j.parent] + "' and '" + s.links[j.child] + "' in one, between '" +
-             t.links[k.parent] + "' and '" + t.links[k.child] + "' in the other");
+      refuse("joint '" + j.name + "' is between '" + s.links[j.parent] + "' and '" +
+             s.links[j.child] + "' in one, between '" + t.links[k.parent] + "' and '" +
+             t.links[k.child] + "' in the other");
     if (j.type != k.type || (j.moves() && (j.axis - k.axis).norm() > kEqual))
-      refuse("joint '" + j.name + "' is " + motion_of(j) + " in one, " + motion_of(k) + " in the other");
-    const bool mimics = j.mimic && k.mimic && s.joints[j.mimic->master].name == t.joints[k.mimic->master].name &&
-                        j.mimic->multiplier == k.mimic->multiplier && j.mimic->offset == k.mimic->offset;
-    if ((j.mimic || k.mimic) && !mimics) refuse("joint '" + j.name + "' does not follow the same joint in the same way");
+      refuse("joint '" + j.name + "' is " + motion_of(j) + " in one, " + motion_of(k) +
+             " in the other");
+    const bool mimics =
+        j.mimic && k.mimic && s.joints[j.mimic->master].name == t.joints[k.mimic->master].name &&
+        j.mimic->multiplier == k.mimic->multiplier && j.mimic->offset == k.mimic->offset;
+    if ((j.mimic || k.mimic) && !mimics)
+      refuse("joint '" + j.name + "' does not follow the same joint in the same way");
   }
   if (s.links[a.rig_file.rig.base] != t.links[b.rig_file.rig.base])
-    throw InputError(a.path + " has the base " + s.links[a.rig_file.rig.base] + ", " + b.path + " has " + t.links[b.rig_file.rig.base] +
+    throw InputError(a.path + " has the base " + s.links[a.rig_file.rig.base] + ", " + b.path +
+                     " has " + t.links[b.rig_file.rig.base] +
                      ": frames can be compared relative to the same base only");
 }
 
@@ -63,7 +71,8 @@ std::vector<double> xyz_rpy(const Pose& p) {
 }
 
 /// The difference of parameter p of a and q of b; nullopt: the same and freed in neither.
-std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a, const CalibratedFiles& b, int p, int q) {
+std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a,
+                                                        const CalibratedFiles& b, int p, int q) {
   const Parameter &in_a = a.table.all[p], &in_b = b.table.all[q];
   ParameterDifference out;
   out.name = in_a.name;
@@ -71,7 +80,8 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
   out.units = in_a.units;
   double largest = 0;
   if (in_a.pose) {
-    const Pose x = get_pose(a.values, in_a.start), y = get_pose(b.values, in_b.start), e = inverse(x) * y;
+    const Pose x = get_pose(a.values, in_a.start), y = get_pose(b.values, in_b.start),
+               e = inverse(x) * y;
     out.a = xyz_rpy(x);
     out.b = xyz_rpy(y);
     const Vector3d turned = log_so3(e.rotation);
@@ -83,13 +93,15 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
       out.a.push_back(a.values(in_a.start + c));
       out.b.push_back(b.values(in_b.start + c));
       out.difference.push_back(out.b[c] - out.a[c]);
-      largest = std::max(largest, std::abs(out.difference[c]) / (1e-12 * std::max(1.0, std::abs(out.a[c]))));
+      largest = std::max(largest,
+                         std::abs(out.difference[c]) / (1e-12 * std::max(1.0, std::abs(out.a[c]))));
     }
   }
   const auto of_a = a.sigma.find(in_a.name), of_b = b.sigma.find(in_b.name);
   if (of_a == a.sigma.end() && of_b == b.sigma.end() && largest <= 1) return std::nullopt;
   for (int c = 0; c < in_a.size(); ++c) {
-    const double s = of_a == a.sigma.end() ? 0 : of_a->second[c], t = of_b == b.sigma.end() ? 0 : of_b->second[c];
+    const double s = of_a == a.sigma.end() ? 0 : of_a->second[c],
+                 t = of_b == b.sigma.end() ? 0 : of_b->second[c];
     const double both = a.status.empty() || b.status.empty() ? kNan : std::hypot(s, t);
     out.sigma.push_back(both > 0 ? both : kNan);
   }
@@ -97,40 +109,51 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
 }
 
 Json statistics(double rms, double worst, double sigma) {
-  return {{"rms", number(rms)}, {"worst", number(worst)}, {"sigma", number(sigma)}, {"in_sigmas", number(rms / sigma)}};
+  return {{"rms", number(rms)},
+          {"worst", number(worst)},
+          {"sigma", number(sigma)},
+          {"in_sigmas", number(rms / sigma)}};
 }
 
 }  // namespace
 
-Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name, const std::string& where) {
+Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name,
+                  const std::string& where) {
   if (const std::optional<Frame> found = find_frame(rig, table, name)) return *found;
   std::vector<std::string> names;
   for (const Frame& f : all_frames(rig, table)) names.push_back(f.name);
-  throw InputError(where + ": there is no frame '" + name + "' with a way to it from the base " + rig.tree.links[rig.base] +
-                   " (a link, sensor/NAME, or target/NAME of a mounted one)" + nearest_names(name, names));
+  throw InputError(where + ": there is no frame '" + name + "' with a way to it from the base " +
+                   rig.tree.links[rig.base] +
+                   " (a link, sensor/NAME, or target/NAME of a mounted one)" +
+                   nearest_names(name, names));
 }
 
-Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std::vector<std::string>& names, const std::string& samples) {
+Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
+                   const std::vector<std::string>& names, const std::string& samples) {
   check_same_robot(a, b);
   const Rig &rig = a.rig_file.rig, &other = b.rig_file.rig;
   Comparison out;
   out.base = rig.tree.links[rig.base];
   for (size_t p = 0; p < a.table.all.size(); ++p) {
     const int q = find_parameter(b.table, a.table.all[p].name);
-    if (q < 0 || b.table.all[q].size() != a.table.all[p].size() || b.table.all[q].pose != a.table.all[p].pose) {
+    if (q < 0 || b.table.all[q].size() != a.table.all[p].size() ||
+        b.table.all[q].pose != a.table.all[p].pose) {
       out.only_in_a.push_back(a.table.all[p].name);
       continue;
     }
-    if (auto difference = parameter_difference(a, b, static_cast<int>(p), q)) out.parameters.push_back(std::move(*difference));
+    if (auto difference = parameter_difference(a, b, static_cast<int>(p), q))
+      out.parameters.push_back(std::move(*difference));
   }
   for (const Parameter& p : b.table.all) {
     const int q = find_parameter(a.table, p.name);
-    if (q < 0 || a.table.all[q].size() != p.size() || a.table.all[q].pose != p.pose) out.only_in_b.push_back(p.name);
+    if (q < 0 || a.table.all[q].size() != p.size() || a.table.all[q].pose != p.pose)
+      out.only_in_b.push_back(p.name);
   }
 
   std::vector<std::pair<Frame, Frame>> frames;
   for (const std::string& name : names)
-    frames.push_back({frame_named(rig, a.table, name, "--frame"), frame_named(other, b.table, name, "--frame: " + b.path)});
+    frames.push_back({frame_named(rig, a.table, name, "--frame"),
+                      frame_named(other, b.table, name, "--frame: " + b.path)});
   if (names.empty()) {
     std::set<int> carrying;
     for (const Sensor& s : rig.sensors) carrying.insert(s.link);
@@ -139,7 +162,9 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std
     for (const Frame& f : all_frames(rig, a.table)) {
       const std::optional<Frame> g = find_frame(other, b.table, f.name);
       if (!g || (f.pose < 0 && (!carrying.count(f.link) || f.link == rig.base))) continue;
-      const auto identity = [](const Pose& p) { return p.translation.norm() == 0 && p.rotation == Matrix3d::Identity(); };
+      const auto identity = [](const Pose& p) {
+        return p.translation.norm() == 0 && p.rotation == Matrix3d::Identity();
+      };
       if (f.pose >= 0 && identity(get_pose(a.values, a.table.all[f.pose].start)) &&
           identity(get_pose(b.values, b.table.all[g->pose].start)))
         continue;  // the link itself
@@ -156,14 +181,17 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std
   std::vector<Readings> in_b;  // by b's joint indices
   for (const Readings& r : postures) {
     in_b.emplace_back(other.tree.joints.size(), kNan);
-    for (size_t j = 0; j < r.size(); ++j) in_b.back()[other.tree.find_joint(rig.tree.joints[j].name)] = r[j];
+    for (size_t j = 0; j < r.size(); ++j)
+      in_b.back()[other.tree.find_joint(rig.tree.joints[j].name)] = r[j];
   }
-  for (const auto& f : frames) out.frames.push_back(compare_frame(a.robot(), b.robot(), f.first, f.second, postures, in_b));
+  for (const auto& f : frames)
+    out.frames.push_back(compare_frame(a.robot(), b.robot(), f.first, f.second, postures, in_b));
 
   for (const CalibratedFiles* f : {&a, &b}) {
     if (f->status.empty())
       out.notes.push_back(f->path +
-                          " has no result.json: there are no sigmas of it, and joint offsets that were folded into its robot "
+                          " has no result.json: there are no sigmas of it, and joint offsets that "
+                          "were folded into its robot "
                           "cannot be told from origins");
     else if (f->status != "converged")
       out.notes.push_back(f->path + ": status " + f->status);
@@ -171,7 +199,8 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std
   return out;
 }
 
-std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b, const Comparison& comparison) {
+std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
+                            const Comparison& comparison) {
   Json json;
   json["a"] = a.path;
   json["b"] = b.path;
@@ -179,17 +208,20 @@ std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b, 
   json["parameters"] = Json::object();
   for (const ParameterDifference& d : comparison.parameters) {
     std::vector<double> in_sigmas;
-    for (size_t c = 0; c < d.difference.size(); ++c) in_sigmas.push_back(d.difference[c] / d.sigma[c]);
-    json["parameters"][d.name] = {{"unit", d.units},           {"a", numbers(d.a)},
-                                  {"b", numbers(d.b)},         {"difference", numbers(d.difference)},
-                                  {"sigma", numbers(d.sigma)}, {"in_sigmas", numbers(in_sigmas)}};
+    for (size_t c = 0; c < d.difference.size(); ++c)
+      in_sigmas.push_back(d.difference[c] / d.sigma[c]);
+    json["parameters"][d.name] = {
+        {"unit", d.units},           {"a", numbers(d.a)},
+        {"b", numbers(d.b)},         {"difference", numbers(d.difference)},
+        {"sigma", numbers(d.sigma)}, {"in_sigmas", numbers(in_sigmas)}};
   }
   json["workspace"] = comparison.workspace;
   json["frames"] = Json::object();
   for (const FrameDifference& f : comparison.frames)
-    json["frames"][f.frame] = {{"postures", f.postures},
-                               {"position", statistics(f.position_rms, f.position_worst, f.position_sigma)},
-                               {"rotation", statistics(f.rotation_rms, f.rotation_worst, f.rotation_sigma)}};
+    json["frames"][f.frame] = {
+        {"postures", f.postures},
+        {"position", statistics(f.position_rms, f.position_worst, f.position_sigma)},
+        {"rotation", statistics(f.rotation_rms, f.rotation_worst, f.rotation_sigma)}};
   json["only_in_a"] = comparison.only_in_a;
   json["only_in_b"] = comparison.only_in_b;
   json["notes"] = comparison.notes;

@@ -1,7 +1,9 @@
-// Two calibrations of one robot compared: parameter by parameter, and by where they put frames of the robot.
+// Two calibrations of one robot compared: parameter by parameter, and by where they put frames of
+// the robot.
 //
-// Poses are compared as poses, E = a^-1 b, whatever they were started from: translation of E and Log of its rotation, in the frame itself.
-// Their sigmas belong to increments there (of partly freed poses: to xi, the same while that is small).
+// Poses are compared as poses, E = a^-1 b, whatever they were started from: translation of E and
+// Log of its rotation, in the frame itself. Their sigmas belong to increments there (of partly
+// freed poses: to xi, the same while that is small).
 #pragma once
 
 #include <string>
@@ -16,7 +18,7 @@ struct ParameterDifference {
   std::vector<std::string> components, units;
   std::vector<double> a, b;        // poses: xyz and rpy
   std::vector<double> difference;  // b - a; poses: E
-  std::vector<double> sigma;       // of the difference; NaN: unknown, not determined, or held in both
+  std::vector<double> sigma;  // of the difference; NaN: unknown, not determined, or held in both
 };
 
 struct Comparison {
@@ -27,14 +29,19 @@ struct Comparison {
   std::string workspace;                          // `samples` or `limits`
   std::vector<std::string> notes;                 // what to keep in mind
 };
-/// Compares two calibrations. `frames` are names (find_frame); empty: every link that carries a sensor or mounted target, and their own
-/// frames. `samples` is a file whose readings are the workspace; empty: random postures within the joints' limits. @throws InputError: the
-/// robots differ, a frame is unknown.
-Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b, const std::vector<std::string>& frames, const std::string& samples);
+/// Compares two calibrations. `frames` are names (find_frame); empty: every link that carries a
+/// sensor or mounted target, and their own frames. `samples` is a file whose readings are the
+/// workspace; empty: random postures within the joints' limits. @throws InputError: the robots
+/// differ, a frame is unknown.
+Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
+                   const std::vector<std::string>& frames, const std::string& samples);
 
-std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b, const Comparison& comparison);
+std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
+                            const Comparison& comparison);
 
-/// Returns the frame of this name. @throws InputError with the nearest ones; `where` comes first in the message.
-Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name, const std::string& where);
+/// Returns the frame of this name. @throws InputError with the nearest ones; `where` comes first in
+/// the message.
+Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name,
+                  const std::string& where);
 
 }  // namespace kincal

@@ -10,7 +10,8 @@
 namespace kincal {
 
 std::string residuals_csv(const Report& report) {
-  std::string out = "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened\n";
+  std::string out =
+      "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened\n";
   std::map<const View*, const ViewResiduals*> before;
   for (const ViewResiduals& r : report.residuals.before) before[r.view] = &r;
   const Rig& rig = report.solution.rig();
@@ -20,17 +21,21 @@ std::string residuals_csv(const Report& report) {
     const Eigen::Index blocks = r.raw.size() / rows, white = r.whitened.size() / blocks;
     const auto found = before.find(r.view);
     const Sample& sample = report.solution.samples()[r.sample];
-    const std::string head = csv_field(sample.id) + (sample.train ? ",train," : ",test,") + csv_field(sensor.name) + "," +
+    const std::string head = csv_field(sample.id) + (sample.train ? ",train," : ",test,") +
+                             csv_field(sensor.name) + "," +
                              csv_field(rig.targets[r.view->target].name) + ",";
     for (Eigen::Index b = 0; b < blocks; ++b) {
       out += head;
-      if (!sensor.model->measures_pose()) out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
+      if (!sensor.model->measures_pose())
+        out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
       out += std::string(",") + sensor.model->unit();
-      for (int i = 0; i < 6; ++i) out += "," + (i < rows ? shortest(r.raw(b * rows + i)) : std::string());
+      for (int i = 0; i < 6; ++i)
+        out += "," + (i < rows ? shortest(r.raw(b * rows + i)) : std::string());
       for (int i = 0; i < 3; ++i)
-        out += "," + (i < rows && found != before.end() && std::isfinite(found->second->raw(b * rows + i))
-                          ? shortest(found->second->raw(b * rows + i))
-                          : std::string());
+        out += "," +
+               (i < rows && found != before.end() && std::isfinite(found->second->raw(b * rows + i))
+                    ? shortest(found->second->raw(b * rows + i))
+                    : std::string());
       out += "," + shortest(r.whitened.segment(b * white, white).norm()) + "\n";
     }
   }
@@ -39,10 +44,12 @@ std::string residuals_csv(const Report& report) {
 
 std::string covariance_csv(const Solution& solution) {
   std::string out;
-  for (size_t i = 0; i < solution.columns.size(); ++i) out += (i ? "," : "") + csv_field(solution.table().name(solution.columns[i]));
+  for (size_t i = 0; i < solution.columns.size(); ++i)
+    out += (i ? "," : "") + csv_field(solution.table().name(solution.columns[i]));
   out += "\n";
   for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i) {
-    for (Eigen::Index j = 0; j < solution.covariance.cols(); ++j) out += (j ? "," : "") + shortest(solution.covariance(i, j));
+    for (Eigen::Index j = 0; j < solution.covariance.cols(); ++j)
+      out += (j ? "," : "") + shortest(solution.covariance(i, j));
     out += "\n";
   }
   return out;

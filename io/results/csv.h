@@ -17,7 +17,8 @@ std::string csv_field(const std::string& text);
 /// Reads the rows of a CSV file as this program writes them. @throws InputError
 std::vector<std::vector<std::string>> read_csv(const std::string& path);
 
-/// Reads a field as a finite number; `place` (path:line) begins the message of the error. @throws InputError
+/// Reads a field as a finite number; `place` (path:line) begins the message of the error. @throws
+/// InputError
 double csv_number(const std::string& text, const std::string& place);
 
 }  // namespace kincal

@@ -1,5 +1,5 @@
-// Values as the JSON files of a result have them. It is not for users of the library: it brings the JSON library along and is not
-// installed.
+// Values as the JSON files of a result have them. It is not for users of the library: it brings the
+// JSON library along and is not installed.
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -18,9 +18,11 @@ int find_joint(const Tree& tree, const std::string& name, const std::string& whe
   std::vector<std::string> names;
   for (const Joint& j : tree.joints)
     if (j.has_reading()) names.push_back(j.name);
-  if (joint < 0) throw InputError(where + ": unknown joint '" + name + "'" + nearest_names(name, names));
+  if (joint < 0)
+    throw InputError(where + ": unknown joint '" + name + "'" + nearest_names(name, names));
   if (!tree.joints[joint].has_reading())
-    throw InputError(where + ": joint '" + name + "' " + (tree.joints[joint].mimic ? "follows another one" : "does not move"));
+    throw InputError(where + ": joint '" + name + "' " +
+                     (tree.joints[joint].mimic ? "follows another one" : "does not move"));
   return joint;
 }
 
@@ -31,7 +33,8 @@ LocalPosture posture_of_list(const std::string& text, const Rig& rig) {
     const size_t end = std::min(text.find(',', begin), text.size());
     const std::string part = text.substr(begin, end - begin);
     const size_t equals = part.find('=');
-    if (equals == std::string::npos || equals == 0) throw InputError(where + ": joint=value,joint=value is expected, not '" + part + "'");
+    if (equals == std::string::npos || equals == 0)
+      throw InputError(where + ": joint=value,joint=value is expected, not '" + part + "'");
     const Node value = scalar_node(part.substr(equals + 1));
     const int joint = find_joint(rig.tree, part.substr(0, equals), where);
     if (!out.emplace(joint, Field{&value, &where, part.substr(0, equals)}.number()).second)
@@ -44,7 +47,8 @@ LocalPosture posture_of_list(const std::string& text, const Rig& rig) {
 LocalPosture posture_of_file(const std::string& path, const Rig& rig) {
   const Node node = parse_yaml(read_file(path), path);
   const Field field = top(node, path);
-  if (node.kind != Node::Kind::mapping || node.members.empty()) field.fail("a mapping of joints to positions is expected");
+  if (node.kind != Node::Kind::mapping || node.members.empty())
+    field.fail("a mapping of joints to positions is expected");
   LocalPosture out;
   for (const auto& [name, value] : node.members) {
     const Field position{&value, &path, name};
@@ -54,7 +58,8 @@ LocalPosture posture_of_file(const std::string& path, const Rig& rig) {
 }
 
 Json rms(const SplitStatistics& s, bool measures_pose) {
-  Json out = {{"points", s.points}, {"before", number(s.rms_before)}, {"after", number(s.rms_as_read)}};
+  Json out = {
+      {"points", s.points}, {"before", number(s.rms_before)}, {"after", number(s.rms_as_read)}};
   if (measures_pose) {
     out["rotation_before"] = number(s.rotation_before);
     out["rotation_after"] = number(s.rotation_as_read);
@@ -62,14 +67,18 @@ Json rms(const SplitStatistics& s, bool measures_pose) {
   return out;
 }
 
-Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local, const LocalSource& source) {
-  Json out = {
-      {"format", "kincal-local/1"},
-      {"kincal", source.version},
-      {"input", {{"command", source.command}, {"rig", source.rig_hash}, {"samples", source.samples_hash}, {"urdf", source.urdf_hash}}},
-      {"near", source.near},
-      {"posture", Json::object()},
-      {"gain", local.gain}};
+Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
+             const LocalSource& source) {
+  Json out = {{"format", "kincal-local/1"},
+              {"kincal", source.version},
+              {"input",
+               {{"command", source.command},
+                {"rig", source.rig_hash},
+                {"samples", source.samples_hash},
+                {"urdf", source.urdf_hash}}},
+              {"near", source.near},
+              {"posture", Json::object()},
+              {"gain", local.gain}};
   for (const auto& [joint, at] : posture) out["posture"][rig.tree.joints[joint].name] = number(at);
   out["radius"] = local.gain ? number(local.radius) : Json(nullptr);
   out["radius_ends"] = local.gain ? Json(local.ends) : Json(nullptr);
@@ -79,12 +88,15 @@ Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration
   out["bandwidth"] = number(local.bandwidth);
   out["prior"] = number(local.prior);
   out["noise"] = number(local.noise);
-  out["chi2"] = {{"before", number(local.chi2_before)}, {"after", number(local.chi2)}, {"gain_sigma", number(local.gain_sigma)}};
+  out["chi2"] = {{"before", number(local.chi2_before)},
+                 {"after", number(local.chi2)},
+                 {"gain_sigma", number(local.gain_sigma)}};
   out["significance"] = number(local.significance);
   out["offsets"] = Json::object();
   for (const LocalOffset& o : local.offsets) {
     const Joint& joint = rig.tree.joints[o.joint];
-    Json one = {{"offset", number(o.offset)}, {"unit", joint.type == JointType::prismatic ? "m" : "rad"}};
+    Json one = {{"offset", number(o.offset)},
+                {"unit", joint.type == JointType::prismatic ? "m" : "rad"}};
     if (local.gain) {
       one["sigma"] = number(o.sigma);
       one["variation"] = number(o.variation);
@@ -110,12 +122,14 @@ void unquote(Node& node) {
 
 }  // namespace
 
-LocalPosture read_local_posture(const std::string& text, const Rig& rig, const std::vector<Sample>& samples) {
+LocalPosture read_local_posture(const std::string& text, const Rig& rig,
+                                const std::vector<Sample>& samples) {
   std::vector<std::string> ids;
   for (const Sample& s : samples) {
     if (s.id == text) {
       LocalPosture posture = posture_of(rig, s);
-      if (posture.empty()) throw InputError("--near: no view of sample '" + text + "' depends on a joint");
+      if (posture.empty())
+        throw InputError("--near: no view of sample '" + text + "' depends on a joint");
       return posture;
     }
     ids.push_back(s.id);
@@ -123,20 +137,26 @@ LocalPosture read_local_posture(const std::string& text, const Rig& rig, const s
   std::error_code ignored;
   if (std::filesystem::is_regular_file(text, ignored)) return posture_of_file(text, rig);
   if (text.find('=') != std::string::npos) return posture_of_list(text, rig);
-  throw InputError("--near: '" + text + "' is no sample's id, no file and not joint=value,..." + nearest_names(text, ids));
+  throw InputError("--near: '" + text + "' is no sample's id, no file and not joint=value,..." +
+                   nearest_names(text, ids));
 }
 
-std::string local_json(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local, const LocalSource& source) {
+std::string local_json(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
+                       const LocalSource& source) {
   return json_of(rig, posture, local, source).dump(1) + "\n";
 }
 
-std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local, const LocalSource& source) {
-  const std::string comment = local.gain
-                                  ? "# Joint offsets around one posture: position = scale * reading + the rig's offset + this.\n"
-                                    "# Not for use elsewhere than around this posture (`radius`: no joint of it further away, rad or m).\n"
-                                    "# Do not fold into the URDF: that is for the whole workspace.\n"
-                                  : "# No local offsets: the global calibration is as good here (`gain: false`). Offsets are 0.\n"
-                                    "# Of this posture only; do not fold into the URDF.\n";
+std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
+                       const LocalSource& source) {
+  const std::string comment =
+      local.gain ? "# Joint offsets around one posture: position = scale * reading + the rig's "
+                   "offset + this.\n"
+                   "# Not for use elsewhere than around this posture (`radius`: no joint of it "
+                   "further away, rad or m).\n"
+                   "# Do not fold into the URDF: that is for the whole workspace.\n"
+                 : "# No local offsets: the global calibration is as good here (`gain: false`). "
+                   "Offsets are 0.\n"
+                   "# Of this posture only; do not fold into the URDF.\n";
   Node node = parse_json(json_of(rig, posture, local, source).dump(), "local.yaml");
   unquote(node);
   return comment + to_yaml(node);

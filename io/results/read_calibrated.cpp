@@ -44,29 +44,34 @@ void unfold(const Field& result, CalibratedFiles& out) {
     const std::string& name = joints.node->members[i].first;
     const int j = tree.find_joint(name);
     const std::vector<double> xyz = joints[name]["new"]["xyz"].vector(3);
-    if (j < 0 || (origins[j].translation - Eigen::Map<const Vector3d>(xyz.data())).norm() > kSameOrigin)
-      throw InputError(joints[name].where() + ": is not that of " + out.rig_file.urdf.path + ": this result.json belongs to another robot");
+    if (j < 0 ||
+        (origins[j].translation - Eigen::Map<const Vector3d>(xyz.data())).norm() > kSameOrigin)
+      throw InputError(joints[name].where() + ": is not that of " + out.rig_file.urdf.path +
+                       ": this result.json belongs to another robot");
     offsets[j] = joints[name]["offset"].number();
     back[j] = -offsets[j];
   }
   origins = fold_offsets(tree, origins, back);
   for (size_t j = 0; j < tree.joints.size(); ++j) {
     set_pose(out.values, out.table.all[out.table.joint_origin[j]].start, origins[j]);
-    if (out.table.joint_offset[j] >= 0) out.values(out.table.all[out.table.joint_offset[j]].start) += offsets[j];
+    if (out.table.joint_offset[j] >= 0)
+      out.values(out.table.all[out.table.joint_offset[j]].start) += offsets[j];
   }
   const Field reductions = robot["reductions"];
   for (size_t i = 0; i < reductions.size(); ++i) {
     const std::string& name = reductions.node->members[i].first;
     const int j = tree.find_joint(name);
     if (j >= 0 && reductions[name]["written"].boolean())
-      out.values(out.table.all[out.table.joint_scale[j]].start) = reductions[name]["scale"].number();
+      out.values(out.table.all[out.table.joint_scale[j]].start) =
+          reductions[name]["scale"].number();
   }
 }
 
 /// Unknowns of the last step from covariance.csv and result.json.
 Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table) {
   const std::vector<std::vector<std::string>> rows = read_csv(path);
-  if (rows.empty() || rows.size() != rows[0].size() + 1) throw InputError(path + ": as many rows as columns and a header are expected");
+  if (rows.empty() || rows.size() != rows[0].size() + 1)
+    throw InputError(path + ": as many rows as columns and a header are expected");
   Unknowns out;
   const Eigen::Index n = static_cast<Eigen::Index>(rows[0].size());
   out.covariance.setZero(n, n);
@@ -74,17 +79,21 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
   std::map<int, int> components;
   for (Eigen::Index c = 0; c < n; ++c) {
     const Component found = find_component(table, rows[0][c]);
-    if (found.parameter < 0) throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
+    if (found.parameter < 0)
+      throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
     out.columns.push_back(found);
     ++components[found.parameter];
     column[rows[0][c]] = static_cast<int>(c);
     if (rows[c + 1].size() != rows[0].size())
-      throw InputError(path + ":" + std::to_string(c + 2) + ": a number for every name is expected");
-    for (Eigen::Index d = 0; d < n; ++d) out.covariance(c, d) = csv_number(rows[c + 1][d], path + ":" + std::to_string(c + 2));
+      throw InputError(path + ":" + std::to_string(c + 2) +
+                       ": a number for every name is expected");
+    for (Eigen::Index d = 0; d < n; ++d)
+      out.covariance(c, d) = csv_number(rows[c + 1][d], path + ":" + std::to_string(c + 2));
   }
   for (const auto& p : components)
     if (table.all[p.first].pose && p.second < 6) {
-      const std::vector<double> xi = numbers_or_null(result["parameters"][table.all[p.first].name]["value"]);
+      const std::vector<double> xi =
+          numbers_or_null(result["parameters"][table.all[p.first].name]["value"]);
       out.charts[p.first] = right_jacobian_se3(Eigen::Map<const Vector6d>(xi.data()));
     }
   const Field directions = result["unobservable"];
@@ -93,7 +102,8 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
     const Field direction = directions.item(k);
     for (const auto& member : direction.node->members)
       if (column.count(member.first))
-        out.undetermined(column[member.first], static_cast<Eigen::Index>(k)) = direction[member.first].number();
+        out.undetermined(column[member.first], static_cast<Eigen::Index>(k)) =
+            direction[member.first].number();
   }
   return out;
 }
@@ -114,7 +124,9 @@ CalibratedFiles read_calibrated(const std::string& given) {
   const fs::path rig = folder || json ? (folder ? path : path.parent_path()) / "rig.yaml" : path;
   const fs::path result = json ? path : rig.parent_path() / "result.json";
   if (!fs::exists(rig, ignored))
-    throw InputError(given + ": a result directory, its result.json, or a rig.yaml is expected: there is no " + rig.string());
+    throw InputError(
+        given + ": a result directory, its result.json, or a rig.yaml is expected: there is no " +
+        rig.string());
   RigFile rig_file = read_rig(rig.string());
   ParameterTable table(rig_file.rig);
   const VectorXd values = table.initial;
@@ -125,7 +137,8 @@ CalibratedFiles read_calibrated(const std::string& given) {
   const Node node = parse_json(read_file(where), where);
   const Field all = top(node, where);
   if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
-    throw InputError(where + ": is no result of `kincal calibrate`: it has no robot, parameters and status");
+    throw InputError(
+        where + ": is no result of `kincal calibrate`: it has no robot, parameters and status");
   unfold(all, out);
   out.status = all["status"].string();
   const Field parameters = all["parameters"];
@@ -134,11 +147,13 @@ CalibratedFiles read_calibrated(const std::string& given) {
     const int p = find_parameter(out.table, name);
     if (p < 0) throw InputError(parameters[name].where() + ": is no parameter of " + rig.string());
     std::vector<double> sigma = numbers_or_null(parameters[name]["sigma"]);
-    if (static_cast<int>(sigma.size()) != out.table.all[p].size()) parameters[name]["sigma"].fail("a number a component is expected");
+    if (static_cast<int>(sigma.size()) != out.table.all[p].size())
+      parameters[name]["sigma"].fail("a number a component is expected");
     out.sigma[name] = std::move(sigma);
   }
   const fs::path covariance = rig.parent_path() / "covariance.csv";
-  if (fs::exists(covariance, ignored)) out.unknowns = read_unknowns(covariance.string(), all, out.table);
+  if (fs::exists(covariance, ignored))
+    out.unknowns = read_unknowns(covariance.string(), all, out.table);
   return out;
 }
 

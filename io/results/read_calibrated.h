@@ -1,6 +1,7 @@
-// A calibration as its files have it: a result directory, its result.json, or a rig.yaml. With a result.json beside the rig, the joint
-// offsets that were folded into the written robot are taken out of its origins again, so that offsets stand against offsets; sigmas and
-// covariance come from there too. A rig.yaml alone has neither.
+// A calibration as its files have it: a result directory, its result.json, or a rig.yaml. With a
+// result.json beside the rig, the joint offsets that were folded into the written robot are taken
+// out of its origins again, so that offsets stand against offsets; sigmas and covariance come from
+// there too. A rig.yaml alone has neither.
 #pragma once
 
 #include <map>
@@ -18,9 +19,11 @@ struct CalibratedFiles {
   std::string path;  // as given
   RigFile rig_file;
   ParameterTable table;
-  VectorXd values;                                   // ParameterTable's layout; offsets taken out of the origins where they are known
-  std::string status;                                // as in result.json; empty: there is none
-  std::map<std::string, std::vector<double>> sigma;  // parameter that a step freed -> by component; NaN: not determined, 0: held
+  VectorXd
+      values;  // ParameterTable's layout; offsets taken out of the origins where they are known
+  std::string status;  // as in result.json; empty: there is none
+  std::map<std::string, std::vector<double>>
+      sigma;  // parameter that a step freed -> by component; NaN: not determined, 0: held
   std::optional<Unknowns> unknowns;
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }

@@ -32,8 +32,9 @@ Json statistics(const SplitStatistics& s, bool measures_pose, bool before) {
 Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
   Json out = Json::object();
   for (const SensorResult& s : sensors)
-    out[s.name] = {
-        {"unit", s.unit}, {"train", statistics(s.train, s.measures_pose, before)}, {"test", statistics(s.test, s.measures_pose, before)}};
+    out[s.name] = {{"unit", s.unit},
+                   {"train", statistics(s.train, s.measures_pose, before)},
+                   {"test", statistics(s.test, s.measures_pose, before)}};
   return out;
 }
 
@@ -53,7 +54,9 @@ Json noise_table(const std::vector<NoiseLevel>& levels) {
   return out;
 }
 
-Json interval(const Interval& i) { return std::isfinite(i.low) ? numbers({i.low, i.high}) : Json(nullptr); }
+Json interval(const Interval& i) {
+  return std::isfinite(i.low) ? numbers({i.low, i.high}) : Json(nullptr);
+}
 
 Json held_out_table(const std::vector<HeldOutError>& sensors) {
   Json out = Json::object();
@@ -78,7 +81,9 @@ Json held_out_table(const std::vector<HeldOutError>& sensors) {
   return out;
 }
 
-Json sigma_json(const SigmaStatistics& s) { return {{"rms", number(s.rms)}, {"median", number(s.median)}, {"worst", number(s.worst)}}; }
+Json sigma_json(const SigmaStatistics& s) {
+  return {{"rms", number(s.rms)}, {"median", number(s.median)}, {"worst", number(s.worst)}};
+}
 
 /// What was asked for.
 Json validation_json(const Validation& v) {
@@ -89,11 +94,16 @@ Json validation_json(const Validation& v) {
     const CrossValidation& c = *v.cross_validation;
     Json folds = Json::array();
     for (const CrossValidation::Fold& f : c.folds) {
-      const char* status = !f.error.empty() ? "failed" : !f.converged ? "not_converged" : !f.determined ? "unobservable" : "converged";
+      const char* status = !f.error.empty() ? "failed"
+                           : !f.converged   ? "not_converged"
+                           : !f.determined  ? "unobservable"
+                                            : "converged";
       folds.push_back({{"held_out", f.held_out}, {"status", status}, {"error", f.error}});
     }
-    out["cross_validation"] = {
-        {"by", c.by_target ? "target" : "sample"}, {"folds", folds}, {"never_held_out", c.never}, {"sensors", held_out_table(c.sensors)}};
+    out["cross_validation"] = {{"by", c.by_target ? "target" : "sample"},
+                               {"folds", folds},
+                               {"never_held_out", c.never},
+                               {"sensors", held_out_table(c.sensors)}};
   }
   if (!v.frames.empty()) out["frames"] = Json::object();
   for (const FrameReport& f : v.frames) {
@@ -104,7 +114,8 @@ Json validation_json(const Validation& v) {
                                  {"rotation", sigma_json(s.rotation)},
                                  {"position_with_readings", sigma_json(s.position_with_readings)},
                                  {"rotation_with_readings", sigma_json(s.rotation_with_readings)}};
-    out["frames"][f.frame] = {{"base", f.base}, {"workspaces", workspaces}, {"taken_as_exact", f.held}};
+    out["frames"][f.frame] = {
+        {"base", f.base}, {"workspaces", workspaces}, {"taken_as_exact", f.held}};
   }
   if (!v.requirements.empty()) out["requirements"] = Json::array();
   for (const Judgement& j : v.requirements) {
@@ -142,10 +153,14 @@ void add_explanation(Json& json, const Explanation& e) {
   json["weak_directions"] = weak_list(e.weak);
   json["prior_decides"] = Json::array();
   for (const PriorDecides& p : e.prior_decides)
-    json["prior_decides"].push_back({{"parameter", p.name}, {"unit", p.unit}, {"prior", number(p.prior)}, {"sigma", number(p.sigma)}});
+    json["prior_decides"].push_back({{"parameter", p.name},
+                                     {"unit", p.unit},
+                                     {"prior", number(p.prior)},
+                                     {"sigma", number(p.sigma)}});
   json["correlations"] = Json::array();
   for (const Correlation& c : e.correlations)
-    json["correlations"].push_back({{"a", c.a}, {"b", c.b}, {"correlation", number(c.correlation)}});
+    json["correlations"].push_back(
+        {{"a", c.a}, {"b", c.b}, {"correlation", number(c.correlation)}});
 }
 
 Json warning_list(const std::vector<Warning>& warnings) {
@@ -186,7 +201,10 @@ Json restarts_json(const Restarts& restarts) {
   for (const Minimum& m : restarts.minima) {
     Json differs = Json::object();
     for (const auto& d : m.differs) differs[d.first] = number(d.second);
-    out["minima"].push_back({{"cost", number(m.cost)}, {"chi2", number(m.chi2)}, {"count", m.count}, {"differs", differs}});
+    out["minima"].push_back({{"cost", number(m.cost)},
+                             {"chi2", number(m.chi2)},
+                             {"count", m.count},
+                             {"differs", differs}});
   }
   return out;
 }
@@ -233,8 +251,11 @@ Json result_json(const Report& report) {
   }
   json["parameters"] = Json::object();
   for (const ParameterEstimate& e : solution.parameters) {
-    Json one = {
-        {"unit", e.units}, {"initial", numbers(e.initial)}, {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}, {"step", e.step}};
+    Json one = {{"unit", e.units},
+                {"initial", numbers(e.initial)},
+                {"value", numbers(e.value)},
+                {"sigma", numbers(e.sigma)},
+                {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
     json["parameters"][e.name] = one;
   }
@@ -244,19 +265,23 @@ Json result_json(const Report& report) {
     if (s.is_null()) s = {{"targets", Json::object()}, {"joint_errors", Json::object()}};
     return s;
   };
-  for (const auto& t : solution.values.targets) sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
-  for (const auto& e : solution.values.errors) sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
+  for (const auto& t : solution.values.targets)
+    sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
+  for (const auto& e : solution.values.errors)
+    sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(report.residuals.sensors, true);
   if (report.restarts) json["restarts"] = restarts_json(*report.restarts);
   json["noise_levels"] = noise_table(report.noise_levels);
   if (report.noise_estimated)
-    json["noise_estimated"] = {{"rounds", report.noise_estimated->count}, {"converged", report.noise_estimated->converged}};
+    json["noise_estimated"] = {{"rounds", report.noise_estimated->count},
+                               {"converged", report.noise_estimated->converged}};
   json["validation"] = validation_json(report.validation);
   if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
   json["unobservable"] = directions(solution.unobservable);
   add_explanation(json, report.explanation);
   if (report.diagnosis) json["findings"] = findings_json(report.diagnosis->findings);
-  const std::vector<StagingTrial> trials = report.staging ? report.staging->trials : std::vector<StagingTrial>();
+  const std::vector<StagingTrial> trials =
+      report.staging ? report.staging->trials : std::vector<StagingTrial>();
   if (!trials.empty()) json["staging"] = Json::array();
   for (const StagingTrial& t : trials)
     json["staging"].push_back({{"group", t.group},
@@ -275,7 +300,9 @@ Json result_json(const Report& report) {
   }
   json["leverage"] = Json::array();
   for (const Leverage& l : report.leverage)
-    json["leverage"].push_back({{"sample", l.sample}, {"parameter", l.parameter}, {"moved_sigmas", number(l.moved_sigmas)}});
+    json["leverage"].push_back({{"sample", l.sample},
+                                {"parameter", l.parameter},
+                                {"moved_sigmas", number(l.moved_sigmas)}});
   json["warnings"] = warning_list(report.warnings);
   return json;
 }
@@ -291,11 +318,12 @@ std::string evaluation_json(const Evaluation& evaluation, const std::vector<Warn
 Json findings_json(const std::vector<Finding>& findings) {
   Json out = Json::array();
   for (const Finding& f : findings)
-    out.push_back({{"id", f.id},
-                   {"text", f.text},
-                   {"where", f.where},
-                   {"chi2_as_is", f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr)},
-                   {"chi2_corrected", f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr)}});
+    out.push_back(
+        {{"id", f.id},
+         {"text", f.text},
+         {"where", f.where},
+         {"chi2_as_is", f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr)},
+         {"chi2_corrected", f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr)}});
   return out;
 }
 

@@ -1,12 +1,13 @@
-// What result.json has of a calibration: a function a section, put together in result_json(). It is not for users of the library
-// (they have Report): it brings the JSON library along and is not installed.
+// What result.json has of a calibration: a function a section, put together in result_json(). It is
+// not for users of the library (they have Report): it brings the JSON library along and is not
+// installed.
 #pragma once
 
 #include <string>
 #include <vector>
 
-#include "../../models/report/report.h"
 #include "../../models/doctor/doctor.h"
+#include "../../models/report/report.h"
 #include "json_values.h"
 
 namespace kincal {
@@ -14,7 +15,8 @@ namespace kincal {
 /// Returns the name that a status has in result.json.
 std::string status_name(Status status);
 
-/// Returns all of result.json but for the program's version, the inputs and the changes of the robot.
+/// Returns all of result.json but for the program's version, the inputs and the changes of the
+/// robot.
 Json result_json(const Report& report);
 
 /// Returns an evaluation as JSON text: chi2, dof, sensors and warnings.

@@ -1,4 +1,5 @@
-// What a calibration writes: a directory with the calibrated robot, the rig, and everything known about them. apply.h goes back from there.
+// What a calibration writes: a directory with the calibrated robot, the rig, and everything known
+// about them. apply.h goes back from there.
 #pragma once
 
 #include <string>
@@ -9,7 +10,8 @@
 
 namespace kincal {
 
-/// A Reduction is a gear scale as a mechanical reduction (old / scale) of the joint's <transmission>.
+/// A Reduction is a gear scale as a mechanical reduction (old / scale) of the joint's
+/// <transmission>.
 struct Reduction {
   std::string joint, transmission;
   double scale = 1, before = 1, after = 1;
@@ -18,10 +20,11 @@ struct Reduction {
 /// ResultFiles are a finished run in the terms of files, before anything is written.
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv, residuals_csv;
-  std::string batch_json;                         // left to a batch (summary_file.h); empty: not written
+  std::string batch_json;  // left to a batch (summary_file.h); empty: not written
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
-  std::vector<Reduction> reductions;              // of every calibrated scale whose joint has a transmission
-  std::vector<std::string> not_in_urdf;           // freed parameters that a URDF cannot express; they stand in rig.yaml and result.json
+  std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
+  std::vector<std::string> not_in_urdf;  // freed parameters that a URDF cannot express; they stand
+                                         // in rig.yaml and result.json
 };
 
 struct ResultOptions {
@@ -32,10 +35,13 @@ struct ResultOptions {
   bool write_reduction = false;  // reductions into robot.urdf, scales in rig.yaml to 1
 };
 
-/// Makes all texts and proves the URDF (prove_urdf). @throws std::runtime_error where the proof fails.
-ResultFiles make_results(const RigFile& rig_file, const Report& report, const ResultOptions& options);
+/// Makes all texts and proves the URDF (prove_urdf). @throws std::runtime_error where the proof
+/// fails.
+ResultFiles make_results(const RigFile& rig_file, const Report& report,
+                         const ResultOptions& options);
 
 /// Writes the files of a result as write_directory (document/files.h) does.
-bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)(), const std::string& scratch = "");
+bool write_results(const std::string& directory, const ResultFiles& files, bool force,
+                   bool (*go_on)(), const std::string& scratch = "");
 
 }  // namespace kincal

@@ -15,18 +15,21 @@ Pose read_exact_pose(const Field& field) {
   field.check_keys({"xyz", "rotation"});
   const std::vector<double> xyz = field["xyz"].vector(3), rows = field["rotation"].table(3);
   if (rows.size() != 9) field["rotation"].fail("3 x 3 numbers are expected");
-  return {Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()), Eigen::Map<const Vector3d>(xyz.data())};
+  return {Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()),
+          Eigen::Map<const Vector3d>(xyz.data())};
 }
 
 std::string motion_text(const Tree& tree, const Joint& joint) {
   std::string out = type_name(joint.type);
   if (joint.moves()) out += " " + shortest(joint.axis);
   if (joint.mimic)
-    out += " mimics " + tree.joints[joint.mimic->master].name + " times " + shortest(joint.mimic->multiplier) + " plus " +
-           shortest(joint.mimic->offset);
+    out += " mimics " + tree.joints[joint.mimic->master].name + " times " +
+           shortest(joint.mimic->multiplier) + " plus " + shortest(joint.mimic->offset);
   return out;
 }
 
-bool equal(const Pose& a, const Pose& b) { return a.rotation == b.rotation && a.translation == b.translation; }
+bool equal(const Pose& a, const Pose& b) {
+  return a.rotation == b.rotation && a.translation == b.translation;
+}
 
 }  // namespace kincal

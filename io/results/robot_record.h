@@ -1,5 +1,6 @@
-// What result.json records of the robot, so that the changes of a result can be put into another copy of it. It is not for users of the
-// library: it brings the JSON library along and is not installed.
+// What result.json records of the robot, so that the changes of a result can be put into another
+// copy of it. It is not for users of the library: it brings the JSON library along and is not
+// installed.
 #pragma once
 
 #include <string>

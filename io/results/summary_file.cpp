@@ -18,22 +18,30 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 double number_or_none(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
 
 /// Names and errors hold file names, which may be in any encoding.
-std::string text(const Json& json) { return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n"; }
+std::string text(const Json& json) {
+  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
 
 Json set_json(const SetSummary& set) {
   Json out = {{"status", set.status}, {"exit_code", set.exit_code}, {"error", set.error}};
   if (set.status != "failed") {
     out["chi2"] = number(set.chi2);
     out["dof"] = set.dof;
-    out["chi2_per_dof"] = set.dof > 0 ? number(set.chi2 / static_cast<double>(set.dof)) : Json(nullptr);
+    out["chi2_per_dof"] =
+        set.dof > 0 ? number(set.chi2 / static_cast<double>(set.dof)) : Json(nullptr);
   }
   out["seconds"] = number(set.seconds);
   out["warnings"] = set.warnings;
   out["sensors"] = Json::object();
-  for (const SensorRms& s : set.sensors) out["sensors"][s.name] = {{"unit", s.unit}, {"train", number(s.train)}, {"test", number(s.test)}};
+  for (const SensorRms& s : set.sensors)
+    out["sensors"][s.name] = {
+        {"unit", s.unit}, {"train", number(s.train)}, {"test", number(s.test)}};
   out["parameters"] = Json::object();
   for (const Change& c : set.changes)
-    out["parameters"][c.name] = {{"unit", c.unit}, {"initial", number(c.initial)}, {"value", number(c.value)}, {"sigma", number(c.sigma)}};
+    out["parameters"][c.name] = {{"unit", c.unit},
+                                 {"initial", number(c.initial)},
+                                 {"value", number(c.value)},
+                                 {"sigma", number(c.sigma)}};
   return out;
 }
 
@@ -47,11 +55,13 @@ SetSummary read_set(const Json& json) {
   set.seconds = number_or_none(json.at("seconds"));
   set.warnings = json.at("warnings").get<std::vector<std::string>>();
   for (const auto& s : json.at("sensors").items())
-    set.sensors.push_back(
-        {s.key(), s.value().at("unit").get<std::string>(), number_or_none(s.value().at("train")), number_or_none(s.value().at("test"))});
+    set.sensors.push_back({s.key(), s.value().at("unit").get<std::string>(),
+                           number_or_none(s.value().at("train")),
+                           number_or_none(s.value().at("test"))});
   for (const auto& c : json.at("parameters").items()) {
     const Json& v = c.value();
-    set.changes.push_back({c.key(), v.at("unit").get<std::string>(), number_or_none(v.at("initial")), number_or_none(v.at("value")),
+    set.changes.push_back({c.key(), v.at("unit").get<std::string>(),
+                           number_or_none(v.at("initial")), number_or_none(v.at("value")),
                            number_or_none(v.at("sigma"))});
   }
   return set;
@@ -59,10 +69,12 @@ SetSummary read_set(const Json& json) {
 
 std::string cell(double v) { return std::isfinite(v) ? shortest(v) : ""; }
 
-std::string heading(const std::string& name, const std::string& unit) { return unit.empty() ? name : name + " [" + unit + "]"; }
+std::string heading(const std::string& name, const std::string& unit) {
+  return unit.empty() ? name : name + " [" + unit + "]";
+}
 
-/// The columns of a set: of its sensors, or of its parameters. A value that is no number, and a parameter that did not
-/// change, need no column.
+/// The columns of a set: of its sensors, or of its parameters. A value that is no number, and a
+/// parameter that did not change, need no column.
 std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool parameters) {
   std::vector<std::pair<std::string, double>> all;
   if (parameters) {
@@ -74,7 +86,9 @@ std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool 
       all.push_back({heading("rms " + s.name + " test", s.unit), s.test});
     }
   }
-  all.erase(std::remove_if(all.begin(), all.end(), [](const auto& e) { return !std::isfinite(e.second); }), all.end());
+  all.erase(std::remove_if(all.begin(), all.end(),
+                           [](const auto& e) { return !std::isfinite(e.second); }),
+            all.end());
   return all;
 }
 
@@ -94,7 +108,8 @@ SetSummary summarize(const Report& report) {
     if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
   for (const SensorResult& s : report.residuals.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
-    if (s.measures_pose) set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
+    if (s.measures_pose)
+      set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
   }
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c)
@@ -105,8 +120,9 @@ SetSummary summarize(const Report& report) {
 }
 
 std::string record_text(const BatchRecord& r) {
-  const Json json = {{"kincal", r.version}, {"options", r.options}, {"rig", r.rig},          {"samples", r.samples},
-                     {"urdf", r.urdf},      {"robot", r.robot},     {"set", set_json(r.set)}};
+  const Json json = {{"kincal", r.version},   {"options", r.options}, {"rig", r.rig},
+                     {"samples", r.samples},  {"urdf", r.urdf},       {"robot", r.robot},
+                     {"set", set_json(r.set)}};
   return text(json);
 }
 
@@ -139,12 +155,14 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
   for (const std::string& name : columns) out += "," + csv_field(name);
   out += "\n";
   for (const SetSummary& set : sets) {
-    out += csv_field(set.name) + "," + set.status + "," + std::to_string(set.exit_code) + "," + csv_field(set.error) + ",";
+    out += csv_field(set.name) + "," + set.status + "," + std::to_string(set.exit_code) + "," +
+           csv_field(set.error) + ",";
     if (set.status == "failed") {
       out += ",,,";
     } else {
       out += cell(set.chi2) + "," + std::to_string(set.dof) + "," +
-             (set.dof > 0 ? cell(set.chi2 / static_cast<double>(set.dof)) : std::string()) + "," + std::to_string(set.warnings.size());
+             (set.dof > 0 ? cell(set.chi2 / static_cast<double>(set.dof)) : std::string()) + "," +
+             std::to_string(set.warnings.size());
     }
     std::vector<std::string> cells(columns.size());
     for (bool parameters : {false, true})
@@ -155,14 +173,17 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
   return out;
 }
 
-std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version, const std::string& options, size_t ignored) {
+std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version,
+                         const std::string& options, size_t ignored) {
   Json json = {{"kincal", version}, {"options", options}, {"sets", sets.size()}};
   for (const char* status : {"converged", "unobservable", "not_converged", "failed"})
-    json[status] = std::count_if(sets.begin(), sets.end(), [&](const SetSummary& s) { return s.status == status; });
+    json[status] = std::count_if(sets.begin(), sets.end(),
+                                 [&](const SetSummary& s) { return s.status == status; });
   json["ignored"] = ignored;
   json["results"] = Json::object();
   Json& results = json["results"];
-  for (const SetSummary& set : sets) results.get_ref<Json::object_t&>().emplace_back(set.name, set_json(set));
+  for (const SetSummary& set : sets)
+    results.get_ref<Json::object_t&>().emplace_back(set.name, set_json(set));
   return text(json);
 }
 

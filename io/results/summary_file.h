@@ -1,5 +1,6 @@
-// What a batch of calibrations writes of its sets: the record in each result directory (batch.json), from which a later run knows what is
-// done, and the table over all sets (summary.csv, summary.json).
+// What a batch of calibrations writes of its sets: the record in each result directory
+// (batch.json), from which a later run knows what is done, and the table over all sets
+// (summary.csv, summary.json).
 #pragma once
 
 #include <optional>
@@ -10,7 +11,8 @@
 
 namespace kincal {
 
-/// A SensorRms is the rms of a sensor's residuals; a sensor that measures poses has a second one, `NAME/rotation`. NaN: none.
+/// A SensorRms is the rms of a sensor's residuals; a sensor that measures poses has a second one,
+/// `NAME/rotation`. NaN: none.
 struct SensorRms {
   std::string name, unit;
   double train = 0, test = 0;
@@ -52,10 +54,12 @@ std::string record_text(const BatchRecord& record);
 /// Reads a record; nullopt if there is none, or it cannot be read.
 std::optional<BatchRecord> read_record(const std::string& path);
 
-/// Writes one line a set. Columns of sensors and parameters stand in the order in which the sets name them first; parameters that no set
-/// changed are left out. Nothing in it depends on time or on how many ran at once.
+/// Writes one line a set. Columns of sensors and parameters stand in the order in which the sets
+/// name them first; parameters that no set changed are left out. Nothing in it depends on time or
+/// on how many ran at once.
 std::string summary_csv(const std::vector<SetSummary>& sets);
 /// Writes everything; `ignored` counts the folders that are no set.
-std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version, const std::string& options, size_t ignored);
+std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version,
+                         const std::string& options, size_t ignored);
 
 }  // namespace kincal

@@ -12,14 +12,17 @@
 namespace kincal {
 
 const char* const kTargetForm =
-    "chessboard:ROWSxCOLUMNS:SQUARE, circles:ROWSxCOLUMNS:SPACING, charuco:ROWSxCOLUMNS:SQUARE:MARKER,\n"
-    "apriltag_grid:ROWSxCOLUMNS:TAG:GAP (gap / tag) or points:X,Y,Z[;X,Y,Z...], then @LINK where it is mounted (without: free, its own\n"
+    "chessboard:ROWSxCOLUMNS:SQUARE, circles:ROWSxCOLUMNS:SPACING, "
+    "charuco:ROWSxCOLUMNS:SQUARE:MARKER,\n"
+    "apriltag_grid:ROWSxCOLUMNS:TAG:GAP (gap / tag) or points:X,Y,Z[;X,Y,Z...], then @LINK where "
+    "it is mounted (without: free, its own\n"
     "pose in every sample) and :NAME; lengths in m";
 
 std::string sensor_form() {
   std::string types;
   const std::vector<SensorKeys>& all = sensor_types();
-  for (size_t i = 0; i < all.size(); ++i) types += (i == 0 ? "" : i + 1 < all.size() ? ", " : " or ") + all[i].name;
+  for (size_t i = 0; i < all.size(); ++i)
+    types += (i == 0 ? "" : i + 1 < all.size() ? ", " : " or ") + all[i].name;
   return "TYPE:LINK[:NAME] with TYPE " + types;
 }
 
@@ -43,20 +46,25 @@ double number(const std::string& text, const std::string& option, const std::str
 
 double positive(const std::string& text, const std::string& option, const std::string& what) {
   const double value = number(text, option, what);
-  if (!(value > 0)) throw InputError(option + ": " + what + ": a number greater than 0 is expected, not '" + text + "'");
+  if (!(value > 0))
+    throw InputError(option + ": " + what + ": a number greater than 0 is expected, not '" + text +
+                     "'");
   return value;
 }
 
 std::string known_link(const std::string& link, const Tree& tree, const std::string& option) {
-  if (tree.find_link(link) < 0) throw InputError(option + ": unknown link '" + link + "'" + nearest_names(link, tree.links));
+  if (tree.find_link(link) < 0)
+    throw InputError(option + ": unknown link '" + link + "'" + nearest_names(link, tree.links));
   return link;
 }
 
 template <class Keys>
-std::string known_type(const std::string& type, const std::vector<Keys>& types, const std::string& option) {
+std::string known_type(const std::string& type, const std::vector<Keys>& types,
+                       const std::string& option) {
   const Names names = names_of(types);
   if (!find_type(types, type))
-    throw InputError(option + ": unknown type '" + type + "'" + nearest_names(type, names) + "; valid: " + comma_separated(names));
+    throw InputError(option + ": unknown type '" + type + "'" + nearest_names(type, names) +
+                     "; valid: " + comma_separated(names));
   return type;
 }
 
@@ -65,7 +73,8 @@ template <class T, class F>
 void give_names(std::vector<T>& things, const char* option, const F& base) {
   std::set<std::string> taken;
   for (const T& t : things)
-    if (!t.name.empty() && !taken.insert(t.name).second) throw InputError(std::string(option) + ": the name '" + t.name + "' stands twice");
+    if (!t.name.empty() && !taken.insert(t.name).second)
+      throw InputError(std::string(option) + ": the name '" + t.name + "' stands twice");
   for (T& t : things) {
     if (!t.name.empty()) continue;
     const std::string plain = base(t);
@@ -74,14 +83,17 @@ void give_names(std::vector<T>& things, const char* option, const F& base) {
   }
 }
 
-std::string list(const std::vector<double>& numbers) { return list_text(numbers.data(), static_cast<int>(numbers.size())); }
+std::string list(const std::vector<double>& numbers) {
+  return list_text(numbers.data(), static_cast<int>(numbers.size()));
+}
 
 std::string target_text(const NewTarget& t) {
   std::string out = "  " + yaml_text(t.name) + ":\n    type: " + t.type + "\n";
   const char* pose = "  # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}";
   if (t.type == "points") {
     out += "    points: [";
-    for (size_t i = 0; i < t.points.size(); i += 3) out += (i ? ", " : "") + list({t.points[i], t.points[i + 1], t.points[i + 2]});
+    for (size_t i = 0; i < t.points.size(); i += 3)
+      out += (i ? ", " : "") + list({t.points[i], t.points[i + 1], t.points[i + 2]});
     out += "]          # m, in the target's frame\n";
   } else {
     out += "    rows: " + std::to_string(t.rows) + "                      # " +
@@ -93,26 +105,38 @@ std::string target_text(const NewTarget& t) {
     out += std::string("    ") + find_type(target_types(), t.type)->size + ": " + shortest(t.size) +
            "                # m: measure it, over several squares\n";
     if (t.type == "charuco")
-      out += "    marker: " + shortest(t.second) + "\n    dictionary: DICT_6X6_250    # GUESS; only for the detection, not used here\n";
+      out += "    marker: " + shortest(t.second) +
+             "\n    dictionary: DICT_6X6_250    # GUESS; only for the detection, not used here\n";
     if (t.type == "apriltag_grid")
       out += "    spacing: " + shortest(t.second) +
-             "               # gap / tag\n    family: tag36h11          # only for the detection, not used here\n";
+             "               # gap / tag\n    family: tag36h11          # only for the detection, "
+             "not used here\n";
   }
-  if (t.link.empty()) return out + "    mount: free                  # its own pose in every sample\n";
-  return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose + "   # link_T_target; left away: found from the data\n";
+  if (t.link.empty())
+    return out + "    mount: free                  # its own pose in every sample\n";
+  return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose +
+         "   # link_T_target; left away: found from the data\n";
 }
 
 /// Every sensor and target gets a name. @throws InputError where options contradict each other.
 void complete(NewRig& rig) {
   if (rig.sensors.empty()) throw InputError("--sensor: at least one is needed: " + sensor_form());
-  if (rig.targets.empty()) throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
-  give_names(rig.sensors, "--sensor", [](const NewSensor& s) { return s.type == "tilting_laser" ? std::string("laser") : s.type; });
-  give_names(rig.targets, "--target", [](const NewTarget& t) { return t.type == "points" ? std::string("points") : std::string("board"); });
+  if (rig.targets.empty())
+    throw InputError(std::string("--target: at least one is needed:\n") + kTargetForm);
+  give_names(rig.sensors, "--sensor", [](const NewSensor& s) {
+    return s.type == "tilting_laser" ? std::string("laser") : s.type;
+  });
+  give_names(rig.targets, "--target", [](const NewTarget& t) {
+    return t.type == "points" ? std::string("points") : std::string("board");
+  });
   const auto cameras =
-      static_cast<size_t>(std::count_if(rig.sensors.begin(), rig.sensors.end(), [](const NewSensor& s) { return s.type == "camera"; }));
-  for (const auto& given : {std::make_pair("--intrinsics", rig.intrinsics.size()), std::make_pair("--image-size", rig.image_sizes.size())})
+      static_cast<size_t>(std::count_if(rig.sensors.begin(), rig.sensors.end(),
+                                        [](const NewSensor& s) { return s.type == "camera"; }));
+  for (const auto& given : {std::make_pair("--intrinsics", rig.intrinsics.size()),
+                            std::make_pair("--image-size", rig.image_sizes.size())})
     if (given.second > 1 && given.second != cameras)
-      throw InputError(std::string(given.first) + ": stands " + std::to_string(given.second) + " times for " + std::to_string(cameras) +
+      throw InputError(std::string(given.first) + ": stands " + std::to_string(given.second) +
+                       " times for " + std::to_string(cameras) +
                        " cameras: once for all, or once for each in their order");
 }
 
@@ -127,10 +151,12 @@ std::string head_text(const Tree& tree, const std::string& robot) {
       "base: " +
       yaml_text(tree.links[tree.root]) +
       "                # frame of free targets\n\n"
-      "# Noise of one joint reading (repeatability, backlash), rad; 0: exact. It decides how residuals are shared between robot and\n"
+      "# Noise of one joint reading (repeatability, backlash), rad; 0: exact. It decides how "
+      "residuals are shared between robot and\n"
       "# sensors: chi2/dof near 1 and joint errors within 4 sigmas say that it is right.\n"
       "joints:\n"
-      "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 mrad\n";
+      "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 "
+      "mrad\n";
   for (const Joint& joint : tree.joints)
     if (joint.has_reading() && joint.type == JointType::prismatic)
       out += "  " + yaml_text(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
@@ -140,47 +166,61 @@ std::string head_text(const Tree& tree, const std::string& robot) {
 /// What only a camera has; `camera`: its number among the cameras.
 std::string camera_text(const NewRig& rig, const NewSensor& s, size_t camera) {
   std::string out;
-  const auto of_camera = [&](const auto& all) { return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera]; };
+  const auto of_camera = [&](const auto& all) {
+    return all.empty() ? nullptr : &all[all.size() == 1 ? 0 : camera];
+  };
   const std::vector<double>* intrinsics = of_camera(rig.intrinsics);
   const std::vector<int>* size = of_camera(rig.image_sizes);
   if (!intrinsics && !size)
     throw InputError("--sensor " + s.type + ":" + s.link +
-                     ": a camera needs --intrinsics FX,FY,CX,CY, or --image-size WIDTHxHEIGHT to guess them from");
-  out += "    model: brown_conrady         # or pinhole (images rectified), kannala_brandt (fisheye)\n";
-  if (size) out += "    image_size: [" + std::to_string((*size)[0]) + ", " + std::to_string((*size)[1]) + "]\n";
+                     ": a camera needs --intrinsics FX,FY,CX,CY, or --image-size WIDTHxHEIGHT to "
+                     "guess them from");
+  out +=
+      "    model: brown_conrady         # or pinhole (images rectified), kannala_brandt "
+      "(fisheye)\n";
+  if (size)
+    out += "    image_size: [" + std::to_string((*size)[0]) + ", " + std::to_string((*size)[1]) +
+           "]\n";
   if (intrinsics)
     out += "    intrinsics: " + list(*intrinsics) + "   # fx fy cx cy, px\n";
   else
-    out += "    intrinsics: " + list({1.0 * (*size)[0], 1.0 * (*size)[0], ((*size)[0] - 1) / 2.0, ((*size)[1] - 1) / 2.0}) +
-           "   # GUESS: 53 degrees wide, centre of the image\n";
-  out +=
-      "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n";
+    out +=
+        "    intrinsics: " +
+        list({1.0 * (*size)[0], 1.0 * (*size)[0], ((*size)[0] - 1) / 2.0, ((*size)[1] - 1) / 2.0}) +
+        "   # GUESS: 53 degrees wide, centre of the image\n";
+  out += "    # distortion: [0, 0, 0, 0, 0] # k1 k2 p1 p2 k3\n";
   return out;
 }
 
 std::string laser_text(const Tree& tree, const NewSensor& s) {
   int link = tree.find_link(s.link), joint = tree.joint_above[link];
-  while (joint >= 0 && !tree.joints[joint].has_reading()) joint = tree.joint_above[tree.joints[joint].parent];
-  if (joint < 0) throw InputError("--sensor " + s.type + ":" + s.link + ": no joint above this link moves: nothing tilts the laser");
-  return "    joint: " + yaml_text(tree.joints[joint].name) +
-         "   # that moves while it scans\n";
+  while (joint >= 0 && !tree.joints[joint].has_reading())
+    joint = tree.joint_above[tree.joints[joint].parent];
+  if (joint < 0)
+    throw InputError("--sensor " + s.type + ":" + s.link +
+                     ": no joint above this link moves: nothing tilts the laser");
+  return "    joint: " + yaml_text(tree.joints[joint].name) + "   # that moves while it scans\n";
 }
 
 std::string sensor_text(const Tree& tree, const NewRig& rig, const NewSensor& s, size_t camera) {
   const SensorKeys& type = *find_type(sensor_types(), s.type);
-  std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type + "\n    link: " + yaml_text(s.link) + "\n" +
-                          "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
+  std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type +
+                    "\n    link: " + yaml_text(s.link) + "\n" +
+                    "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
   if (s.type == "camera") out += camera_text(rig, s, camera);
   if (type.make()->scans()) out += laser_text(tree, s);
   return out + "    sigma: " + type.guess + "\n";
 }
 
-/// The first chain with several moving joints between the links that carry something, as a step names it; "" if there is none.
+/// The first chain with several moving joints between the links that carry something, as a step
+/// names it; "" if there is none.
 std::string example_chain(const Tree& tree, const NewRig& rig) {
   const auto moves_between = [&](const std::string& a, const std::string& b) {
     try {
       const Path path = find_path(tree, tree.find_link(a), tree.find_link(b));
-      return std::count_if(path.begin(), path.end(), [&](const PathStep& step) { return tree.joints[step.joint].moves(); }) > 1;
+      return std::count_if(path.begin(), path.end(), [&](const PathStep& step) {
+               return tree.joints[step.joint].moves();
+             }) > 1;
     } catch (const std::invalid_argument&) {
       return false;
     }
@@ -198,16 +238,20 @@ std::string example_chain(const Tree& tree, const NewRig& rig) {
 /// An example of steps, with names that exist.
 std::string steps_text(const Tree& tree, const NewRig& rig) {
   std::string poses;
-  for (const NewSensor& s : rig.sensors) poses += (poses.empty() ? "" : ", ") + yaml_text("sensor/" + s.name + "/pose");
+  for (const NewSensor& s : rig.sensors)
+    poses += (poses.empty() ? "" : ", ") + yaml_text("sensor/" + s.name + "/pose");
   for (const NewTarget& t : rig.targets)
     if (!t.link.empty()) poses += ", " + yaml_text("target/" + t.name + "/pose");
   const std::string chain = example_chain(tree, rig);
   std::string out =
-      "\n# Without `estimate`, `kincal calibrate` chooses by cross-validation what to free, and writes the steps it found into the "
+      "\n# Without `estimate`, `kincal calibrate` chooses by cross-validation what to free, and "
+      "writes the steps it found into the "
       "result's\n"
-      "# rig.yaml. To choose yourself, steps such as these (each starts where the one before ended; `kincal calibrate --dry-run` shows "
+      "# rig.yaml. To choose yourself, steps such as these (each starts where the one before "
+      "ended; `kincal calibrate --dry-run` shows "
       "what\n"
-      "# they free; offsets of the first and last joint are often the mounts' own: --fix them where they come out as unobservable):\n"
+      "# they free; offsets of the first and last joint are often the mounts' own: --fix them "
+      "where they come out as unobservable):\n"
       "# estimate:\n"
       "#   - step: mounts\n"
       "#     free: [" +
@@ -220,7 +264,8 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
       "#     priors: {\"joint/*/offset\": 0.05}\n";
   if (!chain.empty())
     out +=
-        "#   - step: geometry                # the independent numbers of the chain; they contain the offsets\n"
+        "#   - step: geometry                # the independent numbers of the chain; they contain "
+        "the offsets\n"
         "#     free: [" +
         poses + ", " + yaml_text(chain) +
         "]\n"
@@ -235,7 +280,8 @@ NewSensor parse_new_sensor(const std::string& text, const Tree& tree) {
   const std::string option = "--sensor " + text;
   const std::vector<std::string> parts = split(text, ':');
   const std::string type = known_type(parts[0], sensor_types(), option);
-  if (parts.size() < 2 || parts.size() > 3) throw InputError(option + ": " + sensor_form() + " is expected");
+  if (parts.size() < 2 || parts.size() > 3)
+    throw InputError(option + ": " + sensor_form() + " is expected");
   return {type, known_link(parts[1], tree, option), parts.size() > 2 ? parts[2] : ""};
 }
 
@@ -245,10 +291,13 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   std::vector<std::string> fields = split(text.substr(0, at), ':');
   NewTarget out;
   out.type = known_type(fields[0], target_types(), option);
-  const size_t numbers = out.type == "points" ? 2 : out.type == "charuco" || out.type == "apriltag_grid" ? 4 : 3;
+  const size_t numbers = out.type == "points"                                   ? 2
+                         : out.type == "charuco" || out.type == "apriltag_grid" ? 4
+                                                                                : 3;
   if (at != std::string::npos) {
     const std::vector<std::string> where = split(text.substr(at + 1), ':');
-    if (where.size() > 2 || fields.size() != numbers) throw InputError(option + ": expected is one of\n" + kTargetForm);
+    if (where.size() > 2 || fields.size() != numbers)
+      throw InputError(option + ": expected is one of\n" + kTargetForm);
     out.link = known_link(where[0], tree, option);
     if (where.size() > 1) out.name = where[1];
   } else if (fields.size() == numbers + 1) {
@@ -259,24 +308,28 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   if (out.type == "points") {
     for (const std::string& point : split(fields[1], ';')) {
       const std::vector<std::string> xyz = split(point, ',');
-      if (xyz.size() != 3) throw InputError(option + ": a point is X,Y,Z in m, not '" + point + "'");
+      if (xyz.size() != 3)
+        throw InputError(option + ": a point is X,Y,Z in m, not '" + point + "'");
       for (const std::string& v : xyz) out.points.push_back(number(v, option, "points"));
     }
     return out;
   }
   const std::vector<std::string> size = split(fields[1], 'x');
-  if (size.size() != 2) throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
+  if (size.size() != 2)
+    throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
   const auto count = [&](const std::string& t, const char* name) {
     const double value = number(t, option, name);
     const int least = out.type == "charuco" ? 2 : 1;
     if (value != std::floor(value) || value < least || value > 1000)
-      throw InputError(option + ": " + name + ": a whole number from " + std::to_string(least) + " to 1000 is expected, not '" + t + "'");
+      throw InputError(option + ": " + name + ": a whole number from " + std::to_string(least) +
+                       " to 1000 is expected, not '" + t + "'");
     return static_cast<int>(value);
   };
   out.rows = count(size[0], "rows");
   out.columns = count(size[1], "columns");
   out.size = positive(fields[2], option, "size");
-  if (numbers == 4) out.second = positive(fields[3], option, out.type == "charuco" ? "marker" : "gap");
+  if (numbers == 4)
+    out.second = positive(fields[3], option, out.type == "charuco" ? "marker" : "gap");
   return out;
 }
 
@@ -286,7 +339,8 @@ std::string new_rig_text(const Urdf& urdf, NewRig rig) {
   std::string out = head_text(tree, rig.robot) + "\ntargets:\n";
   for (const NewTarget& t : rig.targets) out += target_text(t);
   out +=
-      "\n# Poses are link_T_sensor. One that is left away is found from the data where a step frees it wholly, else it is the identity.\n"
+      "\n# Poses are link_T_sensor. One that is left away is found from the data where a step "
+      "frees it wholly, else it is the identity.\n"
       "sensors:\n";
   size_t camera = 0;
   for (const NewSensor& s : rig.sensors) {

@@ -17,15 +17,17 @@ struct NewSensor {
 struct NewTarget {
   std::string type, link, name;
   int rows = 0, columns = 0;
-  double size = 0, second = 0;  // square, spacing or tag; marker (charuco) or gap / tag (apriltag_grid)
-  std::vector<double> points;   // x y z of each
+  double size = 0,
+         second = 0;  // square, spacing or tag; marker (charuco) or gap / tag (apriltag_grid)
+  std::vector<double> points;  // x y z of each
 };
 
 /// These are the forms that the two options take, for help and messages.
 std::string sensor_form();
 extern const char* const kTargetForm;
 
-/// Both parse one option. @throws InputError naming the option, what is wrong and what is valid (types; the nearest links).
+/// Both parse one option. @throws InputError naming the option, what is wrong and what is valid
+/// (types; the nearest links).
 NewSensor parse_new_sensor(const std::string& text, const Tree& tree);
 NewTarget parse_new_target(const std::string& text, const Tree& tree);
 
@@ -38,8 +40,9 @@ struct NewRig {
   std::vector<std::vector<int>> image_sizes;    // width height
 };
 
-/// Writes the commented text of a rig that read_rig() takes. Names that are missing are made from the types. @throws InputError: duplicate
-/// names, a camera without intrinsics and image size, a tilting laser without a joint that moves it.
+/// Writes the commented text of a rig that read_rig() takes. Names that are missing are made from
+/// the types. @throws InputError: duplicate names, a camera without intrinsics and image size, a
+/// tilting laser without a joint that moves it.
 std::string new_rig_text(const Urdf& urdf, NewRig rig);
 
 }  // namespace kincal

@@ -18,7 +18,8 @@ namespace {
 
 constexpr int kMostRows = 10'000;  // of a board; more is a slip, and would fill the memory
 
-// ------------------------------------------------------------------------------------------------ names
+// ------------------------------------------------------------------------------------------------
+// names
 /// Indices of the names that a name or glob means. A name that exists is always only itself.
 std::vector<int> matching(const Field& where, const std::string& pattern, const Names& names) {
   const auto exact = std::find(names.begin(), names.end(), pattern);
@@ -26,7 +27,8 @@ std::vector<int> matching(const Field& where, const std::string& pattern, const 
   std::vector<int> found;
   for (size_t i = 0; i < names.size(); ++i)
     if (glob_matches(pattern, names[i])) found.push_back(static_cast<int>(i));
-  if (found.empty()) where.fail("'" + pattern + "' matches nothing" + nearest_names(pattern, names));
+  if (found.empty())
+    where.fail("'" + pattern + "' matches nothing" + nearest_names(pattern, names));
   return found;
 }
 
@@ -37,7 +39,8 @@ int read_link(const Field& field, const Tree& tree) {
   return link;
 }
 
-/// The joints between two links; a floating or planar one is an error of `field`, which asks for the path.
+/// The joints between two links; a floating or planar one is an error of `field`, which asks for
+/// the path.
 Path path_between(const Field& field, const Tree& tree, int from, int to) {
   try {
     return find_path(tree, from, to);
@@ -50,19 +53,23 @@ bool is_null(const Field& field) { return field.node->kind == Node::Kind::null; 
 
 /// Fails unless `field` is a mapping with something in it.
 void check_entries(const Field& field, const std::string& of) {
-  if (field.node->kind != Node::Kind::mapping || field.size() == 0) field.fail("a mapping of " + of + " is expected, at least one");
+  if (field.node->kind != Node::Kind::mapping || field.size() == 0)
+    field.fail("a mapping of " + of + " is expected, at least one");
 }
 
-/// Reads the type of a target or sensor and checks its keys: those of the type beside `required` and `optional` ones of all types.
+/// Reads the type of a target or sensor and checks its keys: those of the type beside `required`
+/// and `optional` ones of all types.
 template <class Keys>
-const Keys& read_keys(const Field& field, const std::vector<Keys>& types, Names required, Names optional) {
+const Keys& read_keys(const Field& field, const std::vector<Keys>& types, Names required,
+                      Names optional) {
   if (field.node->kind != Node::Kind::mapping) field.check_keys({"type"});
   const std::string type = field["type"].string();
   const Keys* keys = find_type(types, type);
   if (!keys) {
     Names valid = names_of(types);
     std::sort(valid.begin(), valid.end());
-    field["type"].fail("unknown type '" + type + "'" + nearest_names(type, valid) + "; valid: " + comma_separated(valid));
+    field["type"].fail("unknown type '" + type + "'" + nearest_names(type, valid) +
+                       "; valid: " + comma_separated(valid));
   }
   required.insert(required.end(), keys->required.begin(), keys->required.end());
   optional.insert(optional.end(), keys->optional.begin(), keys->optional.end());
@@ -70,7 +77,8 @@ const Keys& read_keys(const Field& field, const std::vector<Keys>& types, Names 
   return *keys;
 }
 
-// ------------------------------------------------------------------------------------------------ targets
+// ------------------------------------------------------------------------------------------------
+// targets
 Eigen::Matrix3Xd matrix_of(const std::vector<double>& xyz) {
   return Eigen::Map<const Eigen::Matrix3Xd>(xyz.data(), 3, static_cast<int>(xyz.size() / 3));
 }
@@ -78,21 +86,26 @@ Eigen::Matrix3Xd matrix_of(const std::vector<double>& xyz) {
 /// Reads how a board lays out its points; of a type that is no list of points.
 GridLayout read_layout(const Field& field, const std::string& type) {
   using Kind = GridLayout::Kind;
-  static const std::map<std::string, Kind> kinds = {
-      {"chessboard", Kind::corners}, {"charuco", Kind::charuco}, {"circles", Kind::circles}, {"apriltag_grid", Kind::tags}};
+  static const std::map<std::string, Kind> kinds = {{"chessboard", Kind::corners},
+                                                    {"charuco", Kind::charuco},
+                                                    {"circles", Kind::circles},
+                                                    {"apriltag_grid", Kind::tags}};
   GridLayout grid;
   grid.kind = kinds.at(type);
-  const int least = grid.kind == Kind::charuco ? 2 : 1;  // its squares have inner corners only from 2 on
+  const int least =
+      grid.kind == Kind::charuco ? 2 : 1;  // its squares have inner corners only from 2 on
   grid.rows = field["rows"].integer(least, kMostRows);
   grid.columns = field["columns"].integer(least, kMostRows);
-  grid.asymmetric = grid.kind == Kind::circles && field.has("asymmetric") && field["asymmetric"].boolean();
+  grid.asymmetric =
+      grid.kind == Kind::circles && field.has("asymmetric") && field["asymmetric"].boolean();
   if (grid.kind == Kind::tags) grid.gap = field["spacing"].number_at_least(0);
   return grid;
 }
 
 void read_mount(const Field& field, const Tree& tree, int base, Target& target) {
   if (field.node->kind == Node::Kind::scalar) {
-    if (field.string() != "free") field.fail("'free' or {link, pose} is expected, not '" + field.string() + "'");
+    if (field.string() != "free")
+      field.fail("'free' or {link, pose} is expected, not '" + field.string() + "'");
     return;
   }
   field.check_keys({"link"}, {"pose"});
@@ -126,16 +139,19 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   return target;
 }
 
-// ------------------------------------------------------------------------------------------------ sensors
+// ------------------------------------------------------------------------------------------------
+// sensors
 void read_camera(const Field& field, Sensor& sensor) {
-  static const std::map<std::string, Lens> lenses = {
-      {"pinhole", Lens::pinhole}, {"brown_conrady", Lens::brown_conrady}, {"kannala_brandt", Lens::kannala_brandt}};
+  static const std::map<std::string, Lens> lenses = {{"pinhole", Lens::pinhole},
+                                                     {"brown_conrady", Lens::brown_conrady},
+                                                     {"kannala_brandt", Lens::kannala_brandt}};
   const std::string model = field["model"].string();
   const auto lens = lenses.find(model);
   if (lens == lenses.end()) {
     Names names;
     for (const auto& one : lenses) names.push_back(one.first);
-    field["model"].fail("unknown model '" + model + "'" + nearest_names(model, names) + "; valid: " + comma_separated(names));
+    field["model"].fail("unknown model '" + model + "'" + nearest_names(model, names) +
+                        "; valid: " + comma_separated(names));
   }
   const std::vector<double> intrinsics = field["intrinsics"].vector(4);
   for (size_t i = 0; i < 2; ++i) field["intrinsics"].item(i).positive();
@@ -143,12 +159,15 @@ void read_camera(const Field& field, Sensor& sensor) {
   std::vector<double> distortion(pinhole ? 0 : lens->second == Lens::kannala_brandt ? 4 : 5, 0.0);
   if (field.has("distortion")) {
     distortion = field["distortion"].vector();
-    if (pinhole && std::all_of(distortion.begin(), distortion.end(), [](double k) { return k == 0; })) distortion.clear();
+    if (pinhole &&
+        std::all_of(distortion.begin(), distortion.end(), [](double k) { return k == 0; }))
+      distortion.clear();
   }
   try {
     sensor.model = make_camera(lens->second, static_cast<int>(distortion.size()));
   } catch (const std::invalid_argument& e) {
-    field["distortion"].fail(model + ": " + (pinhole ? "no distortion, or all 0, is expected" : e.what()));
+    field["distortion"].fail(model + ": " +
+                             (pinhole ? "no distortion, or all 0, is expected" : e.what()));
   }
   const double baseline = field.has("baseline") ? field["baseline"].number() : 0;
   sensor.parameters = camera_parameters(lens->second, intrinsics, distortion, baseline);
@@ -159,20 +178,23 @@ void read_camera(const Field& field, Sensor& sensor) {
   sensor.image_height = size.item(1).integer(1, 1'000'000);
 }
 
-void read_scanning_joint(const Field& field, const Tree& tree, const Path& path, int base, Sensor& sensor) {
+void read_scanning_joint(const Field& field, const Tree& tree, const Path& path, int base,
+                         Sensor& sensor) {
   const std::string name = field.string();
   Names scanning;
   for (const Joint& joint : tree.joints)
     if (joint.has_reading()) scanning.push_back(joint.name);
   sensor.scanning_joint = tree.find_joint(name);
-  if (sensor.scanning_joint < 0) field.fail("unknown joint '" + name + "'" + nearest_names(name, scanning));
+  if (sensor.scanning_joint < 0)
+    field.fail("unknown joint '" + name + "'" + nearest_names(name, scanning));
   if (!tree.joints[sensor.scanning_joint].has_reading())
     field.fail("joint '" + name + "' has no reading of its own" + nearest_names(name, scanning));
   Names valid;
   for (const PathStep& step : path)
     if (tree.joints[step.joint].has_reading()) valid.push_back(tree.joints[step.joint].name);
   if (std::find(valid.begin(), valid.end(), name) == valid.end())
-    field.fail("joint '" + name + "' is not between the base '" + tree.links[base] + "' and link '" + tree.links[sensor.link] +
+    field.fail("joint '" + name + "' is not between the base '" + tree.links[base] +
+               "' and link '" + tree.links[sensor.link] +
                "'; valid: " + (valid.empty() ? "none" : comma_separated(valid)));
 }
 
@@ -192,14 +214,18 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   return sensor;
 }
 
-// ------------------------------------------------------------------------------------------------ steps
+// ------------------------------------------------------------------------------------------------
+// steps
 Loss read_loss(const Field& field) {
-  static const std::map<std::string, LossKind> kinds = {
-      {"huber", LossKind::huber}, {"soft_l1", LossKind::soft_l1}, {"cauchy", LossKind::cauchy}, {"tukey", LossKind::tukey}};
+  static const std::map<std::string, LossKind> kinds = {{"huber", LossKind::huber},
+                                                        {"soft_l1", LossKind::soft_l1},
+                                                        {"cauchy", LossKind::cauchy},
+                                                        {"tukey", LossKind::tukey}};
   Names names;
   for (const auto& kind : kinds) names.push_back(kind.first);
   const auto is_kind = [&](const auto& member) { return kinds.count(member.first) > 0; };
-  if (field.node->kind != Node::Kind::mapping) field.fail("one of {" + comma_separated(names) + "} with its scale in sigmas is expected");
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("one of {" + comma_separated(names) + "} with its scale in sigmas is expected");
   Names keys = names;
   keys.push_back("scale");
   field.check_keys({}, keys);
@@ -210,7 +236,8 @@ Loss read_loss(const Field& field) {
   Loss loss{kinds.at(name), field[name].positive()};
   if (field.has("scale")) {
     const std::string unit = field["scale"].string();
-    if (unit != "sigma" && unit != "data") field["scale"].fail("'sigma' or 'data' is expected, not '" + unit + "'");
+    if (unit != "sigma" && unit != "data")
+      field["scale"].fail("'sigma' or 'data' is expected, not '" + unit + "'");
     loss.from_data = unit == "data";
   }
   return loss;
@@ -252,8 +279,10 @@ Step read_step(const Field& field, const Names& sensors) {
   if (field.has("loss") && !is_null(field["loss"])) step.loss = read_loss(field["loss"]);
   if (!field.has("priors") || is_null(field["priors"])) return step;
   const Field priors = field["priors"];
-  if (priors.node->kind != Node::Kind::mapping) priors.fail("a mapping of parameter names or globs to sigmas is expected");
-  for (const auto& member : priors.node->members) step.priors.push_back(read_prior(member.first, priors[member.first]));
+  if (priors.node->kind != Node::Kind::mapping)
+    priors.fail("a mapping of parameter names or globs to sigmas is expected");
+  for (const auto& member : priors.node->members)
+    step.priors.push_back(read_prior(member.first, priors[member.first]));
   return step;
 }
 
@@ -264,7 +293,8 @@ std::vector<Step> read_steps(const Field& field, const Names& sensors) {
   for (size_t i = 0; i < field.size(); ++i) {
     steps.push_back(read_step(field.item(i), sensors));
     for (size_t k = 0; k < i; ++k)
-      if (steps[k].name == steps[i].name) field.item(i)["step"].fail("a step '" + steps[i].name + "' stands already above");
+      if (steps[k].name == steps[i].name)
+        field.item(i)["step"].fail("a step '" + steps[i].name + "' stands already above");
   }
   return steps;
 }
@@ -273,7 +303,8 @@ std::vector<Step> read_steps(const Field& field, const Names& sensors) {
 std::string robot_path(const Field& field, const std::string& rig_path) {
   const std::filesystem::path path = std::filesystem::path(rig_path).parent_path() / field.string();
   std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) field.fail("file '" + path.string() + "' does not exist");
+  if (!std::filesystem::exists(path, ignored))
+    field.fail("file '" + path.string() + "' does not exist");
   return path.string();
 }
 
@@ -281,8 +312,10 @@ std::string robot_path(const Field& field, const std::string& rig_path) {
 
 namespace {
 
-/// Reads which model each joint has, before all else: it says what further keys the joint takes, and may stand in a later entry.
-void read_joint_models(const Field& field, const Tree& tree, const JointModels& models, std::vector<JointSettings>& settings) {
+/// Reads which model each joint has, before all else: it says what further keys the joint takes,
+/// and may stand in a later entry.
+void read_joint_models(const Field& field, const Tree& tree, const JointModels& models,
+                       std::vector<JointSettings>& settings) {
   for (const auto& member : field.node->members) {
     const Field entry = field[member.first];
     if (entry.node->kind != Node::Kind::mapping || !entry.has("model")) continue;
@@ -291,7 +324,8 @@ void read_joint_models(const Field& field, const Tree& tree, const JointModels& 
     if (!model) {
       Names valid;
       for (const auto& one : models) valid.push_back(one->name());
-      entry["model"].fail("unknown joint model '" + name + "'" + nearest_names(name, valid) + "; valid: " + comma_separated(valid));
+      entry["model"].fail("unknown joint model '" + name + "'" + nearest_names(name, valid) +
+                          "; valid: " + comma_separated(valid));
     }
     for (int j : matching(entry, member.first, names_of(tree.joints))) settings[j].model = model;
   }
@@ -300,23 +334,28 @@ void read_joint_models(const Field& field, const Tree& tree, const JointModels& 
 }
 
 /// Reads the further numbers of a joint's model. Those of other models are errors.
-void read_further(const Field& entry, const std::string& joint, const JointModels& models, JointSettings& settings) {
+void read_further(const Field& entry, const std::string& joint, const JointModels& models,
+                  JointSettings& settings) {
   const std::vector<JointNumber> numbers = settings.model->further();
   for (size_t k = 0; k < numbers.size(); ++k)
     if (entry.has(numbers[k].name)) settings.further[k] = entry[numbers[k].name].number();
   for (const auto& model : models)
     for (const JointNumber& other : model->further())
       if (entry.has(other.name) &&
-          std::none_of(numbers.begin(), numbers.end(), [&](const JointNumber& number) { return number.name == other.name; }))
-        entry[other.name].fail("joint '" + joint + "' has the model " + settings.model->name() + ", which has no '" + other.name + "'");
+          std::none_of(numbers.begin(), numbers.end(),
+                       [&](const JointNumber& number) { return number.name == other.name; }))
+        entry[other.name].fail("joint '" + joint + "' has the model " + settings.model->name() +
+                               ", which has no '" + other.name + "'");
 }
 
 }  // namespace
 
-std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree, const JointModels& models) {
+std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
+                                               const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
   if (is_null(field)) return settings;
-  if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names or globs is expected");
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of joint names or globs is expected");
   const Names names = names_of(tree.joints);
   Names keys = {"sigma", "offset", "scale", "model"};
   for (const auto& model : models)
@@ -329,7 +368,9 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];
       if (!joint.has_reading()) {
-        const std::string kind = joint.mimic ? "mimic" : joint.type == JointType::fixed ? "fixed" : "floating or planar";
+        const std::string kind = joint.mimic                      ? "mimic"
+                                 : joint.type == JointType::fixed ? "fixed"
+                                                                  : "floating or planar";
         if (joint.name == pattern) entry.fail("a " + kind + " joint has no reading of its own");
         continue;
       }
@@ -351,7 +392,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
   all.check_keys({"format", "robot", "sensors", "targets"}, {"base", "joints", "estimate"});
-  if (all["format"].string() != "kincal/1") all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
+  if (all["format"].string() != "kincal/1")
+    all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
   const std::string robot = urdf_path.empty() ? robot_path(all["robot"], path) : urdf_path;
   all["robot"].string();
   file.urdf = read_urdf(robot);
@@ -366,8 +408,10 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   const Field targets = all["targets"], sensors = all["sensors"];
   check_entries(targets, "targets");
   check_entries(sensors, "sensors");
-  for (const auto& entry : targets.node->members) rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
-  for (const auto& entry : sensors.node->members) rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
+  for (const auto& entry : targets.node->members)
+    rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
+  for (const auto& entry : sensors.node->members)
+    rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   return file;
 }

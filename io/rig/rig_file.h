@@ -1,4 +1,5 @@
-// rig.yaml: strict reading, with the place of everything wrong. rig_text.h writes it again, samples_file.h has the samples.
+// rig.yaml: strict reading, with the place of everything wrong. rig_text.h writes it again,
+// samples_file.h has the samples.
 #pragma once
 
 #include <string>
@@ -16,17 +17,21 @@ namespace kincal {
 struct RigFile {
   std::string path;
   std::string text;
-  Node node;          // the parsed text, to write it again with other values
+  Node node;  // the parsed text, to write it again with other values
   Rig rig;
   Urdf urdf;
   JointModels joint_models;  // that the rig can name
 };
 
-/// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the rig are then taken as folded into it (0),
-/// scales and further numbers stay. `models` are the joint models that the rig can name. @throws InputError
-RigFile read_rig(const std::string& path, const std::string& urdf_path = "", const JointModels& models = joint_models());
+/// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the
+/// rig are then taken as folded into it (0), scales and further numbers stay. `models` are the
+/// joint models that the rig can name. @throws InputError
+RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
+                 const JointModels& models = joint_models());
 
-/// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones. @throws InputError
-std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree, const JointModels& models);
+/// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones.
+/// @throws InputError
+std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
+                                               const JointModels& models);
 
 }  // namespace kincal

@@ -11,7 +11,8 @@
 namespace kincal {
 namespace {
 
-// ------------------------------------------------------------------------------------------------ nodes
+// ------------------------------------------------------------------------------------------------
+// nodes
 Node number_node(double value) { return scalar_node(shortest(value)); }
 Node list_node(const double* values, int count) {
   Node node;
@@ -25,24 +26,31 @@ Node mapping_node() {
   return node;
 }
 
-/// The member `key` of a mapping, made null behind the members `after` (at the end if none is there) if it is absent.
+/// The member `key` of a mapping, made null behind the members `after` (at the end if none is
+/// there) if it is absent.
 Node& member(Node& mapping, const std::string& key, const Names& after = {}) {
   size_t at = mapping.members.size(), behind = 0;
   for (size_t i = 0; i < mapping.members.size(); ++i) {
     if (mapping.members[i].first == key) return mapping.members[i].second;
-    if (std::find(after.begin(), after.end(), mapping.members[i].first) != after.end()) behind = i + 1;
+    if (std::find(after.begin(), after.end(), mapping.members[i].first) != after.end())
+      behind = i + 1;
   }
   if (behind > 0) at = behind;
-  return mapping.members.insert(mapping.members.begin() + static_cast<std::ptrdiff_t>(at), {key, Node()})->second;
+  return mapping.members
+      .insert(mapping.members.begin() + static_cast<std::ptrdiff_t>(at), {key, Node()})
+      ->second;
 }
 
 void erase_member(Node& mapping, const std::string& key) {
   auto& members = mapping.members;
-  members.erase(std::remove_if(members.begin(), members.end(), [&](const auto& m) { return m.first == key; }), members.end());
+  members.erase(
+      std::remove_if(members.begin(), members.end(), [&](const auto& m) { return m.first == key; }),
+      members.end());
 }
 
 /// Numbers that changed into a list or a single number; the others keep their text.
-void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old, const std::vector<double>& now, bool single) {
+void set_numbers(Node& mapping, const std::string& key, const std::vector<double>& old,
+                 const std::vector<double>& now, bool single) {
   if (old == now) return;
   Node& node = member(mapping, key);
   if (single) {
@@ -55,8 +63,10 @@ void set_numbers(Node& mapping, const std::string& key, const std::vector<double
   }
 }
 
-// ------------------------------------------------------------------------------------------------ parts of a rig
-/// A changed translation or rotation goes into `pose` of a mapping; the rotation as a quaternion, which reads back exactly enough.
+// ------------------------------------------------------------------------------------------------
+// parts of a rig
+/// A changed translation or rotation goes into `pose` of a mapping; the rotation as a quaternion,
+/// which reads back exactly enough.
 void set_pose(Node& mapping, const Pose& old, const Pose& now) {
   const bool moved = old.translation != now.translation, turned = old.rotation != now.rotation;
   if (!moved && !turned) return;
@@ -73,7 +83,8 @@ void set_pose(Node& mapping, const Pose& old, const Pose& now) {
 }
 
 bool same(const JointSettings& a, const JointSettings& b) {
-  return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale && a.model == b.model && a.further == b.further;
+  return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale && a.model == b.model &&
+         a.further == b.further;
 }
 
 /// Another model, and those of its numbers that changed.
@@ -82,7 +93,8 @@ void set_model(Node& entry, const JointSettings& given, const JointSettings& now
   if (other) member(entry, "model") = scalar_node(now.model->name());
   const std::vector<JointNumber> numbers = now.model->further();
   for (size_t k = 0; k < numbers.size(); ++k)
-    if (other || given.further[k] != now.further[k]) member(entry, numbers[k].name) = number_node(now.further[k]);
+    if (other || given.further[k] != now.further[k])
+      member(entry, numbers[k].name) = number_node(now.further[k]);
 }
 
 /// What changed of one joint into its own entry.
@@ -106,23 +118,28 @@ Node joint_node(const JointSettings& settings, bool named) {
   return node;
 }
 
-/// First each joint's own entry is changed or appended. If a later glob still wins over it, it moves to the end; so it does at once
-/// with another model, for its numbers are wrong keys where a glob takes the model back.
+/// First each joint's own entry is changed or appended. If a later glob still wins over it, it
+/// moves to the end; so it does at once with another model, for its numbers are wrong keys where a
+/// glob takes the model back.
 void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
   const Tree& tree = rig.rig.tree;
   const bool had_joints = root.find("joints") != nullptr;
   Node& joints = member(root, "joints", {"robot", "base"});
   for (const bool move : {false, true}) {
-    const std::vector<JointSettings> given = read_joint_settings({&joints, &rig.path, "joints"}, tree, rig.joint_models);
+    const std::vector<JointSettings> given =
+        read_joint_settings({&joints, &rig.path, "joints"}, tree, rig.joint_models);
     for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j], values.joint_scales[j], values.joint_models[j],
+      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j],
+                                 values.joint_scales[j], values.joint_models[j],
                                  values.joint_further[j]};
       if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
       const std::string& name = tree.joints[j].name;
       const bool other = given[j].model != now.model;
       if (other && find_joint_model(rig.joint_models, now.model->name()) != now.model)
-        throw InputError(rig.path + ": joints." + name + ": has a joint model that a rig cannot name: its numbers cannot be written");
+        throw InputError(
+            rig.path + ": joints." + name +
+            ": has a joint model that a rig cannot name: its numbers cannot be written");
       if (move || other) {
         const Node* own = joints.find(name);
         const bool named = other || (own && own->find("model"));
@@ -143,25 +160,31 @@ void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigm
   const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
   Node& written = member(node, "sigma");
   if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
-  if (names.empty() && written.kind == Node::Kind::sequence) written = list_node(sigma.data(), static_cast<int>(sigma.size()));
+  if (names.empty() && written.kind == Node::Kind::sequence)
+    written = list_node(sigma.data(), static_cast<int>(sigma.size()));
   for (size_t i = 0; i < names.size(); ++i)
-    if (sigma[i * stride] != sensor.sigma[i * stride]) member(written, names[i]) = number_node(sigma[i * stride]);
+    if (sigma[i * stride] != sensor.sigma[i * stride])
+      member(written, names[i]) = number_node(sigma[i * stride]);
 }
 
-void set_sensor(Node& node, const Sensor& sensor, const Pose& pose, const std::vector<double>& sigma,
+void set_sensor(Node& node, const Sensor& sensor, const Pose& pose,
+                const std::vector<double>& sigma,
                 const std::vector<std::vector<double>>& parameters) {
   set_pose(node, sensor.link_T_sensor, pose);
   set_sigma(node, sensor, sigma);
   for (size_t b = 0; b < sensor.parameters.size(); ++b) {
     const ParameterBlock& block = sensor.parameters[b];
-    set_numbers(node, block.name, block.values, parameters[b], block.components.size() == 1 && block.components[0].empty());
+    set_numbers(node, block.name, block.values, parameters[b],
+                block.components.size() == 1 && block.components[0].empty());
   }
 }
 
-void set_target(Node& node, const Target& target, const Pose& pose, double square, const Eigen::Matrix3Xd& points) {
+void set_target(Node& node, const Target& target, const Pose& pose, double square,
+                const Eigen::Matrix3Xd& points) {
   if (target.link >= 0) set_pose(member(node, "mount"), target.link_T_target, pose);
   if (target.grid) {
-    if (square != target.square) member(node, find_type(target_types(), target.type)->size) = number_node(square);
+    if (square != target.square)
+      member(node, find_type(target_types(), target.type)->size) = number_node(square);
     return;
   }
   Node& rows = member(node, "points");
@@ -169,7 +192,6 @@ void set_target(Node& node, const Target& target, const Pose& pose, double squar
     for (int k = 0; k < 3; ++k)
       if (points(k, i) != target.points(k, i)) rows.items[i].items[k] = number_node(points(k, i));
 }
-
 
 }  // namespace
 
@@ -181,13 +203,15 @@ RigValues values_of(const Rig& rig) {
     values.joint_sigmas.push_back(joint.sigma);
     values.joint_models.push_back(joint.model);
     values.joint_further.emplace_back();
-    for (const JointNumber& number : further_numbers(joint)) values.joint_further.back().push_back(number.value);
+    for (const JointNumber& number : further_numbers(joint))
+      values.joint_further.back().push_back(number.value);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(sensor.link_T_sensor);
     values.sensor_sigmas.push_back(sensor.sigma);
     values.sensor_parameters.emplace_back();
-    for (const ParameterBlock& block : sensor.parameters) values.sensor_parameters.back().push_back(block.values);
+    for (const ParameterBlock& block : sensor.parameters)
+      values.sensor_parameters.back().push_back(block.values);
   }
   for (const Target& target : rig.targets) {
     values.target_poses.push_back(target.link_T_target);
@@ -245,13 +269,13 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];
-    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s], values.sensor_sigmas[s],
-               values.sensor_parameters[s]);
+    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s],
+               values.sensor_sigmas[s], values.sensor_parameters[s]);
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];
-    set_target(member(member(root, "targets"), target.name), target, values.target_poses[t], values.target_squares[t],
-               values.target_points[t]);
+    set_target(member(member(root, "targets"), target.name), target, values.target_poses[t],
+               values.target_squares[t], values.target_points[t]);
   }
   return to_yaml(root);
 }

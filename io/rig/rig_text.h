@@ -13,22 +13,24 @@ void set_steps(RigFile& rig, const std::vector<Step>& steps);
 
 /// RigValues are new values for a rig's text.
 struct RigValues {
-  std::vector<double> joint_offsets;               // by joint index: what is left after folding
+  std::vector<double> joint_offsets;  // by joint index: what is left after folding
   std::vector<double> joint_scales, joint_sigmas;
   std::vector<std::shared_ptr<const JointModel>> joint_models;
   std::vector<std::vector<double>> joint_further;  // numbers of the models beyond offset and scale
   std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, as the model takes them
   std::vector<Pose> sensor_poses;                  // by sensor index
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
-  std::vector<Pose> target_poses;                  // by target index; of free ones ignored
+  std::vector<Pose> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;
-  std::vector<Eigen::Matrix3Xd> target_points;     // not grids
+  std::vector<Eigen::Matrix3Xd> target_points;  // not grids
 };
 RigValues values_of(const Rig& rig);
 
-/// Returns the rig's text with `values` where they differ from the rig's own (poses: also where the rig has none and the value is not the
-/// identity), and `robot` as the robot's file. Joints' numbers become entries of their own, after the globs.
-/// @throws InputError if a joint has another model than in the text, and one that a rig cannot name.
+/// Returns the rig's text with `values` where they differ from the rig's own (poses: also where the
+/// rig has none and the value is not the identity), and `robot` as the robot's file. Joints'
+/// numbers become entries of their own, after the globs.
+/// @throws InputError if a joint has another model than in the text, and one that a rig cannot
+/// name.
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot);
 
 }  // namespace kincal

@@ -16,13 +16,15 @@
 namespace kincal {
 namespace {
 
-// ------------------------------------------------------------------------------------------------ reading
+// ------------------------------------------------------------------------------------------------
+// reading
 /// What reading a sample needs of a rig, looked up once.
 struct Lookup {
   const Rig& rig;
   std::unordered_map<std::string, int> joints, sensors, targets;
-  std::vector<std::vector<int>> sensor_needs, target_needs;  // joints with a reading on the path to the base
-  std::vector<char> spreads;                                 // by target: three points not on a line
+  std::vector<std::vector<int>> sensor_needs,
+      target_needs;           // joints with a reading on the path to the base
+  std::vector<char> spreads;  // by target: three points not on a line
 };
 
 template <class T>
@@ -33,29 +35,35 @@ std::unordered_map<std::string, int> index_of(const std::vector<T>& things) {
 }
 
 Lookup lookup(const Rig& rig) {
-  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}, {}};
+  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {},
+              {}};
   for (const Sensor& sensor : rig.sensors)
     look.sensor_needs.push_back(joints_between(rig, rig.base, sensor.link, sensor.scanning_joint));
   for (const Target& target : rig.targets) {
-    look.target_needs.push_back(target.link < 0 ? std::vector<int>() : joints_between(rig, rig.base, target.link));
-    look.spreads.push_back(!on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
+    look.target_needs.push_back(target.link < 0 ? std::vector<int>()
+                                                : joints_between(rig, rig.base, target.link));
+    look.spreads.push_back(
+        !on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
   }
   return look;
 }
 
 template <class T>
-int read_name(const Field& field, const std::unordered_map<std::string, int>& index, const std::vector<T>& things,
-              const std::string& what) {
+int read_name(const Field& field, const std::unordered_map<std::string, int>& index,
+              const std::vector<T>& things, const std::string& what) {
   const std::string name = field.string();
   const auto found = index.find(name);
   if (found != index.end()) return found->second;
   const std::string near = nearest_names(name, names_of(things));
-  field.fail("unknown " + what + " '" + name + "'" + (near.empty() ? "; the rig has: " + comma_separated(names_of(things)) : near));
+  field.fail("unknown " + what + " '" + name + "'" +
+             (near.empty() ? "; the rig has: " + comma_separated(names_of(things)) : near));
 }
 
-/// Readings of the robot's joints; other names (a gripper of another description) are checked and left.
+/// Readings of the robot's joints; other names (a gripper of another description) are checked and
+/// left.
 std::vector<double> read_readings(const Field& field, const Lookup& look, size_t joints) {
-  if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names to readings is expected");
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of joint names to readings is expected");
   std::vector<double> readings(joints, kNan);
   for (const auto& [name, node] : field.node->members) {
     const double reading = Field{&node, field.path, field.name + "." + name}.number();
@@ -71,9 +79,10 @@ struct SampleJoints {
   const std::vector<double>& readings;
 };
 
-/// Fails if a joint between the view's sensor or target (`what`, `owner`) and the base has no reading; names a misspelt one.
-void check_readings(const Field& view, const SampleJoints& joints, const Lookup& look, const std::vector<int>& needed, const char* what,
-                    const std::string& owner) {
+/// Fails if a joint between the view's sensor or target (`what`, `owner`) and the base has no
+/// reading; names a misspelt one.
+void check_readings(const Field& view, const SampleJoints& joints, const Lookup& look,
+                    const std::vector<int>& needed, const char* what, const std::string& owner) {
   for (int j : needed) {
     if (!std::isnan(joints.readings[j])) continue;
     const std::string& name = look.rig.tree.joints[j].name;
@@ -81,7 +90,8 @@ void check_readings(const Field& view, const SampleJoints& joints, const Lookup&
     for (const auto& member : joints.field.node->members)
       if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
         near = "; the sample has '" + member.first + "'";
-    view.fail(std::string(what) + " '" + owner + "' needs joint '" + name + "', which the sample lacks" + near);
+    view.fail(std::string(what) + " '" + owner + "' needs joint '" + name +
+              "', which the sample lacks" + near);
   }
 }
 
@@ -98,18 +108,23 @@ std::vector<double> read_pose_numbers(const Field& field) {
 }
 
 /// Which of the target's points a view shows: its ids, or the first `count`.
-std::vector<int> read_ids(const Field& view, const Field& payload, const Target& target, int count) {
+std::vector<int> read_ids(const Field& view, const Field& payload, const Target& target,
+                          int count) {
   const int all = target.count();
   if (count == 0) payload.fail("at least one point is expected");
   std::vector<int> ids;
   if (!view.has("ids")) {
-    if (count > all) payload.fail(std::to_string(count) + " points, but target '" + target.name + "' has " + std::to_string(all));
+    if (count > all)
+      payload.fail(std::to_string(count) + " points, but target '" + target.name + "' has " +
+                   std::to_string(all));
     for (int i = 0; i < count; ++i) ids.push_back(i);
     return ids;
   }
   const Field field = view["ids"];
-  if (field.node->kind != Node::Kind::sequence) field.fail("a list of the target's point indices is expected");
-  if (static_cast<int>(field.size()) != count) field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
+  if (field.node->kind != Node::Kind::sequence)
+    field.fail("a list of the target's point indices is expected");
+  if (static_cast<int>(field.size()) != count)
+    field.fail(std::to_string(field.size()) + " ids for " + std::to_string(count) + " points");
   std::vector<char> seen(all, 0);
   for (size_t i = 0; i < field.size(); ++i) {
     const int id = field.integer_item(i, 0, all - 1);
@@ -125,22 +140,26 @@ Matrix3d read_covariance(const Field& field) {
   if (numbers.size() != 9) field.fail("3 rows of 3 numbers are expected");
   const Matrix3d m = Eigen::Map<const Matrix3d>(numbers.data());
   const Matrix3d skewness = (m - m.transpose()).cwiseAbs();
-  const bool symmetric = ((m.cwiseAbs() * 1e-6).array() + 1e-9 * m.cwiseAbs().maxCoeff() >= skewness.array()).all();
+  const bool symmetric =
+      ((m.cwiseAbs() * 1e-6).array() + 1e-9 * m.cwiseAbs().maxCoeff() >= skewness.array()).all();
   if (!symmetric) field.fail("a covariance is symmetric");
   const Matrix3d mean = 0.5 * (m + m.transpose());
-  if (Eigen::LLT<Matrix3d>(mean).info() != Eigen::Success) field.fail("a covariance is positive definite");
+  if (Eigen::LLT<Matrix3d>(mean).info() != Eigen::Success)
+    field.fail("a covariance is positive definite");
   return mean;
 }
 
 /// One 3 x 3 matrix for all points, or one a point.
 std::vector<Matrix3d> read_covariances(const Field& field, int count) {
   const Node& node = *field.node;
-  const bool each = node.kind == Node::Kind::sequence && !node.items.empty() &&
-                    (node.items[0].columns > 0 || (!node.items[0].items.empty() && node.items[0].items[0].kind == Node::Kind::sequence));
+  const bool each =
+      node.kind == Node::Kind::sequence && !node.items.empty() &&
+      (node.items[0].columns > 0 ||
+       (!node.items[0].items.empty() && node.items[0].items[0].kind == Node::Kind::sequence));
   if (!each) return std::vector<Matrix3d>(count, read_covariance(field));
   if (static_cast<int>(field.size()) != count)
-    field.fail("one 3 x 3 matrix, or one for each of the " + std::to_string(count) + " points, is expected; not " +
-               std::to_string(field.size()));
+    field.fail("one 3 x 3 matrix, or one for each of the " + std::to_string(count) +
+               " points, is expected; not " + std::to_string(field.size()));
   std::vector<Matrix3d> out;
   for (int i = 0; i < count; ++i) out.push_back(read_covariance(field.item(i)));
   return out;
@@ -151,8 +170,9 @@ void check_payload(const Field& view, const std::string& type, const std::string
   for (const SensorKeys& other : sensor_types()) {
     const std::string key = other.payload;
     if (!key.empty() && key != own && view.has(key))
-      view[key].fail("a " + type + " view has no '" + key + "'" +
-                     (own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'"));
+      view[key].fail(
+          "a " + type + " view has no '" + key + "'" +
+          (own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'"));
   }
   if (!own.empty() && !view.has(own)) view.fail("a " + type + " view needs '" + own + "'");
 }
@@ -188,10 +208,13 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   }
   if (sensor.model->measurement_kind() == MeasurementKind::chain && !look.spreads[view.target])
     field.fail("a chain needs a target with three points not on a line, '" + target.name +
-               "' has none; for a single point use a sensor of type point on link '" + rig.tree.links[sensor.link] + "'");
+               "' has none; for a single point use a sensor of type point on link '" +
+               rig.tree.links[sensor.link] + "'");
   view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor) : sensor.sigma;
   if (field.has("covariance")) {
-    if (sensor.type != "point") field["covariance"].fail("a " + sensor.type + " view has no 'covariance', only a point view has");
+    if (sensor.type != "point")
+      field["covariance"].fail("a " + sensor.type +
+                               " view has no 'covariance', only a point view has");
     if (field.has("sigma")) field["covariance"].fail("either sigma or covariance, not both");
     view.covariance = read_covariances(field["covariance"], static_cast<int>(view.ids.size()));
   }
@@ -210,17 +233,20 @@ Sample read_sample(const Field& field, const Lookup& look) {
   if (field.has("time")) sample.time = field["time"].number();
   if (field.has("split")) {
     const std::string split = field["split"].string();
-    if (split != "train" && split != "test") field["split"].fail("'train' or 'test' is expected, not '" + split + "'");
+    if (split != "train" && split != "test")
+      field["split"].fail("'train' or 'test' is expected, not '" + split + "'");
     sample.train = split == "train";
   }
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
-  for (size_t i = 0; i < views.size(); ++i) sample.views.push_back(read_view(views.item(i), {joints, sample.readings}, look));
+  for (size_t i = 0; i < views.size(); ++i)
+    sample.views.push_back(read_view(views.item(i), {joints, sample.readings}, look));
   return sample;
 }
 
-// ------------------------------------------------------------------------------------------------ writing
+// ------------------------------------------------------------------------------------------------
+// writing
 /// A list of `count` lists of `columns` numbers.
 std::string json_table(const double* values, int count, int columns) {
   std::string out = "[";
@@ -232,33 +258,40 @@ std::string json_table(const double* values, int count, int columns) {
 std::string json_sigma(const std::vector<double>& sigma, const Sensor& sensor) {
   const Names names = sigma_names(sensor);
   if (names.empty()) {
-    const bool same = std::all_of(sigma.begin(), sigma.end(), [&](double s) { return s == sigma[0]; });
-    return !sigma_by_axis(sensor) || same ? shortest(sigma[0]) : list_text(sigma.data(), static_cast<int>(sigma.size()));
+    const bool same =
+        std::all_of(sigma.begin(), sigma.end(), [&](double s) { return s == sigma[0]; });
+    return !sigma_by_axis(sensor) || same ? shortest(sigma[0])
+                                          : list_text(sigma.data(), static_cast<int>(sigma.size()));
   }
   std::string out = "{";
   const size_t stride = sigma.size() / names.size();
-  for (size_t i = 0; i < names.size(); ++i) out += (i ? ", " : "") + json_string(names[i]) + ": " + shortest(sigma[i * stride]);
+  for (size_t i = 0; i < names.size(); ++i)
+    out += (i ? ", " : "") + json_string(names[i]) + ": " + shortest(sigma[i * stride]);
   return out + "}";
 }
 
 std::string json_view(const Rig& rig, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
-  std::string out = "{\"sensor\": " + json_string(sensor.name) + ", \"target\": " + json_string(rig.targets[view.target].name);
+  std::string out = "{\"sensor\": " + json_string(sensor.name) +
+                    ", \"target\": " + json_string(rig.targets[view.target].name);
   const std::string payload = payload_of(sensor);
   const int count = static_cast<int>(view.ids.size());
   if (!sensor.model->measures_pose()) {
     std::string ids;
     for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
     const int numbers = sensor.model->numbers();
-    out += ", \"ids\": [" + ids + "], \"" + payload +
-           "\": " + (numbers == 1 ? list_text(view.z.data(), count) : json_table(view.z.data(), count, numbers));
+    out += ", \"ids\": [" + ids + "], \"" + payload + "\": " +
+           (numbers == 1 ? list_text(view.z.data(), count)
+                         : json_table(view.z.data(), count, numbers));
   } else if (!payload.empty()) {
     const double* z = view.z.data();
-    out += ", \"" + payload + "\": {\"xyz\": " + list_text(z, 3) + ", \"quat\": " + list_text(z + 3, 4) + "}";
+    out += ", \"" + payload + "\": {\"xyz\": " + list_text(z, 3) +
+           ", \"quat\": " + list_text(z + 3, 4) + "}";
   }
   if (!view.covariance.empty()) {
     out += ", \"covariance\": [";
-    for (int i = 0; i < count; ++i) out += (i ? ", " : "") + json_table(view.covariance[i].data(), 3, 3);  // symmetric
+    for (int i = 0; i < count; ++i)
+      out += (i ? ", " : "") + json_table(view.covariance[i].data(), 3, 3);  // symmetric
     out += "]";
   } else if (view.sigma != sensor.sigma) {
     out += ", \"sigma\": " + json_sigma(view.sigma, sensor);
@@ -272,10 +305,12 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
   std::string joints, views;
   for (size_t j = 0; j < sample.readings.size(); ++j)
     if (!std::isnan(sample.readings[j]))
-      joints += (joints.empty() ? "" : ", ") + json_string(rig.tree.joints[j].name) + ": " + shortest(sample.readings[j]);
+      joints += (joints.empty() ? "" : ", ") + json_string(rig.tree.joints[j].name) + ": " +
+                shortest(sample.readings[j]);
   for (const View& view : sample.views) views += (views.empty() ? "" : ", ") + json_view(rig, view);
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
-  return out + ", \"joints\": {" + joints + "}, \"views\": [" + views + "], \"split\": " + split + "}\n";
+  return out + ", \"joints\": {" + joints + "}, \"views\": [" + views + "], \"split\": " + split +
+         "}\n";
 }
 
 }  // namespace

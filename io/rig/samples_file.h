@@ -9,10 +9,12 @@
 
 namespace kincal {
 
-/// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError "path:line: views[2].ids: ..."
+/// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
+/// "path:line: views[2].ids: ..."
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
 
-/// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads back the same).
+/// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
+/// back the same).
 std::string samples_text(const Rig& rig, const std::vector<Sample>& samples);
 
 }  // namespace kincal

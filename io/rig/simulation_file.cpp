@@ -20,9 +20,11 @@ namespace {
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 constexpr double kNoIncrement = 1e-14;  // rounding of an increment that is 0
 
-// ------------------------------------------------------------------------------------------------ postures
+// ------------------------------------------------------------------------------------------------
+// postures
 template <class T>
-int index_of(const Field& where, const std::string& name, const std::vector<T>& things, const std::string& what) {
+int index_of(const Field& where, const std::string& name, const std::vector<T>& things,
+             const std::string& what) {
   std::vector<std::string> names;
   for (size_t i = 0; i < things.size(); ++i) {
     if (things[i].name == name) return static_cast<int>(i);
@@ -35,12 +37,15 @@ int index_of(const Field& where, const std::string& name, const std::vector<T>& 
 }
 
 std::vector<double> read_joints(const Field& field, const Tree& tree) {
-  if (field.node->kind != Node::Kind::mapping) field.fail("a mapping of joint names to readings is expected");
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of joint names to readings is expected");
   std::vector<double> readings(tree.joints.size(), kNoReading);
   for (const auto& [name, node] : field.node->members) {
     const Field reading{&node, field.path, field.name + "." + name};
     const Joint& joint = tree.joints[index_of(reading, name, tree.joints, "joint")];
-    if (!joint.has_reading()) reading.fail(joint.mimic ? "a mimic joint has no reading of its own" : "the joint does not move");
+    if (!joint.has_reading())
+      reading.fail(joint.mimic ? "a mimic joint has no reading of its own"
+                               : "the joint does not move");
     readings[&joint - tree.joints.data()] = reading.number();
   }
   return readings;
@@ -55,25 +60,31 @@ void read_views(const Field& field, const Rig& rig, Posture& posture) {
     const int s = index_of(view["sensor"], view["sensor"].string(), rig.sensors, "sensor");
     const int t = index_of(view["target"], view["target"].string(), rig.targets, "target");
     const std::pair<int, int> pair{s, t};
-    if (std::find(posture.views.begin(), posture.views.end(), pair) != posture.views.end()) view.fail("the view stands twice");
+    if (std::find(posture.views.begin(), posture.views.end(), pair) != posture.views.end())
+      view.fail("the view stands twice");
     posture.views.push_back(pair);
     for (int j : needed_readings(rig, s, t))
-      if (std::isnan(posture.readings[j])) view.fail("needs joint '" + rig.tree.joints[j].name + "', which the posture lacks");
+      if (std::isnan(posture.readings[j]))
+        view.fail("needs joint '" + rig.tree.joints[j].name + "', which the posture lacks");
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::chain) continue;
     const Target& target = rig.targets[t];
     if (target.link >= 0)
-      view["target"].fail("a chain holds free targets only, '" + target.name + "' is mounted on link '" + rig.tree.links[target.link] +
-                          "'");
+      view["target"].fail("a chain holds free targets only, '" + target.name +
+                          "' is mounted on link '" + rig.tree.links[target.link] + "'");
     if (on_a_line(target.grid ? target.layout : target.points))
-      view["target"].fail("a chain needs a target with three points not on a line, '" + target.name + "' has none");
-    if (posture.targets.count(t)) view.fail("target '" + target.name + "' has a pose in 'targets'; a chain that holds it gives another");
+      view["target"].fail("a chain needs a target with three points not on a line, '" +
+                          target.name + "' has none");
+    if (posture.targets.count(t))
+      view.fail("target '" + target.name +
+                "' has a pose in 'targets'; a chain that holds it gives another");
     held.insert(t);
   }
   for (size_t i = 0; i < field.size(); ++i) {
     const int t = posture.views[i].second;
     if (rig.targets[t].link < 0 && !held.count(t) && !posture.targets.count(t))
-      field.item(i)["target"].fail("'" + rig.targets[t].name +
-                                   "' is free: a view of a chain that holds it, or its pose in 'targets', is needed");
+      field.item(i)["target"].fail(
+          "'" + rig.targets[t].name +
+          "' is free: a view of a chain that holds it, or its pose in 'targets', is needed");
   }
 }
 
@@ -85,11 +96,13 @@ Posture read_posture(const Field& field, const Rig& rig) {
   posture.readings = read_joints(field["joints"], rig.tree);
   if (field.has("targets")) {
     const Field targets = field["targets"];
-    if (targets.node->kind != Node::Kind::mapping) targets.fail("a mapping of target names to poses is expected");
+    if (targets.node->kind != Node::Kind::mapping)
+      targets.fail("a mapping of target names to poses is expected");
     for (const auto& [name, node] : targets.node->members) {
       const Field pose{&node, targets.path, targets.name + "." + name};
       const int t = index_of(pose, name, rig.targets, "target");
-      if (rig.targets[t].link >= 0) pose.fail("the target is mounted on link '" + rig.tree.links[rig.targets[t].link] + "'");
+      if (rig.targets[t].link >= 0)
+        pose.fail("the target is mounted on link '" + rig.tree.links[rig.targets[t].link] + "'");
       posture.targets[t] = pose.pose();
     }
   }
@@ -97,15 +110,17 @@ Posture read_posture(const Field& field, const Rig& rig) {
   return posture;
 }
 
-// ------------------------------------------------------------------------------------------------ truth
+// ------------------------------------------------------------------------------------------------
+// truth
 /// A number or a list of `size` numbers; of points also a list of x y z.
 std::vector<double> read_numbers(const Field& field, int size) {
   if (size == 1 && field.node->kind != Node::Kind::sequence) return {field.number()};
-  const bool rows = size % 3 == 0 && field.node->kind == Node::Kind::sequence && !field.node->items.empty() &&
-                    field.node->items[0].kind == Node::Kind::sequence;
+  const bool rows = size % 3 == 0 && field.node->kind == Node::Kind::sequence &&
+                    !field.node->items.empty() && field.node->items[0].kind == Node::Kind::sequence;
   if (!rows) return field.vector(size);
   const std::vector<double> numbers = field.table(3);
-  if (static_cast<int>(numbers.size()) != size) field.fail(std::to_string(size / 3) + " points are expected");
+  if (static_cast<int>(numbers.size()) != size)
+    field.fail(std::to_string(size / 3) + " points are expected");
   return numbers;
 }
 
@@ -143,13 +158,15 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
   const Field all = top(node, path);
   all.check_keys({"parameters"}, {"about", "samples"});
   const Field parameters = all["parameters"];
-  if (parameters.node->kind != Node::Kind::mapping) parameters.fail("a mapping of parameter names to values is expected");
+  if (parameters.node->kind != Node::Kind::mapping)
+    parameters.fail("a mapping of parameter names to values is expected");
 
   struct Place {
     int parameter, component;  // -1: all
   };
   std::unordered_map<std::string, Place> places;
-  std::vector<std::vector<double>> values(table.all.size());  // components of what is named, NaN: not named
+  std::vector<std::vector<double>> values(
+      table.all.size());  // components of what is named, NaN: not named
   for (int i = 0; i < static_cast<int>(table.all.size()); ++i) {
     const Parameter& p = table.all[i];
     values[i].assign(p.size(), kNoReading);
@@ -159,7 +176,8 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
   for (const auto& [name, value] : parameters.node->members) {
     Field field{&value, parameters.path, parameters.name + "." + name};
     const auto place = places.find(name);
-    if (place == places.end()) field.fail("unknown parameter '" + name + "'" + nearest_names(name, table.names()));
+    if (place == places.end())
+      field.fail("unknown parameter '" + name + "'" + nearest_names(name, table.names()));
     if (value.kind == Node::Kind::mapping) {
       field.check_keys({"true"}, {"initial"});
       field = field["true"];
@@ -167,7 +185,8 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
     const Parameter& p = table.all[place->second.parameter];
     const bool whole = place->second.component < 0;
     const int first = whole ? 0 : place->second.component;
-    const std::vector<double> numbers = whole ? read_numbers(field, p.size()) : std::vector<double>{field.number()};
+    const std::vector<double> numbers =
+        whole ? read_numbers(field, p.size()) : std::vector<double>{field.number()};
     for (size_t k = 0; k < numbers.size(); ++k) {
       const int c = first + static_cast<int>(k);
       double& slot = values[place->second.parameter][c];
@@ -187,7 +206,8 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
       else
         truth(p.start + c) = values[i][c];
     }
-    if (!increment.isZero(0)) set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(increment));
+    if (!increment.isZero(0))
+      set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(increment));
   }
   return truth;
 }
@@ -196,29 +216,39 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
   Lines parameters, samples;
   for (const Parameter& p : table.all) {
     Vector6d increment = Vector6d::Zero();
-    if (p.pose) increment = log_se3(inverse(get_pose(table.initial, p.start)) * get_pose(simulation.truth, p.start));
+    if (p.pose)
+      increment =
+          log_se3(inverse(get_pose(table.initial, p.start)) * get_pose(simulation.truth, p.start));
     for (int c = 0; c < p.size(); ++c) {
-      const double initial = p.pose ? 0 : table.initial(p.start + c), value = p.pose ? increment(c) : simulation.truth(p.start + c);
+      const double initial = p.pose ? 0 : table.initial(p.start + c),
+                   value = p.pose ? increment(c) : simulation.truth(p.start + c);
       if (p.pose ? std::abs(value) <= kNoIncrement : value == initial) continue;
-      parameters.add(p.component_name(c), "{\"initial\": " + shortest(initial) + ", \"true\": " + shortest(value) + "}");
+      parameters.add(p.component_name(c),
+                     "{\"initial\": " + shortest(initial) + ", \"true\": " + shortest(value) + "}");
     }
   }
   for (size_t k = 0; k < simulation.samples.size(); ++k) {
     std::string joints, targets;
     for (size_t j = 0; j < simulation.true_readings[k].size(); ++j)
       if (!std::isnan(simulation.true_readings[k][j]))
-        joints += (joints.empty() ? "" : ", ") + json_name(rig.tree.joints[j].name) + ": " + shortest(simulation.true_readings[k][j]);
+        joints += (joints.empty() ? "" : ", ") + json_name(rig.tree.joints[j].name) + ": " +
+                  shortest(simulation.true_readings[k][j]);
     const int sample = static_cast<int>(k);
-    for (auto t = simulation.targets.lower_bound({sample, 0}); t != simulation.targets.end() && t->first.first == sample; ++t) {
+    for (auto t = simulation.targets.lower_bound({sample, 0});
+         t != simulation.targets.end() && t->first.first == sample; ++t) {
       const Eigen::Vector4d q = quaternion_from_rotation(t->second.rotation);
       targets += (targets.empty() ? "" : ", ") + json_name(rig.targets[t->first.second].name) +
-                 ": {\"xyz\": " + list_text(t->second.translation.data(), 3) + ", \"quat\": " + list_text(q.data(), 4) + "}";
+                 ": {\"xyz\": " + list_text(t->second.translation.data(), 3) +
+                 ", \"quat\": " + list_text(q.data(), 4) + "}";
     }
-    samples.add(simulation.samples[k].id, "{\"joints\": {" + joints + "}, \"targets\": {" + targets + "}}");
+    samples.add(simulation.samples[k].id,
+                "{\"joints\": {" + joints + "}, \"targets\": {" + targets + "}}");
   }
-  return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from the rig; poses as increments from the "
+  return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from "
+         "the rig; poses as increments from the "
          "rig's "
-         "value, in the frame itself. samples: readings without noise; poses of free targets in the rig's base frame.\",\n "
+         "value, in the frame itself. samples: readings without noise; poses of free targets in "
+         "the rig's base frame.\",\n "
          "\"parameters\": " +
          parameters.text() + ",\n \"samples\": " + samples.text() + "\n}\n";
 }

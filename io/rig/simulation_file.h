@@ -1,12 +1,15 @@
 // Files of a simulation: postures (JSON lines) in, the truth (JSON) in and out.
 //
-// A posture:  {"id": "left_000", "joints": {"l_elbow_flex_joint": -1.53}, "views": [{"sensor": "left_arm", "target": "small_board"}],
+// A posture:  {"id": "left_000", "joints": {"l_elbow_flex_joint": -1.53}, "views": [{"sensor":
+// "left_arm", "target": "small_board"}],
 //              "targets": {"large_board": {"xyz": [2.5, 0, 0], "rpy": [0, 0, 0]}}}
-// Joints are true readings, targets poses base_T_target of free targets that no chain holds; both last keys may be left away.
+// Joints are true readings, targets poses base_T_target of free targets that no chain holds; both
+// last keys may be left away.
 //
 // A truth:    {"about": ..., "parameters": {NAME: VALUE}, "samples": ...}
-// NAME is a parameter or one of its components; VALUE a number, a list of the parameter's numbers, or {"initial": ..., "true": number or
-// list}. Poses are increments from the rig's value, anything else is the value itself; what is not there is as in the rig.
+// NAME is a parameter or one of its components; VALUE a number, a list of the parameter's numbers,
+// or {"initial": ..., "true": number or list}. Poses are increments from the rig's value, anything
+// else is the value itself; what is not there is as in the rig.
 #pragma once
 
 #include <string>
@@ -17,14 +20,15 @@
 
 namespace kincal {
 
-/// Reads postures. @throws InputError "path:line: views[2].sensor: ..."; every view must be possible: joints there, free targets held or
-/// placed.
+/// Reads postures. @throws InputError "path:line: views[2].sensor: ..."; every view must be
+/// possible: joints there, free targets held or placed.
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig);
 
 /// Reads values in the table's layout. "samples" is not looked at. @throws InputError
 VectorXd read_truth(const std::string& path, const ParameterTable& table);
 
-/// Writes a truth file: all components that differ from the rig, and per sample the true readings and poses of free targets.
+/// Writes a truth file: all components that differ from the rig, and per sample the true readings
+/// and poses of free targets.
 std::string truth_text(const Rig& rig, const ParameterTable& table, const Simulation& simulation);
 
 }  // namespace kincal

@@ -6,22 +6,41 @@
 namespace kincal {
 
 const std::vector<TargetKeys>& target_types() {
-  static const std::vector<TargetKeys> types = {{"chessboard", {"rows", "columns", "square"}, {}, "square"},
-                                                {"circles", {"rows", "columns", "spacing"}, {"asymmetric"}, "spacing"},
-                                                {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {}, "square"},
-                                                {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {}, "tag"},
-                                                {"points", {"points"}, {}, ""}};
+  static const std::vector<TargetKeys> types = {
+      {"chessboard", {"rows", "columns", "square"}, {}, "square"},
+      {"circles", {"rows", "columns", "spacing"}, {"asymmetric"}, "spacing"},
+      {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {}, "square"},
+      {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {}, "tag"},
+      {"points", {"points"}, {}, ""}};
   return types;
 }
 
 const std::vector<SensorKeys>& sensor_types() {
   static const std::vector<SensorKeys> types = {
-      {"camera", {"model", "intrinsics", "sigma"}, {"image_size", "distortion", "baseline"}, "pixels",
-       [] { return make_camera(Lens::pinhole, 0); }, "0.2                   # GUESS: px"},
+      {"camera",
+       {"model", "intrinsics", "sigma"},
+       {"image_size", "distortion", "baseline"},
+       "pixels",
+       [] { return make_camera(Lens::pinhole, 0); },
+       "0.2                   # GUESS: px"},
       {"point", {"sigma"}, {}, "points", make_point, "0.0002                # GUESS: m", true},
-      {"pose", {"sigma"}, {}, "pose", make_pose, "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad"},
-      {"chain", {"sigma"}, {}, "", make_chain, "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad; of the grip"},
-      {"tilting_laser", {"joint", "sigma"}, {}, "rays", make_tilting_laser,
+      {"pose",
+       {"sigma"},
+       {},
+       "pose",
+       make_pose,
+       "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad"},
+      {"chain",
+       {"sigma"},
+       {},
+       "",
+       make_chain,
+       "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad; of the grip"},
+      {"tilting_laser",
+       {"joint", "sigma"},
+       {},
+       "rays",
+       make_tilting_laser,
        "{joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m"}};
   return types;
 }
@@ -54,10 +73,12 @@ std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
     return sigma;
   }
   if (field.node->kind != Node::Kind::mapping)
-    field.fail("a " + sensor.type + " takes {" + comma_separated(names) + "}, each a number greater than 0");
+    field.fail("a " + sensor.type + " takes {" + comma_separated(names) +
+               "}, each a number greater than 0");
   field.check_keys(names);
   std::vector<double> sigma;
-  for (const NoisePart& part : sensor.model->noise_parts()) sigma.insert(sigma.end(), part.count, field[part.name].positive());
+  for (const NoisePart& part : sensor.model->noise_parts())
+    sigma.insert(sigma.end(), part.count, field[part.name].positive());
   return sigma;
 }
 

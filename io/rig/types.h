@@ -1,4 +1,5 @@
-// The types of targets and sensors that a rig knows: the keys that they have, and their standard deviations.
+// The types of targets and sensors that a rig knows: the keys that they have, and their standard
+// deviations.
 #pragma once
 
 #include <algorithm>
@@ -24,8 +25,10 @@ const std::vector<TargetKeys>& target_types();
 struct SensorKeys {
   std::string name;  // of the type
   Names required, optional;
-  const char* payload;  // key of a view's measured numbers, "" if the joint readings are the measurement
-  std::shared_ptr<const SensorModel> (*make)();  // the model; of a camera one without a lens, until its keys are read
+  const char*
+      payload;  // key of a view's measured numbers, "" if the joint readings are the measurement
+  std::shared_ptr<const SensorModel> (
+      *make)();          // the model; of a camera one without a lens, until its keys are read
   const char* guess;     // sigma that `init` writes, with its unit as a comment
   bool by_axis = false;  // sigma may be a list, one number a residual
 };
@@ -42,20 +45,25 @@ Names names_of(const std::vector<T>& things) {
 /// The keys of a type are looked up by its name; null: there is no such type.
 template <class Keys>
 const Keys* find_type(const std::vector<Keys>& types, const std::string& name) {
-  const auto found = std::find_if(types.begin(), types.end(), [&](const Keys& keys) { return keys.name == name; });
+  const auto found =
+      std::find_if(types.begin(), types.end(), [&](const Keys& keys) { return keys.name == name; });
   return found == types.end() ? nullptr : &*found;
 }
 
-/// This is the key of the measured numbers in a sensor's views. Sensors of other types, which a program may add to its rig, show points.
+/// This is the key of the measured numbers in a sensor's views. Sensors of other types, which a
+/// program may add to its rig, show points.
 std::string payload_of(const Sensor& sensor);
 
-/// The parts of a sensor's sigma have these names (noise_parts() of its model); empty: it is a number or a list.
+/// The parts of a sensor's sigma have these names (noise_parts() of its model); empty: it is a
+/// number or a list.
 Names sigma_names(const Sensor& sensor);
 
-/// Whether a list of numbers may stand for the sigma of a sensor. Sensors of types that files do not know take one.
+/// Whether a list of numbers may stand for the sigma of a sensor. Sensors of types that files do
+/// not know take one.
 bool sigma_by_axis(const Sensor& sensor);
 
-/// Standard deviations are returned as the model takes them: camera 2, point 3, laser (joint, bearing, range), poses 3 + 3.
+/// Standard deviations are returned as the model takes them: camera 2, point 3, laser (joint,
+/// bearing, range), poses 3 + 3.
 std::vector<double> read_sigma(const Field& field, const Sensor& sensor);
 
 }  // namespace kincal

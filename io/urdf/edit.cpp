@@ -20,7 +20,8 @@ struct Splice {
 };
 
 std::string apply(const std::string& text, std::vector<Splice> splices) {
-  std::sort(splices.begin(), splices.end(), [](const Splice& a, const Splice& b) { return a.begin < b.begin; });
+  std::sort(splices.begin(), splices.end(),
+            [](const Splice& a, const Splice& b) { return a.begin < b.begin; });
   std::string result;
   size_t at = 0;
   for (const Splice& splice : splices) {
@@ -37,14 +38,18 @@ struct Tag {
   std::map<std::string, std::pair<size_t, size_t>> values;  // by attribute, without the quotes
 };
 
-/// Scans an element's start tag, which pugixml has found well-formed; pugixml does not give the places of attributes.
+/// Scans an element's start tag, which pugixml has found well-formed; pugixml does not give the
+/// places of attributes.
 Tag scan_tag(const std::string& text, const pugi::xml_node& element) {
-  const auto broken = [&]() -> Tag { throw std::logic_error(title(element) + ": start tag not found again"); };
+  const auto broken = [&]() -> Tag {
+    throw std::logic_error(title(element) + ": start tag not found again");
+  };
   const auto skip_blanks = [&](size_t& i) {
     while (i < text.size() && is_blank(text[i])) ++i;
   };
   Tag tag;
-  size_t i = tag.name_end = static_cast<size_t>(element.offset_debug()) + std::strlen(element.name());
+  size_t i = tag.name_end =
+      static_cast<size_t>(element.offset_debug()) + std::strlen(element.name());
   for (;;) {
     skip_blanks(i);
     if (i < text.size() && text[i] == '/') ++i;
@@ -66,10 +71,12 @@ Tag scan_tag(const std::string& text, const pugi::xml_node& element) {
   return tag;
 }
 
-void edit_origin(const std::string& text, const pugi::xml_node& joint, const Pose& from, const Pose& to, std::vector<Splice>& splices) {
+void edit_origin(const std::string& text, const pugi::xml_node& joint, const Pose& from,
+                 const Pose& to, std::vector<Splice>& splices) {
   const bool moved = to.translation != from.translation, turned = to.rotation != from.rotation;
   if (!moved && !turned) return;
-  if (!to.translation.allFinite() || !to.rotation.allFinite()) throw std::invalid_argument(title(joint) + ": the new origin is not finite");
+  if (!to.translation.allFinite() || !to.rotation.allFinite())
+    throw std::invalid_argument(title(joint) + ": the new origin is not finite");
   const std::string xyz = shortest(to.translation), rpy = shortest(rpy_from_rotation(to.rotation));
   const pugi::xml_node origin = joint.child("origin");
   if (!origin) {
@@ -99,17 +106,22 @@ std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes) {
   const Elements joints = children(robot, "joint");
   std::vector<Splice> splices;
   for (const auto& [joint, origin] : changes.origins)
-    edit_origin(urdf.text, joints.at(joint), urdf.tree.joints.at(joint).parent_T_joint, origin, splices);
+    edit_origin(urdf.text, joints.at(joint), urdf.tree.joints.at(joint).parent_T_joint, origin,
+                splices);
   const std::vector<WrittenTransmission> reductions = find_reductions(urdf.text, robot);
   for (const auto& [joint, value] : changes.reductions) {
-    if (!std::isfinite(value)) throw std::invalid_argument("joint '" + joint + "': the new mechanicalReduction is not finite");
+    if (!std::isfinite(value))
+      throw std::invalid_argument("joint '" + joint +
+                                  "': the new mechanicalReduction is not finite");
     bool found = false;
     for (const WrittenTransmission& r : reductions)
       if (r.transmission.joint == joint) {
         found = true;
         if (r.transmission.reduction != value) splices.push_back({r.begin, r.end, shortest(value)});
       }
-    if (!found) throw std::invalid_argument(urdf.path + ": joint '" + joint + "' has no <transmission> with one mechanicalReduction");
+    if (!found)
+      throw std::invalid_argument(urdf.path + ": joint '" + joint +
+                                  "' has no <transmission> with one mechanicalReduction");
   }
   return apply(urdf.text, std::move(splices));
 }

@@ -20,7 +20,8 @@ class Messages : public console_bridge::OutputHandler {
   Messages() { console_bridge::useOutputHandler(this); }
   ~Messages() override { console_bridge::restorePreviousOutputHandler(); }
   void log(const std::string& message, console_bridge::LogLevel level, const char*, int) override {
-    if (level >= console_bridge::CONSOLE_BRIDGE_LOG_ERROR) text += (text.empty() ? "" : "; ") + message;
+    if (level >= console_bridge::CONSOLE_BRIDGE_LOG_ERROR)
+      text += (text.empty() ? "" : "; ") + message;
   }
   std::string text;
 };
@@ -61,7 +62,8 @@ Written joints_of(const urdf::ModelInterface& model) {
     joint.parent = from.parent_link_name;
     joint.type = type_of(from);
     const urdf::Pose& pose = from.parent_to_joint_origin_transform;
-    joint.rotation = Eigen::Quaterniond(pose.rotation.w, pose.rotation.x, pose.rotation.y, pose.rotation.z);
+    joint.rotation =
+        Eigen::Quaterniond(pose.rotation.w, pose.rotation.x, pose.rotation.y, pose.rotation.z);
     joint.translation = {pose.position.x, pose.position.y, pose.position.z};
     joint.axis = Vector3d(from.axis.x, from.axis.y, from.axis.z).stableNormalized();
     if (from.mimic) {
@@ -94,28 +96,33 @@ Written joints_of(const Tree& tree) {
   return written;
 }
 
-/// The written text as urdfdom reads it, or as we do where urdfdom takes exception to what stood in the input already.
+/// The written text as urdfdom reads it, or as we do where urdfdom takes exception to what stood in
+/// the input already.
 Written read_written(const std::string& text, const Urdf& input) {
   Messages messages;
   if (const auto model = urdf::parseURDF(text)) return joints_of(*model);
   const std::string why = messages.text;
-  if (urdf::parseURDF(input.text)) throw std::runtime_error(input.path + ": the written URDF is refused by urdfdom: " + why);
+  if (urdf::parseURDF(input.text))
+    throw std::runtime_error(input.path + ": the written URDF is refused by urdfdom: " + why);
   return joints_of(parse_urdf(text, input.path + " (written)").tree);
 }
 
-/// The written robot, each joint beside the same joint of the input. Parents and masters are checked, so walking up ends.
+/// The written robot, each joint beside the same joint of the input. Parents and masters are
+/// checked, so walking up ends.
 class WrittenRobot {
  public:
-  WrittenRobot(const Written& written, const Tree& tree) : tree_(tree), joints_(tree.joints.size()) {
+  WrittenRobot(const Written& written, const Tree& tree)
+      : tree_(tree), joints_(tree.joints.size()) {
     if (written.size() != tree.joints.size()) fail("another number of joints");
     for (size_t j = 0; j < joints_.size(); ++j) {
       const Joint& joint = tree.joints[j];
       const auto it = written.find(tree.links[joint.child]);
-      if (it == written.end() || it->second.name != joint.name || it->second.parent != tree.links[joint.parent] ||
-          it->second.type != joint.type)
+      if (it == written.end() || it->second.name != joint.name ||
+          it->second.parent != tree.links[joint.parent] || it->second.type != joint.type)
         fail("another joint in place of '" + joint.name + "'");
       joints_[j] = it->second;
-      if (joint.moves() && joints_[j].master != (joint.mimic ? tree.joints[joint.mimic->master].name : ""))
+      if (joint.moves() &&
+          joints_[j].master != (joint.mimic ? tree.joints[joint.mimic->master].name : ""))
         fail("another mimic in joint '" + joint.name + "'");
     }
   }
@@ -132,7 +139,8 @@ class WrittenRobot {
   double position(int j, const std::vector<double>& readings) const {
     if (!tree_.joints[j].moves()) return 0;
     if (!tree_.joints[j].mimic) return readings[j];
-    return joints_[j].multiplier * position(tree_.joints[j].mimic->master, readings) + joints_[j].offset;
+    return joints_[j].multiplier * position(tree_.joints[j].mimic->master, readings) +
+           joints_[j].offset;
   }
 
   Eigen::Isometry3d parent_T_child(int j, const std::vector<double>& readings) const {
@@ -145,13 +153,16 @@ class WrittenRobot {
     return pose;
   }
 
-  [[noreturn]] static void fail(const std::string& what) { throw std::runtime_error("the written URDF has " + what); }
+  [[noreturn]] static void fail(const std::string& what) {
+    throw std::runtime_error("the written URDF has " + what);
+  }
 
   const Tree& tree_;
   std::vector<WrittenJoint> joints_;  // as in the tree
 };
 
-/// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16 occurs: all digits would be lost).
+/// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16
+/// occurs: all digits would be lost).
 double random_reading(const Joint& joint, Draws& draws) {
   const bool usable = joint.lower < joint.upper && joint.lower > -4 * kPi && joint.upper < 4 * kPi;
   return usable ? draws.uniform(joint.lower, joint.upper) : draws.uniform(-kPi, kPi);
@@ -171,8 +182,8 @@ Difference difference(const Pose& a, const Eigen::Isometry3d& b) {
 
 }  // namespace
 
-void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Pose>& origins, const std::vector<double>& offsets,
-                int postures) {
+void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Pose>& origins,
+                const std::vector<double>& offsets, int postures) {
   const Tree& tree = input.tree;
   const WrittenRobot written(read_written(text, input), tree);
   Draws draws(20240229);
@@ -185,16 +196,19 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
     }
     follow_mimics(tree, positions);
     const std::vector<Pose> poses = link_poses(tree, origins, positions);
-    const auto compare = [&](int link) { return difference(poses[link], written.pose(link, readings)); };
+    const auto compare = [&](int link) {
+      return difference(poses[link], written.pose(link, readings));
+    };
     for (size_t l = 0; l < tree.links.size(); ++l) {
       int link = static_cast<int>(l);
       if (!compare(link).matters()) continue;
-      for (int j; (j = tree.joint_above[link]) >= 0 && compare(tree.joints[j].parent).matters();) link = tree.joints[j].parent;
+      for (int j; (j = tree.joint_above[link]) >= 0 && compare(tree.joints[j].parent).matters();)
+        link = tree.joints[j].parent;
       const Difference d = compare(link);
       char numbers_text[80];
       std::snprintf(numbers_text, sizeof numbers_text, "%.3g m and %.3g rad", d.metres, d.radians);
-      throw std::runtime_error("the written URDF does not mean the calibrated robot: link '" + tree.links[link] + "' is off by " +
-                               numbers_text);
+      throw std::runtime_error("the written URDF does not mean the calibrated robot: link '" +
+                               tree.links[link] + "' is off by " + numbers_text);
     }
   }
 }

@@ -12,7 +12,8 @@ struct NumberText {
 };
 
 /// Adds the element's number, if its text is one, straight from the file's bytes.
-void add_number(const std::string& text, const pugi::xml_node& element, std::vector<NumberText>& found) {
+void add_number(const std::string& text, const pugi::xml_node& element,
+                std::vector<NumberText>& found) {
   const std::ptrdiff_t offset = element.first_child().offset_debug();
   if (offset < 0) return;
   size_t begin = static_cast<size_t>(offset), end = text.find('<', begin);
@@ -20,12 +21,14 @@ void add_number(const std::string& text, const pugi::xml_node& element, std::vec
   while (begin < end && is_blank(text[begin])) ++begin;
   while (begin < end && is_blank(text[end - 1])) --end;
   double value;
-  if (to_number(text.data() + begin, text.data() + end, value)) found.push_back({value, begin, end});
+  if (to_number(text.data() + begin, text.data() + end, value))
+    found.push_back({value, begin, end});
 }
 
 }  // namespace
 
-std::vector<WrittenTransmission> find_reductions(const std::string& text, const pugi::xml_node& robot) {
+std::vector<WrittenTransmission> find_reductions(const std::string& text,
+                                                 const pugi::xml_node& robot) {
   const char* const kName = "mechanicalReduction";
   std::vector<WrittenTransmission> reductions;
   for (const pugi::xml_node& transmission : robot.children("transmission")) {
@@ -40,7 +43,9 @@ std::vector<WrittenTransmission> find_reductions(const std::string& text, const 
       for (const pugi::xml_node& e : joint.children(kName)) add_number(text, e, found);
       const std::string name = joint.attribute("name").value();
       if (found.size() == 1 && !name.empty())
-        reductions.push_back({{transmission.attribute("name").value(), name, found[0].value}, found[0].begin, found[0].end});
+        reductions.push_back({{transmission.attribute("name").value(), name, found[0].value},
+                              found[0].begin,
+                              found[0].end});
     }
   }
   return reductions;

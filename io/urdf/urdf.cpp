@@ -13,9 +13,10 @@
 namespace kincal {
 namespace {
 
-constexpr std::pair<const char*, JointType> kTypes[] = {{"fixed", JointType::fixed},           {"revolute", JointType::revolute},
-                                                        {"continuous", JointType::continuous}, {"prismatic", JointType::prismatic},
-                                                        {"floating", JointType::floating},     {"planar", JointType::planar}};
+constexpr std::pair<const char*, JointType> kTypes[] = {
+    {"fixed", JointType::fixed},           {"revolute", JointType::revolute},
+    {"continuous", JointType::continuous}, {"prismatic", JointType::prismatic},
+    {"floating", JointType::floating},     {"planar", JointType::planar}};
 
 JointType read_type(const Xml& xml, const pugi::xml_node& element) {
   const std::string type = name_in(xml, element, "type");
@@ -37,7 +38,8 @@ Vector3d read_axis(const Xml& xml, const pugi::xml_node& joint) {
 }
 
 /// Everything of a joint but its links and its mimic, which need all names.
-Joint read_joint(const Xml& xml, const pugi::xml_node& element, std::vector<std::string>& warnings) {
+Joint read_joint(const Xml& xml, const pugi::xml_node& element,
+                 std::vector<std::string>& warnings) {
   Joint joint;
   joint.name = name_in(xml, element, "name");
   joint.type = read_type(xml, element);
@@ -61,10 +63,12 @@ using Indices = std::map<std::string, int>;
 Indices index_names(const Xml& xml, const Elements& elements) {
   Indices indices;
   for (size_t i = 0; i < elements.size(); ++i) {
-    const auto [it, is_new] = indices.emplace(name_in(xml, elements[i], "name"), static_cast<int>(i));
+    const auto [it, is_new] =
+        indices.emplace(name_in(xml, elements[i], "name"), static_cast<int>(i));
     if (!is_new)
       fail(xml, elements[i],
-           "the name is taken already, by the one at " + at_offset(xml, elements[static_cast<size_t>(it->second)].offset_debug()));
+           "the name is taken already, by the one at " +
+               at_offset(xml, elements[static_cast<size_t>(it->second)].offset_debug()));
   }
   return indices;
 }
@@ -82,9 +86,11 @@ pugi::xml_node end_of(const Xml& xml, const pugi::xml_node& joint, const char* e
   return element;
 }
 
-/// Some files attach the robot to a `world` that they do not define. That is accepted if it can only be meant so: one name, used as
-/// a parent alone, and every defined link has a joint above it. It becomes a link, with a warning.
-void accept_root(const Xml& xml, const Elements& joints, Tree& tree, Indices& links, std::vector<std::string>& warnings) {
+/// Some files attach the robot to a `world` that they do not define. That is accepted if it can
+/// only be meant so: one name, used as a parent alone, and every defined link has a joint above it.
+/// It becomes a link, with a warning.
+void accept_root(const Xml& xml, const Elements& joints, Tree& tree, Indices& links,
+                 std::vector<std::string>& warnings) {
   pugi::xml_node undefined;
   size_t children_defined = 0;
   for (const pugi::xml_node& joint : joints) {
@@ -92,31 +98,38 @@ void accept_root(const Xml& xml, const Elements& joints, Tree& tree, Indices& li
     children_defined += links.count(name_in(xml, end_of(xml, joint, "child"), "link"));
     if (!undefined && !links.count(name_in(xml, parent, "link"))) undefined = parent;
   }
-  if (!undefined || tree.links.empty() || children_defined != joints.size() || joints.size() != tree.links.size()) return;
+  if (!undefined || tree.links.empty() || children_defined != joints.size() ||
+      joints.size() != tree.links.size())
+    return;
   const std::string name = name_in(xml, undefined, "link");
   links.emplace(name, static_cast<int>(tree.links.size()));
   tree.links.push_back(name);
-  warnings.push_back(where(xml, undefined) + "link '" + name + "' is not defined; taken as the root of the robot");
+  warnings.push_back(where(xml, undefined) + "link '" + name +
+                     "' is not defined; taken as the root of the robot");
 }
 
 int find_link(const Xml& xml, const pugi::xml_node& end, const Indices& links) {
   const std::string name = name_in(xml, end, "link");
   const auto it = links.find(name);
-  if (it == links.end()) fail(xml, end, "link '" + name + "' is not defined" + nearest_names(name, keys(links)));
+  if (it == links.end())
+    fail(xml, end, "link '" + name + "' is not defined" + nearest_names(name, keys(links)));
   return it->second;
 }
 
 Mimic read_mimic(const Xml& xml, const pugi::xml_node& element, const Indices& joints) {
   const std::string master = name_in(xml, element, "joint");
   const auto it = joints.find(master);
-  if (it == joints.end()) fail(xml, element, "joint '" + master + "' is not defined" + nearest_names(master, keys(joints)));
+  if (it == joints.end())
+    fail(xml, element,
+         "joint '" + master + "' is not defined" + nearest_names(master, keys(joints)));
   return {it->second, number(xml, element, "multiplier", 1), number(xml, element, "offset", 0)};
 }
 
 /// A hint for files that xacro has not expanded.
 std::string xacro_hint(const pugi::xml_node& robot) {
   for (const pugi::xml_node& child : robot.children())
-    if (std::strncmp(child.name(), "xacro:", 6) == 0) return std::string("; <") + child.name() + "> is not expanded: run xacro first";
+    if (std::strncmp(child.name(), "xacro:", 6) == 0)
+      return std::string("; <") + child.name() + "> is not expanded: run xacro first";
   return "";
 }
 
@@ -133,8 +146,11 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
   const Indices joints = index_names(xml, joint_elements);
 
   Tree& tree = urdf.tree;
-  for (const pugi::xml_node& link : link_elements) tree.links.push_back(link.attribute("name").value());
-  if (tree.links.empty()) throw InputError(at_offset(xml, robot.offset_debug()) + ": the robot has no links" + xacro_hint(robot));
+  for (const pugi::xml_node& link : link_elements)
+    tree.links.push_back(link.attribute("name").value());
+  if (tree.links.empty())
+    throw InputError(at_offset(xml, robot.offset_debug()) + ": the robot has no links" +
+                     xacro_hint(robot));
   accept_root(xml, joint_elements, tree, links, urdf.warnings);
   for (const pugi::xml_node& element : joint_elements) {
     Joint joint = read_joint(xml, element, urdf.warnings);
@@ -144,14 +160,16 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
     if (mimic && joint.moves()) joint.mimic = read_mimic(xml, mimic, joints);
     tree.joints.push_back(std::move(joint));
     const pugi::xml_node origin = element.child("origin");
-    urdf.origins.push_back({origin.attribute("xyz").as_string("0 0 0"), origin.attribute("rpy").as_string("0 0 0")});
+    urdf.origins.push_back(
+        {origin.attribute("xyz").as_string("0 0 0"), origin.attribute("rpy").as_string("0 0 0")});
   }
   try {
     finish_tree(tree);
   } catch (const std::invalid_argument& e) {
     throw InputError(path + ": " + e.what() + xacro_hint(robot));
   }
-  for (const WrittenTransmission& reduction : find_reductions(text, robot)) urdf.transmissions.push_back(reduction.transmission);
+  for (const WrittenTransmission& reduction : find_reductions(text, robot))
+    urdf.transmissions.push_back(reduction.transmission);
   return urdf;
 }
 

@@ -1,4 +1,5 @@
-// A URDF as read. Its text is the truth: it is read strictly, with lines in the messages; edit.h writes changes into it.
+// A URDF as read. Its text is the truth: it is read strictly, with lines in the messages; edit.h
+// writes changes into it.
 #pragma once
 
 #include <string>
@@ -9,19 +10,20 @@
 
 namespace kincal {
 
-/// An OriginText is an origin as it stands in the file: xyz and rpy in the file's own digits ("0 0 0" where absent), for changes.yaml.
+/// An OriginText is an origin as it stands in the file: xyz and rpy in the file's own digits ("0 0
+/// 0" where absent), for changes.yaml.
 struct OriginText {
   std::string xyz, rpy;
 };
 
 /// A Urdf is a URDF as read.
 struct Urdf {
-  std::string path;                    // where it came from, for messages
-  std::string text;                    // the file, byte for byte
+  std::string path;  // where it came from, for messages
+  std::string text;  // the file, byte for byte
   Tree tree;
-  std::vector<OriginText> origins;     // by joint
+  std::vector<OriginText> origins;  // by joint
   std::vector<Transmission> transmissions;
-  std::vector<std::string> warnings;   // e.g. an undefined root link that was accepted
+  std::vector<std::string> warnings;  // e.g. an undefined root link that was accepted
 };
 
 /// Both read a URDF. @throws InputError "path:line: element: what is wrong, what is valid".

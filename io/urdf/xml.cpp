@@ -13,10 +13,12 @@ namespace {
 
 std::string own_title(const pugi::xml_node& element) {
   const pugi::xml_attribute name = element.attribute("name");
-  return name ? std::string(element.name()) + " '" + name.value() + "'" : std::string("<") + element.name() + ">";
+  return name ? std::string(element.name()) + " '" + name.value() + "'"
+              : std::string("<") + element.name() + ">";
 }
 
-/// Whether a name has no prefix, a built-in one, or one declared (xmlns:prefix) on the element or above it.
+/// Whether a name has no prefix, a built-in one, or one declared (xmlns:prefix) on the element or
+/// above it.
 bool is_bound(const pugi::xml_node& element, const std::string& name) {
   const size_t colon = name.find(':');
   if (colon == std::string::npos) return true;
@@ -27,30 +29,36 @@ bool is_bound(const pugi::xml_node& element, const std::string& name) {
   return false;
 }
 
-/// What XML demands and pugixml does not look at: one top element, declared prefixes, no attribute twice.
+/// What XML demands and pugixml does not look at: one top element, declared prefixes, no attribute
+/// twice.
 void check_element(const Xml& xml, const pugi::xml_node& element) {
   const auto check_prefix = [&](const std::string& name) {
     if (!is_bound(element, name))
-      throw InputError(at_offset(xml, element.offset_debug()) + ": not well-formed XML: unbound prefix in '" + name +
+      throw InputError(at_offset(xml, element.offset_debug()) +
+                       ": not well-formed XML: unbound prefix in '" + name +
                        "'; declare xmlns:" + name.substr(0, name.find(':')) + " in <robot>");
   };
   check_prefix(element.name());
   for (const pugi::xml_attribute& attribute : element.attributes()) {
     check_prefix(attribute.name());
-    for (pugi::xml_attribute other = attribute.next_attribute(); other; other = other.next_attribute())
+    for (pugi::xml_attribute other = attribute.next_attribute(); other;
+         other = other.next_attribute())
       if (std::strcmp(attribute.name(), other.name()) == 0)
-        throw InputError(where(xml, element) + "not well-formed XML: attribute '" + other.name() + "' stands twice");
+        throw InputError(where(xml, element) + "not well-formed XML: attribute '" + other.name() +
+                         "' stands twice");
   }
 }
 
-/// The node after this one in the order of the text; null at the end. Without recursion: depth is the file's choice.
+/// The node after this one in the order of the text; null at the end. Without recursion: depth is
+/// the file's choice.
 pugi::xml_node next_node(pugi::xml_node node) {
   if (node.first_child()) return node.first_child();
   while (node && !node.next_sibling()) node = node.parent();
   return node.next_sibling();
 }
 
-std::vector<double> numbers(const Xml& xml, const pugi::xml_node& element, const char* attribute, size_t count) {
+std::vector<double> numbers(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                            size_t count) {
   const std::string text = element.attribute(attribute).value();
   std::vector<double> values;
   const char *at = text.data(), *const end = at + text.size();
@@ -62,13 +70,14 @@ std::vector<double> numbers(const Xml& xml, const pugi::xml_node& element, const
     values.push_back(0);
     if (!to_number(begin, at, values.back()))
       fail(xml, element,
-           std::string(attribute) + "=\"" + text + "\": '" + std::string(begin, at) + "' is not a finite number" +
+           std::string(attribute) + "=\"" + text + "\": '" + std::string(begin, at) +
+               "' is not a finite number" +
                (text.find("${") != std::string::npos ? "; expand the xacro first" : ""));
   }
   if (values.size() != count)
     fail(xml, element,
-         std::string(attribute) + "=\"" + text + "\" has " + std::to_string(values.size()) + " numbers, " + std::to_string(count) +
-             (count == 1 ? " is" : " are") + " needed");
+         std::string(attribute) + "=\"" + text + "\" has " + std::to_string(values.size()) +
+             " numbers, " + std::to_string(count) + (count == 1 ? " is" : " are") + " needed");
   return values;
 }
 
@@ -76,13 +85,15 @@ std::vector<double> numbers(const Xml& xml, const pugi::xml_node& element, const
 
 // ---------------------------------------------------------------- places
 std::string at_offset(const Xml& xml, std::ptrdiff_t offset) {
-  const auto end = xml.text.begin() + std::clamp<std::ptrdiff_t>(offset, 0, static_cast<std::ptrdiff_t>(xml.text.size()));
+  const auto end = xml.text.begin() + std::clamp<std::ptrdiff_t>(
+                                          offset, 0, static_cast<std::ptrdiff_t>(xml.text.size()));
   return xml.path + ":" + std::to_string(1 + std::count(xml.text.begin(), end, '\n'));
 }
 
 std::string title(const pugi::xml_node& element) {
   pugi::xml_node holder = element;
-  while (holder.parent().parent().parent()) holder = holder.parent();  // below <robot>, that below the document
+  while (holder.parent().parent().parent())
+    holder = holder.parent();  // below <robot>, that below the document
   return (holder == element ? "" : own_title(holder) + ": ") + own_title(element);
 }
 
@@ -97,19 +108,23 @@ void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what
 pugi::xml_node load(Xml& xml) {
   if (xml.text.compare(0, 2, "\xFF\xFE") == 0 || xml.text.compare(0, 2, "\xFE\xFF") == 0)
     throw InputError(xml.path + ":1: the text is UTF-16; save it as UTF-8");
-  const pugi::xml_parse_result result =
-      xml.document.load_buffer(xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
-  if (!result) throw InputError(at_offset(xml, result.offset) + ": not well-formed XML: " + result.description());
+  const pugi::xml_parse_result result = xml.document.load_buffer(
+      xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
+  if (!result)
+    throw InputError(at_offset(xml, result.offset) +
+                     ": not well-formed XML: " + result.description());
   const pugi::xml_node robot = xml.document.document_element();
   for (pugi::xml_node n = xml.document.first_child(); n; n = next_node(n))
     if (n.type() == pugi::node_element) {
       if (n.parent() == xml.document && n != robot)
-        throw InputError(at_offset(xml, n.offset_debug()) + ": not well-formed XML: <" + n.name() + "> after the end of <" + robot.name() +
+        throw InputError(at_offset(xml, n.offset_debug()) + ": not well-formed XML: <" + n.name() +
+                         "> after the end of <" + robot.name() +
                          ">; a file has one element at the top");
       check_element(xml, n);
     }
   if (std::strcmp(robot.name(), "robot") != 0)
-    throw InputError(at_offset(xml, robot.offset_debug()) + ": <" + robot.name() + "> is no URDF; the top element must be <robot>");
+    throw InputError(at_offset(xml, robot.offset_debug()) + ": <" + robot.name() +
+                     "> is no URDF; the top element must be <robot>");
   return robot;
 }
 
@@ -122,7 +137,8 @@ bool to_number(const char* begin, const char* end, double& value) {
   return result.ec == std::errc() && result.ptr == end && std::isfinite(value);
 }
 
-Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute, const Vector3d& absent) {
+Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                 const Vector3d& absent) {
   if (!element.attribute(attribute)) return absent;
   return Vector3d(numbers(xml, element, attribute, 3).data());
 }
@@ -133,7 +149,8 @@ double number(const Xml& xml, const pugi::xml_node& element, const char* attribu
 
 std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* attribute) {
   const std::string name = element.attribute(attribute).value();
-  if (name.empty()) fail(xml, element, std::string("the attribute '") + attribute + "' is missing or empty");
+  if (name.empty())
+    fail(xml, element, std::string("the attribute '") + attribute + "' is missing or empty");
   return name;
 }
 

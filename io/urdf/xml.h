@@ -1,5 +1,5 @@
-// The XML of a URDF with the bytes it came from: parsed strictly, attributes read with the line in every message. This header is internal
-// to this folder.
+// The XML of a URDF with the bytes it came from: parsed strictly, attributes read with the line in
+// every message. This header is internal to this folder.
 #pragma once
 
 #include <cstddef>
@@ -11,21 +11,24 @@
 
 namespace kincal {
 
-/// Xml is the parsed XML with the bytes it came from. pugixml keeps the offset of every element's name in them.
+/// Xml is the parsed XML with the bytes it came from. pugixml keeps the offset of every element's
+/// name in them.
 struct Xml {
   const std::string& text;
   const std::string& path;
   pugi::xml_document document;
 };
 
-/// Parses and returns <robot>. The bytes are taken as they are (UTF-8 or anything that contains ASCII): pugixml converts nothing.
+/// Parses and returns <robot>. The bytes are taken as they are (UTF-8 or anything that contains
+/// ASCII): pugixml converts nothing.
 /// @throws InputError
 pugi::xml_node load(Xml& xml);
 
 /// Returns "path:line" of a byte.
 std::string at_offset(const Xml& xml, std::ptrdiff_t offset);
 
-/// Returns "joint 'elbow': <origin>" for the origin of a joint: the child of <robot> that holds the element, and the element.
+/// Returns "joint 'elbow': <origin>" for the origin of a joint: the child of <robot> that holds the
+/// element, and the element.
 std::string title(const pugi::xml_node& element);
 
 /// Returns "path:line: title: ", the beginning of a message.
@@ -37,8 +40,10 @@ bool is_blank(char c);
 /// Reads all of [begin, end) as one finite number; false: it is none.
 bool to_number(const char* begin, const char* end, double& value);
 
-/// Both read an attribute, as three numbers or one; `absent` stands for one that is not there. They fail on anything else.
-Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute, const Vector3d& absent);
+/// Both read an attribute, as three numbers or one; `absent` stands for one that is not there. They
+/// fail on anything else.
+Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                 const Vector3d& absent);
 double number(const Xml& xml, const pugi::xml_node& element, const char* attribute, double absent);
 
 /// Returns an attribute that must not be empty.

@@ -37,20 +37,23 @@ SigmaStatistics statistics(std::vector<double> v) {
   return {std::sqrt(squared / static_cast<double>(n)), (v[(n - 1) / 2] + v[n / 2]) / 2, v.back()};
 }
 
-/// Squared sigmas of position and rotation at one posture; NaN: a direction that nothing determines moves it.
+/// Squared sigmas of position and rotation at one posture; NaN: a direction that nothing determines
+/// moves it.
 struct Variances {
   double position, rotation, position_by_readings, rotation_by_readings;
 };
 Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
   const MatrixXd covariance = d.by_unknowns * unknowns.covariance * d.by_unknowns.transpose();
-  Variances out{covariance.diagonal().head<3>().sum(), covariance.diagonal().tail<3>().sum(), d.by_readings.topRows<3>().squaredNorm(),
+  Variances out{covariance.diagonal().head<3>().sum(), covariance.diagonal().tail<3>().sum(),
+                d.by_readings.topRows<3>().squaredNorm(),
                 d.by_readings.bottomRows<3>().squaredNorm()};
   for (Eigen::Index k = 0; k < unknowns.undetermined.cols(); ++k) {
     const VectorXd direction = unknowns.undetermined.col(k);
     const Vector6d motion = d.by_unknowns * direction;
     double size = 0;  // m and rad alike: a lever of a metre
     for (Eigen::Index i = 0; i < direction.size(); ++i)
-      size += std::abs(direction(i)) * (d.by_unknowns.col(i).head<3>().norm() + d.by_unknowns.col(i).tail<3>().norm());
+      size += std::abs(direction(i)) *
+              (d.by_unknowns.col(i).head<3>().norm() + d.by_unknowns.col(i).tail<3>().norm());
     if (motion.head<3>().norm() > kMoves * size) out.position = kNan;
     if (motion.tail<3>().norm() > kMoves * size) out.rotation = kNan;
   }
@@ -66,7 +69,8 @@ std::vector<std::string> held_on_path(const Solution& solution, const Frame& fra
     path_parameters.push_back(table.joint_origin[step.joint]);
     if (!rig.tree.joints[step.joint].moves()) continue;
     const int d = driver(rig.tree, step.joint).joint;
-    for (int k = 0; k < rig.joints[d].model->size(); ++k) path_parameters.push_back(table.joint_offset[d] + k);
+    for (int k = 0; k < rig.joints[d].model->size(); ++k)
+      path_parameters.push_back(table.joint_offset[d] + k);
   }
   if (frame.pose >= 0) path_parameters.push_back(frame.pose);
   std::vector<std::string> out;
@@ -87,16 +91,19 @@ std::vector<std::string> held_on_path(const Solution& solution, const Frame& fra
 std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table) {
   std::vector<Frame> out;
   for (size_t l = 0; l < rig.tree.links.size(); ++l)
-    if (reachable(rig, static_cast<int>(l))) out.push_back({rig.tree.links[l], static_cast<int>(l), -1});
+    if (reachable(rig, static_cast<int>(l)))
+      out.push_back({rig.tree.links[l], static_cast<int>(l), -1});
   for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (reachable(rig, rig.sensors[s].link)) out.push_back({"sensor/" + rig.sensors[s].name, rig.sensors[s].link, table.sensor_pose[s]});
+    if (reachable(rig, rig.sensors[s].link))
+      out.push_back({"sensor/" + rig.sensors[s].name, rig.sensors[s].link, table.sensor_pose[s]});
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0 && reachable(rig, rig.targets[t].link))
       out.push_back({"target/" + rig.targets[t].name, rig.targets[t].link, table.target_pose[t]});
   return out;
 }
 
-std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table, const std::string& name) {
+std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table,
+                                const std::string& name) {
   for (const Frame& f : all_frames(rig, table))
     if (f.name == name) return f;
   return std::nullopt;
@@ -112,7 +119,8 @@ Unknowns last_unknowns(const Linearisation& at) {
     const Parameter& p = solution.table().all[f.parameter];
     if (p.pose && !f.whole(p))
       out.charts[f.parameter] =
-          right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) * get_pose(solution.values.shared, p.start)));
+          right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) *
+                                     get_pose(solution.values.shared, p.start)));
   }
   return out;
 }
@@ -130,18 +138,21 @@ std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t s
   return out;
 }
 
-Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Frame& frame, const Readings& readings) {
+Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                  const Frame& frame, const Readings& readings) {
   const Pose base_T_link = Configuration(rig, table, values, readings).base_T_link(frame.link);
   return frame.pose < 0 ? base_T_link : base_T_link * get_pose(values, table.all[frame.pose].start);
 }
 
-FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Unknowns& unknowns,
+FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
+                                 const VectorXd& values, const Unknowns& unknowns,
                                  const Frame& frame, const Readings& readings) {
   FrameDerivative out;
   const Configuration robot(rig, table, values, readings);
   std::map<int, std::vector<std::pair<int, int>>> columns;  // parameter -> (component, column)
   for (size_t c = 0; c < unknowns.columns.size(); ++c)
-    columns[unknowns.columns[c].parameter].push_back({unknowns.columns[c].index, static_cast<int>(c)});
+    columns[unknowns.columns[c].parameter].push_back(
+        {unknowns.columns[c].index, static_cast<int>(c)});
   out.by_unknowns.setZero(6, static_cast<Eigen::Index>(unknowns.columns.size()));  // twists first
   const auto add_twist = [&](int parameter, const Vector6d& twist) {
     const auto found = columns.find(parameter);
@@ -151,7 +162,8 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
     const auto found = columns.find(parameter);
     if (found == columns.end()) return;
     const auto chart = unknowns.charts.find(parameter);
-    const Matrix6d twists = direction * adjoint(a_T_pose) * (chart == unknowns.charts.end() ? Matrix6d::Identity() : chart->second);
+    const Matrix6d twists = direction * adjoint(a_T_pose) *
+                            (chart == unknowns.charts.end() ? Matrix6d::Identity() : chart->second);
     for (const auto& c : found->second) out.by_unknowns.col(c.second) += twists.col(c.first);
   };
   std::map<int, Vector6d> by_reading;  // joint with a reading -> twist by it
@@ -159,7 +171,8 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
     const Joint& joint = rig.tree.joints[step.joint];
     Pose base_T_joint, base_T_next;
-    walk(step, robot.origin(step.joint), robot.motion(step.joint), base_T_link, base_T_joint, base_T_next);
+    walk(step, robot.origin(step.joint), robot.motion(step.joint), base_T_link, base_T_joint,
+         base_T_next);
     add_pose(table.joint_origin[step.joint], step.direction, base_T_joint);
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
@@ -167,9 +180,12 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table, co
       const JointModel& model = *rig.joints[d.joint].model;
       const double* own = robot.own_numbers(d.joint);
       const double reading = readings[d.joint];
-      for (int k = 0; k < model.size(); ++k) add_twist(table.joint_offset[d.joint] + k, model.by_own(k, reading, own) * twist);
+      for (int k = 0; k < model.size(); ++k)
+        add_twist(table.joint_offset[d.joint] + k, model.by_own(k, reading, own) * twist);
       const double sigma = rig.joints[d.joint].sigma;
-      if (sigma > 0) by_reading.emplace(d.joint, Vector6d::Zero()).first->second += model.by_reading(reading, own) * sigma * twist;
+      if (sigma > 0)
+        by_reading.emplace(d.joint, Vector6d::Zero()).first->second +=
+            model.by_reading(reading, own) * sigma * twist;
     }
     base_T_link = base_T_next;
   }
@@ -195,27 +211,31 @@ FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, con
   std::vector<Readings> samples;
   for (const Sample& s : solution.samples())
     if (has_readings(rig, frame.link, s.readings)) samples.push_back(s.readings);
-  const std::vector<std::pair<std::string, std::vector<Readings>>> workspaces = {{"samples", samples},
-                                                                                 {"limits", random_postures(rig, kPostures, kSeed)}};
+  const std::vector<std::pair<std::string, std::vector<Readings>>> workspaces = {
+      {"samples", samples}, {"limits", random_postures(rig, kPostures, kSeed)}};
   for (const auto& workspace : workspaces) {
     if (workspace.second.empty()) continue;
     std::vector<double> sigma[4];
     for (const Readings& readings : workspace.second) {
-      const Variances v = variances(frame_derivative(rig, table, solution.values.shared, unknowns, frame, readings), unknowns);
+      const Variances v =
+          variances(frame_derivative(rig, table, solution.values.shared, unknowns, frame, readings),
+                    unknowns);
       sigma[0].push_back(std::sqrt(v.position));
       sigma[1].push_back(std::sqrt(v.rotation));
       sigma[2].push_back(std::sqrt(v.position + v.position_by_readings));
       sigma[3].push_back(std::sqrt(v.rotation + v.rotation_by_readings));
     }
-    out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()), statistics(sigma[0]), statistics(sigma[1]),
-                              statistics(sigma[2]), statistics(sigma[3])});
+    out.workspaces.push_back({workspace.first, static_cast<long>(workspace.second.size()),
+                              statistics(sigma[0]), statistics(sigma[1]), statistics(sigma[2]),
+                              statistics(sigma[3])});
   }
   out.held = held_on_path(solution, frame);
   return out;
 }
 
-FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b, const Frame& in_a, const Frame& in_b,
-                              const std::vector<Readings>& postures_a, const std::vector<Readings>& postures_b) {
+FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b, const Frame& in_a,
+                              const Frame& in_b, const std::vector<Readings>& postures_a,
+                              const std::vector<Readings>& postures_b) {
   struct Side {
     const CalibratedRobot& robot;
     const Frame& frame;
@@ -232,7 +252,10 @@ FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b
       const Readings& readings = sides[k].postures[i];
       pose[k] = base_T_frame(*r.rig, *r.table, r.values, sides[k].frame, readings);
       Variances v{kNan, kNan, 0, 0};
-      if (r.unknowns) v = variances(frame_derivative(*r.rig, *r.table, r.values, *r.unknowns, sides[k].frame, readings), *r.unknowns);
+      if (r.unknowns)
+        v = variances(
+            frame_derivative(*r.rig, *r.table, r.values, *r.unknowns, sides[k].frame, readings),
+            *r.unknowns);
       out.position_sigma += v.position;
       out.rotation_sigma += v.rotation;
     }
@@ -244,7 +267,8 @@ FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b
     out.rotation_worst = std::max(out.rotation_worst, rotation);
   }
   const double n = out.postures > 0 ? static_cast<double>(out.postures) : kNan;
-  for (double* squared : {&out.position_rms, &out.rotation_rms, &out.position_sigma, &out.rotation_sigma})
+  for (double* squared :
+       {&out.position_rms, &out.rotation_rms, &out.position_sigma, &out.rotation_sigma})
     *squared = std::sqrt(*squared / n);
   if (out.postures == 0) out.position_worst = out.rotation_worst = kNan;
   return out;

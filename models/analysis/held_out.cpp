@@ -3,19 +3,20 @@
 #include <algorithm>
 #include <cmath>
 
-
 namespace kincal {
 namespace {
 
-/// Quantile 97.5 % of Student's t with n >= 2 degrees of freedom: Cornish and Fisher's expansion about the normal's (Abramowitz, Stegun
-/// 26.7.5), 0.12 % off at n = 3, better beyond.
+/// Quantile 97.5 % of Student's t with n >= 2 degrees of freedom: Cornish and Fisher's expansion
+/// about the normal's (Abramowitz, Stegun 26.7.5), 0.12 % off at n = 3, better beyond.
 double student_quantile(long n) {
   if (n == 2) return std::sqrt(2 / (0.05 * 1.95) - 2);
   constexpr double z = 1.959963984540054, q = z * z;
   const double a = 1 / static_cast<double>(n);
-  return z * (1 + a * ((q + 1) / 4 +
-                       a * (((5 * q + 16) * q + 3) / 96 + a * ((((3 * q + 19) * q + 17) * q - 15) / 384 +
-                                                               a * (((((79 * q + 776) * q + 1482) * q - 1920) * q - 945) / 92160)))));
+  return z *
+         (1 + a * ((q + 1) / 4 +
+                   a * (((5 * q + 16) * q + 3) / 96 +
+                        a * ((((3 * q + 19) * q + 17) * q - 15) / 384 +
+                             a * (((((79 * q + 776) * q + 1482) * q - 1920) * q - 945) / 92160)))));
 }
 
 }  // namespace
@@ -38,12 +39,15 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   double variance = 0;
   for (double t : theta) variance += (t - mean) * (t - mean);
   const double error = std::sqrt(variance * static_cast<double>(m - 1) / static_cast<double>(m));
-  const double rms = std::sqrt(sum / static_cast<double>(count)), factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
-  if (factor > 10) return {};  // one block is nearly all of it: the scatter over blocks means nothing
+  const double rms = std::sqrt(sum / static_cast<double>(count)),
+               factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
+  if (factor > 10)
+    return {};  // one block is nearly all of it: the scatter over blocks means nothing
   return {rms / factor, rms * factor};
 }
 
-void HeldOutSums::add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index) {
+void HeldOutSums::add(const Recording& recording, const Residuals& residuals,
+                      const std::vector<int>& index) {
   const Rig& rig = recording.rig;
   for (const Sample& s : recording.samples)
     if (!s.train)
@@ -64,7 +68,8 @@ void HeldOutSums::add(const Recording& recording, const Residuals& residuals, co
     }
 }
 
-std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, const HeldOutSums& held_out) {
+std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
+                                          const HeldOutSums& held_out) {
   std::vector<HeldOutError> out;
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const auto missing = held_out.missing.find(static_cast<int>(s));
@@ -92,7 +97,8 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, 
       add(total, entry.second);
     }
     if (by_block.size() < 3) e.by_target = false;
-    const std::map<int, BlockSums>& parts = e.by_target || by_block.size() >= 3 ? by_block : by_sample;
+    const std::map<int, BlockSums>& parts =
+        e.by_target || by_block.size() >= 3 ? by_block : by_sample;
     e.points = total.points;
     e.blocks = static_cast<long>(parts.size());
     const auto judge = [&](double BlockSums::*squares, double& rms, Interval& interval) {

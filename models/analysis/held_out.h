@@ -1,12 +1,14 @@
 // The error on data that a calibration did not use, sensor by sensor, with intervals.
 //
-// Intervals: for the mean square q of a sensor's residuals over m blocks (squares s_i of n_i points, q = sum s_i / sum n_i) the jackknife
-// over blocks on the logarithm (Efron, Stein 1981), with theta_i = ln q without block i and theta its mean,
+// Intervals: for the mean square q of a sensor's residuals over m blocks (squares s_i of n_i
+// points, q = sum s_i / sum n_i) the jackknife over blocks on the logarithm (Efron, Stein 1981),
+// with theta_i = ln q without block i and theta its mean,
 //     e^2 = (m - 1) / m  sum (theta_i - theta)^2,
 //     95 % interval of rms = sqrt(q) exp(-+ t e / 2),
-// t the 97.5 % quantile of Student's t with m - 1 degrees of freedom. So blocks may be correlated inside and of any size. Nothing is
-// random. The interval is how far rms would scatter with other blocks of the same kind for this calibration; with fewer than three targets,
-// or views, the blocks are samples, and with fewer than three of those there is no interval.
+// t the 97.5 % quantile of Student's t with m - 1 degrees of freedom. So blocks may be correlated
+// inside and of any size. Nothing is random. The interval is how far rms would scatter with other
+// blocks of the same kind for this calibration; with fewer than three targets, or views, the blocks
+// are samples, and with fewer than three of those there is no interval.
 #pragma once
 
 #include <map>
@@ -26,7 +28,8 @@ struct Interval {
 /// Returns the 95 % interval of a root mean square; `squares` and `points` are by block.
 Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points);
 
-/// A HeldOutError has root mean squares of one sensor's residuals on data not used, with intervals; NaN: none. Units are as SensorResult's.
+/// A HeldOutError has root mean squares of one sensor's residuals on data not used, with intervals;
+/// NaN: none. Units are as SensorResult's.
 struct HeldOutError {
   std::string sensor, unit;
   bool measures_pose = false;
@@ -38,7 +41,8 @@ struct HeldOutError {
   Interval of_rms, of_rms_as_read, of_rotation, of_rotation_as_read;
 };
 
-/// Returns the errors of the solution's held-out samples, sensor by sensor; empty if nothing is held out.
+/// Returns the errors of the solution's held-out samples, sensor by sensor; empty if nothing is
+/// held out.
 std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residuals& residuals);
 
 /// BlockSums are the squares of a sensor's residuals in one block.
@@ -52,11 +56,13 @@ struct HeldOutSums {
   std::map<std::pair<int, int>, BlockSums> all;  // (sensor, sample of the whole set)
   std::map<int, long> missing;                   // sensor -> views
 
-  /// Adds the held-out residuals of a calibration of some samples; `index` says where each of these stands in the whole set.
+  /// Adds the held-out residuals of a calibration of some samples; `index` says where each of these
+  /// stands in the whole set.
   void add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index);
 };
 
 /// Returns the errors of the sums, sensor by sensor. `blocks` are those of the whole set.
-std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks, const HeldOutSums& held_out);
+std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
+                                          const HeldOutSums& held_out);
 
 }  // namespace kincal

@@ -7,9 +7,11 @@
 
 namespace kincal {
 
-std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& reduced_rows,
+std::vector<Influence> influences(const std::vector<GroupShape>& groups,
+                                  const std::vector<MatrixXd>& reduced_rows,
                                   const Observability& observability, double least) {
-  constexpr double kAlone = 1e-7;  // of the information on a direction that the other groups have at least, else it is determined by one
+  constexpr double kAlone = 1e-7;  // of the information on a direction that the other groups have
+                                   // at least, else it is determined by one
   const MatrixXd& w = observability.root;
   const Eigen::Index n = w.cols();
   std::vector<Influence> out;
@@ -40,11 +42,15 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups, const s
       const double sigma = w.row(c).norm();
       if (sigma == 0) continue;
       const bool undetermined = lost.cols() > 0 && lost.row(c).norm() > 1e-3 * sigma;
-      const double sigmas = undetermined ? std::numeric_limits<double>::infinity() : delta(c) / sigma;
-      if (std::abs(sigmas) > least) out.push_back({static_cast<int>(g), static_cast<int>(c), sigmas});
+      const double sigmas =
+          undetermined ? std::numeric_limits<double>::infinity() : delta(c) / sigma;
+      if (std::abs(sigmas) > least)
+        out.push_back({static_cast<int>(g), static_cast<int>(c), sigmas});
     }
   }
-  std::stable_sort(out.begin(), out.end(), [](const Influence& a, const Influence& b) { return std::abs(a.sigmas) > std::abs(b.sigmas); });
+  std::stable_sort(out.begin(), out.end(), [](const Influence& a, const Influence& b) {
+    return std::abs(a.sigmas) > std::abs(b.sigmas);
+  });
   return out;
 }
 
@@ -53,7 +59,8 @@ std::vector<Leverage> leverage(const Linearisation& at) {
   const Estimation& problem = at.problem();
   for (const Influence& f : influences(problem.groups(), at.reduced_rows(), at.observability()))
     if (problem.sample_of(f.group) >= 0)
-      out.push_back({at.solution.samples()[problem.sample_of(f.group)].id, problem.column_name(f.column), f.sigmas});
+      out.push_back({at.solution.samples()[problem.sample_of(f.group)].id,
+                     problem.column_name(f.column), f.sigmas});
   return out;
 }
 

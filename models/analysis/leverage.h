@@ -1,11 +1,11 @@
 // Influence of single samples on the estimate.
 //
-// With A_i, r_i the rows of sample i after the elimination of its private unknowns, C = W W' the covariance of all and B_i = A_i W, a
-// Newton step without the sample moves the parameters by
+// With A_i, r_i the rows of sample i after the elimination of its private unknowns, C = W W' the
+// covariance of all and B_i = A_i W, a Newton step without the sample moves the parameters by
 //     delta_i = (S - A_i' A_i)^-1 A_i' r_i = W (I - B_i' B_i)^-1 B_i' r_i
-// (Cook and Weisberg, Residuals and Influence in Regression, 1982, chapter 3, for blocks of rows): the sum of A_j' r_j is 0 at the
-// solution. Squares of nothing but B_i are formed, whose singular values are below 1. Where one is 1 the sample alone determines a
-// direction of the parameters.
+// (Cook and Weisberg, Residuals and Influence in Regression, 1982, chapter 3, for blocks of rows):
+// the sum of A_j' r_j is 0 at the solution. Squares of nothing but B_i are formed, whose singular
+// values are below 1. Where one is 1 the sample alone determines a direction of the parameters.
 #pragma once
 
 #include <string>
@@ -15,18 +15,21 @@
 
 namespace kincal {
 
-/// An Influence is a column that would move by so many of its sigmas without the group; infinite: it is not determined then.
+/// An Influence is a column that would move by so many of its sigmas without the group; infinite:
+/// it is not determined then.
 struct Influence {
   int group, column;
   double sigmas;
 };
 
-/// Returns the influences above `least` in size, largest first (equal ones as the groups come). `reduced_rows` are as observe() gave them.
-std::vector<Influence> influences(const std::vector<GroupShape>& groups, const std::vector<MatrixXd>& reduced_rows,
+/// Returns the influences above `least` in size, largest first (equal ones as the groups come).
+/// `reduced_rows` are as observe() gave them.
+std::vector<Influence> influences(const std::vector<GroupShape>& groups,
+                                  const std::vector<MatrixXd>& reduced_rows,
                                   const Observability& observability, double least = 1);
 
-/// A Leverage is a parameter component that would move by this many of its sigmas without the sample (one Newton step); infinite: it is not
-/// determined then.
+/// A Leverage is a parameter component that would move by this many of its sigmas without the
+/// sample (one Newton step); infinite: it is not determined then.
 struct Leverage {
   std::string sample, parameter;
   double moved_sigmas;

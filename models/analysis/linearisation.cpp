@@ -7,7 +7,8 @@ Linearisation linearise(const Solution& solution) {
   Linearisation out{solution, solution.last};
   if (out.at) return out;
   out.at = std::make_shared<LastProblem>();
-  out.at->problem = std::make_unique<Estimation>(*solution.recording, solution.training(), solution.setup);
+  out.at->problem =
+      std::make_unique<Estimation>(*solution.recording, solution.training(), solution.setup);
   out.at->state = out.at->problem->pack(solution.values);
   out.at->problem->renew(out.at->state);
   out.at->observability = observe(*out.at->problem, out.at->state, &out.at->reduced_rows);

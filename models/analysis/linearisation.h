@@ -1,5 +1,5 @@
-// A solution with its last step's problem linearised there: what analyses of noise, weak directions, leverage and frames start from, so
-// that it is made and observed once.
+// A solution with its last step's problem linearised there: what analyses of noise, weak
+// directions, leverage and frames start from, so that it is made and observed once.
 #pragma once
 
 #include <memory>
@@ -10,17 +10,19 @@ namespace kincal {
 
 struct Linearisation {
   Solution solution;
-  std::shared_ptr<LastProblem> at;  // the last step's problem at the solution, with its covariances renewed
+  std::shared_ptr<LastProblem>
+      at;  // the last step's problem at the solution, with its covariances renewed
 
   Estimation& problem() const { return *at->problem; }
   const VectorXd& state() const { return at->state; }
   const Observability& observability() const { return at->observability; }
-  /// Returns the rows of each group after the elimination of its private unknowns, as observe() gives them.
+  /// Returns the rows of each group after the elimination of its private unknowns, as observe()
+  /// gives them.
   const std::vector<MatrixXd>& reduced_rows() const { return at->reduced_rows; }
 };
 
-/// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It takes what calibrate() left, else makes it
-/// again.
+/// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It
+/// takes what calibrate() left, else makes it again.
 Linearisation linearise(const Solution& solution);
 
 }  // namespace kincal

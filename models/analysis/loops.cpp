@@ -9,22 +9,26 @@
 namespace kincal {
 namespace {
 
-/// A view at given values: where it sees its target, and from where it looks. In the hub: the frame of the link that carries the target,
-/// or the base's for a free one. (A scanning joint may stand on either side of it.)
+/// A view at given values: where it sees its target, and from where it looks. In the hub: the frame
+/// of the link that carries the target, or the base's for a free one. (A scanning joint may stand
+/// on either side of it.)
 struct Carried {
   const View* view;
-  std::vector<int> ids;  // points of the target that it has, and those in the hub; none: it does not determine them
+  std::vector<int> ids;  // points of the target that it has, and those in the hub; none: it does
+                         // not determine them
   Matrix3Xd points;
   std::vector<Pose> hub_T_sensor;  // one; of a scan one a ray
 };
 
-Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view) {
+Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+              const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
   const MeasurementKind kind = sensor.model->measurement_kind();
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   const int hub = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
   const auto hub_T_sensor = [&](int joint, double reading) {
-    const Configuration robot = Configuration(rig, table, values, sample.readings).with(joint, reading);
+    const Configuration robot =
+        Configuration(rig, table, values, sample.readings).with(joint, reading);
     return inverse(robot.base_T_link(hub)) * robot.base_T_link(sensor.link) * link_T_sensor;
   };
   Carried out{&view, view_ids(view, rig.targets[view.target]), {}, {}};
@@ -41,13 +45,15 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
   out.hub_T_sensor = {hub_T_sensor(-1, 0)};
   if (kind == MeasurementKind::points) {
     for (Eigen::Index i = 0; i < n; ++i)
-      out.points.col(i) = out.hub_T_sensor[0] * Vector3d(Eigen::Map<const Vector3d>(view.z.data() + 3 * i));
+      out.points.col(i) =
+          out.hub_T_sensor[0] * Vector3d(Eigen::Map<const Vector3d>(view.z.data() + 3 * i));
     return out;
   }
   if (const std::optional<Pose> sensor_T_target = pose_from_view(rig, table, values, view)) {
     const Pose hub_T_target = out.hub_T_sensor[0] * *sensor_T_target;
     const Matrix3Xd points = target_points(rig, table, values, view.target);
-    for (Eigen::Index i = 0; i < n; ++i) out.points.col(i) = hub_T_target * Vector3d(points.col(out.ids[static_cast<size_t>(i)]));
+    for (Eigen::Index i = 0; i < n; ++i)
+      out.points.col(i) = hub_T_target * Vector3d(points.col(out.ids[static_cast<size_t>(i)]));
   } else {
     out.points.resize(3, 0);
   }
@@ -59,7 +65,8 @@ struct Sum {
   long points = 0;
 };
 
-void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Carried& from, const Carried& to, Sum& sum) {
+void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Carried& from,
+         const Carried& to, Sum& sum) {
   const View& view = *to.view;
   const SensorModel& model = *rig.sensors[view.sensor].model;
   std::vector<std::pair<Eigen::Index, size_t>> both;  // places of a point in `from` and in `to`
@@ -88,7 +95,8 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
     const Vector3d point = from.points.col(pair.first);
     VectorXd r(model.rows());
     if (model.scans()) {
-      r = inverse(to.hub_T_sensor[pair.second]) * point - TiltingLaser::measured_point(view.z.data() + 3 * pair.second);
+      r = inverse(to.hub_T_sensor[pair.second]) * point -
+          TiltingLaser::measured_point(view.z.data() + 3 * pair.second);
     } else {
       ViewInput in;
       in.sensor_T_target.translation = inverse(to.hub_T_sensor[0]) * point;
@@ -97,7 +105,8 @@ void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, co
       in.ids = &id;
       in.count = 1;
       in.z = view.z.data() + numbers * static_cast<int>(pair.second);
-      if (!model.evaluate(in, Columns(), r.data(), nullptr)) r.setConstant(std::numeric_limits<double>::infinity());
+      if (!model.evaluate(in, Columns(), r.data(), nullptr))
+        r.setConstant(std::numeric_limits<double>::infinity());
     }
     sum.squared += r.squaredNorm();
     ++sum.points;
@@ -116,20 +125,23 @@ std::vector<Loop> loops(const Solution& solution) {
       const VectorXd& values = after ? solution.values.shared : solution.initial;
       std::vector<Carried> carried;
       for (const View& a : sample.views)
-        if (std::any_of(sample.views.begin(), sample.views.end(),
-                        [&](const View& b) { return a.target == b.target && a.sensor != b.sensor; }))
+        if (std::any_of(sample.views.begin(), sample.views.end(), [&](const View& b) {
+              return a.target == b.target && a.sensor != b.sensor;
+            }))
           carried.push_back(carry(rig, table, values, sample, a));
       for (const Carried& from : carried)
         for (const Carried& to : carried)
           if (from.view->target == to.view->target && from.view->sensor != to.view->sensor)
-            add(rig, table, values, from, to, sums[4 * (from.view->sensor * n + to.view->sensor) + 2 * !sample.train + after]);
+            add(rig, table, values, from, to,
+                sums[4 * (from.view->sensor * n + to.view->sensor) + 2 * !sample.train + after]);
     }
   std::vector<Loop> out;
   for (size_t from = 0; from < n; ++from)
     for (size_t to = 0; to < n; ++to) {
       const Sum* s = sums.data() + 4 * (from * n + to);
       if (s[1].points + s[3].points == 0) continue;
-      Loop loop{rig.sensors[from].name, rig.sensors[to].name, rig.sensors[to].model->unit(), {}, {}};
+      Loop loop{
+          rig.sensors[from].name, rig.sensors[to].name, rig.sensors[to].model->unit(), {}, {}};
       const auto rms = [](const Sum& sum) {
         const double mean = sum.squared / static_cast<double>(sum.points);
         return std::isfinite(mean) ? std::sqrt(mean) : std::numeric_limits<double>::quiet_NaN();

@@ -1,17 +1,19 @@
 // Loops: how well every pair of sensors agrees through the robot (the paper's figure 10).
 //
-// Where two sensors see the same target in the same sample, the points of the one are carried through the kinematics into the residual
-// of the other, against what that measured itself:
+// Where two sensors see the same target in the same sample, the points of the one are carried
+// through the kinematics into the residual of the other, against what that measured itself:
 //     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,
 //     hub: the base, or the link that carries the target.
-// The joint readings are taken as read and every shared parameter as it stands; no target's pose is estimated, and nothing but the two
-// sensors takes part. So a loop shows the error of a robot that looks with one sensor and acts with the other.
+// The joint readings are taken as read and every shared parameter as it stands; no target's pose is
+// estimated, and nothing but the two sensors takes part. So a loop shows the error of a robot that
+// looks with one sensor and acts with the other.
 //
-// Points p_from of a view, in its sensor's frame: a point sensor's and a laser's as measured (a ray's at its own reading of the scanning
-// joint); a camera's the points that it saw, at the pose that best explains this view alone (perspective pose); a pose's and a chain's all
-// points of the target, at the measured pose and in the hand. Residual of `to`: as in the formats' table, at the points that both have; of
-// a chain or pose the translation of E = Z^-1 to_T_hub hub_T_target with hub_T_target the rigid fit of the carried points, where these
-// are not on a line.
+// Points p_from of a view, in its sensor's frame: a point sensor's and a laser's as measured (a
+// ray's at its own reading of the scanning joint); a camera's the points that it saw, at the pose
+// that best explains this view alone (perspective pose); a pose's and a chain's all points of the
+// target, at the measured pose and in the hand. Residual of `to`: as in the formats' table, at the
+// points that both have; of a chain or pose the translation of E = Z^-1 to_T_hub hub_T_target with
+// hub_T_target the rigid fit of the carried points, where these are not on a line.
 #pragma once
 
 #include <limits>
@@ -22,11 +24,12 @@
 
 namespace kincal {
 
-/// LoopStatistics are root mean squares in the unit of the sensor that is looked into; NaN: none, or a carried point lies behind the
-/// camera.
+/// LoopStatistics are root mean squares in the unit of the sensor that is looked into; NaN: none,
+/// or a carried point lies behind the camera.
 struct LoopStatistics {
   long points = 0;  // of a chain or pose: views
-  double rms_before = std::numeric_limits<double>::quiet_NaN(), rms = std::numeric_limits<double>::quiet_NaN();
+  double rms_before = std::numeric_limits<double>::quiet_NaN(),
+         rms = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// A Loop is one ordered pair of sensors.
@@ -35,8 +38,8 @@ struct Loop {
   LoopStatistics train, test;
 };
 
-/// Returns all pairs that meet in some sample, in the rig's order. "before" is at the rig's values (poses that it leaves open: as they
-/// started), "after" at the solution's.
+/// Returns all pairs that meet in some sample, in the rig's order. "before" is at the rig's values
+/// (poses that it leaves open: as they started), "after" at the solution's.
 std::vector<Loop> loops(const Solution& solution);
 
 }  // namespace kincal

@@ -13,7 +13,9 @@ namespace kincal {
 
 Misfits misfits(const Solution& solution, const Residuals& residuals) {
   const Rig& rig = solution.rig();
-  const auto sticks_out = [](double ratio, long count) { return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count)); };
+  const auto sticks_out = [](double ratio, long count) {
+    return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count));
+  };
 
   std::map<const View*, Mean> views;
   for (const ViewResiduals& r : residuals.after) {
@@ -33,12 +35,15 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
   // What is usual of a sensor's views, in training and held out.
   std::map<std::pair<int, bool>, double> usual;
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    double least = rig.sensors[s].model->measurement_kind() == MeasurementKind::chain ? 1 : kLeastNoiseRatio * kLeastNoiseRatio;
+    double least = rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
+                       ? 1
+                       : kLeastNoiseRatio * kLeastNoiseRatio;
     for (bool train : {true, false}) {
       std::vector<double> means;
       for (const Sample& sample : solution.samples())
         for (const View& v : sample.views)
-          if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v)) means.push_back(views[&v].value());
+          if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v))
+            means.push_back(views[&v].value());
       least = usual[{static_cast<int>(s), train}] = std::max(least, median(means, 0));
     }
   }
@@ -62,14 +67,15 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
     const double joint_ratio = joint == joints.end() ? 0 : joint->second.value() / usual_joints;
     const bool wrong_joints = joint != joints.end() && sticks_out(joint_ratio, joint->second.count);
     if (wrong_joints || 2 * bad.size() > seen)
-      out.samples.push_back(
-          {std::max(worst, wrong_joints ? joint_ratio : 0.0), "'" + sample.id + "'" + (sample.train ? "" : " (held out)")});
+      out.samples.push_back({std::max(worst, wrong_joints ? joint_ratio : 0.0),
+                             "'" + sample.id + "'" + (sample.train ? "" : " (held out)")});
     else
       out.views.insert(out.views.end(), bad.begin(), bad.end());
   }
 
   for (std::vector<Misfit>* found : {&out.samples, &out.views})
-    std::stable_sort(found->begin(), found->end(), [](const Misfit& a, const Misfit& b) { return a.ratio > b.ratio; });
+    std::stable_sort(found->begin(), found->end(),
+                     [](const Misfit& a, const Misfit& b) { return a.ratio > b.ratio; });
   return out;
 }
 

@@ -15,14 +15,16 @@ namespace {
 constexpr double kLeastRedundancy = 5, kLeastShare = 0.02, kMostUncertain = 0.5;
 constexpr double kLeastFactor = 1e-4;  // of a variance
 
-/// E[w(s) s] / (m E[w(s)]) for s chi-squared with m degrees of freedom, by Simpson's rule over x = sqrt(s).
+/// E[w(s) s] / (m E[w(s)]) for s chi-squared with m degrees of freedom, by Simpson's rule over x =
+/// sqrt(s).
 double consistency(const Loss& loss, int m) {
   if (loss.kind == LossKind::none) return 1;
   constexpr int kSteps = 2000;
   const double end = std::sqrt(m) + 10;
   double weighted = 0, weights = 0;
   for (int i = 1; i < kSteps; ++i) {
-    const double x = end * i / kSteps, density = std::exp((m - 1) * std::log(x) - x * x / 2 + m / 2.0) * (i % 2 ? 4 : 2);
+    const double x = end * i / kSteps,
+                 density = std::exp((m - 1) * std::log(x) - x * x / 2 + m / 2.0) * (i % 2 ? 4 : 2);
     double slope;
     loss(x * x, slope);
     weighted += density * slope * x * x;
@@ -60,7 +62,9 @@ struct NoiseKinds {
   int count() const { return static_cast<int>(sums.size()); }
   bool is_priors(int kind) const { return kind + 1 == count(); }
   int of(const NoiseRows& rows) const {
-    return rows.view ? of_sensor[rows.view->sensor] + rows.part : rows.joint >= 0 ? of_joint[rows.joint] : count() - 1;
+    return rows.view         ? of_sensor[rows.view->sensor] + rows.part
+           : rows.joint >= 0 ? of_joint[rows.joint]
+                             : count() - 1;
   }
 };
 
@@ -68,18 +72,22 @@ void add_sensors(const EstimationSetup& setup, const Rig& rig, NoiseKinds& kinds
   for (int s : setup.sensors) {
     const Sensor& sensor = rig.sensors[s];
     kinds.of_sensor[s] = static_cast<int>(kinds.levels.size());
-    const SensorModel* point_form = setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
+    const SensorModel* point_form =
+        setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
     for (const NoisePart& part : (point_form ? *point_form : *sensor.model).noise_parts()) {
       NoiseLevel level;
       level.of = "sensor/" + sensor.name;
       level.part = part.name;
       level.unit = part.unit;
-      if (level.part == "joint" && rig.tree.joints[sensor.scanning_joint].type == JointType::prismatic) level.unit = "m";
+      if (level.part == "joint" &&
+          rig.tree.joints[sensor.scanning_joint].type == JointType::prismatic)
+        level.unit = "m";
       level.sensor = s;
       level.first = part.first;
       level.count = part.count;
       double squared = 0;
-      for (int i = 0; i < part.count; ++i) squared += sensor.sigma[part.first + i] * sensor.sigma[part.first + i];
+      for (int i = 0; i < part.count; ++i)
+        squared += sensor.sigma[part.first + i] * sensor.sigma[part.first + i];
       level.assumed = std::sqrt(squared / part.count);
       kinds.levels.push_back(level);
       kinds.sums.emplace_back();
@@ -113,8 +121,10 @@ NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_s
   return out;
 }
 
-/// Counts and weighs the residuals of all views, and finds those whose rows hold other noise as well.
-void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& state, NoiseKinds& kinds) {
+/// Counts and weighs the residuals of all views, and finds those whose rows hold other noise as
+/// well.
+void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& state,
+                   NoiseKinds& kinds) {
   const EstimationSetup& setup = problem.setup();
   const bool own_noise_only = setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none;
   for (const ViewResiduals& r : problem.residuals(state)) {
@@ -122,9 +132,10 @@ void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& st
     const std::vector<NoisePart> parts = sensor.model->noise_parts();
     const int first = kinds.of_sensor[r.view->sensor];
     const bool split = own_noise_only && parts.size() > 1;
-    const Eigen::Index block = setup.noise == NoiseMode::marginal                              ? r.whitened.size()
-                               : setup.noise == NoiseMode::point && sensor.model->point_form() ? 3
-                                                                                               : sensor.model->rows();
+    const Eigen::Index block = setup.noise == NoiseMode::marginal ? r.whitened.size()
+                               : setup.noise == NoiseMode::point && sensor.model->point_form()
+                                   ? 3
+                                   : sensor.model->rows();
     for (Eigen::Index at = 0; at < r.whitened.size(); at += block) {
       double slope;
       setup.loss(r.whitened.segment(at, block).squaredNorm(), slope);
@@ -143,7 +154,8 @@ void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& st
   }
 }
 
-/// The rows of one group of the problem: U and B of the header, its residuals, and which rows are which kind of noise.
+/// The rows of one group of the problem: U and B of the header, its residuals, and which rows are
+/// which kind of noise.
 struct ProjectedRows {
   MatrixXd u, b;
   std::vector<NoiseRows> kinds;
@@ -151,7 +163,8 @@ struct ProjectedRows {
 };
 
 /// Eliminates the private unknowns of one group; `root` is T of the header.
-ProjectedRows project(const Estimation& problem, int group, const VectorXd& state, const MatrixXd& root) {
+ProjectedRows project(const Estimation& problem, int group, const VectorXd& state,
+                      const MatrixXd& root) {
   ProjectedRows out;
   MatrixXd rows;
   const GroupShape& shape = problem.groups()[group];
@@ -169,7 +182,8 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   return out;
 }
 
-/// Adds one group of the problem to the sums, and what it has for itself to S: the small Gram matrices of its kinds of noise.
+/// Adds one group of the problem to the sums, and what it has for itself to S: the small Gram
+/// matrices of its kinds of noise.
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
   const MatrixXd &u = rows.u, &b = rows.b;
   std::map<int, std::pair<MatrixXd, MatrixXd>> grams;  // kind -> U'U, U'B
@@ -184,13 +198,16 @@ void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
     if (!w.view) sum.weights += w.count;
     if (w.joint >= 0) ++kinds.levels[kind].rows;
     const auto placed = grams.try_emplace(kind);
-    if (placed.second) placed.first->second = {MatrixXd::Zero(u.cols(), u.cols()), MatrixXd::Zero(u.cols(), b.cols())};
+    if (placed.second)
+      placed.first->second = {MatrixXd::Zero(u.cols(), u.cols()),
+                              MatrixXd::Zero(u.cols(), b.cols())};
     placed.first->second.first.noalias() += ug.transpose() * ug;
     placed.first->second.second.noalias() += ug.transpose() * bg;
   }
   for (const auto& a : grams)
     for (const auto& c : grams)
-      s(a.first, c.first) += a.second.first.cwiseProduct(c.second.first).sum() + 2 * a.second.second.cwiseProduct(c.second.second).sum();
+      s(a.first, c.first) += a.second.first.cwiseProduct(c.second.first).sum() +
+                             2 * a.second.second.cwiseProduct(c.second.second).sum();
 }
 
 /// What Helmert's equations S f = q are made of, by kind of noise.
@@ -199,16 +216,21 @@ struct RowsLeft {
   VectorXd q, redundancy, spread;  // spread: Foerstner's f
 };
 
-RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state, const MatrixXd& covariance, NoiseKinds& kinds) {
+RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
+                        const MatrixXd& covariance, NoiseKinds& kinds) {
   const int groups = kinds.count();
   // A root of the shared covariance; unobservable directions have none.
   MatrixXd root(problem.shared_size(), problem.shared_size());
   if (problem.shared_size() > 0) root = root_of_covariance(covariance);
-  RowsLeft out{MatrixXd::Zero(groups, groups), VectorXd(groups), VectorXd(groups), VectorXd(groups)};
-  for (size_t g = 0; g < problem.groups().size(); ++g) add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
-  for (RowSums& sum : kinds.sums) sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
+  RowsLeft out{MatrixXd::Zero(groups, groups), VectorXd(groups), VectorXd(groups),
+               VectorXd(groups)};
+  for (size_t g = 0; g < problem.groups().size(); ++g)
+    add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
+  for (RowSums& sum : kinds.sums)
+    sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
   for (int a = 0; a < groups; ++a)
-    for (int c = 0; c < groups; ++c) out.s(a, c) += kinds.sums[a].shared.cwiseProduct(kinds.sums[c].shared).sum();
+    for (int c = 0; c < groups; ++c)
+      out.s(a, c) += kinds.sums[a].shared.cwiseProduct(kinds.sums[c].shared).sum();
   for (int g = 0; g < groups; ++g) {
     const RowSums& sum = kinds.sums[g];
     out.s(g, g) += sum.weights - 2 * sum.projected;
@@ -256,17 +278,20 @@ Factors solve_active(const RowsLeft& left, const std::vector<int>& active) {
   Factors out{solve_factors(part, right, start), VectorXd(a)};
   const MatrixXd inverse = solve_symmetric(part, MatrixXd::Identity(a, a));
   const VectorXd variance = (inverse * noise * inverse.transpose()).diagonal();
-  for (int i = 0; i < a; ++i) out.uncertainty(i) = variance(i) >= 0 ? std::sqrt(variance(i)) / (2 * out.factor(i)) : kInfinity;
+  for (int i = 0; i < a; ++i)
+    out.uncertainty(i) =
+        variance(i) >= 0 ? std::sqrt(variance(i)) / (2 * out.factor(i)) : kInfinity;
   return out;
 }
 
-/// The factors of all kinds; those that cannot be estimated have factor 1 and uncertainty NaN. Of the kinds solved for, the most uncertain
-/// one leaves until all that are left are certain enough.
+/// The factors of all kinds; those that cannot be estimated have factor 1 and uncertainty NaN. Of
+/// the kinds solved for, the most uncertain one leaves until all that are left are certain enough.
 Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
   const int groups = kinds.count();
   std::vector<int> active;
   for (int g = 0; !kinds.is_priors(g); ++g)
-    if (kinds.levels[g].rows > 0 && !kinds.sums[g].mixed && left.redundancy(g) >= kLeastRedundancy &&
+    if (kinds.levels[g].rows > 0 && !kinds.sums[g].mixed &&
+        left.redundancy(g) >= kLeastRedundancy &&
         left.redundancy(g) >= kLeastShare * kinds.levels[g].rows)
       active.push_back(g);
   Factors out{VectorXd::Ones(groups), VectorXd::Constant(groups, kNan)};
@@ -291,10 +316,12 @@ Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
 }  // namespace
 
 bool NoiseLevel::differs() const {
-  return std::isfinite(seen) && std::abs(seen / assumed - 1) > 0.2 && std::abs(seen - assumed) > 3 * uncertainty * seen;
+  return std::isfinite(seen) && std::abs(seen / assumed - 1) > 0.2 &&
+         std::abs(seen - assumed) > 3 * uncertainty * seen;
 }
 
-std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance) {
+std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
+                                     const MatrixXd& covariance) {
   NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
   add_residuals(problem, rig, state, kinds);
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds);
@@ -306,7 +333,8 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
     level.used = level.assumed;
     level.redundancy = left.redundancy(g);
     level.uncertainty = factors.uncertainty(g);
-    level.seen = std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
+    level.seen =
+        std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
     out.push_back(std::move(level));
   }
   return out;
@@ -320,7 +348,8 @@ std::string NoiseLevels::text() const {
   std::string out;
   for (const NoiseLevel& l : *this)
     if (l.differs())
-      out += l.of + (l.part.empty() ? "" : " (" + l.part + ")") + kincal::text(": seen %.3g ", l.seen) + l.unit +
+      out += l.of + (l.part.empty() ? "" : " (" + l.part + ")") +
+             kincal::text(": seen %.3g ", l.seen) + l.unit +
              kincal::text(", assumed %.3g\n", l.assumed);
   return out;
 }

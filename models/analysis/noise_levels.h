@@ -1,33 +1,40 @@
 // How large the noise of every sensor and joint is in the data: variance components at a solution.
 //
-// Rows of the whitened problem fall into groups g, one a kind of noise: a part of a sensor (translation and rotation of a chain; joint,
-// bearing and range of a laser; else the sensor), the errors of a joint (latent mode: rows d / sigma), and the priors, whose sigmas are
-// taken as right. Let A be the Jacobian of the whole problem, shared and private unknowns, H = A (A'A)^-1 A' the projection onto its
-// columns and R = 1 - H. At the solution the residuals are r = R e, e the noise in sigmas. If group g's true variance is f_g times the
-// assumed one,
+// Rows of the whitened problem fall into groups g, one a kind of noise: a part of a sensor
+// (translation and rotation of a chain; joint, bearing and range of a laser; else the sensor), the
+// errors of a joint (latent mode: rows d / sigma), and the priors, whose sigmas are taken as right.
+// Let A be the Jacobian of the whole problem, shared and private unknowns, H = A (A'A)^-1 A' the
+// projection onto its columns and R = 1 - H. At the solution the residuals are r = R e, e the noise
+// in sigmas. If group g's true variance is f_g times the assumed one,
 //     E[q_g] = sum_j S_gj f_j,    q_g = |r_g|^2,    S_gj = tr(R_gj R_jg)
 // (Helmert's variance components).
-// The factors f solve S f = q; seen sigma = assumed * sqrt(f_g). Since R R = R, a row of S sums to the redundancy of the group,
+// The factors f solve S f = q; seen sigma = assumed * sqrt(f_g). Since R R = R, a row of S sums to
+// the redundancy of the group,
 //     sum_j S_gj = tr R_gg = sum_i (1 - h_ii),
-// so where all f are alike f_g = q_g / redundancy_g: Foerstner's simplified estimator. It is not enough here: a joint's rows have small
-// redundancies, what they see of a camera's noise would be taken for theirs. With N_g = A_g' A_g, C = (A'A)^-1
+// so where all f are alike f_g = q_g / redundancy_g: Foerstner's simplified estimator. It is not
+// enough here: a joint's rows have small redundancies, what they see of a camera's noise would be
+// taken for theirs. With N_g = A_g' A_g, C = (A'A)^-1
 //     S_gj = [g = j] (n_g - 2 tr H_gg) + tr(N_g C N_j C).
-// Everything depends on Gram matrices of groups alone, so rows may be compressed within a group (Estimation::noise_rows). Per sample let
-// U be an orthonormal basis of its private columns' range in row space (thin Q), B = (1 - U U') J_shared T with T T' the shared
-// unknowns' covariance. Then H = U U' (within the sample) + B B', and with rows U_g, B_g of a group
+// Everything depends on Gram matrices of groups alone, so rows may be compressed within a group
+// (Estimation::noise_rows). Per sample let U be an orthonormal basis of its private columns' range
+// in row space (thin Q), B = (1 - U U') J_shared T with T T' the shared unknowns' covariance. Then
+// H = U U' (within the sample) + B B', and with rows U_g, B_g of a group
 //     tr H_gg = |U_g|^2 + |B_g|^2,
 //     tr(H_gj H_jg) = sum over samples of <U_g'U_g, U_j'U_j> + 2 <U_g'B_g, U_j'B_j>,
 //                     plus <sum B_g'B_g, sum B_j'B_j>.
-// Uncertainty: Cov q ~ 2 F S F, F = diag(q_g / redundancy_g), hence Cov f = 2 S^-1 F S F S^-1, and that of sigma relative to itself
-// is sqrt(Cov f_gg) / (2 f_g). For a group that stands alone and has much redundancy it is 1 / sqrt(2 redundancy).
-// What has a redundancy below 5 or below 2 % of its rows, or would come out with an uncertainty above a half, cannot be estimated: it is
-// held at f = 1 while the others are found. (The most uncertain one first, then the rest again.)
+// Uncertainty: Cov q ~ 2 F S F, F = diag(q_g / redundancy_g), hence Cov f = 2 S^-1 F S F S^-1, and
+// that of sigma relative to itself is sqrt(Cov f_gg) / (2 f_g). For a group that stands alone and
+// has much redundancy it is 1 / sqrt(2 redundancy). What has a redundancy below 5 or below 2 % of
+// its rows, or would come out with an uncertainty above a half, cannot be estimated: it is held at
+// f = 1 while the others are found. (The most uncertain one first, then the rest again.)
 //
-// With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it would be for normal noise of the assumed
-// size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the block's m residuals.
+// With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it
+// would be for normal noise of the assumed size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the
+// block's m residuals.
 //
-// Helmert 1907; Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und Kovarianzkomponenten", Allg. Vermessungs-Nachrichten 86 (1979);
-// Koch, "Parameter Estimation and Hypothesis Testing in Linear Models" (1999), section 3.6.
+// Helmert 1907; Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und Kovarianzkomponenten",
+// Allg. Vermessungs-Nachrichten 86 (1979); Koch, "Parameter Estimation and Hypothesis Testing in
+// Linear Models" (1999), section 3.6.
 #pragma once
 
 #include <string>
@@ -44,12 +51,12 @@ struct NoiseLevel {
   int sensor = -1, joint = -1;  // index; -1: it is the other
   int first = 0, count = 0;     // of a sensor's sigmas
   double assumed = 0;           // the rig's sigma (several numbers: their root mean square)
-  double used = 0;              // the same, unless the noise was estimated: what the result was made with
-  double seen = 0;              // NaN: cannot be estimated
-  double uncertainty = 0;       // standard deviation of `seen`, relative to it; NaN as `seen`
-  double redundancy = 0;        // what is left of its rows after fitting
-  long rows = 0;                // whitened residuals
-  int own_views = 0;            // training views with sigmas of their own: multiply these by seen / assumed
+  double used = 0;  // the same, unless the noise was estimated: what the result was made with
+  double seen = 0;  // NaN: cannot be estimated
+  double uncertainty = 0;  // standard deviation of `seen`, relative to it; NaN as `seen`
+  double redundancy = 0;   // what is left of its rows after fitting
+  long rows = 0;           // whitened residuals
+  int own_views = 0;  // training views with sigmas of their own: multiply these by seen / assumed
 
   /// True if seen and assumed differ by more than 20 % and by more than 3 standard deviations.
   bool differs() const;
@@ -61,13 +68,14 @@ struct NoiseLevels : std::vector<NoiseLevel> {
   std::string text() const;
 };
 NoiseLevels noise_levels(const Linearisation& at);
-/// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and covariances as last renewed. `covariance`
-/// is that of the shared unknowns at the solution (observe()). In modes marginal and point only sensors without noisy joints can be
-/// estimated.
-std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state, const MatrixXd& covariance);
+/// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and
+/// covariances as last renewed. `covariance` is that of the shared unknowns at the solution
+/// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.
+std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
+                                     const MatrixXd& covariance);
 
-/// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all views, those with sigmas or covariances of
-/// their own included.
+/// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all
+/// views, those with sigmas or covariances of their own included.
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels);
 
 }  // namespace kincal

@@ -26,18 +26,24 @@ std::pair<double, double> range_of(const Scene& scene, int joint) {
   return {low, high};
 }
 
-bool slides(const Scene& scene, int joint) { return scene.rig().tree.joints[joint].type == JointType::prismatic; }
+bool slides(const Scene& scene, int joint) {
+  return scene.rig().tree.joints[joint].type == JointType::prismatic;
+}
 
 std::string spread_text(const Scene& scene, int joint) {
   const auto range = range_of(scene, joint);
   const double span = range.second - range.first;
   const std::string name = scene.rig().tree.joints[joint].name;
-  if (!(span > 1e-3)) return name + text(" never moved: its reading is %.4g in all samples", range.first);
-  return name + " moved within " + (slides(scene, joint) ? length_text(span) : angle_text(span)) + " only";
+  if (!(span > 1e-3))
+    return name + text(" never moved: its reading is %.4g in all samples", range.first);
+  return name + " moved within " + (slides(scene, joint) ? length_text(span) : angle_text(span)) +
+         " only";
 }
 
-/// Joints whose motion would break a cancellation of `a` with `b` as the seen points show it, the best first.
-std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const VectorXd& b, double now) {
+/// Joints whose motion would break a cancellation of `a` with `b` as the seen points show it, the
+/// best first.
+std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const VectorXd& b,
+                                 double now) {
   std::set<int> joints;
   for (const Scene::Seen& s : scene.seen())
     for (const PathStep& step : s.path)
@@ -51,8 +57,10 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
     for (double sign : {-1.0, 1.0}) {
       const double by = sign * (slides(scene, j) ? 0.1 : 0.4);
       const std::vector<Motion> first = motions(scene, a, j, by), second = motions(scene, b, j, by);
-      const double parts = squared_lengths(scene, first).first + squared_lengths(scene, second).first;
-      if (parts > 0) worst = std::max(worst, std::sqrt(squared_lengths(scene, first, &second).first / parts));
+      const double parts =
+          squared_lengths(scene, first).first + squared_lengths(scene, second).first;
+      if (parts > 0)
+        worst = std::max(worst, std::sqrt(squared_lengths(scene, first, &second).first / parts));
     }
     if (worst > std::max(2 * kCancel, 5 * now)) found.push_back({-worst, j});
   }
@@ -95,11 +103,14 @@ std::pair<double, double> distance_from_axis(const Scene& scene, int joint) {
       }
     }
     if (!on_path) continue;
-    Pose link_T_joint = scene.along(before, values, s, -1, 0);  // behind the joint (down), or in front of its origin (up)
+    Pose link_T_joint = scene.along(before, values, s, -1,
+                                    0);  // behind the joint (down), or in front of its origin (up)
     if (before.back().direction < 0)
-      link_T_joint = link_T_joint * get_pose(values, scene.table().all[scene.table().joint_origin[joint]].start);
+      link_T_joint = link_T_joint *
+                     get_pose(values, scene.table().all[scene.table().joint_origin[joint]].start);
     const Pose link_T_target =
-        get_pose(values, scene.table().all[scene.table().sensor_pose[s.view->sensor]].start) * scene.sensor_T_target(values, s);
+        get_pose(values, scene.table().all[scene.table().sensor_pose[s.view->sensor]].start) *
+        scene.sensor_T_target(values, s);
     for (const Vector3d& p : s.points) {
       const Vector3d q = inverse(link_T_joint) * (link_T_target * p);
       const Vector3d& axis = scene.rig().tree.joints[joint].axis;
@@ -131,7 +142,8 @@ std::pair<double, double> orientations(const Scene& scene, const std::vector<cha
     }
     Vector3d axis = Vector3d::UnitX();
     for (int i = 0; i < 50; ++i)
-      if ((spread * axis).norm() > 0) axis = (spread * (axis + Vector3d(1e-9, 2e-9, 3e-9))).normalized();
+      if ((spread * axis).norm() > 0)
+        axis = (spread * (axis + Vector3d(1e-9, 2e-9, 3e-9))).normalized();
     double second = 0;
     for (const Vector3d& t : turns) second = std::max(second, (t - axis * axis.dot(t)).norm());
     out.first = std::max(out.first, largest);
@@ -144,7 +156,11 @@ std::pair<double, double> orientations(const Scene& scene, const std::vector<cha
 class ReasonFinder {
  public:
   ReasonFinder(const Scene& scene, const WeakColumns& direction, const Effects& effects)
-      : scene_(scene), columns_(direction.columns), d_(direction.coefficients), determined_(direction.determined), effects_(effects) {}
+      : scene_(scene),
+        columns_(direction.columns),
+        d_(direction.coefficients),
+        determined_(direction.determined),
+        effects_(effects) {}
 
   Reason find() {
     search();
@@ -155,11 +171,13 @@ class ReasonFinder {
   void search() {
     const double parts = effects_.parts();
     if (!(parts > 0)) return nothing();
-    const double together = std::sqrt(effects_.together / parts), left = std::sqrt(effects_.left / parts);
+    const double together = std::sqrt(effects_.together / parts),
+                 left = std::sqrt(effects_.left / parts);
     if (together < kCancel) return cancelling(together);
     if (left < kCancel) return lens() ? trade_off() : free_targets();
     out_.kind = "unknown";
-    out_.why = "no single reason was found: " + names() + " change what is measured, but in the postures at hand nearly alike";
+    out_.why = "no single reason was found: " + names() +
+               " change what is measured, but in the postures at hand nearly alike";
     out_.cure = "more and more varied postures, or hold " + first() + " or give it a prior";
   }
 
@@ -173,7 +191,8 @@ class ReasonFinder {
     for (int c : columns_) {
       const Parameter& p = table.all[columns[c].parameter];
       const std::string component = p.components[columns[c].index];
-      const auto it = std::find_if(out.begin(), out.end(), [&](const auto& o) { return o.first == columns[c].parameter; });
+      const auto it = std::find_if(out.begin(), out.end(),
+                                   [&](const auto& o) { return o.first == columns[c].parameter; });
       if (it == out.end())
         out.push_back({columns[c].parameter, component});
       else
@@ -181,7 +200,8 @@ class ReasonFinder {
     }
     std::vector<std::string> names;
     for (size_t i = with_first ? 0 : 1; i < out.size(); ++i)
-      names.push_back(table.all[out[i].first].name + (out[i].second.empty() ? "" : " (" + out[i].second + ")"));
+      names.push_back(table.all[out[i].first].name +
+                      (out[i].second.empty() ? "" : " (" + out[i].second + ")"));
     return names;
   }
   std::string names() const { return listed(grouped(true)); }
@@ -200,14 +220,17 @@ class ReasonFinder {
     const std::vector<Motion> motion = motions(scene_, d_);
     if (squared_lengths(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
       out_.kind = "on_axis";
-      out_.why = "all that is seen lies on the axis about which " + names() + " turns: one point, or points on a line";
-      out_.cure = "hold " + first() + ", or add points beside this axis (three that are not on a line)";
+      out_.why = "all that is seen lies on the axis about which " + names() +
+                 " turns: one point, or points on a line";
+      out_.cure =
+          "hold " + first() + ", or add points beside this axis (three that are not on a line)";
       return;
     }
     out_.kind = "nothing_depends";
     out_.why = "nothing that is measured depends on " + names();
     const Parameter& parameter = scene_.table().all[first_parameter()];
-    if (parameter.kind == ParameterKind::joint_scale || parameter.kind == ParameterKind::joint_shape) {
+    if (parameter.kind == ParameterKind::joint_scale ||
+        parameter.kind == ParameterKind::joint_shape) {
       const auto range = range_of(scene_, parameter.owner);
       if (std::max(std::abs(range.first), std::abs(range.second)) < 1e-9) {
         const std::string& joint = scene_.rig().tree.joints[parameter.owner].name;
@@ -217,7 +240,8 @@ class ReasonFinder {
         return;
       }
     }
-    out_.cure = "hold " + first() + " (leave it out of `free`), or add a sensor or target that it moves";
+    out_.cure =
+        "hold " + first() + " (leave it out of `free`), or add a sensor or target that it moves";
   }
 
   /// The parts cancel in the residuals, without anything private going along.
@@ -230,7 +254,8 @@ class ReasonFinder {
       b = d_ - a;
     }
     const std::vector<Motion> left = motions(scene_, a), right = motions(scene_, b);
-    const auto l = squared_lengths(scene_, left), r = squared_lengths(scene_, right), sum = squared_lengths(scene_, left, &right);
+    const auto l = squared_lengths(scene_, left), r = squared_lengths(scene_, right),
+               sum = squared_lengths(scene_, left, &right);
     const double whole = std::sqrt(sum.second / std::max(1e-300, l.second + r.second));
     const double points = std::sqrt(sum.first / std::max(1e-300, l.first + r.first));
     if (points > 3 * kCancel) return trade_off();
@@ -241,7 +266,8 @@ class ReasonFinder {
       const bool many = grouped(true).size() > 3;
       out_.kind = kind == Kind::shift ? "same_shift" : "same_axis";
       if (many) {
-        out_.why = "gauge: moving " + grouped(true)[0] + " is the same as moving " + listed(grouped(false)) + " together the other way";
+        out_.why = "gauge: moving " + grouped(true)[0] + " is the same as moving " +
+                   listed(grouped(false)) + " together the other way";
       } else {
         out_.why = sides + (kind == Kind::shift  ? " shift what is seen along the same direction"
                             : kind == Kind::turn ? " turn what is seen about the same axis"
@@ -255,18 +281,23 @@ class ReasonFinder {
     finish(joints);
   }
 
-  /// What is seen lies on the axis of the joint whose origin is freed: shifting the axis sideways and tilting it are one.
+  /// What is seen lies on the axis of the joint whose origin is freed: shifting the axis sideways
+  /// and tilting it are one.
   bool on_axis() {
     const Parameter& parameter = scene_.table().all[first_parameter()];
-    if (parameter.kind != ParameterKind::joint_origin || !scene_.rig().tree.joints[parameter.owner].moves()) return false;
+    if (parameter.kind != ParameterKind::joint_origin ||
+        !scene_.rig().tree.joints[parameter.owner].moves())
+      return false;
     const auto distance = distance_from_axis(scene_, parameter.owner);
     if (!(distance.first < 0.03 * distance.second)) return false;
     const std::string& name = scene_.rig().tree.joints[parameter.owner].name;
     out_.kind = "on_axis";
-    out_.why = "all that is seen lies on the axis of " + name + " (within " + length_text(distance.first) + ", " +
-               length_text(distance.second) + " from its origin): shifting the axis sideways and tilting it (" + names() +
+    out_.why = "all that is seen lies on the axis of " + name + " (within " +
+               length_text(distance.first) + ", " + length_text(distance.second) +
+               " from its origin): shifting the axis sideways and tilting it (" + names() +
                ") move it alike";
-    out_.cure = "no posture helps: hold " + first() + " or give it a prior, or mount what is seen beside this axis";
+    out_.cure = "no posture helps: hold " + first() +
+                " or give it a prior, or mount what is seen beside this axis";
     return true;
   }
 
@@ -282,25 +313,35 @@ class ReasonFinder {
     out_.kind = "size";
     bool angles = true;
     for (size_t s = 0; s < effects_.sensors.size(); ++s)
-      if (effects_.sensors[s] && scene_.rig().sensors[s].model->measurement_kind() != MeasurementKind::rays) angles = false;
+      if (effects_.sensors[s] &&
+          scene_.rig().sensors[s].model->measurement_kind() != MeasurementKind::rays)
+        angles = false;
     const auto turned = orientations(scene_, effects_.sensors);
     if (lens() && turned.second < 10 * kPi / 180) {
       out_.kind = "one_orientation";
       out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
-                 ": the lens against where things are; targets turn by no more than " + angle_text(turned.second) +
-                 (turned.first < 10 * kPi / 180 ? " before the camera (one orientation)" : " about a second axis before the camera");
-      out_.cure = "record views with the target tilted by 20 to 40 degrees about different axes, or hold " + first();
+                 ": the lens against where things are; targets turn by no more than " +
+                 angle_text(turned.second) +
+                 (turned.first < 10 * kPi / 180 ? " before the camera (one orientation)"
+                                                : " about a second axis before the camera");
+      out_.cure =
+          "record views with the target tilted by 20 to 40 degrees about different axes, or hold " +
+          first();
     } else if (lens()) {
       out_.kind = "lens";
-      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") + ": the lens against where things are";
+      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
+                 ": the lens against where things are";
       out_.cure = "views over the whole image and at different distances, or hold " + first();
     } else if (angles) {
-      out_.why =
-          names() + " trade off: cameras measure angles, and nothing that is held is a length: all sizes and distances can grow together";
-      out_.cure = "hold a length (" + first() + " or the size of a target or a baseline), or add a sensor that measures lengths";
+      out_.why = names() +
+                 " trade off: cameras measure angles, and nothing that is held is a length: all "
+                 "sizes and distances can grow together";
+      out_.cure = "hold a length (" + first() +
+                  " or the size of a target or a baseline), or add a sensor that measures lengths";
     } else {
       out_.kind = "unknown";
-      out_.why = "no reason was found: " + names() + " trade off in all samples, but move things differently";
+      out_.why = "no reason was found: " + names() +
+                 " trade off in all samples, but move things differently";
       out_.cure = "hold " + first() + " or give it a prior";
     }
   }
@@ -308,22 +349,27 @@ class ReasonFinder {
   void free_targets() {
     std::set<std::string> targets;
     for (const Scene::Seen& s : scene_.seen())
-      if (scene_.rig().targets[s.view->target].link < 0) targets.insert(scene_.rig().targets[s.view->target].name);
+      if (scene_.rig().targets[s.view->target].link < 0)
+        targets.insert(scene_.rig().targets[s.view->target].name);
     const std::string free = listed({targets.begin(), targets.end()});
     out_.kind = "free_targets";
     const bool one = columns_.size() == 1;
     const bool nearly = determined_;
-    out_.why = (nearly ? "nearly a gauge: " : "gauge: ") + names() + (one ? " moves" : " move together") + " what sees or holds the free " +
-               (targets.size() == 1 ? "target " : "targets ") + free + (targets.size() == 1 ? ", which goes" : ", which go") +
-               " along: " + (nearly ? "hardly anything" : "nothing") + " that is held ties this to the base";
-    out_.cure = "hold " + first() + ", or add a sensor that is held or a mounted target to the same samples";
+    out_.why = (nearly ? "nearly a gauge: " : "gauge: ") + names() +
+               (one ? " moves" : " move together") + " what sees or holds the free " +
+               (targets.size() == 1 ? "target " : "targets ") + free +
+               (targets.size() == 1 ? ", which goes" : ", which go") +
+               " along: " + (nearly ? "hardly anything" : "nothing") +
+               " that is held ties this to the base";
+    out_.cure = "hold " + first() +
+                ", or add a sensor that is held or a mounted target to the same samples";
   }
 
   void finish(const std::vector<int>& joints) {
     if (joints.empty()) {
       out_.why += ", whatever the posture";
-      out_.cure =
-          "no posture tells them apart: hold " + first() + (columns_.size() > 1 ? " (or another of them)" : "") + ", or give it a prior";
+      out_.cure = "no posture tells them apart: hold " + first() +
+                  (columns_.size() > 1 ? " (or another of them)" : "") + ", or give it a prior";
       return;
     }
     std::vector<std::string> why, names;
@@ -339,7 +385,8 @@ class ReasonFinder {
     }
     out_.joints = names;
     out_.why += " in all samples: " + listed(why, 2);
-    out_.cure = "record postures that move " + listed(names) + (still_joints.empty() ? " further" : "") + ", or hold " + first();
+    out_.cure = "record postures that move " + listed(names) +
+                (still_joints.empty() ? " further" : "") + ", or hold " + first();
   }
 
   const Scene& scene_;
@@ -361,7 +408,9 @@ std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& direc
     const GroupShape& shape = scene.problem().groups()[g];
     scene.problem().noise_rows(static_cast<int>(g), scene.state(), rows, kinds);
     const int k = shape.private_size;
-    const int poses = k - static_cast<int>(std::count_if(kinds.begin(), kinds.end(), [](const NoiseRows& w) { return w.joint >= 0; }));
+    const int poses =
+        k - static_cast<int>(std::count_if(kinds.begin(), kinds.end(),
+                                           [](const NoiseRows& w) { return w.joint >= 0; }));
     std::optional<Elimination> own;
     if (poses > 0) own.emplace(rows.leftCols(poses));
     for (size_t d = 0; d < directions.size(); ++d) {
@@ -372,7 +421,8 @@ std::vector<Effects> effects_of(Scene& scene, const std::vector<VectorXd>& direc
         const VectorXd column = c * rows.col(k + static_cast<Eigen::Index>(i));
         out[d].part[shape.columns[i]] += column.squaredNorm();
         for (const NoiseRows& w : kinds)
-          if (w.view && !column.segment(w.first, w.count).isZero(0)) out[d].sensors[w.view->sensor] = 1;
+          if (w.view && !column.segment(w.first, w.count).isZero(0))
+            out[d].sensors[w.view->sensor] = 1;
         all += column;
       }
       out[d].together += all.squaredNorm();

@@ -19,7 +19,8 @@ struct Sums {
   long points = 0, count = 0;
 };
 
-void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals, std::vector<Sums>& sums) {
+void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals,
+              std::vector<Sums>& sums) {
   for (const ViewResiduals& r : residuals) {
     Sums& s = sums[r.view->sensor];
     const SensorModel& model = *rig.sensors[r.view->sensor].model;
@@ -56,7 +57,9 @@ struct Judged {
 };
 
 /// Samples that depend on something in `free` together, first; the others each alone.
-std::vector<std::vector<int>> judged_together(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
+std::vector<std::vector<int>> judged_together(const Recording& recording,
+                                              const std::vector<int>& samples,
+                                              const EstimationSetup& setup,
                                               const std::vector<Freed>& free) {
   std::vector<std::vector<int>> groups(1);
   for (int i : samples) {
@@ -74,20 +77,22 @@ std::vector<std::vector<int>> judged_together(const Recording& recording, const 
 }
 
 /// The poses of free targets of some samples that are known.
-Values known_values(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared, const Values* start) {
+Values known_values(const Recording& recording, const std::vector<int>& samples,
+                    const VectorXd& shared, const Values* start) {
   Values out;
   out.shared = shared;
   if (!start) return out;
   for (int i : samples)
     for (const View& v : recording.samples[i].views) {
       const auto known = start->targets.find({i, v.target});
-      if (recording.rig.targets[v.target].link < 0 && known != start->targets.end()) out.targets[{i, v.target}] = known->second;
+      if (recording.rig.targets[v.target].link < 0 && known != start->targets.end())
+        out.targets[{i, v.target}] = known->second;
     }
   return out;
 }
 
-Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared, const VectorXd& initial,
-             const Judge& how) {
+Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared,
+             const VectorXd& initial, const Judge& how) {
   Judged out;
   out.sums.resize(recording.rig.sensors.size());
   EstimationSetup setup;
@@ -108,7 +113,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
     options.trust_start = true;
     Fit one;
     try {
-      one = fit(recording, group, setup, known_values(recording, group, shared, how.start), options);
+      one =
+          fit(recording, group, setup, known_values(recording, group, shared, how.start), options);
     } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
       one.summary.outcome = Outcome::undefined_start;
     }
@@ -136,7 +142,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
 double rms(double squared, long points) { return points ? std::sqrt(squared / points) : kNan; }
 
 /// Root mean squares of one sensor in one split.
-void set_statistics(const Sums& now, const Sums& read, const Sums& before, bool measures_pose, SplitStatistics& s) {
+void set_statistics(const Sums& now, const Sums& read, const Sums& before, bool measures_pose,
+                    SplitStatistics& s) {
   s.points = now.points;
   s.rms = rms(now.squared, now.points);
   s.rms_as_read = rms(read.squared, read.points);
@@ -166,7 +173,8 @@ SensorResult unseen(const Sensor& sensor) {
   r.unit = sensor.model->unit();
   r.measures_pose = sensor.model->measures_pose();
   for (SplitStatistics* s : {&r.train, &r.test})
-    s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation = s->rotation_as_read = kNan;
+    s->rms_before = s->rms = s->rms_as_read = s->rotation_before = s->rotation =
+        s->rotation_as_read = kNan;
   return r;
 }
 
@@ -181,7 +189,8 @@ Residuals residuals(const Linearisation& at) {
   for (const Sample& s : recording.samples)
     for (const View& v : s.views) {
       sees[v.sensor] = 1;
-      if (s.train && !std::count(last_sensors.begin(), last_sensors.end(), v.sensor)) complete = false;
+      if (s.train && !std::count(last_sensors.begin(), last_sensors.end(), v.sensor))
+        complete = false;
     }
   std::vector<int> place(rig.sensors.size(), -1);
   for (size_t i = 0; i < rig.sensors.size(); ++i)
@@ -212,7 +221,8 @@ Residuals residuals(const Linearisation& at) {
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SensorResult& sensor = out.sensors[place[i]];
-      set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.measures_pose, train ? sensor.train : sensor.test);
+      set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.measures_pose,
+                     train ? sensor.train : sensor.test);
     }
     for (const std::string& id : before.undefined) out.undefined.push_back({id, true});
     for (const std::string& id : now.undefined) out.undefined.push_back({id, false});
@@ -223,7 +233,8 @@ Residuals residuals(const Linearisation& at) {
   return out;
 }
 
-Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vector<std::string>& patterns) {
+Evaluation evaluate(const Recording& recording, NoiseMode noise,
+                    const std::vector<std::string>& patterns) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<Freed> free;
@@ -253,9 +264,11 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vect
     how.with_dof = false;
     const Judged read = judge(recording, samples, table.initial, table.initial, how);
     if (!now.undefined.empty())
-      throw std::runtime_error("sample '" + now.undefined[0] +
-                               "' cannot be evaluated: a point lies behind a camera wherever its target is put" +
-                               (some_sensor_tells_no_pose(rig) ? ", or what sees its target does not tell where it is" : ""));
+      throw std::runtime_error(
+          "sample '" + now.undefined[0] +
+          "' cannot be evaluated: a point lies behind a camera wherever its target is put" +
+          (some_sensor_tells_no_pose(rig) ? ", or what sees its target does not tell where it is"
+                                          : ""));
     out.converged = out.converged && now.converged;
     out.chi2 += now.chi2;
     out.dof += now.dof;
@@ -272,7 +285,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vect
   }
   for (const std::string& pattern : patterns) {
     const std::vector<Freed> found = table.select(pattern);
-    if (std::none_of(found.begin(), found.end(), [&](const Freed& f) { return influences[f.parameter]; }))
+    if (std::none_of(found.begin(), found.end(),
+                     [&](const Freed& f) { return influences[f.parameter]; }))
       out.without_effect.push_back(pattern);
   }
   return out;

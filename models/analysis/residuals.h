@@ -1,8 +1,10 @@
-// Residuals of every view: after a calibration, before it, and as read (what the robot's own software will see: joint readings taken as
-// exact), of the training samples and of the held-out ones; and the root mean squares that tables show.
+// Residuals of every view: after a calibration, before it, and as read (what the robot's own
+// software will see: joint readings taken as exact), of the training samples and of the held-out
+// ones; and the root mean squares that tables show.
 //
-// Shared parameters are held. Free targets, joint errors and what only held-out samples see are estimated from the samples that are
-// judged: sample by sample, or together where several depend on something estimated.
+// Shared parameters are held. Free targets, joint errors and what only held-out samples see are
+// estimated from the samples that are judged: sample by sample, or together where several depend on
+// something estimated.
 #pragma once
 
 #include <string>
@@ -12,8 +14,8 @@
 
 namespace kincal {
 
-/// SplitStatistics are those of one sensor's residuals in one split: root mean squares over points (over views, if the sensor measures
-/// poses), NaN: none.
+/// SplitStatistics are those of one sensor's residuals in one split: root mean squares over points
+/// (over views, if the sensor measures poses), NaN: none.
 struct SplitStatistics {
   long points = 0;
   double rms_before, rms, rms_as_read;                 // px or m; poses: translation
@@ -28,20 +30,23 @@ struct SensorResult {
   SplitStatistics train, test;
 };
 
-/// An UndefinedSample cannot be evaluated: wherever its targets are put, some point lies behind a camera.
+/// An UndefinedSample cannot be evaluated: wherever its targets are put, some point lies behind a
+/// camera.
 struct UndefinedSample {
   std::string id;
   bool before = false;  // at the initial values; else (held out) at the estimate
 };
 
 struct Residuals {
-  std::vector<SensorResult> sensors;                   // that see something
-  std::vector<ViewResiduals> after, before, as_read;   // of all samples, the same views in the same order
-  std::vector<UndefinedSample> undefined;              // missing from these
+  std::vector<SensorResult> sensors;  // that see something
+  std::vector<ViewResiduals> after, before,
+      as_read;                             // of all samples, the same views in the same order
+  std::vector<UndefinedSample> undefined;  // missing from these
 };
 
 struct Linearisation;
-/// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in `undefined`.
+/// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in
+/// `undefined`.
 Residuals residuals(const Linearisation& at);
 
 /// An Evaluation is the table of residuals at given parameters.
@@ -49,13 +54,17 @@ struct Evaluation {
   bool converged = true;  // the estimation of targets and joint errors
   double chi2 = 0;
   long dof = 0;
-  std::vector<SensorResult> sensors;        // without rms_before
-  std::vector<std::string> without_effect;  // names that were to be freed and on which no measurement depends
+  std::vector<SensorResult> sensors;  // without rms_before
+  std::vector<std::string>
+      without_effect;  // names that were to be freed and on which no measurement depends
 };
 
-/// Evaluates both splits at the rig's values; free targets, joint errors and what `free` names are estimated in each split.
-/// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be evaluated.
-Evaluation evaluate(const Recording& recording, NoiseMode noise, const std::vector<std::string>& free);
+/// Evaluates both splits at the rig's values; free targets, joint errors and what `free` names are
+/// estimated in each split.
+/// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be
+/// evaluated.
+Evaluation evaluate(const Recording& recording, NoiseMode noise,
+                    const std::vector<std::string>& free);
 
 /// Returns the result of a sensor without any view yet.
 SensorResult unseen(const Sensor& sensor);

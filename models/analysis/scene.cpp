@@ -21,7 +21,8 @@ Scene::Scene(const Recording& recording, const EstimationSetup& setup, const Val
   std::vector<std::pair<int, const View*>> all;
   for (int s : recording.training())
     for (const View& view : recording.samples[s].views)
-      if (std::count(setup.sensors.begin(), setup.sensors.end(), view.sensor)) all.push_back({s, &view});
+      if (std::count(setup.sensors.begin(), setup.sensors.end(), view.sensor))
+        all.push_back({s, &view});
   // Some of each pair of sensor and target, spread over the samples.
   std::map<std::pair<int, int>, int> count, at;
   for (const auto& v : all) ++count[{v.second->sensor, v.second->target}];
@@ -29,7 +30,8 @@ Scene::Scene(const Recording& recording, const EstimationSetup& setup, const Val
   for (const auto& v : all) {
     const std::pair<int, int> key = {v.second->sensor, v.second->target};
     const int i = at[key]++, n = count[key];
-    if (static_cast<long>(i) * each / n == static_cast<long>(i + 1) * each / n && n > each) continue;
+    if (static_cast<long>(i) * each / n == static_cast<long>(i + 1) * each / n && n > each)
+      continue;
     add(v.first, v.second);
   }
 }
@@ -40,11 +42,13 @@ void Scene::add(int sample, const View* view) {
   const Target& target = rig().targets[view->target];
   s.path = find_path(rig().tree, sensor.link, target.link >= 0 ? target.link : rig().base);
   if (sensor.model->measures_pose()) {
-    s.points = {Vector3d::Zero(), 0.1 * Vector3d::UnitX(), 0.1 * Vector3d::UnitY(), 0.1 * Vector3d::UnitZ()};
+    s.points = {Vector3d::Zero(), 0.1 * Vector3d::UnitX(), 0.1 * Vector3d::UnitY(),
+                0.1 * Vector3d::UnitZ()};
   } else {
     const std::vector<int> ids = view_ids(*view, target);
     const size_t stride = std::max<size_t>(1, ids.size() / 6);
-    for (size_t i = 0; i < ids.size(); i += stride) s.points.push_back(point(solution(), view->target, ids[i]));
+    for (size_t i = 0; i < ids.size(); i += stride)
+      s.points.push_back(point(solution(), view->target, ids[i]));
   }
   seen_.push_back(std::move(s));
 }
@@ -56,14 +60,16 @@ Vector3d Scene::point(const VectorXd& values, int target, int id) const {
 }
 
 /// Joint `moved` stands `by` further than it does in the sample.
-double Scene::position(const VectorXd& values, const Seen& s, int joint, int moved, double by) const {
+double Scene::position(const VectorXd& values, const Seen& s, int joint, int moved,
+                       double by) const {
   const Sample& sample = recording_.samples[s.sample];
   const int own = driver(rig().tree, joint).joint;
   double reading = sample.readings[own];
   const Sensor& sensor = rig().sensors[s.view->sensor];
   if (sensor.scanning_joint == own && !s.view->z.empty()) {  // in the middle of the scan
     reading = 0;
-    for (size_t i = 0; i < s.view->z.size(); i += 3) reading += s.view->z[i] * 3 / static_cast<double>(s.view->z.size());
+    for (size_t i = 0; i < s.view->z.size(); i += 3)
+      reading += s.view->z[i] * 3 / static_cast<double>(s.view->z.size());
   }
   const auto error = values_.errors.find({s.sample, own});
   if (error != values_.errors.end()) reading += error->second;
@@ -71,12 +77,14 @@ double Scene::position(const VectorXd& values, const Seen& s, int joint, int mov
   return Configuration(rig(), table(), values, sample.readings).with(own, reading).position(joint);
 }
 
-Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved, double by) const {
+Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved,
+                  double by) const {
   Pose begin_T_end;
   for (const PathStep& step : path) {
     const Joint& joint = rig().tree.joints[step.joint];
     Pose next = get_pose(values, table().all[table().joint_origin[step.joint]].start);
-    if (joint.moves()) next = next * joint_motion(joint, position(values, s, step.joint, moved, by));
+    if (joint.moves())
+      next = next * joint_motion(joint, position(values, s, step.joint, moved, by));
     begin_T_end = begin_T_end * (step.direction > 0 ? next : inverse(next));
   }
   return begin_T_end;
@@ -84,16 +92,19 @@ Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int m
 
 Pose Scene::sensor_T_target(const VectorXd& values, const Seen& s, int moved, double by) const {
   const bool mounted = rig().targets[s.view->target].link >= 0;
-  Pose target =
-      mounted ? get_pose(values, table().all[table().target_pose[s.view->target]].start) : values_.targets.at({s.sample, s.view->target});
+  Pose target = mounted ? get_pose(values, table().all[table().target_pose[s.view->target]].start)
+                        : values_.targets.at({s.sample, s.view->target});
   if (moved >= 0 && !mounted)
     for (const View& other : recording_.samples[s.sample].views)
-      if (other.target == s.view->target && rig().sensors[other.sensor].model->measurement_kind() == MeasurementKind::chain) {
+      if (other.target == s.view->target &&
+          rig().sensors[other.sensor].model->measurement_kind() == MeasurementKind::chain) {
         const Path path = find_path(rig().tree, rig().base, rig().sensors[other.sensor].link);
-        target = along(path, solution(), s, moved, by) * inverse(along(path, solution(), s, -1, 0)) * target;
+        target = along(path, solution(), s, moved, by) *
+                 inverse(along(path, solution(), s, -1, 0)) * target;
         break;
       }
-  return inverse(get_pose(values, table().all[table().sensor_pose[s.view->sensor]].start)) * along(s.path, values, s, moved, by) * target;
+  return inverse(get_pose(values, table().all[table().sensor_pose[s.view->sensor]].start)) *
+         along(s.path, values, s, moved, by) * target;
 }
 
 VectorXd Scene::after(const VectorXd& step) const {
@@ -107,10 +118,12 @@ std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved,
   const VectorXd up = scene.after(h * step), down = scene.after(-h * step);
   std::vector<Motion> out;
   for (const Scene::Seen& s : scene.seen()) {
-    const Pose high = scene.sensor_T_target(up, s, moved, by), low = scene.sensor_T_target(down, s, moved, by);
+    const Pose high = scene.sensor_T_target(up, s, moved, by),
+               low = scene.sensor_T_target(down, s, moved, by);
     Motion m;
     m.twist = log_se3(high * inverse(low)) / (2 * h);
-    const bool rays = scene.rig().sensors[s.view->sensor].model->measurement_kind() == MeasurementKind::rays;
+    const bool rays =
+        scene.rig().sensors[s.view->sensor].model->measurement_kind() == MeasurementKind::rays;
     for (const Vector3d& p : s.points) {
       Vector3d d = (high * p - low * p) / (2 * h);
       const Vector3d ray = (low * p).normalized();
@@ -122,14 +135,17 @@ std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved,
   return out;
 }
 
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b) {
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a,
+                                          const std::vector<Motion>* b) {
   std::pair<double, double> sum = {0, 0};
   for (size_t v = 0; v < a.size(); ++v) {
     for (size_t i = 0; i < a[v].points.size(); ++i)
-      sum.first += (b ? Vector3d(a[v].points[i] + (*b)[v].points[i]) : a[v].points[i]).squaredNorm();
+      sum.first +=
+          (b ? Vector3d(a[v].points[i] + (*b)[v].points[i]) : a[v].points[i]).squaredNorm();
     const Vector6d twist = b ? Vector6d(a[v].twist + (*b)[v].twist) : a[v].twist;
     const Vector3d origin = scene.sensor_T_target(scene.solution(), scene.seen()[v]).translation;
-    sum.second += (twist.head<3>() + twist.tail<3>().cross(origin)).squaredNorm() + 0.04 * twist.tail<3>().squaredNorm();
+    sum.second += (twist.head<3>() + twist.tail<3>().cross(origin)).squaredNorm() +
+                  0.04 * twist.tail<3>().squaredNorm();
   }
   return sum;
 }

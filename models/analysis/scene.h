@@ -1,7 +1,8 @@
-// The geometry of a solution, written plainly: some views, and how what they see moves when the unknowns or the robot move.
+// The geometry of a solution, written plainly: some views, and how what they see moves when the
+// unknowns or the robot move.
 //
-// It is for reasons only (reasons.h), so a few views of each pair of sensor and target and a few points of each view are enough, and
-// derivatives are central differences of the kinematics.
+// It is for reasons only (reasons.h), so a few views of each pair of sensor and target and a few
+// points of each view are enough, and derivatives are central differences of the kinematics.
 #pragma once
 
 #include <utility>
@@ -22,7 +23,8 @@ struct ProblemAt {
   }
 };
 
-/// A Scene is the problem of a step without its priors, at its solution. Recording and values must outlive it.
+/// A Scene is the problem of a step without its priors, at its solution. Recording and values must
+/// outlive it.
 class Scene {
  public:
   /// Seen is a view that is looked at.
@@ -46,9 +48,11 @@ class Scene {
   const VectorXd& state() const { return at_.state; }
   Estimation& problem() { return at_.problem; }
 
-  /// Returns the pose of the end of `path` in its beginning. Joint `moved` (-1: none) stands `by` further than it does in the sample.
+  /// Returns the pose of the end of `path` in its beginning. Joint `moved` (-1: none) stands `by`
+  /// further than it does in the sample.
   Pose along(const Path& path, const VectorXd& values, const Seen& s, int moved, double by) const;
-  /// Returns sensor_T_target. A free target that a chain holds goes with the hand when a joint is moved (at the solution's values).
+  /// Returns sensor_T_target. A free target that a chain holds goes with the hand when a joint is
+  /// moved (at the solution's values).
   Pose sensor_T_target(const VectorXd& values, const Seen& s, int moved = -1, double by = 0) const;
   /// Returns the shared values after a step of the shared unknowns.
   VectorXd after(const VectorXd& step) const;
@@ -67,15 +71,19 @@ class Scene {
 
 /// A Motion is what a step of the unknowns does to one view.
 struct Motion {
-  Vector6d twist;                // of the target as seen from the sensor
-  std::vector<Vector3d> points;  // of its points, as far as the sensor sees it (a camera: across the line of sight)
+  Vector6d twist;  // of the target as seen from the sensor
+  std::vector<Vector3d>
+      points;  // of its points, as far as the sensor sees it (a camera: across the line of sight)
 };
 
-/// Returns the motions of all views of a scene per unit of `step`, with joint `moved` (-1: none) standing `by` further than in the samples.
-std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved = -1, double by = 0);
+/// Returns the motions of all views of a scene per unit of `step`, with joint `moved` (-1: none)
+/// standing `by` further than in the samples.
+std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved = -1,
+                            double by = 0);
 
-/// Returns squared lengths over all views, of the seen points (first) and of the whole motion, felt at 0.2 m around the target (second): of
-/// `a`, or of `a` and `b` together.
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a, const std::vector<Motion>* b = nullptr);
+/// Returns squared lengths over all views, of the seen points (first) and of the whole motion, felt
+/// at 0.2 m around the target (second): of `a`, or of `a` and `b` together.
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a,
+                                          const std::vector<Motion>* b = nullptr);
 
 }  // namespace kincal

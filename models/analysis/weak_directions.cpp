@@ -27,7 +27,8 @@ EstimationSetup without_priors(EstimationSetup setup) {
 /// The shared unknowns of the last step: what each is, and what its sigma is measured by.
 struct SharedColumns {
   std::vector<std::string> names, units;
-  VectorXd prior, yardstick, sigma;  // sigma of the prior, 0: none; the yardstick; sigma in the result
+  VectorXd prior, yardstick,
+      sigma;  // sigma of the prior, 0: none; the yardstick; sigma in the result
   std::map<std::string, int> by_name;
 
   int count() const { return static_cast<int>(names.size()); }
@@ -51,7 +52,8 @@ SharedColumns make_columns(const ParameterTable& table, const Solution& solution
     out.units.push_back(table.unit(components[i]));
     out.by_name[out.names[i]] = i;
     for (const Prior& p : solution.setup.priors)
-      if (p.parameter == components[i].parameter && p.component == components[i].index) out.prior(i) = p.sigma;
+      if (p.parameter == components[i].parameter && p.component == components[i].index)
+        out.prior(i) = p.sigma;
     out.yardstick(i) = yardstick(table, components[i], solution.values.shared);
     if (out.prior(i) > 0) out.yardstick(i) = std::min(out.yardstick(i), out.prior(i));
     out.sigma(i) = std::sqrt(std::max(0.0, solution.covariance(i, i)));
@@ -71,10 +73,12 @@ std::vector<PriorDecides> where_priors_decide(const SharedColumns& columns) {
 struct Found {
   std::vector<WeakDirection> weak;
   std::vector<WeakColumns> directions;  // the same, by column
-  size_t null_directions = 0;           // how many of them nothing, or a prior alone, determines: the first ones
+  size_t null_directions =
+      0;  // how many of them nothing, or a prior alone, determines: the first ones
 
   /// `first`: the column that would be held, with its sigmas from the data alone and with priors.
-  void add(const SharedColumns& columns, VectorXd d, int first, double sigma, double sigma_with_priors) {
+  void add(const SharedColumns& columns, VectorXd d, int first, double sigma,
+           double sigma_with_priors) {
     d /= d(first);
     std::vector<std::pair<double, int>> order;
     for (int i = 0; i < columns.count(); ++i) {
@@ -105,7 +109,8 @@ struct DataAlone {
 };
 
 /// Adds the null directions to `found`: those of the result, then those that only priors hold.
-DataAlone find_null_directions(const Recording& recording, const Solution& solution, const SharedColumns& columns, Found& found) {
+DataAlone find_null_directions(const Recording& recording, const Solution& solution,
+                               const SharedColumns& columns, Found& found) {
   const int n = columns.count();
   DataAlone out{solution.covariance, std::vector<char>(n, 0)};
   for (const Direction& direction : solution.unobservable) {
@@ -115,8 +120,10 @@ DataAlone find_null_directions(const Recording& recording, const Solution& solut
   }
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.sigma.size(); ++c) {
-      const auto column = columns.by_name.find(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
-      if (column != columns.by_name.end() && !std::isfinite(e.sigma[c])) out.lost[column->second] = 1;
+      const auto column =
+          columns.by_name.find(e.components[c].empty() ? e.name : e.name + "." + e.components[c]);
+      if (column != columns.by_name.end() && !std::isfinite(e.sigma[c]))
+        out.lost[column->second] = 1;
     }
   if (!solution.setup.priors.empty()) {
     ProblemAt at(recording, without_priors(solution.setup), solution.values);
@@ -127,10 +134,12 @@ DataAlone find_null_directions(const Recording& recording, const Solution& solut
       for (const auto& c : direction) d(c.first) = c.second;
       bool known = false;  // among the result's own
       for (const WeakColumns& other : found.directions)
-        known = known ||
-                std::abs(
-                    d.cwiseQuotient(columns.yardstick).normalized().dot(other.coefficients.cwiseQuotient(columns.yardstick).normalized())) >
-                    0.999;
+        known =
+            known ||
+            std::abs(d.cwiseQuotient(columns.yardstick)
+                         .normalized()
+                         .dot(other.coefficients.cwiseQuotient(columns.yardstick).normalized())) >
+                0.999;
       if (known) continue;
       const int largest = columns.largest(d);
       found.add(columns, d, largest, kNan, columns.sigma(largest));
@@ -146,12 +155,14 @@ std::vector<Correlation> strong_correlations(const SharedColumns& columns, const
   std::vector<Correlation> out;
   for (int i = 0; i < columns.count(); ++i)
     for (int j = 0; j < i; ++j) {
-      if (data.lost[i] || data.lost[j] || !(covariance(i, i) > 0) || !(covariance(j, j) > 0)) continue;
+      if (data.lost[i] || data.lost[j] || !(covariance(i, i) > 0) || !(covariance(j, j) > 0))
+        continue;
       const double c = covariance(i, j) / std::sqrt(covariance(i, i) * covariance(j, j));
       if (std::abs(c) > kStrong) out.push_back({columns.names[j], columns.names[i], c});
     }
-  std::stable_sort(out.begin(), out.end(),
-                   [](const Correlation& a, const Correlation& b) { return std::abs(a.correlation) > std::abs(b.correlation); });
+  std::stable_sort(out.begin(), out.end(), [](const Correlation& a, const Correlation& b) {
+    return std::abs(a.correlation) > std::abs(b.correlation);
+  });
   return out;
 }
 
@@ -178,7 +189,8 @@ std::vector<int> find_pivots(const SharedColumns& columns, const DataAlone& data
 }
 
 /// Adds a direction for each pivot: how the others follow it.
-void add_pivots(const SharedColumns& columns, const MatrixXd& covariance, const std::vector<int>& pivots, Found& found) {
+void add_pivots(const SharedColumns& columns, const MatrixXd& covariance,
+                const std::vector<int>& pivots, Found& found) {
   const int n = columns.count(), k = static_cast<int>(pivots.size());
   if (k == 0) return;
   MatrixXd columns_of(n, k), among(k, k);
@@ -186,10 +198,12 @@ void add_pivots(const SharedColumns& columns, const MatrixXd& covariance, const 
   for (int a = 0; a < k; ++a) among.row(a) = columns_of.row(pivots[a]);
   const MatrixXd regression = solve_symmetric(among, columns_of.transpose()).transpose();
   for (int a = 0; a < k; ++a)
-    found.add(columns, regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])), columns.sigma(pivots[a]));
+    found.add(columns, regression.col(a), pivots[a], std::sqrt(covariance(pivots[a], pivots[a])),
+              columns.sigma(pivots[a]));
 }
 
-/// The covariance of the data alone if the joints' readings were exact; nullopt where they are taken as exact.
+/// The covariance of the data alone if the joints' readings were exact; nullopt where they are
+/// taken as exact.
 std::optional<MatrixXd> with_exact_readings(const Recording& recording, const Solution& solution) {
   if (solution.setup.noise == NoiseMode::none) return std::nullopt;
   EstimationSetup setup = without_priors(solution.setup);
@@ -198,22 +212,24 @@ std::optional<MatrixXd> with_exact_readings(const Recording& recording, const So
   return observe(at.problem, at.state).covariance;
 }
 
-/// Rewrites the reason of a weak direction if the noise of the joints' readings is it. `exact`: sigma of its first parameter without that
-/// noise.
+/// Rewrites the reason of a weak direction if the noise of the joints' readings is it. `exact`:
+/// sigma of its first parameter without that noise.
 void name_joint_noise(WeakDirection& weak, double exact) {
   if (weak.reason != "unknown" && weak.reason != "free_targets") return;
   if (!(exact < 0.5 * weak.sigma)) return;
   std::vector<std::string> involved;
   for (const auto& p : weak.parameters) involved.push_back(p.first);
-  weak.why = listed(involved) + (involved.size() > 1 ? " move together" : " moves") +
-             (weak.reason == "free_targets" ? ", and free targets go along" : "") +
-             ": what would tell it is hidden by the noise of the joint readings. With exact readings " + involved[0] +
-             " would be known to " +
-             (weak.unit == "m"     ? length_text(exact)
-              : weak.unit == "rad" ? angle_text(exact)
-                                   : text("%.2g", exact));
+  weak.why =
+      listed(involved) + (involved.size() > 1 ? " move together" : " moves") +
+      (weak.reason == "free_targets" ? ", and free targets go along" : "") +
+      ": what would tell it is hidden by the noise of the joint readings. With exact readings " +
+      involved[0] + " would be known to " +
+      (weak.unit == "m"     ? length_text(exact)
+       : weak.unit == "rad" ? angle_text(exact)
+                            : text("%.2g", exact));
   weak.cure =
-      "more samples and more varied postures, a sensor or mounted target that is held, joint sigmas no larger than they have to be; "
+      "more samples and more varied postures, a sensor or mounted target that is held, joint "
+      "sigmas no larger than they have to be; "
       "or hold " +
       involved[0];
   weak.reason = "joint_noise";
@@ -226,7 +242,8 @@ void give_reasons(const Recording& recording, const Solution& solution, Found& f
   for (const WeakColumns& d : found.directions) coefficients.push_back(d.coefficients);
   const std::vector<Effects> effects = effects_of(scene, coefficients);
   std::optional<MatrixXd> exact;
-  if (found.directions.size() > found.null_directions) exact = with_exact_readings(recording, solution);
+  if (found.directions.size() > found.null_directions)
+    exact = with_exact_readings(recording, solution);
   for (size_t k = 0; k < found.directions.size(); ++k) {
     WeakDirection& weak = found.weak[k];
     const Reason reason = find_reason(scene, found.directions[k], effects[k]);
@@ -246,7 +263,9 @@ std::string Explanation::text() const {
   std::string out;
   for (const WeakDirection& w : weak)
     out += w.parameters[0].first +
-           (std::isfinite(w.sigma) ? kincal::text(": known to %.3g ", w.sigma) + w.unit + " from the data alone" : ": not determined by the data") +
+           (std::isfinite(w.sigma)
+                ? kincal::text(": known to %.3g ", w.sigma) + w.unit + " from the data alone"
+                : ": not determined by the data") +
            "\n  why: " + w.why + "\n  cure: " + w.cure + "\n";
   return out;
 }

@@ -25,7 +25,8 @@ struct Ended {
   std::string message;
 };
 
-/// Poses that the rig leaves open and the steps free wholly, without a prior, start where the data put them; the others at the identity.
+/// Poses that the rig leaves open and the steps free wholly, without a prior, start where the data
+/// put them; the others at the identity.
 void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) {
   const Recording& recording = *solution.recording;
   const ParameterTable& table = recording.table;
@@ -33,8 +34,10 @@ void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) 
   for (size_t i = 0; i < table.all.size(); ++i) {
     const Parameter& parameter = table.all[i];
     const int p = static_cast<int>(i);
-    const bool open = (parameter.kind == ParameterKind::sensor_pose && !recording.rig.sensors[parameter.owner].pose_given) ||
-                      (parameter.kind == ParameterKind::target_pose && !recording.rig.targets[parameter.owner].pose_given);
+    const bool open = (parameter.kind == ParameterKind::sensor_pose &&
+                       !recording.rig.sensors[parameter.owner].pose_given) ||
+                      (parameter.kind == ParameterKind::target_pose &&
+                       !recording.rig.targets[parameter.owner].pose_given);
     if (!open) continue;
     bool whole = false, prior = false, freed = false;
     for (const StepPlan& plan : plans) {
@@ -60,14 +63,17 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, con
   std::string views;
   for (const View& v : sample.views)
     if (std::count(plan.sensors.begin(), plan.sensors.end(), v.sensor))
-      views += (views.empty() ? "'" : ", '") + recording.rig.sensors[v.sensor].name + "' of '" + recording.rig.targets[v.target].name + "'";
+      views += (views.empty() ? "'" : ", '") + recording.rig.sensors[v.sensor].name + "' of '" +
+               recording.rig.targets[v.target].name + "'";
   return "step '" + plan.name + "': in sample '" + sample.id +
-         "' a residual is undefined at the start: a point lies behind a camera, or a number is not finite. Its views: " + views +
-         ". Check poses, joint readings and the sensor's link";
+         "' a residual is undefined at the start: a point lies behind a camera, or a number is not "
+         "finite. Its views: " +
+         views + ". Check poses, joint readings and the sensor's link";
 }
 
 /// A step's fit. `robust`: as StepVariations has it. Throws Ended.
-Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust, Solution& solution) {
+Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust,
+             Solution& solution) {
   const Recording& recording = *solution.recording;
   EstimationSetup setup;
   setup.noise = options.noise;
@@ -85,7 +91,8 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     fit_options.converge = false;
   }
   if (options.progress) {
-    fit_options.solver.progress = [progress = options.progress, name = plan.name](int iteration, double chi2, double damping) {
+    fit_options.solver.progress = [progress = options.progress, name = plan.name](
+                                      int iteration, double chi2, double damping) {
       return progress(name, iteration, chi2, damping);
     };
     if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
@@ -98,17 +105,21 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   }
   solution.values = std::move(out.values);
   if (out.problem->empty())
-    throw Ended{Status::undefined_start, "step '" + plan.name + "': no sample can start: points lie behind their cameras"};
+    throw Ended{Status::undefined_start,
+                "step '" + plan.name + "': no sample can start: points lie behind their cameras"};
   if (out.summary.outcome == Outcome::cancelled) throw Ended{Status::cancelled, "cancelled"};
   if (!out.defined())
-    throw Ended{Status::undefined_start,
-                undefined_text(recording, plan, recording.samples[out.problem->sample_of(out.summary.undefined_group)])};
+    throw Ended{
+        Status::undefined_start,
+        undefined_text(recording, plan,
+                       recording.samples[out.problem->sample_of(out.summary.undefined_group)])};
   out.problem->renew(out.state);
   return out;
 }
 
 /// What a step reports of itself.
-StepResult step_result(const StepPlan& plan, const Fit& step, const Observability& observability, const Solution& solution) {
+StepResult step_result(const StepPlan& plan, const Fit& step, const Observability& observability,
+                       const Solution& solution) {
   StepResult out;
   out.name = plan.name;
   out.unused = plan.unused;
@@ -126,7 +137,8 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
 }
 
 /// A solution, and the solver of its last step, to be used again.
-void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options, const StepVariations& variations, CalibrationRun& run) {
+void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
+               const StepVariations& variations, CalibrationRun& run) {
   Solution& solution = run.solution;
   start_absent_poses(plans, solution);
   if (variations.start) solution.values.shared = *variations.start;
@@ -134,13 +146,16 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
   for (const StepPlan& plan : plans) {
     const bool last = &plan == &plans.back();
     const auto begin = std::chrono::steady_clock::now();
-    if (variations.before_step) variations.before_step(plan, solution.initial, solution.values.shared);
+    if (variations.before_step)
+      variations.before_step(plan, solution.initial, solution.values.shared);
     Fit step = fit_step(plan, options, variations.robust, solution);
     solution.columns = step.problem->columns();
     auto observed = std::make_unique<LastProblem>();
-    observed->observability = observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
+    observed->observability =
+        observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
     StepResult result = step_result(plan, step, observed->observability, solution);
-    result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    result.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && result.converged;
     set_sigmas(solution, observed->observability, plan.name, plan.priors);
     solution.steps.push_back(std::move(result));
@@ -151,7 +166,9 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     solution.cost = end.cost;
     solution.dof = end.dof;
     solution.unobservable = end.unobservable;
-    solution.status = !all_converged ? Status::not_converged : !end.unobservable.empty() ? Status::unobservable : Status::converged;
+    solution.status = !all_converged              ? Status::not_converged
+                      : !end.unobservable.empty() ? Status::unobservable
+                                                  : Status::converged;
     if (!all_converged) solution.message = "a step did not converge";
     solution.covariance = observed->observability.covariance;
     solution.setup = step.problem->setup();
@@ -163,7 +180,8 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
   }
 }
 
-CalibrationRun run(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options, const StepVariations& variations) {
+CalibrationRun run(const std::shared_ptr<const Recording>& recording,
+                   const CalibrationOptions& options, const StepVariations& variations) {
   const std::vector<StepPlan> plans = resolve_steps(*recording, options);
   CalibrationRun out;
   out.solution.recording = recording;
@@ -182,15 +200,18 @@ CalibrationRun run(const std::shared_ptr<const Recording>& recording, const Cali
 /// The same views with the same points and numbers of sigmas.
 bool same_shape(const Sample& a, const Sample& b) {
   return a.readings.size() == b.readings.size() && a.train == b.train &&
-         std::equal(a.views.begin(), a.views.end(), b.views.begin(), b.views.end(), [](const View& x, const View& y) {
-           return x.sensor == y.sensor && x.target == y.target && x.ids == y.ids && x.z.size() == y.z.size() &&
-                  x.sigma.size() == y.sigma.size() && x.covariance.size() == y.covariance.size();
-         });
+         std::equal(a.views.begin(), a.views.end(), b.views.begin(), b.views.end(),
+                    [](const View& x, const View& y) {
+                      return x.sensor == y.sensor && x.target == y.target && x.ids == y.ids &&
+                             x.z.size() == y.z.size() && x.sigma.size() == y.sigma.size() &&
+                             x.covariance.size() == y.covariance.size();
+                    });
 }
 
 }  // namespace
 
-Solution calibrate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options, const StepVariations& variations) {
+Solution calibrate(const std::shared_ptr<const Recording>& recording,
+                   const CalibrationOptions& options, const StepVariations& variations) {
   return run(recording, options, variations).solution;
 }
 
@@ -199,10 +220,13 @@ struct Calibration::Parts {
   CalibrationOptions options;
   bool solved = false;
   CalibrationRun run;
-  std::shared_ptr<LastProblem> last;  // taken out of the solution, whose copies must not see later solves
+  std::shared_ptr<LastProblem>
+      last;  // taken out of the solution, whose copies must not see later solves
 };
 
-Calibration::Calibration(const std::shared_ptr<const Recording>& recording, CalibrationOptions options) : parts_(new Parts) {
+Calibration::Calibration(const std::shared_ptr<const Recording>& recording,
+                         CalibrationOptions options)
+    : parts_(new Parts) {
   if (recording->samples.empty()) throw std::invalid_argument("there are no samples");
   resolve_steps(*recording, options);
   parts_->recording = std::make_shared<Recording>(*recording);  // its own: replace() writes into it
@@ -263,7 +287,8 @@ const Solution& Calibration::last() {
 void Calibration::replace(int slot, const Sample& sample) {
   std::vector<Sample>& samples = parts_->recording->samples;
   if (slot < 0 || slot >= static_cast<int>(samples.size()) || !same_shape(samples[slot], sample))
-    throw std::invalid_argument("sample " + std::to_string(slot) + " is to be replaced by one that shows the same");
+    throw std::invalid_argument("sample " + std::to_string(slot) +
+                                " is to be replaced by one that shows the same");
   Sample& to = samples[slot];
   to.readings = sample.readings;
   to.time = sample.time;

@@ -1,8 +1,9 @@
-// The facade: a recording in, its steps of estimation, a solution out. It prints nothing and touches no files. Use:
+// The facade: a recording in, its steps of estimation, a solution out. It prints nothing and
+// touches no files. Use:
 //     Calibration calibration(make_recording(rig, samples), options);
 //     const Solution& solution = calibration.solve();
-// Analyses of a solution are functions in models/analysis, other calibrations of the same recording in models/trials; all of it in the
-// right order is models/report/study.h.
+// Analyses of a solution are functions in models/analysis, other calibrations of the same recording
+// in models/trials; all of it in the right order is models/report/study.h.
 #pragma once
 
 #include <functional>
@@ -21,29 +22,34 @@ struct CalibrationOptions : StepSelection {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
-  /// It is called at the start of a step (iteration 0) and after each iteration: step, iteration, chi2, damping. False cancels.
+  /// It is called at the start of a step (iteration 0) and after each iteration: step, iteration,
+  /// chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;
 };
 
 /// StepVariations are how trials run the same steps differently.
 struct StepVariations {
-  std::optional<VectorXd> start;  // shared values for the first step to start from; estimates still count from the rig's
-  /// It is called before each step with its plan, the values that estimates count from, and the values that the step starts from, to be
-  /// moved.
+  std::optional<VectorXd> start;  // shared values for the first step to start from; estimates still
+                                  // count from the rig's
+  /// It is called before each step with its plan, the values that estimates count from, and the
+  /// values that the step starts from, to be moved.
   std::function<void(const StepPlan&, const VectorXd&, VectorXd&)> before_step;
-  bool robust = false;  // every step by a graduated fit (fitting/robust.h), not to convergence; samples that cannot start stay out
+  bool robust = false;  // every step by a graduated fit (fitting/robust.h), not to convergence;
+                        // samples that cannot start stay out
 };
 
 /// Runs the steps of a recording. How they ended is the solution's status and message.
 /// @throws NameError, std::invalid_argument as resolve_steps() (plan.h).
-Solution calibrate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options,
-                   const StepVariations& variations = {});
+Solution calibrate(const std::shared_ptr<const Recording>& recording,
+                   const CalibrationOptions& options, const StepVariations& variations = {});
 
-/// A Calibration can be repeated: a robot that watches itself replaces samples and solves again, without analysis or allocation.
+/// A Calibration can be repeated: a robot that watches itself replaces samples and solves again,
+/// without analysis or allocation.
 class Calibration {
  public:
   /// @throws NameError, std::invalid_argument: no samples, or as resolve_steps() (plan.h).
-  explicit Calibration(const std::shared_ptr<const Recording>& recording, CalibrationOptions options = {});
+  explicit Calibration(const std::shared_ptr<const Recording>& recording,
+                       CalibrationOptions options = {});
   ~Calibration();
   Calibration(Calibration&&) noexcept;
   Calibration& operator=(Calibration&&) noexcept;
@@ -52,17 +58,20 @@ class Calibration {
   /// Returns what the first solve() will do, with counts.
   std::vector<StepPlan> plan() const;
 
-  /// The first call runs all steps. Later ones run the last step again from the last values, for other numbers in the same samples: they
-  /// allocate nothing (where the solver does not: solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and
-  /// values; what is computed from them (estimates, covariance, texts) is made when last() is asked for it. The reference holds until the
-  /// next call.
+  /// The first call runs all steps. Later ones run the last step again from the last values, for
+  /// other numbers in the same samples: they allocate nothing (where the solver does not:
+  /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values;
+  /// what is computed from them (estimates, covariance, texts) is made when last() is asked for it.
+  /// The reference holds until the next call.
   const Solution& solve();
-  /// Returns the solution of the last solve(), complete: estimates and covariance are those of its values.
+  /// Returns the solution of the last solve(), complete: estimates and covariance are those of its
+  /// values.
   const Solution& last();
 
-  /// Puts other numbers (readings, measured numbers, sigmas) into a sample; without allocation. Solutions of earlier solves keep their
-  /// values, but share this recording: analyses of them see the new numbers. @throws std::invalid_argument: no such sample, or it shows
-  /// other views, points or numbers of sigmas than the one that it replaces.
+  /// Puts other numbers (readings, measured numbers, sigmas) into a sample; without allocation.
+  /// Solutions of earlier solves keep their values, but share this recording: analyses of them see
+  /// the new numbers. @throws std::invalid_argument: no such sample, or it shows other views,
+  /// points or numbers of sigmas than the one that it replaces.
   void replace(int slot, const Sample& sample);
 
  private:

@@ -8,7 +8,8 @@
 namespace kincal {
 namespace {
 
-/// By parameter: whether the measurements of a step depend on it; empty: no training sample has a view of its sensors.
+/// By parameter: whether the measurements of a step depend on it; empty: no training sample has a
+/// view of its sensors.
 std::vector<char> used_by(const Recording& recording, const Step& step) {
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
@@ -17,7 +18,9 @@ std::vector<char> used_by(const Recording& recording, const Step& step) {
   return probe.groups().empty() ? std::vector<char>() : probe.influencing();
 }
 
-std::string place(const char* list, size_t i) { return std::string(list) + "[" + std::to_string(i) + "]"; }
+std::string place(const char* list, size_t i) {
+  return std::string(list) + "[" + std::to_string(i) + "]";
+}
 
 /// Returns what names mean together; `plain`, by parameter: it was named without a glob.
 struct Wanted {
@@ -25,7 +28,8 @@ struct Wanted {
   std::vector<char> plain;
 };
 
-void add(const Recording& recording, const std::string& pattern, const std::string& where, Wanted& wanted) {
+void add(const Recording& recording, const std::string& pattern, const std::string& where,
+         Wanted& wanted) {
   const std::vector<Freed> found = recording.table.find(pattern, where);
   if (recording.table.is_plain_name(pattern)) wanted.plain[found[0].parameter] = 1;
   merge(wanted.free, found);
@@ -36,21 +40,25 @@ void take_away(const std::vector<Freed>& found, std::vector<Freed>& from) {
     for (Freed& w : from)
       if (w.parameter == f.parameter) {
         std::vector<int> left;
-        std::set_difference(w.components.begin(), w.components.end(), f.components.begin(), f.components.end(), std::back_inserter(left));
+        std::set_difference(w.components.begin(), w.components.end(), f.components.begin(),
+                            f.components.end(), std::back_inserter(left));
         w.components = left;
       }
 }
 
 /// Deals what is wanted to what is free, unused, or seen by held-out samples only.
-void deal(const Recording& recording, const Wanted& wanted, const std::vector<char>& used, StepPlan& plan) {
+void deal(const Recording& recording, const Wanted& wanted, const std::vector<char>& used,
+          StepPlan& plan) {
   const ParameterTable& table = recording.table;
-  std::vector<char> seen_in_training(recording.rig.targets.size(), 0), seen_held_out(recording.rig.targets.size(), 0);
+  std::vector<char> seen_in_training(recording.rig.targets.size(), 0),
+      seen_held_out(recording.rig.targets.size(), 0);
   for (const Sample& s : recording.samples)
     for (const View& v : s.views) (s.train ? seen_in_training : seen_held_out)[v.target] = 1;
   for (const Freed& f : wanted.free) {
     if (f.components.empty()) continue;
     const Parameter& p = table.all[f.parameter];
-    if (p.kind == ParameterKind::target_pose && seen_held_out[p.owner] && !seen_in_training[p.owner])
+    if (p.kind == ParameterKind::target_pose && seen_held_out[p.owner] &&
+        !seen_in_training[p.owner])
       plan.held_out.push_back(p.name);
     else if (!used[f.parameter] && !wanted.plain[f.parameter])
       plan.unused.push_back(p.name);
@@ -59,37 +67,46 @@ void deal(const Recording& recording, const Wanted& wanted, const std::vector<ch
   }
   if (!plan.free.empty()) return;
   std::string why;
-  for (const std::string& n : plan.unused) why += (why.empty() ? "; no measurement of it depends on " : ", ") + n;
+  for (const std::string& n : plan.unused)
+    why += (why.empty() ? "; no measurement of it depends on " : ", ") + n;
   for (const std::string& n : plan.held_out) why += "; only held-out samples see " + n;
   throw std::invalid_argument("step '" + plan.name + "' frees nothing" + why);
 }
 
 /// Priors of what is free; each must cover something that the step means to free.
-void place_priors(const ParameterTable& table, const Step& step, const std::vector<Freed>& meant_free, StepPlan& plan) {
+void place_priors(const ParameterTable& table, const Step& step,
+                  const std::vector<Freed>& meant_free, StepPlan& plan) {
   for (const PriorSetting& prior : step.priors) {
     bool covers = false;
     for (const Freed& f : table.find(prior.pattern, prior.where)) {
       if (prior.split && !table.all[f.parameter].pose)
-        throw std::invalid_argument(prior.where + ": '" + table.all[f.parameter].name +
-                                    "' is no pose: a number is expected, not {translation, rotation}");
+        throw std::invalid_argument(
+            prior.where + ": '" + table.all[f.parameter].name +
+            "' is no pose: a number is expected, not {translation, rotation}");
       const Freed* meant = find_freed(meant_free, f.parameter);
       const Freed* freed = find_freed(plan.free, f.parameter);
       for (int c : f.components) {
-        if (meant && std::count(meant->components.begin(), meant->components.end(), c)) covers = true;
+        if (meant && std::count(meant->components.begin(), meant->components.end(), c))
+          covers = true;
         if (!freed || !std::count(freed->components.begin(), freed->components.end(), c)) continue;
         plan.priors.erase(std::remove_if(plan.priors.begin(), plan.priors.end(),
-                                         [&](const Prior& p) { return p.parameter == f.parameter && p.component == c; }),
+                                         [&](const Prior& p) {
+                                           return p.parameter == f.parameter && p.component == c;
+                                         }),
                           plan.priors.end());  // later entries win
-        plan.priors.push_back({f.parameter, c, prior.split && c >= 3 ? prior.rotation : prior.translation});
+        plan.priors.push_back(
+            {f.parameter, c, prior.split && c >= 3 ? prior.rotation : prior.translation});
       }
     }
-    if (!covers) throw std::invalid_argument(prior.where + ": '" + prior.pattern + "' covers nothing that this step frees");
+    if (!covers)
+      throw std::invalid_argument(prior.where + ": '" + prior.pattern +
+                                  "' covers nothing that this step frees");
   }
 }
 
 /// A step's plan but for its counts. `used`: by used_by().
-StepPlan resolve(const Recording& recording, const Step& step, const std::vector<char>& used, const std::vector<std::string>& free,
-                 const std::vector<std::string>& fix) {
+StepPlan resolve(const Recording& recording, const Step& step, const std::vector<char>& used,
+                 const std::vector<std::string>& free, const std::vector<std::string>& fix) {
   const ParameterTable& table = recording.table;
   StepPlan plan;
   plan.name = step.name;
@@ -97,21 +114,28 @@ StepPlan resolve(const Recording& recording, const Step& step, const std::vector
   plan.loss = step.loss.value_or(Loss());
   Wanted wanted{{}, std::vector<char>(table.all.size(), 0)};
   for (size_t i = 0; i < step.free.size(); ++i)
-    add(recording, step.free[i], i < step.free_where.size() ? step.free_where[i] : "step '" + step.name + "': free", wanted);
+    add(recording, step.free[i],
+        i < step.free_where.size() ? step.free_where[i] : "step '" + step.name + "': free", wanted);
   for (size_t i = 0; i < free.size(); ++i) add(recording, free[i], place("free", i), wanted);
-  if (used.empty()) throw std::invalid_argument("step '" + step.name + "': no training sample has a view of its sensors");
-  const std::vector<Freed> with_fixed = wanted.free;  // priors are checked against what the step means to free
-  for (size_t i = 0; i < fix.size(); ++i) take_away(table.find(fix[i], place("fix", i)), wanted.free);
+  if (used.empty())
+    throw std::invalid_argument("step '" + step.name +
+                                "': no training sample has a view of its sensors");
+  const std::vector<Freed> with_fixed =
+      wanted.free;  // priors are checked against what the step means to free
+  for (size_t i = 0; i < fix.size(); ++i)
+    take_away(table.find(fix[i], place("fix", i)), wanted.free);
   deal(recording, wanted, used, plan);
   place_priors(table, step, with_fixed, plan);
   for (const std::string& pattern : step.free)
     for (const Freed& f : table.select(pattern))
-      if (std::count(plan.held_out.begin(), plan.held_out.end(), table.all[f.parameter].name)) merge(plan.seen_held_out, {f});
+      if (std::count(plan.held_out.begin(), plan.held_out.end(), table.all[f.parameter].name))
+        merge(plan.seen_held_out, {f});
   return plan;
 }
 
 std::vector<const Step*> steps_to_run(const Rig& rig, const std::string& last_step) {
-  if (rig.steps.empty()) throw std::invalid_argument("the rig has no `estimate`: nothing is to be calibrated");
+  if (rig.steps.empty())
+    throw std::invalid_argument("the rig has no `estimate`: nothing is to be calibrated");
   std::vector<const Step*> out;
   std::string names;
   for (const Step& step : rig.steps) {
@@ -119,16 +143,21 @@ std::vector<const Step*> steps_to_run(const Rig& rig, const std::string& last_st
     if (step.name == last_step) return out;
     names += (names.empty() ? "" : ", ") + step.name;
   }
-  if (!last_step.empty()) throw std::invalid_argument("last_step: there is no step '" + last_step + "'; the rig has " + names);
+  if (!last_step.empty())
+    throw std::invalid_argument("last_step: there is no step '" + last_step + "'; the rig has " +
+                                names);
   return out;
 }
 
 /// One message for each free and fix that changes nothing in the last step.
-std::vector<std::string> without_effect(const Recording& recording, const Step& step, const std::vector<char>& used,
+std::vector<std::string> without_effect(const Recording& recording, const Step& step,
+                                        const std::vector<char>& used,
                                         const StepSelection& selection) {
-  const auto freed = [&](const std::vector<std::string>& free, const std::vector<std::string>& fix) {
+  const auto freed = [&](const std::vector<std::string>& free,
+                         const std::vector<std::string>& fix) {
     std::map<int, std::vector<int>> out;
-    for (const Freed& f : resolve(recording, step, used, free, fix).free) out[f.parameter] = f.components;
+    for (const Freed& f : resolve(recording, step, used, free, fix).free)
+      out[f.parameter] = f.components;
     return out;
   };
   std::vector<std::string> out;
@@ -141,11 +170,13 @@ std::vector<std::string> without_effect(const Recording& recording, const Step& 
       others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
       try {
         if (freed(fix ? selection.free : others, fix ? others : selection.fix) != all) continue;
-      } catch (const std::invalid_argument&) {  // without it the step would free nothing, or a prior would cover nothing
+      } catch (const std::invalid_argument&) {  // without it the step would free nothing, or a
+                                                // prior would cover nothing
         continue;
       }
       bool free = false;
-      for (const Freed& f : recording.table.select(patterns[i])) free = free || all.count(f.parameter);
+      for (const Freed& f : recording.table.select(patterns[i]))
+        free = free || all.count(f.parameter);
       const std::string name = "step '" + step.name + "'";
       out.push_back((fix ? "fix '" : "free '") + patterns[i] + "' changes nothing: " +
                     (fix    ? "it is not free in " + name + " anyway"
@@ -164,7 +195,8 @@ std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelect
   for (const Step* step : steps) {
     const bool last = step == steps.back();
     const std::vector<char> used = used_by(recording, *step);
-    out.push_back(last ? resolve(recording, *step, used, selection.free, selection.fix) : resolve(recording, *step, used, {}, {}));
+    out.push_back(last ? resolve(recording, *step, used, selection.free, selection.fix)
+                       : resolve(recording, *step, used, {}, {}));
     if (last) out.back().without_effect = without_effect(recording, *step, used, selection);
   }
   return out;
@@ -172,7 +204,8 @@ std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelect
 
 void check_steps(const Recording& recording) {
   if (recording.samples.empty()) throw std::invalid_argument("there are no samples");
-  for (const Step& step : recording.rig.steps) resolve(recording, step, used_by(recording, step), {}, {});
+  for (const Step& step : recording.rig.steps)
+    resolve(recording, step, used_by(recording, step), {}, {});
 }
 
 void count(const Recording& recording, NoiseMode noise, StepPlan& plan) {

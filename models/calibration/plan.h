@@ -1,4 +1,5 @@
-// What a calibration will do, step by step: names become parameters, priors components, and what nothing depends on is left out.
+// What a calibration will do, step by step: names become parameters, priors components, and what
+// nothing depends on is left out.
 #pragma once
 
 #include <string>
@@ -11,8 +12,9 @@ namespace kincal {
 
 /// A StepSelection is what a caller asks of the steps besides what the rig says.
 struct StepSelection {
-  std::string last_step;               // all steps up to this one run; empty: all
-  std::vector<std::string> free, fix;  // names and globs, added to and taken from the last step that runs
+  std::string last_step;  // all steps up to this one run; empty: all
+  std::vector<std::string> free,
+      fix;  // names and globs, added to and taken from the last step that runs
 };
 
 /// A StepPlan is what a step will do.
@@ -22,20 +24,26 @@ struct StepPlan {
   Loss loss;
   std::vector<Freed> free;
   std::vector<Prior> priors;
-  std::vector<std::string> unused, held_out;  // freed names that no measurement depends on; that only held-out samples see
-  std::vector<Freed> seen_held_out;           // what `held_out` names, as the step frees it
-  std::vector<std::string> without_effect;    // of the last step: one message for each free and fix of the selection that changes nothing
-  long rows = 0, unknowns = 0;                // whitened residuals, joint-error and prior terms; shared and private unknowns
+  std::vector<std::string> unused,
+      held_out;  // freed names that no measurement depends on; that only held-out samples see
+  std::vector<Freed> seen_held_out;         // what `held_out` names, as the step frees it
+  std::vector<std::string> without_effect;  // of the last step: one message for each free and fix
+                                            // of the selection that changes nothing
+  long rows = 0,
+       unknowns =
+           0;  // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
 };
 
-/// Returns the plans of all steps that run, but for their counts. Errors of the selection begin with "free[N]" or "fix[N]", the place in
-/// its lists, or with "last_step".
-/// @throws NameError; std::invalid_argument naming the place: a rig without steps, an unknown last step, a pattern without a match, a prior
-/// that covers nothing freed, a step that frees nothing or whose sensors see nothing.
+/// Returns the plans of all steps that run, but for their counts. Errors of the selection begin
+/// with "free[N]" or "fix[N]", the place in its lists, or with "last_step".
+/// @throws NameError; std::invalid_argument naming the place: a rig without steps, an unknown last
+/// step, a pattern without a match, a prior that covers nothing freed, a step that frees nothing or
+/// whose sensors see nothing.
 std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelection& selection);
 
-/// Checks that every step of the rig can be planned, each alone. @throws as resolve_steps(); std::invalid_argument: there are no samples.
+/// Checks that every step of the rig can be planned, each alone. @throws as resolve_steps();
+/// std::invalid_argument: there are no samples.
 void check_steps(const Recording& recording);
 
 /// Fills `rows`, `unknowns` and `samples`.

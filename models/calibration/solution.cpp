@@ -8,7 +8,8 @@
 
 namespace kincal {
 
-std::vector<Direction> named_directions(const ParameterTable& table, const std::vector<Component>& columns,
+std::vector<Direction> named_directions(const ParameterTable& table,
+                                        const std::vector<Component>& columns,
                                         const Observability& observability) {
   std::vector<Direction> out;
   for (const auto& direction : observability.directions) {
@@ -19,7 +20,8 @@ std::vector<Direction> named_directions(const ParameterTable& table, const std::
   return out;
 }
 
-void set_sigmas(const Solution& solution, const Observability& observability, const std::string& step, const std::vector<Prior>& priors) {
+void set_sigmas(const Solution& solution, const Observability& observability,
+                const std::string& step, const std::vector<Prior>& priors) {
   const std::vector<Component>& columns = solution.columns;
   for (size_t column = 0; column < columns.size(); ++column) {
     const int p = columns[column].parameter, component = columns[column].index;
@@ -44,7 +46,9 @@ void set_sigmas(const Solution& solution, const Observability& observability, co
     }
     const Eigen::Index c = static_cast<Eigen::Index>(column);
     estimate->freed[component] = 1;
-    estimate->sigma[component] = observability.unobservable[column] ? kNan : std::sqrt(std::max(0.0, observability.covariance(c, c)));
+    estimate->sigma[component] = observability.unobservable[column]
+                                     ? kNan
+                                     : std::sqrt(std::max(0.0, observability.covariance(c, c)));
   }
 }
 
@@ -53,11 +57,13 @@ void set_values(const Solution& solution) {
   for (ParameterEstimate& e : solution.parameters) {
     const Parameter& parameter = solution.table().all[e.parameter];
     if (!parameter.pose) {
-      e.initial.assign(initial.data() + parameter.start, initial.data() + parameter.start + parameter.size());
+      e.initial.assign(initial.data() + parameter.start,
+                       initial.data() + parameter.start + parameter.size());
       e.value.assign(v.data() + parameter.start, v.data() + parameter.start + parameter.size());
       continue;
     }
-    const Vector6d xi = log_se3(inverse(get_pose(initial, parameter.start)) * get_pose(v, parameter.start));
+    const Vector6d xi =
+        log_se3(inverse(get_pose(initial, parameter.start)) * get_pose(v, parameter.start));
     e.initial.assign(6, 0.0);
     e.value.assign(xi.data(), xi.data() + 6);
     for (int c = 0; c < 6; ++c)
@@ -107,7 +113,8 @@ RobotModel robot_model(const Solution& solution) {
   for (size_t j = 0; j < solution.rig().tree.joints.size(); ++j) {
     const Joint& joint = solution.rig().tree.joints[j];
     const Parameter& origin = table.all[table.joint_origin[j]];
-    const Pose now = get_pose(values, origin.start), before = get_pose(solution.initial, origin.start);
+    const Pose now = get_pose(values, origin.start),
+               before = get_pose(solution.initial, origin.start);
     const bool same = now.rotation == before.rotation && now.translation == before.translation;
     out.origins.push_back(same ? joint.parent_T_joint : now);
     out.offsets.push_back(joint.has_reading() ? values(table.all[table.joint_offset[j]].start) : 0);

@@ -1,5 +1,5 @@
-// What a calibration found: the values, what is known of them, and how it got there. Residuals, noise levels, weak directions and warnings
-// are made of it by models/analysis and models/report.
+// What a calibration found: the values, what is known of them, and how it got there. Residuals,
+// noise levels, weak directions and warnings are made of it by models/analysis and models/report.
 #pragma once
 
 #include <memory>
@@ -24,8 +24,9 @@ struct StepResult {
   double chi2_initial = 0, chi2 = 0, cost = 0, seconds = 0;
   long dof = 0;
   const char* linear_solver = "";
-  std::vector<std::pair<double, double>> history;  // chi2 and damping: at the start and after each iteration
-  std::vector<std::string> unused, held_out;       // as in the step's plan
+  std::vector<std::pair<double, double>>
+      history;  // chi2 and damping: at the start and after each iteration
+  std::vector<std::string> unused, held_out;  // as in the step's plan
   std::vector<Direction> unobservable;
 };
 
@@ -40,14 +41,17 @@ struct ParameterEstimate {
   std::optional<Pose> pose;            // absolute, of poses
   int parameter = -1;                  // index in the table
 
-  std::string component_name(size_t c) const { return components[c].empty() ? name : name + "." + components[c]; }
+  std::string component_name(size_t c) const {
+    return components[c].empty() ? name : name + "." + components[c];
+  }
 };
 
-/// With `undefined_start` the first state of a step cannot be evaluated (a point behind its camera); `message` names the sample and its
-/// views.
+/// With `undefined_start` the first state of a step cannot be evaluated (a point behind its
+/// camera); `message` names the sample and its views.
 enum class Status { converged, unobservable, not_converged, undefined_start, cancelled };
 
-/// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only analysis/linearisation needs it.
+/// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only
+/// analysis/linearisation needs it.
 struct LastProblem {
   std::unique_ptr<Estimation> problem;
   VectorXd state;
@@ -64,22 +68,30 @@ struct Solution {
   long dof = 0;
   std::vector<StepResult> steps;
   std::vector<Component> columns;  // unknowns of the last step, in the order of the covariance
-  VectorXd initial;       // shared values that estimates count from: the rig's, closed-form ones of poses that it leaves open
-  EstimationSetup setup;  // of the last step: Estimation(*recording, training(), setup) at pack(values)
-  Values values;          // shared parameters; poses and joint errors of the training samples
-  std::vector<Freed> seen_held_out;            // parameters that the steps free and only held-out samples see
-  std::vector<std::string> computed_starts;    // poses absent from the rig whose initial value comes from the data
-  std::vector<std::string> identity_starts;    // poses absent from the rig and freed in part or with a prior: they start at the identity
-  std::vector<std::string> lost_starts;        // those of computed_starts that nothing with a known pose ties down
-  std::vector<std::string> without_effect;     // as in the last step's plan
-  std::shared_ptr<LastProblem> last;           // null: to be made again (analysis/linearisation.h)
+  VectorXd initial;  // shared values that estimates count from: the rig's, closed-form ones of
+                     // poses that it leaves open
+  EstimationSetup
+      setup;      // of the last step: Estimation(*recording, training(), setup) at pack(values)
+  Values values;  // shared parameters; poses and joint errors of the training samples
+  std::vector<Freed> seen_held_out;  // parameters that the steps free and only held-out samples see
+  std::vector<std::string>
+      computed_starts;  // poses absent from the rig whose initial value comes from the data
+  std::vector<std::string> identity_starts;  // poses absent from the rig and freed in part or with
+                                             // a prior: they start at the identity
+  std::vector<std::string>
+      lost_starts;  // those of computed_starts that nothing with a known pose ties down
+  std::vector<std::string> without_effect;  // as in the last step's plan
+  std::shared_ptr<LastProblem> last;        // null: to be made again (analysis/linearisation.h)
 
-  // Estimates are made at the end of calibrate(), and again when they are asked for after a repeated Calibration::solve().
-  mutable std::vector<ParameterEstimate> parameters;  // everything that any step freed, in the order of the steps
-  mutable std::vector<Direction> unobservable;        // of the last step
+  // Estimates are made at the end of calibrate(), and again when they are asked for after a
+  // repeated Calibration::solve().
+  mutable std::vector<ParameterEstimate>
+      parameters;  // everything that any step freed, in the order of the steps
+  mutable std::vector<Direction> unobservable;  // of the last step
   mutable MatrixXd covariance;
-  mutable bool stale = false;                         // they belong to earlier values: refresh() makes them new
-  /// Makes estimates, covariance and unobservable directions those of `values`. The functions below call it.
+  mutable bool stale = false;  // they belong to earlier values: refresh() makes them new
+  /// Makes estimates, covariance and unobservable directions those of `values`. The functions below
+  /// call it.
   void refresh() const;
 
   const Rig& rig() const { return recording->rig; }
@@ -87,19 +99,21 @@ struct Solution {
   const std::vector<Sample>& samples() const { return recording->samples; }
   std::vector<int> training() const { return recording->training(); }
 
-  /// True if there are values that can be used: every step converged. (Directions may be unobservable: these keep their initial values, and
-  /// their sigmas are NaN.)
+  /// True if there are values that can be used: every step converged. (Directions may be
+  /// unobservable: these keep their initial values, and their sigmas are NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
   /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it.
   const ParameterEstimate& operator[](const std::string& name) const;
-  /// Returns the value of a pose parameter, freed or not: "sensor/head_camera/pose" is link_T_sensor. @throws std::out_of_range: no such
-  /// pose.
+  /// Returns the value of a pose parameter, freed or not: "sensor/head_camera/pose" is
+  /// link_T_sensor. @throws std::out_of_range: no such pose.
   Pose pose(const std::string& name) const;
-  /// Returns the robot with calibrated origins, offsets folded in: position = scale * reading from then on.
+  /// Returns the robot with calibrated origins, offsets folded in: position = scale * reading from
+  /// then on.
   Tree tree() const;
 };
 
-/// A RobotModel has parent_T_joint and offset of every joint as estimated; an origin that did not change is the rig's to the last bit.
+/// A RobotModel has parent_T_joint and offset of every joint as estimated; an origin that did not
+/// change is the rig's to the last bit.
 struct RobotModel {
   std::vector<Pose> origins;
   std::vector<double> offsets;
@@ -108,10 +122,12 @@ RobotModel robot_model(const Solution& solution);
 
 // How calibrate() fills in a solution, step by step.
 /// Returns the unobservable directions by the names of their components.
-std::vector<Direction> named_directions(const ParameterTable& table, const std::vector<Component>& columns,
+std::vector<Direction> named_directions(const ParameterTable& table,
+                                        const std::vector<Component>& columns,
                                         const Observability& observability);
 /// Sets the sigmas, priors and step of the estimates that `columns` are, as a step ended.
-void set_sigmas(const Solution& solution, const Observability& observability, const std::string& step, const std::vector<Prior>& priors);
+void set_sigmas(const Solution& solution, const Observability& observability,
+                const std::string& step, const std::vector<Prior>& priors);
 /// Sets the values of all estimates from those of the shared parameters.
 void set_values(const Solution& solution);
 

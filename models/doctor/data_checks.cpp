@@ -14,8 +14,8 @@
 namespace kincal {
 namespace {
 
-/// Which sensors and targets samples tie together: nodes, first the sensors, then the targets. Two are tied if one sees the other, or if
-/// both see the same free target in one sample.
+/// Which sensors and targets samples tie together: nodes, first the sensors, then the targets. Two
+/// are tied if one sees the other, or if both see the same free target in one sample.
 struct Connections {
   int sensors = 0;
   std::vector<char> seen;   // by node: it takes part in some view
@@ -27,7 +27,8 @@ struct Connections {
   int root(int i) { return parent[i] == i ? i : parent[i] = root(parent[i]); }
 };
 
-Connections::Connections(const Recording& recording) : sensors(static_cast<int>(recording.rig.sensors.size())) {
+Connections::Connections(const Recording& recording)
+    : sensors(static_cast<int>(recording.rig.sensors.size())) {
   const Rig& rig = recording.rig;
   parent = indices(rig.sensors.size() + rig.targets.size());
   seen.assign(parent.size(), 0);
@@ -43,7 +44,8 @@ Connections::Connections(const Recording& recording) : sensors(static_cast<int>(
   }
 }
 
-Finding disconnected(const std::vector<std::string>& where, const std::string& what, const std::string& cure) {
+Finding disconnected(const std::vector<std::string>& where, const std::string& what,
+                     const std::string& cure) {
   Finding f;
   f.id = "disconnected";
   f.where = where;
@@ -51,9 +53,11 @@ Finding disconnected(const std::vector<std::string>& where, const std::string& w
   return f;
 }
 
-/// The link that carries `link` without a moving joint between, closest to the root (floating and planar joints stand still here).
+/// The link that carries `link` without a moving joint between, closest to the root (floating and
+/// planar joints stand still here).
 int immobile_body(const Tree& tree, int link) {
-  while (tree.joint_above[link] >= 0 && !tree.joints[tree.joint_above[link]].moves()) link = tree.joints[tree.joint_above[link]].parent;
+  while (tree.joint_above[link] >= 0 && !tree.joints[tree.joint_above[link]].moves())
+    link = tree.joints[tree.joint_above[link]].parent;
   return link;
 }
 
@@ -76,17 +80,20 @@ std::vector<char> placing_parameters(const ParameterTable& table) {
 }
 
 /// By parameter: some view of the chosen sensors depends on it.
-std::vector<char> influencing(const Recording& recording, const Connections& connections, const std::function<bool(int)>& wanted) {
+std::vector<char> influencing(const Recording& recording, const Connections& connections,
+                              const std::function<bool(int)>& wanted) {
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   for (int s = 0; s < connections.sensors; ++s)
     if (connections.seen[s] && wanted(s)) setup.sensors.push_back(s);
   const Estimation probe(recording, indices(recording.samples.size()), setup);
-  return probe.groups().empty() ? std::vector<char>(recording.table.all.size(), 0) : probe.influencing();
+  return probe.groups().empty() ? std::vector<char>(recording.table.all.size(), 0)
+                                : probe.influencing();
 }
 
 /// Appends what is tied together, stands on one body and has nothing in it whose place is held.
-void check_anchors(const Recording& recording, const FreedNames& freed, Connections& connections, std::vector<Finding>& out) {
+void check_anchors(const Recording& recording, const FreedNames& freed, Connections& connections,
+                   std::vector<Finding>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const int sensors = connections.sensors;
@@ -97,22 +104,28 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
   for (const auto& component : components) {
     std::set<int> bodies;
     for (int i : component.second)
-      bodies.insert(immobile_body(rig.tree, i < sensors ? rig.sensors[i].link : rig.targets[i - sensors].link));
+      bodies.insert(immobile_body(
+          rig.tree, i < sensors ? rig.sensors[i].link : rig.targets[i - sensors].link));
     if (bodies.size() != 1) continue;
-    const std::vector<char> inside = influencing(recording, connections, [&](int s) { return connections.root(s) == component.first; });
-    const std::vector<char> elsewhere = influencing(recording, connections, [&](int s) { return connections.root(s) != component.first; });
+    const std::vector<char> inside = influencing(
+        recording, connections, [&](int s) { return connections.root(s) == component.first; });
+    const std::vector<char> elsewhere = influencing(
+        recording, connections, [&](int s) { return connections.root(s) != component.first; });
     bool anchor = false;
     std::vector<std::string> names, parameters;
     for (int i : component.second) {
       names.push_back(i < sensors ? rig.sensors[i].name : rig.targets[i - sensors].name);
       bool open = false;
       if (i < sensors) {
-        const std::vector<char> own = influencing(recording, connections, [&](int s) { return s == i; });
+        const std::vector<char> own =
+            influencing(recording, connections, [&](int s) { return s == i; });
         for (size_t p = 0; p < table.all.size(); ++p) {
           const bool target = table.all[p].kind == ParameterKind::target_pose;
-          if (!own[p] || !inside[p] || elsewhere[p] || !freed.parameter[p] || !places[p] || target) continue;
+          if (!own[p] || !inside[p] || elsewhere[p] || !freed.parameter[p] || !places[p] || target)
+            continue;
           open = true;
-          if (!std::count(parameters.begin(), parameters.end(), table.all[p].name)) parameters.push_back(table.all[p].name);
+          if (!std::count(parameters.begin(), parameters.end(), table.all[p].name))
+            parameters.push_back(table.all[p].name);
         }
       } else if (freed.parameter[table.target_pose[i - sensors]]) {
         open = true;
@@ -121,13 +134,15 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
       anchor = anchor || !open;
     }
     if (anchor) continue;
-    out.push_back(disconnected(
-        names,
-        (names.size() == 1 ? "Sensor " : "") + joined(names) + (names.size() == 1 ? " is" : " are") +
-            " tied to nothing else: no other sensor sees the same target in the same sample, and no mounted target is in view from another "
-            "link, but the rig frees " +
-            joined(parameters) + ".",
-        "Take samples in which it and another sensor see one target, or hold these."));
+    out.push_back(
+        disconnected(names,
+                     (names.size() == 1 ? "Sensor " : "") + joined(names) +
+                         (names.size() == 1 ? " is" : " are") +
+                         " tied to nothing else: no other sensor sees the same target in the same "
+                         "sample, and no mounted target is in view from another "
+                         "link, but the rig frees " +
+                         joined(parameters) + ".",
+                     "Take samples in which it and another sensor see one target, or hold these."));
   }
 }
 
@@ -152,8 +167,9 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
       measured = measured || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
       views.push_back(std::move(one));
     }
-    if (!measured && std::any_of(s.views.begin(), s.views.end(),
-                                 [&](const View& v) { return rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::chain; }))
+    if (!measured && std::any_of(s.views.begin(), s.views.end(), [&](const View& v) {
+          return rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::chain;
+        }))
       continue;
     if (s.views.empty()) continue;
     std::sort(views.begin(), views.end());
@@ -169,51 +185,63 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
     Finding f;
     f.id = "duplicates";
     f.where = ids;
-    f.text = "Samples " + joined(ids) + " are the same: joint readings and measured numbers. They count as " + std::to_string(ids.size()) +
-             " measurements but are one; leave out all but one.";
+    f.text = "Samples " + joined(ids) +
+             " are the same: joint readings and measured numbers. They count as " +
+             std::to_string(ids.size()) + " measurements but are one; leave out all but one.";
     out.push_back(std::move(f));
   }
   return out;
 }
 
-void check_still_joints(const Recording& recording, const FreedNames& freed, std::vector<Finding>& out) {
+void check_still_joints(const Recording& recording, const FreedNames& freed,
+                        std::vector<Finding>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const Survey survey = make_survey(rig, recording.samples);
   for (const auto& r : survey.ranges) {
     const int j = r.first;
     const size_t samples = survey.samples.at(j).size();
-    if (samples < 2 || r.second.second - r.second.first > std::max(1e-6, 3 * rig.joints[j].sigma)) continue;
+    if (samples < 2 || r.second.second - r.second.first > std::max(1e-6, 3 * rig.joints[j].sigma))
+      continue;
     std::vector<std::string> names;
     for (int k = 0; table.joint_offset[j] >= 0 && k < rig.joints[j].model->size(); ++k)
-      if (freed.parameter[table.joint_offset[j] + k]) names.push_back(table.all[table.joint_offset[j] + k].name);
+      if (freed.parameter[table.joint_offset[j] + k])
+        names.push_back(table.all[table.joint_offset[j] + k].name);
     if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
       names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;
     Finding f;
     f.id = "still-joint";
     f.where = {rig.tree.joints[j].name};
-    f.text = "Joint " + quoted(rig.tree.joints[j].name) + " never moves" + text(" (it reads %.6g in all ", r.second.first) +
-             std::to_string(samples) + " samples that need it), but the rig frees " + joined(names) +
-             ". Take samples in which it moves, or hold " + (names.size() == 1 ? "it" : "them") + "; if it did move, the log is wrong.";
+    f.text = "Joint " + quoted(rig.tree.joints[j].name) + " never moves" +
+             text(" (it reads %.6g in all ", r.second.first) + std::to_string(samples) +
+             " samples that need it), but the rig frees " + joined(names) +
+             ". Take samples in which it moves, or hold " + (names.size() == 1 ? "it" : "them") +
+             "; if it did move, the log is wrong.";
     out.push_back(std::move(f));
   }
 }
 
-void check_connections(const Recording& recording, const FreedNames& freed, const std::vector<int>& sensors, std::vector<Finding>& out) {
+void check_connections(const Recording& recording, const FreedNames& freed,
+                       const std::vector<int>& sensors, std::vector<Finding>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   Connections connections(recording);
   for (int s : sensors)
     if (!connections.seen[s] && freed.parameter[table.sensor_pose[s]])
-      out.push_back(disconnected({rig.sensors[s].name},
-                                 "Sensor " + quoted(rig.sensors[s].name) + " has no view in any sample, but the rig frees its pose.",
-                                 "Add views of it, or hold sensor/" + rig.sensors[s].name + "/pose."));
+      out.push_back(
+          disconnected({rig.sensors[s].name},
+                       "Sensor " + quoted(rig.sensors[s].name) +
+                           " has no view in any sample, but the rig frees its pose.",
+                       "Add views of it, or hold sensor/" + rig.sensors[s].name + "/pose."));
   for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && !connections.seen[connections.sensors + t] && freed.parameter[table.target_pose[t]])
-      out.push_back(disconnected({rig.targets[t].name},
-                                 "Target " + quoted(rig.targets[t].name) + " is seen in no sample, but the rig frees its pose.",
-                                 "Add views of it, or hold target/" + rig.targets[t].name + "/pose."));
+    if (rig.targets[t].link >= 0 && !connections.seen[connections.sensors + t] &&
+        freed.parameter[table.target_pose[t]])
+      out.push_back(
+          disconnected({rig.targets[t].name},
+                       "Target " + quoted(rig.targets[t].name) +
+                           " is seen in no sample, but the rig frees its pose.",
+                       "Add views of it, or hold target/" + rig.targets[t].name + "/pose."));
   check_anchors(recording, freed, connections, out);
 }
 

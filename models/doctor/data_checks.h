@@ -12,15 +12,18 @@ namespace kincal {
 struct FreedNames;
 struct Recording;
 
-/// Finds samples with the same readings and the same measured numbers; each is named with an earlier one. Chain views measure nothing:
-/// samples that have no others are no duplicates.
+/// Finds samples with the same readings and the same measured numbers; each is named with an
+/// earlier one. Chain views measure nothing: samples that have no others are no duplicates.
 std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples);
 
-/// Appends joints that never move although freed numbers of theirs are determined by their motion only.
-void check_still_joints(const Recording& recording, const FreedNames& freed, std::vector<Finding>& out);
+/// Appends joints that never move although freed numbers of theirs are determined by their motion
+/// only.
+void check_still_joints(const Recording& recording, const FreedNames& freed,
+                        std::vector<Finding>& out);
 
-/// Appends freed poses that no sample shows, and sensors and targets that are tied to nothing whose place is known. `sensors` are those
-/// that some step uses.
-void check_connections(const Recording& recording, const FreedNames& freed, const std::vector<int>& sensors, std::vector<Finding>& out);
+/// Appends freed poses that no sample shows, and sensors and targets that are tied to nothing whose
+/// place is known. `sensors` are those that some step uses.
+void check_connections(const Recording& recording, const FreedNames& freed,
+                       const std::vector<int>& sensors, std::vector<Finding>& out);
 
 }  // namespace kincal

@@ -32,22 +32,26 @@ struct Explanatory {
   Trial trial;
 };
 
-/// What is looked for on top of what was undone: chi2, or that the estimate is far from the rig's values.
+/// What is looked for on top of what was undone: chi2, or that the estimate is far from the rig's
+/// values.
 struct Question {
   const TrialFit& now;
   bool by_movement;
 };
 
-// ------------------------------------------------------------------------------------------------ choose
+// ------------------------------------------------------------------------------------------------
+// choose
 /// `recording`: what the hypothesis is tried on, all samples or some.
-Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h, const TrialFit& now, Effort effort) {
+Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
+                     const TrialFit& now, Effort effort) {
   Rig rig = recording.rig;
   Samples samples = recording.samples;
   h.undo(rig, samples);
   if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
   Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
   t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
-  for (int square : h.squares) t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
+  for (int square : h.squares)
+    t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
   effort.closed_form = h.new_poses;
   try {
     t.fit = best_fit(t.recording, context, t.stage, effort);
@@ -55,46 +59,58 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
   if (h.id == "bad-samples")
-    t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) / static_cast<double>(std::max(1L, t.fit.dof));
+    t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
+              static_cast<double>(std::max(1L, t.fit.dof));
   return t;
 }
 
-/// Factors by which the sizes are to be changed. Empty where the scale factors contradict each other, change nothing or collapse the
-/// target.
+/// Factors by which the sizes are to be changed. Empty where the scale factors contradict each
+/// other, change nothing or collapse the target.
 std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t) {
   std::vector<double> factors;
   const ParameterTable& fitted = t.recording.table;
   for (int s : h.squares)
-    factors.push_back(std::abs(t.fit.values.shared(fitted.all[fitted.target_square[s]].start)) /  // negative: the board half a turn round
-                      (rig.targets[s].grid ? rig.targets[s].square : 1));
-  const double low = *std::min_element(factors.begin(), factors.end()), high = *std::max_element(factors.begin(), factors.end());
-  const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low && std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
+    factors.push_back(
+        std::abs(t.fit.values.shared(
+            fitted.all[fitted.target_square[s]].start)) /  // negative: the board half a turn round
+        (rig.targets[s].grid ? rig.targets[s].square : 1));
+  const double low = *std::min_element(factors.begin(), factors.end()),
+               high = *std::max_element(factors.begin(), factors.end());
+  const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
+                    std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
   return sane ? factors : std::vector<double>();
 }
 
-/// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for unknowns were added or data left out.
+/// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
+/// unknowns were added or data left out.
 bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
   const double per_dof = now.per_dof();
   if (!before.complete()) return per_dof < Thresholds::overwhelming;
   if (per_dof < Thresholds::clean && !strict) {
     double worst = 0;  // a sensor's share of all may be small
     for (size_t s = 0; s < before.sensor.size(); ++s)
-      if (before.sensor[s] > Thresholds::good) worst = std::max(worst, before.sensor[s] / now.sensor[s]);
-    return before.cost > Thresholds::clean_gain * now_cost || (worst > Thresholds::decisive && before.cost > now_cost);
+      if (before.sensor[s] > Thresholds::good)
+        worst = std::max(worst, before.sensor[s] / now.sensor[s]);
+    return before.cost > Thresholds::clean_gain * now_cost ||
+           (worst > Thresholds::decisive && before.cost > now_cost);
   }
-  return before.cost > (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
+  return before.cost >
+         (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
 }
 
 bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
-  if (question.by_movement) return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
+  if (question.by_movement)
+    return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
   const bool leaves_out = h.id == "bad-samples";
-  return believed(question.now, t.fit, leaves_out ? t.cost / Thresholds::leaving_out : t.cost, leaves_out || h.ignored_joint >= 0);
+  return believed(question.now, t.fit, leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
+                  leaves_out || h.ignored_joint >= 0);
 }
 
 /// The best few of the first `count` candidates, by a few iterations with some samples; best first.
-std::vector<size_t> shortlist(const Recording& recording, const TrialContext& context, const Question& question,
-                              const std::vector<Hypothesis>& candidates, size_t count) {
+std::vector<size_t> shortlist(const Recording& recording, const TrialContext& context,
+                              const Question& question, const std::vector<Hypothesis>& candidates,
+                              size_t count) {
   const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
   std::vector<std::pair<double, size_t>> order;
   double least = kInfinity;
@@ -117,12 +133,17 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
 }
 
 /// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
-std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context, const Question& question) {
+std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
+                                  const Question& question) {
   const TrialFit& now = question.now;
-  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples, freed_names(recording.table, context.all));
+  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,
+                                           freed_names(recording.table, context.all));
   if (question.by_movement)
     all.erase(std::remove_if(all.begin(), all.end(),
-                             [](const Hypothesis& h) { return h.numbered_by_markers || !h.squares.empty() || !h.free.empty(); }),
+                             [](const Hypothesis& h) {
+                               return h.numbered_by_markers || !h.squares.empty() ||
+                                      !h.free.empty();
+                             }),
               all.end());
   const size_t common = all.size();
   if (!question.by_movement) {
@@ -134,23 +155,29 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   std::optional<Trial> best;
   size_t chosen = 0;
   const auto try_with_all_samples = [&](size_t i) {
-    const Effort effort = {100, 1e-9, false, best && !question.by_movement ? 20 * best->cost : kInfinity};
+    const Effort effort = {100, 1e-9, false,
+                           best && !question.by_movement ? 20 * best->cost : kInfinity};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
     const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
     const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
-    if (!best || (equal ? extra < fewest || (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest()) : t.cost < best->cost))
+    if (!best || (equal ? extra < fewest ||
+                              (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest())
+                        : t.cost < best->cost))
       best = std::move(t), chosen = i;
   };
   for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
-  // A few samples or views may be all that is wrong; if many go with it, something else may be wrong with these.
-  if (!best || best->fit.per_dof() > Thresholds::clean || static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
+  // A few samples or views may be all that is wrong; if many go with it, something else may be
+  // wrong with these.
+  if (!best || best->fit.per_dof() > Thresholds::clean ||
+      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
     for (size_t i : shortlist(recording, context, question, all, common)) try_with_all_samples(i);
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};
 }
 
-// ------------------------------------------------------------------------------------------------ prove
+// ------------------------------------------------------------------------------------------------
+// prove
 /// What chi2 is with the mistake and without, and a sentence about it.
 struct Evidence {
   std::optional<double> before, after;
@@ -163,10 +190,12 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit) {
   out.after = fit.chi2;
   out.sentence =
       now.complete()
-          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ", now.chi2, now.per_dof(), fit.chi2,
-                 fit.per_dof())
-          : text("As it is the fit cannot even start (points behind a camera); without this mistake chi2 is %.6g (chi2/dof %.3g). ",
-                 fit.chi2, fit.per_dof());
+          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ",
+                 now.chi2, now.per_dof(), fit.chi2, fit.per_dof())
+          : text(
+                "As it is the fit cannot even start (points behind a camera); without this mistake "
+                "chi2 is %.6g (chi2/dof %.3g). ",
+                fit.chi2, fit.per_dof());
   return out;
 }
 
@@ -174,7 +203,8 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit) {
 std::vector<std::string> returned_parameters(const TrialFit& now, const TrialFit& fit) {
   std::vector<std::string> out;
   for (const auto& m : now.moved)
-    if (m.second >= Thresholds::far && fit.moved.at(m.first) <= 0.2 * m.second) out.push_back(m.first);
+    if (m.second >= Thresholds::far && fit.moved.at(m.first) <= 0.2 * m.second)
+      out.push_back(m.first);
   return out;
 }
 
@@ -184,10 +214,11 @@ Stage held(Stage stage, const std::vector<std::string>& parameters) {
   return stage;
 }
 
-/// Fits with and without the mistake, while what moved far is held at the rig's values. If other parameters can take the place of these (a
-/// gear scale of -1, the axes around), all are held. Nothing where chi2 does not fall by that.
-std::optional<Evidence> prove_by_movement(const Recording& recording, const TrialContext& context, const TrialFit& now,
-                                          const Trial& trial) {
+/// Fits with and without the mistake, while what moved far is held at the rig's values. If other
+/// parameters can take the place of these (a gear scale of -1, the axes around), all are held.
+/// Nothing where chi2 does not fall by that.
+std::optional<Evidence> prove_by_movement(const Recording& recording, const TrialContext& context,
+                                          const TrialFit& now, const Trial& trial) {
   const std::vector<std::string> returned = returned_parameters(now, trial.fit);
   std::vector<std::string> all;
   for (const auto& m : now.moved) all.push_back(m.first);
@@ -199,7 +230,8 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
     const std::vector<std::string>& names = all_held ? all : returned;
     before = best_fit(recording, context, held(context.all, names), {60, 1e-4});
     after = best_fit(trial.recording, context, held(trial.stage, names), {60, 1e-4});
-    decided = after.complete() && (!before.complete() || before.cost > Thresholds::decisive * after.cost);
+    decided =
+        after.complete() && (!before.complete() || before.cost > Thresholds::decisive * after.cost);
   }
   if (!decided) return std::nullopt;
   std::string names;
@@ -212,17 +244,21 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
   Evidence out;
   if (before.complete()) out.before = before.chi2;
   out.after = after.chi2;
-  out.sentence = "The estimate hides it by moving " + names +
-                 text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ", farthest_of(now),
-                      farthest_of(trial.fit)) +
-                 (everything ? "With all held at the rig's values " : "With these held at the rig's values ") +
-                 (before.complete() ? text("chi2 is %.6g as it is", before.chi2) : "the fit cannot even start as it is") +
-                 text(" and %.6g without this mistake. ", after.chi2);
+  out.sentence =
+      "The estimate hides it by moving " + names +
+      text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ",
+           farthest_of(now), farthest_of(trial.fit)) +
+      (everything ? "With all held at the rig's values " : "With these held at the rig's values ") +
+      (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
+                         : "the fit cannot even start as it is") +
+      text(" and %.6g without this mistake. ", after.chi2);
   return out;
 }
 
-// ------------------------------------------------------------------------------------------------ scale and word
-/// Gives the targets the sizes that the fit found, and replaces what the hypothesis has by these. `before`: the rig with the mistake.
+// ------------------------------------------------------------------------------------------------
+// scale and word
+/// Gives the targets the sizes that the fit found, and replaces what the hypothesis has by these.
+/// `before`: the rig with the mistake.
 void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
   Hypothesis& h = explanatory.hypothesis;
   const std::vector<double> factors = size_factors(before, h, explanatory.trial);
@@ -231,11 +267,12 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
     const Target& old = before.targets[h.squares[i]];
     rig.targets[h.squares[i]].square = (old.grid ? old.square : 1) * factors[i];
     h.mistake += h.mistake.empty() ? "" : "; ";
-    h.mistake += old.grid
-                     ? "the size of target " + quoted(old.name) + " is wrong: " +
-                           text("the rig says %.6g m, the data say %.6g m (times %.5g)", old.square, old.square * factors[i], factors[i])
-                     : "the points of target " + quoted(old.name) +
-                           " have the wrong unit or scale: " + text("the data say %.5g times as large", factors[i]);
+    h.mistake += old.grid ? "the size of target " + quoted(old.name) + " is wrong: " +
+                                text("the rig says %.6g m, the data say %.6g m (times %.5g)",
+                                     old.square, old.square * factors[i], factors[i])
+                          : "the points of target " + quoted(old.name) +
+                                " have the wrong unit or scale: " +
+                                text("the data say %.5g times as large", factors[i]);
   }
   h.cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
 }
@@ -252,13 +289,16 @@ Finding word(const Hypothesis& h, const Evidence& evidence) {
   return finding;
 }
 
-/// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`, and reports it; false if none is
-/// believed. `by_movement`: what it explains is not chi2 but that the estimate is far from the rig's values.
-bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by_movement, std::vector<Finding>& out) {
+/// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`,
+/// and reports it; false if none is believed. `by_movement`: what it explains is not chi2 but that
+/// the estimate is far from the rig's values.
+bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by_movement,
+             std::vector<Finding>& out) {
   std::optional<Explanatory> best = choose(recording, context, {now, by_movement});
   if (!best) return false;
   const std::optional<Evidence> evidence =
-      by_movement ? prove_by_movement(recording, context, now, best->trial) : prove_by_chi2(now, best->trial.fit);
+      by_movement ? prove_by_movement(recording, context, now, best->trial)
+                  : prove_by_chi2(now, best->trial.fit);
   if (!evidence) return false;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
@@ -270,22 +310,28 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   return true;
 }
 
-// ------------------------------------------------------------------------------------------------ search
-/// Adds the proof to joints that never move in the log but did; true if there is one. Such a joint can look like many things: it goes
-/// first, and then nothing else can be concluded.
-bool prove_still_joints(const Recording& recording, const TrialContext& context, const TrialFit& now, std::vector<Finding>& findings) {
+// ------------------------------------------------------------------------------------------------
+// search
+/// Adds the proof to joints that never move in the log but did; true if there is one. Such a joint
+/// can look like many things: it goes first, and then nothing else can be concluded.
+bool prove_still_joints(const Recording& recording, const TrialContext& context,
+                        const TrialFit& now, std::vector<Finding>& findings) {
   bool found = false;
   for (Finding& f : findings) {
     if (f.id != "still-joint" || good(now)) continue;
     context.report(0, 1);
     Rig rig = recording.rig;
     rig.joints[rig.tree.find_joint(f.where[0])].sigma = 1;
-    const TrialFit unknown = best_fit(Recording(std::move(rig), recording.samples), context, context.all, {100, 1e-6});
-    if (!unknown.complete() || (now.complete() && now.cost < Thresholds::decisive * unknown.cost)) continue;
+    const TrialFit unknown =
+        best_fit(Recording(std::move(rig), recording.samples), context, context.all, {100, 1e-6});
+    if (!unknown.complete() || (now.complete() && now.cost < Thresholds::decisive * unknown.cost))
+      continue;
     found = true;
     if (now.complete()) f.chi2_as_is = now.chi2;
     f.chi2_corrected = unknown.chi2;
-    f.text += " It did move: " + (now.complete() ? text("chi2 is %.6g as it is", now.chi2) : "the fit cannot even start as it is") +
+    f.text += " It did move: " +
+              (now.complete() ? text("chi2 is %.6g as it is", now.chi2)
+                              : "the fit cannot even start as it is") +
               text(" and %.6g with its readings unknown.", unknown.chi2);
   }
   return found;
@@ -300,24 +346,32 @@ struct Outcomes {
 };
 
 /// `now`: the fit with everything undone that was found.
-std::string verdict(const Recording& recording, const TrialContext& context, const TrialFit& now, const Outcomes& outcomes) {
-  std::string out = std::isfinite(outcomes.per_dof_at_first) ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
-                                                             : "the fit cannot start: points lie behind a camera";
+std::string verdict(const Recording& recording, const TrialContext& context, const TrialFit& now,
+                    const Outcomes& outcomes) {
+  std::string out = std::isfinite(outcomes.per_dof_at_first)
+                        ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
+                        : "the fit cannot start: points lie behind a camera";
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
     out += ", or what sees a free target does not tell where it is";
   if (good(now) && !outcomes.fit_findings) {
-    out += outcomes.data_findings ? ": the fit itself needs no explanation." : ": nothing to explain.";
+    out +=
+        outcomes.data_findings ? ": the fit itself needs no explanation." : ": nothing to explain.";
   } else if (good(now)) {
     out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
-    out += outcomes.still_joint     ? ": a joint that moved without its readings explains it."
-           : !outcomes.fit_findings ? ": none of these explains it."
-                                    : text("; with what was found undone %.3g: none of the others explains that.", now.per_dof());
-    const std::string noise = now.complete() && !outcomes.still_joint && !context.usual_steps ? joint_noise(recording, context, now) : "";
+    out += outcomes.still_joint ? ": a joint that moved without its readings explains it."
+           : !outcomes.fit_findings
+               ? ": none of these explains it."
+               : text("; with what was found undone %.3g: none of the others explains that.",
+                      now.per_dof());
+    const std::string noise = now.complete() && !outcomes.still_joint && !context.usual_steps
+                                  ? joint_noise(recording, context, now)
+                                  : "";
     if (!noise.empty()) out += " " + noise;
     if (context.usual_steps)
       out +=
-          " The rig has no estimate: only poses of sensors and targets and joint offsets were fitted here. calibrate tries more (the "
+          " The rig has no estimate: only poses of sensors and targets and joint offsets were "
+          "fitted here. calibrate tries more (the "
           "robot's "
           "geometry, gears, lenses): let it try before looking for mistakes.";
   }
@@ -325,22 +379,27 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   return out;
 }
 
-/// Of those found by fits, what explains most first; then the others, without what is named already.
+/// Of those found by fits, what explains most first; then the others, without what is named
+/// already.
 std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> by_data) {
   const auto ratio = [](const Finding& f) {
-    return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected) : kInfinity;
+    return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected)
+                                            : kInfinity;
   };
-  std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
+  std::stable_sort(by_fits.begin(), by_fits.end(),
+                   [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
   for (Finding& f : by_data)
-    if (std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return g.id == f.id && g.where == f.where; }))
+    if (std::none_of(by_fits.begin(), by_fits.end(),
+                     [&](const Finding& g) { return g.id == f.id && g.where == f.where; }))
       by_fits.push_back(std::move(f));
   return by_fits;
 }
 
 Diagnosis examine(Recording recording, TrialContext context) {
   Diagnosis out;
-  out.tested = {"square",        "rows-columns", "numbering",       "mirrored",  "joint-sign", "degrees",      "still-joint",
-                "inverted-pose", "eye-in-hand",  "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples"};
+  out.tested = {"square",    "rows-columns", "numbering",     "mirrored",    "joint-sign",
+                "degrees",   "still-joint",  "inverted-pose", "eye-in-hand", "swapped-cameras",
+                "rectified", "duplicates",   "disconnected",  "bad-samples"};
   std::vector<Finding> by_data = find_duplicates(recording.rig, recording.samples), by_fits;
   const FreedNames freed = freed_names(recording.table, context.all);
   check_still_joints(recording, freed, by_data);
@@ -352,21 +411,26 @@ Diagnosis examine(Recording recording, TrialContext context) {
   const double at_first = now.per_dof();
   const bool still_joint = prove_still_joints(recording, context, now, by_data);
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
-    if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint") break;
+    if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint")
+      break;
   if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);
-    for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round && now.farthest() > Thresholds::far; ++round)
+    for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round &&
+                        now.farthest() > Thresholds::far;
+         ++round)
       explain(recording, context, now, true, by_fits);
   }
-  out.verdict = verdict(recording, context, now, {at_first, !by_data.empty(), !by_fits.empty(), still_joint});
+  out.verdict =
+      verdict(recording, context, now, {at_first, !by_data.empty(), !by_fits.empty(), still_joint});
   out.findings = ordered(std::move(by_fits), std::move(by_data));
   return out;
 }
 
 }  // namespace
 
-std::optional<Diagnosis> diagnose(const Rig& rig, const Samples& samples, const DoctorOptions& options) {
+std::optional<Diagnosis> diagnose(const Rig& rig, const Samples& samples,
+                                  const DoctorOptions& options) {
   TrialContext context;
   context.noise = options.noise;
   context.threads = options.threads;

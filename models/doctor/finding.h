@@ -9,9 +9,10 @@ namespace kincal {
 
 /// A Finding is a mistake that was found.
 struct Finding {
-  std::string id, text;                              // ids: docs/formats.md
-  std::vector<std::string> where;                    // sensors, targets, joints, samples
-  std::optional<double> chi2_as_is, chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
+  std::string id, text;            // ids: docs/formats.md
+  std::vector<std::string> where;  // sensors, targets, joints, samples
+  std::optional<double> chi2_as_is,
+      chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
 };
 
 /// A Diagnosis is all that was found, and what it explains.

@@ -6,8 +6,8 @@
 
 namespace kincal {
 
-std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table, const std::vector<Sample>& samples,
-                                   const FreedNames& freed) {
+std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
+                                   const std::vector<Sample>& samples, const FreedNames& freed) {
   const Survey survey = make_survey(rig, samples);
   std::vector<Hypothesis> out;
   add_joints(rig, samples, survey, out);

@@ -10,7 +10,8 @@ namespace kincal {
 namespace {
 
 /// Replaces a joint's readings, also those that a scanner has of it in its rays.
-void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint, const std::function<double(double)>& change) {
+void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint,
+                     const std::function<double(double)>& change) {
   for (Sample& s : samples) {
     s.readings[joint] = change(s.readings[joint]);
     for (View& v : s.views)
@@ -21,7 +22,8 @@ void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint, co
 
 }  // namespace
 
-void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                std::vector<Hypothesis>& out) {
   std::vector<int> too_far;
   for (const auto& range : survey.ranges) {
     const int j = range.first;
@@ -31,17 +33,24 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
       Hypothesis h;
       h.id = "joint-sign";
       h.where = {joint.name};
-      h.mistake = "joint " + quoted(joint.name) + " turns the other way: its readings, or its axis in the URDF, have the wrong sign";
+      h.mistake =
+          "joint " + quoted(joint.name) +
+          " turns the other way: its readings, or its axis in the URDF, have the wrong sign";
       if (joint.type == JointType::prismatic)
-        h.mistake = "joint " + quoted(joint.name) + " moves the other way: its readings, or its axis in the URDF, have the wrong sign";
+        h.mistake =
+            "joint " + quoted(joint.name) +
+            " moves the other way: its readings, or its axis in the URDF, have the wrong sign";
       h.cure = "Change the sign of its readings, or of its <axis> in the URDF.";
-      h.undo = [j](Rig& r, std::vector<Sample>& s) { change_readings(r, s, j, [](double q) { return -q; }); };
+      h.undo = [j](Rig& r, std::vector<Sample>& s) {
+        change_readings(r, s, j, [](double q) { return -q; });
+      };
       out.push_back(h);
     } else if (samples.size() > 1) {
       Hypothesis h;
       h.id = "still-joint";
       h.where = {joint.name};
-      h.mistake = "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
+      h.mistake =
+          "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
       h.cure = "Record its readings: what was logged is a constant.";
       h.ignored_joint = j;
       h.undo = [](Rig&, std::vector<Sample>&) {};
@@ -67,7 +76,8 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
     for (int j : group) h.where.push_back(rig.tree.joints[j].name);
     std::string names;
     for (const std::string& name : h.where) names += (names.empty() ? "" : ", ") + quoted(name);
-    h.mistake = std::string("the readings of joint") + (group.size() > 1 ? "s " : " ") + names + " are degrees";
+    h.mistake = std::string("the readings of joint") + (group.size() > 1 ? "s " : " ") + names +
+                " are degrees";
     h.cure = "Write radians: multiply them by pi / 180.";
     h.undo = [group](Rig& r, std::vector<Sample>& s) {
       for (int j : group) change_readings(r, s, j, [](double q) { return q * kPi / 180; });

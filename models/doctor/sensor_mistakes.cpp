@@ -12,7 +12,9 @@
 namespace kincal {
 namespace {
 
-bool is_camera(const Sensor& sensor) { return sensor.model->measurement_kind() == MeasurementKind::rays; }
+bool is_camera(const Sensor& sensor) {
+  return sensor.model->measurement_kind() == MeasurementKind::rays;
+}
 
 }  // namespace
 
@@ -30,7 +32,8 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         Hypothesis h;
         h.id = "mirrored";
         h.where = {sensor.name};
-        h.mistake = "the images of camera " + quoted(sensor.name) + " are mirrored " + (axis == 0 ? "left to right" : "top to bottom");
+        h.mistake = "the images of camera " + quoted(sensor.name) + " are mirrored " +
+                    (axis == 0 ? "left to right" : "top to bottom");
         h.cure = std::string("Detect in the image as the camera gave it, or replace ") +
                  (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views.";
         h.undo = [s, axis, sum](Rig&, std::vector<Sample>& samples) {
@@ -42,10 +45,13 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         out.push_back(h);
       }
     } else if (kind == MeasurementKind::points) {
-      const auto measures_something = [](const View& v) { return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }); };
+      const auto measures_something = [](const View& v) {
+        return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
+      };
       for (int axis : {0, 1, 2}) {
-        Hypothesis h =
-            mirrored_points("the points that sensor " + quoted(sensor.name) + " measures are mirrored", axis, "sensor", "its views");
+        Hypothesis h = mirrored_points(
+            "the points that sensor " + quoted(sensor.name) + " measures are mirrored", axis,
+            "sensor", "its views");
         h.where = {sensor.name};
         h.undo = [s, axis, measures_something](Rig&, std::vector<Sample>& samples) {
           for (Sample& sample : samples)
@@ -67,7 +73,8 @@ void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     Hypothesis h;
     h.id = "square";
     h.where = {sensor.name};
-    h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " + quoted(sensor.name) + " measures are in millimetres";
+    h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " +
+                quoted(sensor.name) + " measures are in millimetres";
     h.cure = "Write metres into its views: divide by 1000.";
     h.new_poses = true;
     h.undo = [s, pose](Rig&, std::vector<Sample>& samples) {
@@ -87,21 +94,31 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {sensor.name};
-    h.mistake = "the pose of sensor " + quoted(sensor.name) + " is given the wrong way round, as sensor_T_link";
-    h.cure = "Replace sensors." + sensor.name + ".pose by its inverse: it maps coordinates of the sensor" +
-             (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") + " to the link's.";
-    h.undo = [s](Rig& r, std::vector<Sample>&) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
+    h.mistake = "the pose of sensor " + quoted(sensor.name) +
+                " is given the wrong way round, as sensor_T_link";
+    h.cure = "Replace sensors." + sensor.name +
+             ".pose by its inverse: it maps coordinates of the sensor" +
+             (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") +
+             " to the link's.";
+    h.undo = [s](Rig& r, std::vector<Sample>&) {
+      r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor);
+    };
     out.push_back(h);
   }
   for (int t : survey.targets) {
     const Target& target = rig.targets[t];
-    if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6) continue;
+    if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6)
+      continue;
     Hypothesis h;
     h.id = "inverted-pose";
     h.where = {target.name};
-    h.mistake = "the pose of target " + quoted(target.name) + " is given the wrong way round, as target_T_link";
-    h.cure = "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's.";
-    h.undo = [t](Rig& r, std::vector<Sample>&) { r.targets[t].link_T_target = inverse(r.targets[t].link_T_target); };
+    h.mistake = "the pose of target " + quoted(target.name) +
+                " is given the wrong way round, as target_T_link";
+    h.cure = "Replace targets." + target.name +
+             ".mount.pose by its inverse: it maps coordinates of the target to the link's.";
+    h.undo = [t](Rig& r, std::vector<Sample>&) {
+      r.targets[t].link_T_target = inverse(r.targets[t].link_T_target);
+    };
     out.push_back(h);
   }
 }
@@ -111,7 +128,8 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     const int s = pair.first, t = pair.second;
     const Sensor& sensor = rig.sensors[s];
     const Target& target = rig.targets[t];
-    if (sensor.model->measurement_kind() == MeasurementKind::chain || sensor.model->scans()) continue;
+    if (sensor.model->measurement_kind() == MeasurementKind::chain || sensor.model->scans())
+      continue;
     if (target.link >= 0) {
       if (target.link == sensor.link) continue;
       for (bool poses : {false, true}) {
@@ -119,9 +137,11 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
         h.id = "eye-in-hand";
         h.where = {sensor.name, target.name};
         h.mistake = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
-                    " are on the wrong sides: the sensor sits on link " + quoted(rig.tree.links[target.link]) + " and the target on " +
+                    " are on the wrong sides: the sensor sits on link " +
+                    quoted(rig.tree.links[target.link]) + " and the target on " +
                     quoted(rig.tree.links[sensor.link]);
-        h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" + (poses ? ", poses too." : ".");
+        h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name +
+                 ".mount.link" + (poses ? ", poses too." : ".");
         h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
           std::swap(r.sensors[s].link, r.targets[t].link);
           if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
@@ -132,15 +152,18 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       continue;
     }
     for (const auto& other : survey.pairs) {  // a free target in a hand
-      if (other.second != t || rig.sensors[other.first].model->measurement_kind() != MeasurementKind::chain ||
+      if (other.second != t ||
+          rig.sensors[other.first].model->measurement_kind() != MeasurementKind::chain ||
           rig.sensors[other.first].link == sensor.link)
         continue;
       const int c = other.first;
       Hypothesis h;
       h.id = "eye-in-hand";
       h.where = {sensor.name, rig.sensors[c].name};
-      h.mistake = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) + " are on the wrong sides";
-      h.cure = "Exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name + ".link, poses too.";
+      h.mistake = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) +
+                  " are on the wrong sides";
+      h.cure = "Exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name +
+               ".link, poses too.";
       h.undo = [s, c](Rig& r, std::vector<Sample>&) {
         std::swap(r.sensors[s].link, r.sensors[c].link);
         std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
@@ -158,7 +181,8 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
       Hypothesis h;
       h.id = "swapped-cameras";
       h.where = {rig.sensors[a].name, rig.sensors[b].name};
-      h.mistake = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) + " are exchanged";
+      h.mistake = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) +
+                  " are exchanged";
       h.cure = "Exchange the two names, in the rig or in the views.";
       h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
         for (Sample& s : samples)
@@ -169,15 +193,20 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
     }
 }
 
-void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out) {
+void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                const FreedNames& freed, std::vector<Hypothesis>& out) {
   std::map<std::pair<bool, int>, std::vector<int>> on_link;  // (distorts, link): cameras
   std::map<bool, std::vector<int>> all;
   for (int s : survey.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) || !find_block(sensor, ParameterKind::baseline)) continue;
+    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) ||
+        !find_block(sensor, ParameterKind::baseline))
+      continue;
     const int distortion = table.index_of(ParameterKind::distortion, s);
     if (distortion >= 0 && freed.parameter[distortion]) continue;
-    const std::vector<double> lens = distortion >= 0 ? find_block(sensor, ParameterKind::distortion)->values : std::vector<double>();
+    const std::vector<double> lens = distortion >= 0
+                                         ? find_block(sensor, ParameterKind::distortion)->values
+                                         : std::vector<double>();
     const bool distorts = std::any_of(lens.begin(), lens.end(), [](double k) { return k != 0; });
     on_link[{distorts, sensor.link}].push_back(s);
     all[distorts].push_back(s);
@@ -198,28 +227,36 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
       if (!group.first) h.free.push_back("sensor/" + rig.sensors[s].name + "/distortion");
     }
     if (group.first) {
-      h.mistake = "the rig corrects the lens of camera " + names + ", but the images are rectified already";
-      h.cure = "Take model: pinhole without distortion (and the intrinsics of the rectified image), or detect in the raw images.";
+      h.mistake =
+          "the rig corrects the lens of camera " + names + ", but the images are rectified already";
+      h.cure =
+          "Take model: pinhole without distortion (and the intrinsics of the rectified image), or "
+          "detect in the raw images.";
     } else {
       h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =
-          "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free sensor/NAME/distortion, or detect in "
+          "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free "
+          "sensor/NAME/distortion, or detect in "
           "rectified images.";
     }
     h.undo = [group](Rig& r, std::vector<Sample>&) {
       for (int s : group.second) {
-        const std::vector<double> intrinsics = find_block(r.sensors[s], ParameterKind::intrinsics)->values;
+        const std::vector<double> intrinsics =
+            find_block(r.sensors[s], ParameterKind::intrinsics)->values;
         const double baseline = find_block(r.sensors[s], ParameterKind::baseline)->values[0];
         const std::vector<double> lens(group.first ? 0 : 5, 0.0);
-        r.sensors[s].model = make_camera(group.first ? Lens::pinhole : Lens::brown_conrady, static_cast<int>(lens.size()));
-        r.sensors[s].parameters = camera_parameters(group.first ? Lens::pinhole : Lens::brown_conrady, intrinsics, lens, baseline);
+        r.sensors[s].model = make_camera(group.first ? Lens::pinhole : Lens::brown_conrady,
+                                         static_cast<int>(lens.size()));
+        r.sensors[s].parameters = camera_parameters(
+            group.first ? Lens::pinhole : Lens::brown_conrady, intrinsics, lens, baseline);
       }
     };
     out.push_back(h);
   }
 }
 
-void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                  std::vector<Hypothesis>& out) {
   for (int s : survey.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.model->scans()) continue;
@@ -245,7 +282,8 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Surv
       h.undo = bearings(kPi / 180);
     } else {
       h.id = "mirrored";
-      h.mistake = "the rays of sensor " + quoted(sensor.name) + " are mirrored: their bearings have the wrong sign";
+      h.mistake = "the rays of sensor " + quoted(sensor.name) +
+                  " are mirrored: their bearings have the wrong sign";
       h.cure = "Change the sign of its bearings: they count from x towards y.";
       h.undo = bearings(-1);
     }

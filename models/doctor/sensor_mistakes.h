@@ -1,4 +1,5 @@
-// Mistakes about sensors: mirrored images, units, poses, links, names, lenses, bearings. Each function appends its hypotheses.
+// Mistakes about sensors: mirrored images, units, poses, links, names, lenses, bearings. Each
+// function appends its hypotheses.
 #pragma once
 
 #include <vector>
@@ -17,9 +18,12 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
 void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds pairs of cameras whose names are exchanged.
 void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
-/// Adds distortion of images that are rectified, and missing distortion of images that are not, where the rig does not free it.
-void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out);
+/// Adds distortion of images that are rectified, and missing distortion of images that are not,
+/// where the rig does not free it.
+void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                const FreedNames& freed, std::vector<Hypothesis>& out);
 /// Adds bearings of scanning sensors in degrees, or with the wrong sign.
-void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey, std::vector<Hypothesis>& out);
+void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                  std::vector<Hypothesis>& out);
 
 }  // namespace kincal

@@ -25,7 +25,8 @@ std::pair<double, double> distance(const Pose& a, const Pose& b) {
 }
 
 /// The fit with a pose of the rig replaced and held, everything else free.
-TrialFit fit_held_at(const Recording& recording, const TrialContext& context, int parameter, const Pose& pose) {
+TrialFit fit_held_at(const Recording& recording, const TrialContext& context, int parameter,
+                     const Pose& pose) {
   const Parameter& p = recording.table.all[parameter];
   Rig rig = recording.rig;
   if (p.kind == ParameterKind::sensor_pose) {
@@ -35,34 +36,44 @@ TrialFit fit_held_at(const Recording& recording, const TrialContext& context, in
     rig.targets[p.owner].link_T_target = pose;
     rig.targets[p.owner].pose_given = true;
   }
-  return best_fit(Recording(std::move(rig), recording.samples), context, without(context.all, p.name), {60, 1e-4});
+  return best_fit(Recording(std::move(rig), recording.samples), context,
+                  without(context.all, p.name), {60, 1e-4});
 }
 
 /// The finding, if the estimate left the given pose behind for the other one and chi2 agrees.
-std::optional<Finding> check(const Recording& recording, const TrialContext& context, const TrialFit& now, const Suspicion& suspicion) {
+std::optional<Finding> check(const Recording& recording, const TrialContext& context,
+                             const TrialFit& now, const Suspicion& suspicion) {
   const Pose estimate = get_pose(now.values.shared, recording.table.all[suspicion.parameter].start);
   const auto far = distance(suspicion.given, estimate), near = distance(suspicion.other, estimate);
   if (far.first < 0.05 && far.second < 0.7) return std::nullopt;
-  if (near.first > std::max(0.005, 0.2 * far.first) || near.second > std::max(0.1, 0.2 * far.second)) return std::nullopt;
+  if (near.first > std::max(0.005, 0.2 * far.first) ||
+      near.second > std::max(0.1, 0.2 * far.second))
+    return std::nullopt;
   const TrialFit as_given = fit_held_at(recording, context, suspicion.parameter, suspicion.given);
   const TrialFit corrected = fit_held_at(recording, context, suspicion.parameter, suspicion.other);
-  if (!corrected.complete() || (as_given.complete() && as_given.cost < Thresholds::decisive * corrected.cost)) return std::nullopt;
+  if (!corrected.complete() ||
+      (as_given.complete() && as_given.cost < Thresholds::decisive * corrected.cost))
+    return std::nullopt;
   Finding finding;
   finding.id = "inverted-pose";
   finding.where = {suspicion.name};
   if (as_given.complete()) finding.chi2_as_is = as_given.chi2;
   finding.chi2_corrected = corrected.chi2;
-  finding.text = suspicion.mistake +
-                 text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first, far.second * 180 / kPi) +
-                 text(", but only %.3g m and %.3g degrees from this. ", near.first, near.second * 180 / kPi) +
-                 "With the pose held, chi2 is " + (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
-                 text(" and %.6g so. ", corrected.chi2) + suspicion.cure;
+  finding.text =
+      suspicion.mistake +
+      text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first,
+           far.second * 180 / kPi) +
+      text(", but only %.3g m and %.3g degrees from this. ", near.first, near.second * 180 / kPi) +
+      "With the pose held, chi2 is " +
+      (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
+      text(" and %.6g so. ", corrected.chi2) + suspicion.cure;
   return finding;
 }
 
 }  // namespace
 
-void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now, std::vector<Finding>& out) {
+void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now,
+                  std::vector<Finding>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const FreedNames freed = freed_names(table, context.all);
@@ -71,24 +82,31 @@ void check_starts(const Recording& recording, const TrialContext& context, const
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
-    suspicions.push_back({table.sensor_pose[s], sensor.name, sensor.link_T_sensor, inverse(sensor.link_T_sensor),
-                          "The pose of sensor " + quoted(sensor.name) + " is given the wrong way round, as sensor_T_link",
-                          "Replace sensors." + sensor.name + ".pose by its inverse: it maps coordinates of the sensor to the link's."});
+    suspicions.push_back(
+        {table.sensor_pose[s], sensor.name, sensor.link_T_sensor, inverse(sensor.link_T_sensor),
+         "The pose of sensor " + quoted(sensor.name) +
+             " is given the wrong way round, as sensor_T_link",
+         "Replace sensors." + sensor.name +
+             ".pose by its inverse: it maps coordinates of the sensor to the link's."});
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
     if (target.link < 0 || !target.pose_given) continue;
     suspicions.push_back(
         {table.target_pose[t], target.name, target.link_T_target, inverse(target.link_T_target),
-         "The pose of target " + quoted(target.name) + " is given the wrong way round, as target_T_link",
-         "Replace targets." + target.name + ".mount.pose by its inverse: it maps coordinates of the target to the link's."});
+         "The pose of target " + quoted(target.name) +
+             " is given the wrong way round, as target_T_link",
+         "Replace targets." + target.name +
+             ".mount.pose by its inverse: it maps coordinates of the target to the link's."});
   }
   for (const Suspicion& suspicion : suspicions)
     if (freed.parameter[suspicion.parameter])
-      if (std::optional<Finding> finding = check(recording, context, now, suspicion)) out.push_back(std::move(*finding));
+      if (std::optional<Finding> finding = check(recording, context, now, suspicion))
+        out.push_back(std::move(*finding));
 }
 
-std::string joint_noise(const Recording& recording, const TrialContext& context, const TrialFit& now) {
+std::string joint_noise(const Recording& recording, const TrialContext& context,
+                        const TrialFit& now) {
   if (context.noise != NoiseMode::latent) return "";
   std::set<int> joints;
   for (const Sample& s : recording.samples)
@@ -105,11 +123,14 @@ std::string joint_noise(const Recording& recording, const TrialContext& context,
     o.iterations = 60;
     o.relative_decrease = 1e-4;
     o.start = &now.values;
-    const TrialFit f = trial_fit(Recording(std::move(rig), recording.samples), context, {context.all}, o);
+    const TrialFit f =
+        trial_fit(Recording(std::move(rig), recording.samples), context, {context.all}, o);
     if (f.per_dof() < Thresholds::good)
       return text(
-          "Errors of the joint readings would: with sigma %.3g (rad, m) for every joint chi2/dof is %.3g. So the readings are that noisy "
-          "(say so in the rig: joints), or the robot has another geometry than the rig can express.",
+          "Errors of the joint readings would: with sigma %.3g (rad, m) for every joint chi2/dof "
+          "is %.3g. So the readings are that noisy "
+          "(say so in the rig: joints), or the robot has another geometry than the rig can "
+          "express.",
           sigma, f.per_dof());
   }
   return "";

@@ -1,4 +1,5 @@
-// What follows for the rig's values from a fit with every mistake undone: start values that it left behind, noise of the readings.
+// What follows for the rig's values from a fit with every mistake undone: start values that it left
+// behind, noise of the readings.
 #pragma once
 
 #include <string>
@@ -10,9 +11,12 @@
 namespace kincal {
 
 /// Appends poses that the estimate left behind, but whose inverse is where the estimate ended.
-void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now, std::vector<Finding>& out);
+void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now,
+                  std::vector<Finding>& out);
 
-/// Returns a sentence about how much noise of the joint readings would explain what is left; it is empty if none does.
-std::string joint_noise(const Recording& recording, const TrialContext& context, const TrialFit& now);
+/// Returns a sentence about how much noise of the joint readings would explain what is left; it is
+/// empty if none does.
+std::string joint_noise(const Recording& recording, const TrialContext& context,
+                        const TrialFit& now);
 
 }  // namespace kincal

@@ -4,12 +4,13 @@
 
 namespace kincal {
 
-Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner, const std::string& place) {
+Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner,
+                           const std::string& place) {
   Hypothesis h;
   h.id = "mirrored";
   h.mistake = clause + ": its axes are left-handed, or one has the wrong sign";
-  h.cure = std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " + owner + "'s pose accordingly) in " +
-           place + ".";
+  h.cure = std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " +
+           owner + "'s pose accordingly) in " + place + ".";
   return h;
 }
 
@@ -24,7 +25,8 @@ Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
       out.targets.insert(v.target);
       const auto add = [&](int joint, double reading) {
         const auto range = out.ranges.insert({joint, {reading, reading}}).first;
-        range->second = {std::min(range->second.first, reading), std::max(range->second.second, reading)};
+        range->second = {std::min(range->second.first, reading),
+                         std::max(range->second.second, reading)};
       };
       for (int joint : joints[pair]) {
         out.samples[joint].insert(static_cast<int>(i));

@@ -1,4 +1,5 @@
-// The survey in which the usual mistakes are looked for, and what a hypothesis about one of them is.
+// The survey in which the usual mistakes are looked for, and what a hypothesis about one of them
+// is.
 #pragma once
 
 #include <functional>
@@ -12,23 +13,28 @@
 
 namespace kincal {
 
-/// A Hypothesis is a mistake that may have been made, as the transformation of rig and samples that undoes it.
+/// A Hypothesis is a mistake that may have been made, as the transformation of rig and samples that
+/// undoes it.
 struct Hypothesis {
   std::string id;                  // as in formats.md
   std::vector<std::string> where;  // sensors, targets, joints, samples
   std::string mistake;             // a main clause about the mistake, without its full stop
   std::string cure;                // what to change, a sentence
   std::function<void(Rig&, std::vector<Sample>&)> undo;
-  std::vector<int> squares;          // the sizes of these targets are free besides; undo() makes grids of them
-  std::vector<std::string> free;     // parameters that are free besides
-  bool new_poses = false;            // freed poses mean something else now: their values are to be found in closed form
+  std::vector<int>
+      squares;  // the sizes of these targets are free besides; undo() makes grids of them
+  std::vector<std::string> free;  // parameters that are free besides
+  bool new_poses =
+      false;  // freed poses mean something else now: their values are to be found in closed form
   bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
 };
 
-/// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target") whose pose would have to turn, and
-/// `place` where their numbers stand. `where` and `undo` are left to the caller.
-Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner, const std::string& place);
+/// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")
+/// whose pose would have to turn, and `place` where their numbers stand. `where` and `undo` are
+/// left to the caller.
+Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner,
+                           const std::string& place);
 
 /// FreedNames are what a rig's steps free together.
 struct FreedNames {
@@ -40,8 +46,9 @@ struct FreedNames {
 struct Survey {
   std::set<std::pair<int, int>> pairs;  // (sensor, target) with a view
   std::set<int> sensors, targets;
-  std::map<int, std::pair<double, double>> ranges;  // joint that some view needs: least and greatest reading
-  std::map<int, std::set<int>> samples;             // joint: indices of the samples that need it
+  std::map<int, std::pair<double, double>>
+      ranges;                            // joint that some view needs: least and greatest reading
+  std::map<int, std::set<int>> samples;  // joint: indices of the samples that need it
 };
 
 /// Makes the survey of these samples.

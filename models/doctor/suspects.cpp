@@ -15,7 +15,9 @@ namespace {
 
 /// Median of the finite numbers; NaN: there is none.
 double median_of_finite(std::vector<double> numbers) {
-  numbers.erase(std::remove_if(numbers.begin(), numbers.end(), [](double x) { return !std::isfinite(x); }), numbers.end());
+  numbers.erase(
+      std::remove_if(numbers.begin(), numbers.end(), [](double x) { return !std::isfinite(x); }),
+      numbers.end());
   return median(std::move(numbers));
 }
 
@@ -54,7 +56,8 @@ TrialFit robust_fit(const Recording& recording, const TrialContext& context) {
   return now;
 }
 
-std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context, const TrialFit& robust) {
+std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context,
+                                      const TrialFit& robust) {
   const Rig& rig = recording.rig;
   if (recording.samples.size() < 4 || robust.sample.empty()) return std::nullopt;
   const double typical = median_of_finite(robust.sample);
@@ -65,12 +68,15 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     if ((robust.sample[i] > limit && robust.trimmed[i] > 0.2 * Thresholds::sample_excess) ||
         std::count(robust.undefined.begin(), robust.undefined.end(), static_cast<int>(i)))
       bad.insert(recording.samples[i].id);
-  if (bad.empty() || bad.size() > Thresholds::most_bad * recording.samples.size()) return std::nullopt;
-  // A fit is free to contradict a sample that it lacks: samples that fit once they are back come back.
+  if (bad.empty() || bad.size() > Thresholds::most_bad * recording.samples.size())
+    return std::nullopt;
+  // A fit is free to contradict a sample that it lacks: samples that fit once they are back come
+  // back.
   std::vector<std::pair<double, int>> order;
   for (size_t i = 0; i < recording.samples.size(); ++i)
     if (bad.count(recording.samples[i].id))
-      order.push_back({std::isfinite(robust.sample[i]) ? robust.sample[i] : kInfinity, static_cast<int>(i)});
+      order.push_back(
+          {std::isfinite(robust.sample[i]) ? robust.sample[i] : kInfinity, static_cast<int>(i)});
   std::sort(order.begin(), order.end());
   const auto without_bad = [&](double give_up) {
     std::vector<Sample> rest = recording.samples;
@@ -90,7 +96,8 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     const std::string& id = recording.samples[order[i].second].id;
     bad.erase(id);
     const TrialFit with = without_bad(4 * std::max(1.0, per_dof) * static_cast<double>(rest.dof));
-    if (with.per_dof() < 2 * std::max(1.0, per_dof) && with.sample[order[i].second] < Thresholds::sample_excess * std::max(1.0, per_dof)) {
+    if (with.per_dof() < 2 * std::max(1.0, per_dof) &&
+        with.sample[order[i].second] < Thresholds::sample_excess * std::max(1.0, per_dof)) {
       per_dof = with.per_dof();
     } else {
       bad.insert(id);
@@ -98,7 +105,8 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     }
   }
   if (bad.empty()) return std::nullopt;
-  for (size_t s = 0; s < rig.sensors.size(); ++s) {  // all that a sensor sees: something is wrong with that sensor or with what it sees
+  for (size_t s = 0; s < rig.sensors.size();
+       ++s) {  // all that a sensor sees: something is wrong with that sensor or with what it sees
     bool seen = false, left = false;
     for (const Sample& sample : recording.samples)
       for (const View& v : sample.views)
@@ -108,17 +116,22 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
   Hypothesis h;
   h.id = "bad-samples";
   h.where.assign(bad.begin(), bad.end());
-  h.mistake = (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") + joined(h.where) +
-              " do not belong to " + (bad.size() == 1 ? "its" : "their") + " views";
-  h.cure = bad.size() == 1 ? "Leave it out, or find its readings." : "Leave them out, or find their readings.";
+  h.mistake =
+      (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") +
+      joined(h.where) + " do not belong to " + (bad.size() == 1 ? "its" : "their") + " views";
+  h.cure = bad.size() == 1 ? "Leave it out, or find its readings."
+                           : "Leave them out, or find their readings.";
   h.undo = [bad](Rig&, std::vector<Sample>& samples) {
-    samples.erase(std::remove_if(samples.begin(), samples.end(), [&](const Sample& s) { return bad.count(s.id) > 0; }), samples.end());
+    samples.erase(std::remove_if(samples.begin(), samples.end(),
+                                 [&](const Sample& s) { return bad.count(s.id) > 0; }),
+                  samples.end());
   };
   return h;
 }
 
 std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust) {
-  if (!(median_of_finite(robust.sample) < Thresholds::sample_excess)) return {};  // most samples fit nothing: there is no consensus to ask
+  if (!(median_of_finite(robust.sample) < Thresholds::sample_excess))
+    return {};  // most samples fit nothing: there is no consensus to ask
   const Rig& rig = recording.rig;
   const std::vector<int> sensors = indices(rig.sensors.size());
   const Eigen::Matrix2d half = -Eigen::Matrix2d::Identity();
@@ -141,7 +154,9 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     const VectorXd state = problem.pack(values);
     problem.renew(state);
     Cost cost;
-    return !problem.empty() && problem.evaluate(0, state, 0, cost) && std::isfinite(cost.doubled) ? cost.doubled : kInfinity;
+    return !problem.empty() && problem.evaluate(0, state, 0, cost) && std::isfinite(cost.doubled)
+               ? cost.doubled
+               : kInfinity;
   };
   std::set<std::pair<std::string, int>> turned;  // sample, place of the view
   std::set<std::string> where;
@@ -151,7 +166,9 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     std::map<int, std::vector<int>> by_target;
     for (size_t v = 0; v < sample.views.size(); ++v) {
       const View& view = sample.views[v];
-      if (rig.sensors[view.sensor].model->measures_pose() || relabeling(rig.targets[view.target], half).empty()) continue;
+      if (rig.sensors[view.sensor].model->measures_pose() ||
+          relabeling(rig.targets[view.target], half).empty())
+        continue;
       ++views;
       sets.push_back({static_cast<int>(v)});
       by_target[view.target].push_back(static_cast<int>(v));
@@ -165,7 +182,9 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     std::vector<int> best;
     for (const std::vector<int>& set : sets) {
       Sample trial = sample;
-      for (int v : set) relabel(trial.views[v], rig.targets[trial.views[v].target], relabeling(rig.targets[trial.views[v].target], half));
+      for (int v : set)
+        relabel(trial.views[v], rig.targets[trial.views[v].target],
+                relabeling(rig.targets[trial.views[v].target], half));
       const double cost = cost_of(trial);
       if (cost < least) least = cost, best = set;
     }
@@ -175,14 +194,17 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
   std::set<std::string> names;
   for (const Sample& sample : recording.samples)
     for (size_t v = 0; v < sample.views.size(); ++v)
-      if (turned.count({sample.id, static_cast<int>(v)})) names.insert(rig.sensors[sample.views[v].sensor].name);
+      if (turned.count({sample.id, static_cast<int>(v)}))
+        names.insert(rig.sensors[sample.views[v].sensor].name);
   Hypothesis h;
   h.id = "numbering";
   h.where.assign(names.begin(), names.end());
   h.where.insert(h.where.end(), where.begin(), where.end());
-  h.mistake = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") + joined({names.begin(), names.end()}) +
-              (turned.size() == 1 ? " numbers its board" : " number their boards") + " from the opposite corner (half a turn): sample" +
-              (where.size() > 1 ? "s " : " ") + joined({where.begin(), where.end()});
+  h.mistake = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") +
+              joined({names.begin(), names.end()}) +
+              (turned.size() == 1 ? " numbers its board" : " number their boards") +
+              " from the opposite corner (half a turn): sample" + (where.size() > 1 ? "s " : " ") +
+              joined({where.begin(), where.end()});
   h.cure = "Reverse the order of the points in these views.";
   h.undo = [turned](Rig& changed, std::vector<Sample>& samples) {
     for (Sample& sample : samples)

@@ -8,14 +8,17 @@
 
 namespace kincal {
 
-/// Fits with losses whose scale comes from the data and is lowered step by step, so that a minority of wrong samples does not move the fit.
+/// Fits with losses whose scale comes from the data and is lowered step by step, so that a minority
+/// of wrong samples does not move the fit.
 TrialFit robust_fit(const Recording& recording, const TrialContext& context);
 
-/// Finds samples whose views do not belong to their joint readings; nothing where there are none, or too many to distinguish them from the
-/// good ones.
-std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context, const TrialFit& robust);
+/// Finds samples whose views do not belong to their joint readings; nothing where there are none,
+/// or too many to distinguish them from the good ones.
+std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context,
+                                      const TrialFit& robust);
 
-/// Finds single views of a grid that fit far better after half a turn while everything shared stays. One hypothesis or none.
+/// Finds single views of a grid that fit far better after half a turn while everything shared
+/// stays. One hypothesis or none.
 std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust);
 
 }  // namespace kincal

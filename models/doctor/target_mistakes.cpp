@@ -14,10 +14,12 @@ namespace {
 
 using Eigen::Matrix2d;
 
-Matrix2d matrix(double a, double b, double c, double d) { return (Matrix2d() << a, b, c, d).finished(); }
+Matrix2d matrix(double a, double b, double c, double d) {
+  return (Matrix2d() << a, b, c, d).finished();
+}
 
-/// Layouts of a regular grid (of single points, or of tags of four) with rows and columns exchanged: the same points numbered row by row of
-/// the other shape, and column by column.
+/// Layouts of a regular grid (of single points, or of tags of four) with rows and columns
+/// exchanged: the same points numbered row by row of the other shape, and column by column.
 std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
   const Eigen::Matrix3Xd& old = target.layout;
   const int block = points_of_mark(target), n = static_cast<int>(old.cols()) / block;
@@ -34,8 +36,10 @@ std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
     Eigen::Matrix3Xd layout = old;
     for (int i = 0; i < n; ++i) {
       const int r = by_column ? i % rows : i / rows, c = by_column ? i / rows : i % rows;
-      const Vector3d corner = old.col(0) + Vector3d(asymmetric ? 2 * c + r % 2 : pitch * c, pitch * r, 0);
-      for (int k = 0; k < block; ++k) layout.col(i * block + k) = corner + Vector3d(old.col(k) - old.col(0));
+      const Vector3d corner =
+          old.col(0) + Vector3d(asymmetric ? 2 * c + r % 2 : pitch * c, pitch * r, 0);
+      for (int k = 0; k < block; ++k)
+        layout.col(i * block + k) = corner + Vector3d(old.col(k) - old.col(0));
     }
     out.push_back(layout);
   }
@@ -44,13 +48,15 @@ std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
 
 }  // namespace
 
-void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out) {
+void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                 const FreedNames& freed, std::vector<Hypothesis>& out) {
   std::vector<std::vector<int>> groups;
   for (int t : survey.targets) {
     const Target& target = rig.targets[t];
     const int own = target.grid ? table.target_square[t] : table.target_points[t];
-    const bool seen = std::any_of(survey.pairs.begin(), survey.pairs.end(),
-                                  [&](const auto& pair) { return pair.second == t && !rig.sensors[pair.first].model->measures_pose(); });
+    const bool seen = std::any_of(survey.pairs.begin(), survey.pairs.end(), [&](const auto& pair) {
+      return pair.second == t && !rig.sensors[pair.first].model->measures_pose();
+    });
     if (own >= 0 && !freed.parameter[own] && target.count() >= 2 && seen) groups.push_back({t});
   }
   if (groups.size() > 1) {  // all in the same wrong unit; many placements of one block: only so
@@ -82,26 +88,34 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     Matrix2d m;
     std::string numbering, cure;
   };
-  const std::string renumber = "Number the points of these views from the corner where the rig has point 0: row by row, x along the row.";
+  const std::string renumber =
+      "Number the points of these views from the corner where the rig has point 0: row by row, x "
+      "along the row.";
   const std::vector<Relabeling> relabelings = {
       {"numbering", matrix(-1, 0, 0, -1), "from the opposite corner (half a turn)", renumber},
       {"numbering", matrix(0, -1, 1, 0), "from a neighbouring corner (a quarter turn)", renumber},
-      {"numbering", matrix(0, 1, -1, 0), "from the other neighbouring corner (a quarter turn)", renumber},
-      {"mirrored", matrix(-1, 0, 0, 1), "mirrored: each row backwards", "Reverse the order of the points within each row of these views."},
-      {"mirrored", matrix(1, 0, 0, -1), "mirrored: the last row first", "Reverse the order of the rows of points in these views."}};
-  const auto add = [&](const Relabeling& r, const std::vector<std::string>& where, const std::string& clause,
-                       const std::map<int, std::vector<int>>& places, int sensor) {
+      {"numbering", matrix(0, 1, -1, 0), "from the other neighbouring corner (a quarter turn)",
+       renumber},
+      {"mirrored", matrix(-1, 0, 0, 1), "mirrored: each row backwards",
+       "Reverse the order of the points within each row of these views."},
+      {"mirrored", matrix(1, 0, 0, -1), "mirrored: the last row first",
+       "Reverse the order of the rows of points in these views."}};
+  const auto add = [&](const Relabeling& r, const std::vector<std::string>& where,
+                       const std::string& clause, const std::map<int, std::vector<int>>& places,
+                       int sensor) {
     Hypothesis h;
     h.id = r.id;
     h.where = where;
     h.mistake = clause + " " + r.numbering;
     h.cure = r.cure;
-    h.numbered_by_markers =
-        std::all_of(places.begin(), places.end(), [&](const auto& p) { return numbered_by_markers(rig.targets[p.first]); });
+    h.numbered_by_markers = std::all_of(places.begin(), places.end(), [&](const auto& p) {
+      return numbered_by_markers(rig.targets[p.first]);
+    });
     h.undo = [places, sensor](Rig& changed, std::vector<Sample>& samples) {
       for (Sample& sample : samples)
         for (View& v : sample.views)
-          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) && !changed.sensors[v.sensor].model->measures_pose())
+          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) &&
+              !changed.sensors[v.sensor].model->measures_pose())
             relabel(v, changed.targets[v.target], places.at(v.target));
     };
     out.push_back(std::move(h));
@@ -117,32 +131,46 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
       Hypothesis h;
       h.id = "rows-columns";
       h.where = {target.name};
-      h.mistake = "rows and columns of target " + quoted(target.name) + " are exchanged: its points are numbered " +
-                  (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column" : "in rows of another length");
-      h.cure = "Exchange targets." + target.name + ".rows and .columns in the rig, or number the points row by row.";
-      h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, std::vector<Sample>&) { r.targets[target_index].layout = layout; };
+      h.mistake = "rows and columns of target " + quoted(target.name) +
+                  " are exchanged: its points are numbered " +
+                  (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column"
+                                                                 : "in rows of another length");
+      h.cure = "Exchange targets." + target.name +
+               ".rows and .columns in the rig, or number the points row by row.";
+      h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, std::vector<Sample>&) {
+        r.targets[target_index].layout = layout;
+      };
       out.push_back(h);
     }
     for (const Relabeling& r : relabelings) {
       const std::vector<int> places = relabeling(target, r.m);
-      if (!places.empty()) add(r, {target.name}, "the points of target " + quoted(target.name) + " are numbered", {{t.first, places}}, -1);
+      if (!places.empty())
+        add(r, {target.name}, "the points of target " + quoted(target.name) + " are numbered",
+            {{t.first, places}}, -1);
     }
   }
   for (const auto& s : seen)
     for (const Relabeling& r : relabelings) {
       std::map<int, std::vector<int>> places;
       for (int t : s.second)
-        if (std::vector<int> found = relabeling(rig.targets[t], r.m); !found.empty()) places[t] = std::move(found);
-      const bool same = places.size() == 1 && observers[places.begin()->first].size() == 1;  // as all views of that target
+        if (std::vector<int> found = relabeling(rig.targets[t], r.m); !found.empty())
+          places[t] = std::move(found);
+      const bool same = places.size() == 1 && observers[places.begin()->first].size() ==
+                                                  1;  // as all views of that target
       if (places.empty() || same) continue;
       std::vector<std::string> where = {rig.sensors[s.first].name};
       for (const auto& p : places) where.push_back(rig.targets[p.first].name);
-      add(r, where, "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees", places, s.first);
-      if (places.size() > 1 && &r == &relabelings.front())  // one of them only: what detectors do with boards of even symmetry
+      add(r, where,
+          "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees",
+          places, s.first);
+      if (places.size() > 1 &&
+          &r == &relabelings
+                     .front())  // one of them only: what detectors do with boards of even symmetry
         for (const auto& p : places)
           add(r, {rig.sensors[s.first].name, rig.targets[p.first].name},
-              "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of target " + quoted(rig.targets[p.first].name), {p},
-              s.first);
+              "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of target " +
+                  quoted(rig.targets[p.first].name),
+              {p}, s.first);
     }
 }
 
@@ -150,12 +178,14 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
   for (int t : survey.targets) {
     const Target& target = rig.targets[t];
     if (target.grid || target.count() < 4) continue;
-    const Eigen::Matrix3Xd centred = target.points.colwise() - Vector3d(target.points.rowwise().mean());
+    const Eigen::Matrix3Xd centred =
+        target.points.colwise() - Vector3d(target.points.rowwise().mean());
     const Vector3d extents = symmetric_eigenvalues(centred * centred.transpose());
     if (extents(0) < 1e-6 * extents(2)) continue;
     for (int axis : {0, 1, 2}) {
-      Hypothesis h = mirrored_points("the points of target " + quoted(target.name) + " are mirrored in the rig", axis, "target",
-                                     "targets." + target.name + ".points");
+      Hypothesis h = mirrored_points(
+          "the points of target " + quoted(target.name) + " are mirrored in the rig", axis,
+          "target", "targets." + target.name + ".points");
       h.where = {target.name};
       h.undo = [t, axis](Rig& r, std::vector<Sample>&) { r.targets[t].points.row(axis) *= -1; };
       out.push_back(h);

@@ -1,4 +1,5 @@
-// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points. Each function appends its hypotheses.
+// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points. Each
+// function appends its hypotheses.
 #pragma once
 
 #include <vector>
@@ -8,7 +9,8 @@
 namespace kincal {
 
 /// Adds sizes of boards and units of points, where the rig does not free them.
-void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey, const FreedNames& freed, std::vector<Hypothesis>& out);
+void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                 const FreedNames& freed, std::vector<Hypothesis>& out);
 /// Adds rows and columns exchanged, points numbered from another corner or mirrored.
 void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.

@@ -16,14 +16,16 @@ namespace {
 
 using Samples = std::vector<Sample>;
 
-// ------------------------------------------------------------------------------------------------ what is freed
+// ------------------------------------------------------------------------------------------------
+// what is freed
 /// Gives a rig without steps usual ones: nothing is taken as known.
 void add_usual_steps(Rig& rig, const Samples& samples) {
   Step step;
   step.name = "poses";
   for (size_t s = 0; s < rig.sensors.size(); ++s) step.sensors.push_back(static_cast<int>(s));
   step.free = {"sensor/*/pose"};
-  if (std::any_of(rig.targets.begin(), rig.targets.end(), [](const Target& t) { return t.link >= 0; }))
+  if (std::any_of(rig.targets.begin(), rig.targets.end(),
+                  [](const Target& t) { return t.link >= 0; }))
     step.free.push_back("target/*/pose");
   rig.steps = {step};
   step.name = "offsets";
@@ -42,7 +44,8 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
 struct ResolvedStages {
   std::vector<std::vector<Freed>> free;    // by stage
   std::vector<std::vector<Prior>> priors;  // by stage
-  std::vector<char> whole, prior;          // by parameter: some stage frees all of it, some stage has a prior on it
+  std::vector<char> whole,
+      prior;  // by parameter: some stage frees all of it, some stage has a prior on it
 };
 
 ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& stages) {
@@ -53,7 +56,8 @@ ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& st
   out.prior.assign(table.all.size(), 0);
   for (size_t i = 0; i < stages.size(); ++i) {
     for (const std::string& name : stages[i].free) merge(out.free[i], table.select(name));
-    for (const Freed& f : out.free[i]) out.whole[f.parameter] = out.whole[f.parameter] || f.whole(table.all[f.parameter]);
+    for (const Freed& f : out.free[i])
+      out.whole[f.parameter] = out.whole[f.parameter] || f.whole(table.all[f.parameter]);
     for (const auto& p : stages[i].priors) {
       const Freed f = table.select(p.first).at(0);
       out.prior[f.parameter] = 1;
@@ -63,9 +67,12 @@ ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& st
   return out;
 }
 
-// ------------------------------------------------------------------------------------------------ where a fit starts
-/// Sets `values` to where the first stage starts. Returns the shared values that priors and partly freed poses count from.
-VectorXd first_values(const Recording& recording, const ResolvedStages& resolved, const TrialOptions& options, Values& values) {
+// ------------------------------------------------------------------------------------------------
+// where a fit starts
+/// Sets `values` to where the first stage starts. Returns the shared values that priors and partly
+/// freed poses count from.
+VectorXd first_values(const Recording& recording, const ResolvedStages& resolved,
+                      const TrialOptions& options, Values& values) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   if (options.start) {
@@ -75,23 +82,29 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
   values.shared = table.initial;
   std::vector<int> unknown;
   const auto add = [&](int p, bool given) {
-    if (resolved.whole[p] && !resolved.prior[p] && (options.closed_form || !given)) unknown.push_back(p);
+    if (resolved.whole[p] && !resolved.prior[p] && (options.closed_form || !given))
+      unknown.push_back(p);
   };
-  for (size_t s = 0; s < rig.sensors.size(); ++s) add(table.sensor_pose[s], rig.sensors[s].pose_given);
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    add(table.sensor_pose[s], rig.sensors[s].pose_given);
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
-  if (!unknown.empty()) start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
+  if (!unknown.empty())
+    start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
   return values.shared;
 }
 
 /// Samples, by index, ascending.
 struct Startable {
-  std::vector<int> samples;    // that can start
-  std::vector<int> undefined;  // whose free targets have no start, or that have a point behind a camera there
+  std::vector<int> samples;  // that can start
+  std::vector<int>
+      undefined;  // whose free targets have no start, or that have a point behind a camera there
 };
 
-/// Starts the free targets of all samples, in `values`, and returns which samples have finite residuals there.
-Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup, bool refine, Values& values) {
+/// Starts the free targets of all samples, in `values`, and returns which samples have finite
+/// residuals there.
+Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup, bool refine,
+                              Values& values) {
   Startable out;
   for (int s : indices(recording.samples.size())) try {
       start_targets(recording, {s}, setup.sensors, setup.loss, values, refine);
@@ -108,14 +121,17 @@ Startable leave_out_undefined(const Recording& recording, const EstimationSetup&
     if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.doubled))
       bad.insert(trial.sample_of(static_cast<int>(g)));
   if (!bad.empty()) {
-    out.samples.erase(std::remove_if(out.samples.begin(), out.samples.end(), [&](int s) { return bad.count(s) > 0; }), out.samples.end());
+    out.samples.erase(std::remove_if(out.samples.begin(), out.samples.end(),
+                                     [&](int s) { return bad.count(s) > 0; }),
+                      out.samples.end());
     out.undefined.insert(out.undefined.end(), bad.begin(), bad.end());
   }
   std::sort(out.undefined.begin(), out.undefined.end());
   return out;
 }
 
-// ------------------------------------------------------------------------------------------------ where it ends
+// ------------------------------------------------------------------------------------------------
+// where it ends
 struct TrialMinimum {
   VectorXd state;
   Cost cost;
@@ -123,7 +139,8 @@ struct TrialMinimum {
 };
 
 /// Minimises from `values` and writes the end there. @throws Cancelled
-TrialMinimum minimise(Estimation& problem, const TrialContext& context, const TrialOptions& options, Values& values) {
+TrialMinimum minimise(Estimation& problem, const TrialContext& context, const TrialOptions& options,
+                      Values& values) {
   TrialMinimum out;
   SolverOptions solver_options;
   solver_options.threads = context.threads;
@@ -143,8 +160,10 @@ TrialMinimum minimise(Estimation& problem, const TrialContext& context, const Tr
   return out;
 }
 
-/// Fills in degrees of freedom and what samples and sensors have; the problem is renewed at `state`.
-void collect_statistics(const Recording& recording, const Estimation& problem, const VectorXd& state, TrialFit& out) {
+/// Fills in degrees of freedom and what samples and sensors have; the problem is renewed at
+/// `state`.
+void collect_statistics(const Recording& recording, const Estimation& problem,
+                        const VectorXd& state, TrialFit& out) {
   const Rig& rig = recording.rig;
   const size_t samples = recording.samples.size();
   out.sample.assign(samples, std::nan(""));
@@ -163,17 +182,21 @@ void collect_statistics(const Recording& recording, const Estimation& problem, c
   std::map<int, std::pair<double, long>> sums;
   for (const ViewResiduals& r : problem.residuals(state)) {
     const SensorModel& model = *rig.sensors[r.view->sensor].model;
-    const Eigen::Index points = model.measures_pose() ? 1 : r.raw.size() / model.rows(), rows = r.whitened.size() / points;
+    const Eigen::Index points = model.measures_pose() ? 1 : r.raw.size() / model.rows(),
+                       rows = r.whitened.size() / points;
     std::vector<double> squares;
-    for (Eigen::Index k = 0; k < points; ++k) squares.push_back(r.whitened.segment(k * rows, rows).squaredNorm());
+    for (Eigen::Index k = 0; k < points; ++k)
+      squares.push_back(r.whitened.segment(k * rows, rows).squaredNorm());
     std::sort(squares.begin(), squares.end());
     const size_t kept = squares.size() == 1 ? 1 : squares.size() - (squares.size() + 9) / 10;
-    const double worst = std::accumulate(squares.begin() + static_cast<std::ptrdiff_t>(kept), squares.end(), 0.0);
+    const double worst =
+        std::accumulate(squares.begin() + static_cast<std::ptrdiff_t>(kept), squares.end(), 0.0);
     out.trimmed[r.sample] -= worst / excess[r.sample];
     sums[r.view->sensor].first += r.whitened.squaredNorm();
     sums[r.view->sensor].second += r.whitened.size();
   }
-  for (const auto& sum : sums) out.sensor[sum.first] = sum.second.first / static_cast<double>(sum.second.second);
+  for (const auto& sum : sums)
+    out.sensor[sum.first] = sum.second.first / static_cast<double>(sum.second.second);
 }
 
 /// Poses that the rig does not give: they cannot have moved from it.
@@ -183,12 +206,14 @@ std::set<int> absent_poses(const Recording& recording) {
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     if (!rig.sensors[s].pose_given) absent.insert(recording.table.sensor_pose[s]);
   for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && !rig.targets[t].pose_given) absent.insert(recording.table.target_pose[t]);
+    if (rig.targets[t].link >= 0 && !rig.targets[t].pose_given)
+      absent.insert(recording.table.target_pose[t]);
   return absent;
 }
 
 /// How far freed parameters are from the rig's values, as TrialFit::moved.
-std::map<std::string, double> movements(const Recording& recording, const std::vector<Freed>& free, const VectorXd& shared) {
+std::map<std::string, double> movements(const Recording& recording, const std::vector<Freed>& free,
+                                        const VectorXd& shared) {
   std::map<std::string, double> out;
   const ParameterTable& table = recording.table;
   const std::set<int> absent = absent_poses(recording);
@@ -202,11 +227,13 @@ std::map<std::string, double> movements(const Recording& recording, const std::v
       continue;
     }
     for (int c : f.components) {
-      const double given = table.initial(p.start + c), change = std::abs(shared(p.start + c) - given);
+      const double given = table.initial(p.start + c),
+                   change = std::abs(shared(p.start + c) - given);
       const bool scale = p.kind == ParameterKind::joint_scale;  // -1 hides a sign
       const bool focal_length = p.kind == ParameterKind::intrinsics && c < 2;
       const bool length = scale || focal_length || (p.units[c] == "m" && given != 0);
-      if (length || p.units[c] == "rad") moved = std::max(moved, length ? change / std::abs(given) : change);
+      if (length || p.units[c] == "rad")
+        moved = std::max(moved, length ? change / std::abs(given) : change);
     }
   }
   return out;
@@ -215,9 +242,12 @@ std::map<std::string, double> movements(const Recording& recording, const std::v
 }  // namespace
 
 Stage without(Stage stage, const std::string& parameter) {
-  const auto belongs = [&](const std::string& name) { return name == parameter || name.rfind(parameter + ".", 0) == 0; };
+  const auto belongs = [&](const std::string& name) {
+    return name == parameter || name.rfind(parameter + ".", 0) == 0;
+  };
   stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), belongs), stage.free.end());
-  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(), [&](const auto& p) { return belongs(p.first); }),
+  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(),
+                                    [&](const auto& p) { return belongs(p.first); }),
                      stage.priors.end());
   return stage;
 }
@@ -227,7 +257,8 @@ double return_of_movement(const TrialFit& a, const TrialFit& b) {
   for (const auto& m : a.moved) {
     const auto other = b.moved.find(m.first);
     if (other == b.moved.end()) return 0;
-    if (m.second > Thresholds::far && other->second < 0.2 * m.second) gain = std::max(gain, m.second - other->second);
+    if (m.second > Thresholds::far && other->second < 0.2 * m.second)
+      gain = std::max(gain, m.second - other->second);
     loss = std::max(loss, other->second - m.second);
   }
   return loss < 0.2 * gain ? gain : 0;
@@ -235,7 +266,8 @@ double return_of_movement(const TrialFit& a, const TrialFit& b) {
 
 bool good(const TrialFit& f) {
   if (!(f.per_dof() < Thresholds::good)) return false;
-  return std::none_of(f.sensor.begin(), f.sensor.end(), [](double s) { return s > Thresholds::good; });
+  return std::none_of(f.sensor.begin(), f.sensor.end(),
+                      [](double s) { return s > Thresholds::good; });
 }
 
 FreedNames freed_names(const ParameterTable& table, const Stage& stage) {
@@ -244,7 +276,8 @@ FreedNames freed_names(const ParameterTable& table, const Stage& stage) {
   out.whole.assign(table.all.size(), 0);
   std::vector<Freed> free;
   for (const std::string& name : stage.free) merge(free, table.select(name));
-  for (const Freed& f : free) out.parameter[f.parameter] = 1, out.whole[f.parameter] = f.whole(table.all[f.parameter]);
+  for (const Freed& f : free)
+    out.parameter[f.parameter] = 1, out.whole[f.parameter] = f.whole(table.all[f.parameter]);
   return out;
 }
 
@@ -255,7 +288,8 @@ bool frees_given_poses(const Recording& recording, const Stage& stage) {
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     if (rig.sensors[s].pose_given && freed.whole[table.sensor_pose[s]]) return true;
   for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_pose[t]]) return true;
+    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_pose[t]])
+      return true;
   return false;
 }
 
@@ -293,15 +327,20 @@ Recording plan_trials(Rig rig, Samples samples, TrialContext& context) {
   context.all.sensors.assign(sensors.begin(), sensors.end());
   for (const Freed& f : together)
     for (int c : f.components) context.all.free.push_back(table.all[f.parameter].component_name(c));
-  for (const auto& p : priors) context.all.priors.push_back({table.all[p.first.first].component_name(p.first.second), p.second});
+  for (const auto& p : priors)
+    context.all.priors.push_back(
+        {table.all[p.first.first].component_name(p.first.second), p.second});
   for (Sample& s : samples)  // what no step uses is not judged
-    s.views.erase(std::remove_if(s.views.begin(), s.views.end(), [&](const View& v) { return !sensors.count(v.sensor); }), s.views.end());
+    s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
+                                 [&](const View& v) { return !sensors.count(v.sensor); }),
+                  s.views.end());
   Recording out(std::move(rig), std::move(samples));
   context.given_poses_freed = frees_given_poses(out, context.all);
   return out;
 }
 
-TrialFit trial_fit(const Recording& recording, const TrialContext& context, const std::vector<Stage>& stages, const TrialOptions& options) {
+TrialFit trial_fit(const Recording& recording, const TrialContext& context,
+                   const std::vector<Stage>& stages, const TrialOptions& options) {
   TrialFit out;
   const ResolvedStages resolved = resolve(recording.table, stages);
   Values values;
@@ -336,7 +375,8 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context, cons
   return out;
 }
 
-TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage, const Effort& effort) {
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,
+                  const Effort& effort) {
   TrialOptions o;
   o.give_up = effort.give_up;
   o.refine = effort.decrease < 1e-3;
@@ -346,7 +386,8 @@ TrialFit best_fit(const Recording& recording, const TrialContext& context, const
   if ((effort.closed_form || !(out.per_dof() < Thresholds::noise)) && context.given_poses_freed) {
     o.closed_form = true;
     TrialFit other = trial_fit(recording, context, {stage}, o);
-    if (other.score() < out.score() || other.undefined.size() < out.undefined.size()) out = std::move(other);
+    if (other.score() < out.score() || other.undefined.size() < out.undefined.size())
+      out = std::move(other);
   }
   return out;
 }
@@ -366,7 +407,8 @@ TrialFit fit_as_is(const Recording& recording, const TrialContext& context) {
 Samples some_samples(const Recording& recording, size_t unknowns) {
   const Samples& samples = recording.samples;
   std::vector<int> order = indices(samples.size());
-  std::sort(order.begin(), order.end(), [&](int a, int b) { return samples[a].id < samples[b].id; });
+  std::sort(order.begin(), order.end(),
+            [&](int a, int b) { return samples[a].id < samples[b].id; });
   std::map<std::pair<int, int>, std::vector<int>> by_pair;
   for (int i : order)
     for (const View& v : samples[i].views) {

@@ -1,4 +1,5 @@
-// Fits of a recording as it is and with something changed, to be compared: what they free, how far they go, what they find.
+// Fits of a recording as it is and with something changed, to be compared: what they free, how far
+// they go, what they find.
 #pragma once
 
 #include <algorithm>
@@ -18,19 +19,23 @@ namespace kincal {
 
 /// These are the Thresholds of the doctor's beliefs. Ratios have no unit.
 struct Thresholds {
-  /// A fit needs no explanation if chi2/dof of the whole and the mean square of each sensor's residuals are below this.
+  /// A fit needs no explanation if chi2/dof of the whole and the mean square of each sensor's
+  /// residuals are below this.
   static constexpr double good = 1.5;
-  /// What a fit leaves counts as noise if chi2/dof is below this, because the rig's sigmas are guesses.
+  /// What a fit leaves counts as noise if chi2/dof is below this, because the rig's sigmas are
+  /// guesses.
   static constexpr double noise = 3;
   /// A fit proves the rig's sigmas if chi2/dof is below this.
   static constexpr double clean = 1.3;
-  /// A hypothesis is believed if chi2 falls by this factor and the fit then proves the sigmas with (all but) the same unknowns.
+  /// A hypothesis is believed if chi2 falls by this factor and the fit then proves the sigmas with
+  /// (all but) the same unknowns.
   static constexpr double clean_gain = 1.6;
   /// A hypothesis is believed if chi2 falls by this factor and what remains is noise.
   static constexpr double decisive = 4;
   /// A hypothesis is believed if chi2 falls by this factor, even if more than noise remains.
   static constexpr double overwhelming = 12;
-  /// An estimate is far from the rig's value if it moved by this (m, rad, share of a length): right start values do not need it.
+  /// An estimate is far from the rig's value if it moved by this (m, rad, share of a length): right
+  /// start values do not need it.
   static constexpr double far = 0.25;
   /// A sample is bad if the mean square of its rows is above the median sample's by this factor.
   static constexpr double sample_excess = 25;
@@ -64,7 +69,8 @@ struct TrialContext {
   std::vector<Stage> steps;                // the rig's
   Stage all;                               // what the steps free together
   bool usual_steps = false;                // the rig has no steps: these are usual ones
-  bool given_poses_freed = false;          // the rig gives a pose that `all` frees wholly: closed form may find a better start
+  bool given_poses_freed =
+      false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
 
   /// Reports progress. @throws Cancelled
   void report(int done, int of) const {
@@ -85,12 +91,14 @@ struct TrialOptions {
 struct TrialFit {
   double chi2 = 0, cost = 0;
   long dof = 0;
-  std::vector<int> undefined;  // samples without a start, or with a point behind a camera there; not in chi2
+  std::vector<int>
+      undefined;  // samples without a start, or with a point behind a camera there; not in chi2
   Values values;
-  std::vector<double> sample;           // mean square of a sample's rows, by index; NaN: not part of it
-  std::vector<double> trimmed;          // the same without the worst tenth of each view's points
-  std::vector<double> sensor;           // of a sensor's residuals
-  std::map<std::string, double> moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
+  std::vector<double> sample;   // mean square of a sample's rows, by index; NaN: not part of it
+  std::vector<double> trimmed;  // the same without the worst tenth of each view's points
+  std::vector<double> sensor;   // of a sensor's residuals
+  std::map<std::string, double>
+      moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
 
   double farthest() const {
     double out = 0;
@@ -100,11 +108,13 @@ struct TrialFit {
 
   bool complete() const { return undefined.empty() && std::isfinite(chi2); }
   double score() const { return complete() ? cost : kInfinity; }
-  double per_dof() const { return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity; }
+  double per_dof() const {
+    return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity;
+  }
 };
 
-/// Returns the largest difference of movements over the parameters that `a` moved far and `b` at most a fifth of that. It is 0 where there
-/// is none, or where `b` moves others farther.
+/// Returns the largest difference of movements over the parameters that `a` moved far and `b` at
+/// most a fifth of that. It is 0 where there is none, or where `b` moves others farther.
 double return_of_movement(const TrialFit& a, const TrialFit& b);
 
 /// True if the fit needs no explanation.
@@ -116,13 +126,15 @@ FreedNames freed_names(const ParameterTable& table, const Stage& stage);
 /// True if the rig gives a pose that the stage frees wholly.
 bool frees_given_poses(const Recording& recording, const Stage& stage);
 
-/// Makes the recording that trials are about: all samples are in training, without views that no step uses; a rig without steps gets the
-/// usual ones. It fills in the context's stages. @throws NameError, std::invalid_argument as Calibration does.
+/// Makes the recording that trials are about: all samples are in training, without views that no
+/// step uses; a rig without steps gets the usual ones. It fills in the context's stages. @throws
+/// NameError, std::invalid_argument as Calibration does.
 Recording plan_trials(Rig rig, std::vector<Sample> samples, TrialContext& context);
 
-/// Minimises stage after stage; the fit that it returns is that of the last one. @throws std::invalid_argument where a path cannot be
-/// walked; Cancelled.
-TrialFit trial_fit(const Recording& recording, const TrialContext& context, const std::vector<Stage>& stages, const TrialOptions& options);
+/// Minimises stage after stage; the fit that it returns is that of the last one. @throws
+/// std::invalid_argument where a path cannot be walked; Cancelled.
+TrialFit trial_fit(const Recording& recording, const TrialContext& context,
+                   const std::vector<Stage>& stages, const TrialOptions& options);
 
 /// An Effort is how far a fit goes.
 struct Effort {
@@ -133,12 +145,15 @@ struct Effort {
 };
 
 /// Returns the fit from the rig's values, or from closed form where these do not lead anywhere.
-TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage, const Effort& effort);
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,
+                  const Effort& effort);
 
-/// Returns the best fit of everything that the steps free: from the rig's values, closed form, or the steps one after the other.
+/// Returns the best fit of everything that the steps free: from the rig's values, closed form, or
+/// the steps one after the other.
 TrialFit fit_as_is(const Recording& recording, const TrialContext& context);
 
-/// Returns enough samples for a first look: every pair of sensor and target some times, and several times as many numbers as unknowns.
+/// Returns enough samples for a first look: every pair of sensor and target some times, and several
+/// times as many numbers as unknowns.
 std::vector<Sample> some_samples(const Recording& recording, size_t unknowns);
 
 }  // namespace kincal

@@ -12,17 +12,21 @@ struct Estimation::Parts {
   Parts(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup)
       : layout(recording, samples, std::move(setup)), motion(layout), whitened(layout, motion) {}
 
-  /// Rows of a group. `compress`: each view's to at most as many as it has columns; `kinds`, unless null: which rows are which noise's.
-  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows, std::vector<NoiseRows>* kinds);
+  /// Rows of a group. `compress`: each view's to at most as many as it has columns; `kinds`, unless
+  /// null: which rows are which noise's.
+  bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
+                  std::vector<NoiseRows>* kinds);
 
-  /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its paths.
+  /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
+  /// paths.
   void walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
     motion.motions(s, state, to);
     motion.walk_paths(s, state, to);
     if (!derivatives) return;
     for (size_t w = 0; w < s.layout->paths.size(); ++w) {
       const SensorPath& path = s.layout->paths[w];
-      motion.path_columns(path, path.motion, static_cast<int>(path.places.size()), state, to, to.paths[w]);
+      motion.path_columns(path, path.motion, static_cast<int>(path.places.size()), state, to,
+                          to.paths[w]);
     }
   }
 
@@ -32,17 +36,22 @@ struct Estimation::Parts {
   std::vector<Scratch> scratch;  // by worker
 };
 
-Estimation::Estimation(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup)
+Estimation::Estimation(const Recording& recording, const std::vector<int>& samples,
+                       EstimationSetup setup)
     : parts_(std::make_unique<Parts>(recording, samples, std::move(setup))) {
   parts_->layout.reload();
   set_workers(1);
 }
 Estimation::~Estimation() = default;
 
-bool Estimation::empty() const { return groups().empty() || (groups().size() == 1 && !setup().priors.empty()); }
+bool Estimation::empty() const {
+  return groups().empty() || (groups().size() == 1 && !setup().priors.empty());
+}
 const EstimationSetup& Estimation::setup() const { return parts_->layout.setup; }
 const VectorXd& Estimation::initial() const { return parts_->layout.initial(); }
-std::string Estimation::column_name(int column) const { return parts_->layout.table.name(columns()[column]); }
+std::string Estimation::column_name(int column) const {
+  return parts_->layout.table.name(columns()[column]);
+}
 const std::vector<Component>& Estimation::columns() const { return parts_->layout.columns; }
 int Estimation::shared_size() const { return static_cast<int>(columns().size()); }
 const std::vector<GroupShape>& Estimation::groups() const { return parts_->layout.groups; }
@@ -120,7 +129,8 @@ std::vector<char> Estimation::influencing() const {
         use(layout.table.joint_origin[step.joint]);
         if (!layout.rig.tree.joints[step.joint].moves()) continue;
         const int drv = driver(layout.rig.tree, step.joint).joint;
-        for (int n = 0; n < layout.rig.joints[drv].model->size(); ++n) use(layout.table.joint_offset[drv] + n);
+        for (int n = 0; n < layout.rig.joints[drv].model->size(); ++n)
+          use(layout.table.joint_offset[drv] + n);
       }
     }
   return used;
@@ -145,14 +155,16 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
     if (!whitened.view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.errors();
   for (size_t i = 0; i < s.layout->noisy.size(); ++i) {
-    const double e = state(errors + static_cast<int>(i)) / layout.rig.joints[s.layout->noisy[i]].sigma;
+    const double e =
+        state(errors + static_cast<int>(i)) / layout.rig.joints[s.layout->noisy[i]].sigma;
     cost.doubled += e * e;
     cost.chi2 += e * e;
   }
   return true;
 }
 
-bool Estimation::linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const {
+bool Estimation::linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                           Cost& cost) const {
   const Layout& layout = parts_->layout;
   const Motion& motion = parts_->motion;
   const Rows& whitened = parts_->whitened;
@@ -164,7 +176,8 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
       cost.doubled = cost.chi2 += row.r * row.r;
       for (int a = 0; a < row.count; ++a) {
         for (int b = 0; b <= a; ++b)
-          to.shared[to.origin[to.row[row.place + b]] + to.row[row.place + a]] += row.derivative[a] * row.derivative[b];
+          to.shared[to.origin[to.row[row.place + b]] + to.row[row.place + a]] +=
+              row.derivative[a] * row.derivative[b];
         to.gradient[to.row[row.place + a]] += row.derivative[a] * row.r;
       }
     }
@@ -177,14 +190,16 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, scratch, true, cost)) return false;
     const int w = v.layout->columns.total + 1;
-    kernels().gram(scratch.rows.data(), v.layout->padded_rows(), scratch.rows.outerStride(), w, scratch.expand.gram.data(),
-                   static_cast<int>(scratch.expand.gram.outerStride()));
+    kernels().gram(scratch.rows.data(), v.layout->padded_rows(), scratch.rows.outerStride(), w,
+                   scratch.expand.gram.data(), static_cast<int>(scratch.expand.gram.outerStride()));
     motion.kinematic_matrix(v, s, state, scratch);
-    expand(w - 1, s.layout->paths[v.layout->path].rows(), v.layout->map, layout.groups[group], scratch.expand, to);
+    expand(w - 1, s.layout->paths[v.layout->path].rows(), v.layout->map, layout.groups[group],
+           scratch.expand, to);
   }
   const int errors = s.errors();
   for (size_t i = 0; i < s.layout->noisy.size(); ++i) {
-    const double w = 1 / layout.rig.joints[s.layout->noisy[i]].sigma, e = state(errors + static_cast<int>(i)) * w;
+    const double w = 1 / layout.rig.joints[s.layout->noisy[i]].sigma,
+                 e = state(errors + static_cast<int>(i)) * w;
     const size_t at = 6 * s.layout->targets.size() + i;
     to.rows[at * to.stride + at] += w * w;
     to.rows[at * to.stride + size] += w * e;
@@ -205,8 +220,8 @@ MatrixXd compressed(MatrixXd rows) {
 
 }  // namespace
 
-bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
-                                   std::vector<NoiseRows>* kinds) {
+bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker, bool compress,
+                                   MatrixXd& rows, std::vector<NoiseRows>* kinds) {
   const GroupShape& shape = layout.groups[group];
   const int size = shape.size();
   rows.setZero(shape.rows, size + 1);
@@ -215,7 +230,8 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, true, row);
-      for (int k = 0; k < row.count; ++k) rows(static_cast<Eigen::Index>(i), row.place + k) = row.derivative[k];
+      for (int k = 0; k < row.count; ++k)
+        rows(static_cast<Eigen::Index>(i), row.place + k) = row.derivative[k];
       rows(static_cast<Eigen::Index>(i), size) = row.r;
     }
     if (kinds) kinds->push_back({nullptr, 0, -1, 0, shape.rows});
@@ -231,7 +247,8 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
     MatrixXd view(v.layout->rows(), v.layout->columns.total + 1);
     for (int b = 0; b < v.layout->blocks(); ++b)
-      for (int i = 0; i < k; ++i) view.row(b * k + i) = local.rows.row(v.layout->row(b, i)).head(view.cols());
+      for (int i = 0; i < k; ++i)
+        view.row(b * k + i) = local.rows.row(v.layout->row(b, i)).head(view.cols());
     if (kinds) {
       const std::vector<NoisePart> parts = v.layout->model->noise_parts();
       MatrixXd all(view.rows(), view.cols());
@@ -239,10 +256,12 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
       for (size_t p = 0; p < parts.size(); ++p) {
         const int count = parts.size() == 1 ? k : parts[p].count;
         MatrixXd part(v.layout->blocks() * count, view.cols());
-        for (int b = 0; b < v.layout->blocks(); ++b) part.middleRows(b * count, count) = view.middleRows(b * k + parts[p].first, count);
+        for (int b = 0; b < v.layout->blocks(); ++b)
+          part.middleRows(b * count, count) = view.middleRows(b * k + parts[p].first, count);
         part = compressed(std::move(part));
         all.middleRows(filled, part.rows()) = part;
-        kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled), static_cast<int>(part.rows())});
+        kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled),
+                          static_cast<int>(part.rows())});
         filled += part.rows();
       }
       view = all.topRows(filled).eval();
@@ -250,13 +269,16 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
       view = compressed(std::move(view));
     }
     motion.kinematic_matrix(v, s, state, local);
-    const auto m = local.expand.m.topLeftCorner(kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
+    const auto m = local.expand.m.topLeftCorner(
+        kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
     MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
-    const VectorXd parts = m.cwiseAbs2().transpose() * view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
+    const VectorXd parts = m.cwiseAbs2().transpose() *
+                           view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
     for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
       if (kinematic.col(i).squaredNorm() <= kCancelled * parts(i)) kinematic.col(i).setZero();
     auto part = rows.middleRows(used, view.rows());
-    for (size_t i = 0; i < v.layout->map.kinematic.size(); ++i) part.col(v.layout->map.kinematic[i]) += kinematic.col(i);
+    for (size_t i = 0; i < v.layout->map.kinematic.size(); ++i)
+      part.col(v.layout->map.kinematic[i]) += kinematic.col(i);
     for (const auto& own : v.layout->map.own) part.col(own.second) += view.col(own.first);
     part.col(size) = view.col(view.cols() - 1);
     used += view.rows();
@@ -276,7 +298,8 @@ bool Estimation::square_root(int group, const VectorXd& state, int worker, Matri
   return parts_->group_rows(group, state, worker, true, rows, nullptr);
 }
 
-bool Estimation::noise_rows(int group, const VectorXd& state, MatrixXd& rows, std::vector<NoiseRows>& kinds) const {
+bool Estimation::noise_rows(int group, const VectorXd& state, MatrixXd& rows,
+                            std::vector<NoiseRows>& kinds) const {
   return parts_->group_rows(group, state, 0, true, rows, &kinds);
 }
 
@@ -284,20 +307,24 @@ bool Estimation::explicit_rows(int group, const VectorXd& state, MatrixXd& rows)
   return parts_->group_rows(group, state, 0, false, rows, nullptr);
 }
 
-void Estimation::retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const {
+void Estimation::retract(const VectorXd& state, const VectorXd& shared_step,
+                         const VectorXd& private_step, VectorXd& moved) const {
   const Layout& layout = parts_->layout;
   moved = state;
   for (const Freed& f : layout.setup.free) {
     const Parameter& p = layout.table.all[f.parameter];
-    const auto step = shared_step.segment(layout.first_column[f.parameter], static_cast<Eigen::Index>(f.components.size()));
+    const auto step = shared_step.segment(layout.first_column[f.parameter],
+                                          static_cast<Eigen::Index>(f.components.size()));
     if (!p.pose) {
-      for (size_t i = 0; i < f.components.size(); ++i) moved(p.start + f.components[i]) += step(static_cast<Eigen::Index>(i));
+      for (size_t i = 0; i < f.components.size(); ++i)
+        moved(p.start + f.components[i]) += step(static_cast<Eigen::Index>(i));
     } else if (f.whole(p)) {
       set_pose(moved, p.start, get_pose(state, p.start) * exp_se3(step));
     } else {
       const Pose origin = get_pose(layout.initial(), p.start);
       Vector6d xi = log_se3(inverse(origin) * get_pose(state, p.start));
-      for (size_t i = 0; i < f.components.size(); ++i) xi(f.components[i]) += step(static_cast<Eigen::Index>(i));
+      for (size_t i = 0; i < f.components.size(); ++i)
+        xi(f.components[i]) += step(static_cast<Eigen::Index>(i));
       set_pose(moved, p.start, origin * exp_se3(xi));
     }
   }
@@ -330,9 +357,11 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       for (int b = 0; b < v.layout->blocks(); ++b)
         for (int i = 0; i < k; ++i) r.whitened(b * k + i) = scratch.r(v.layout->row(b, i));
       whitened.view_input(v, state, scratch);
-      const SensorModel& model = *v.layout->sensor->model;  // whatever the mode whitens: what the sensor itself measures
+      const SensorModel& model =
+          *v.layout->sensor->model;  // whatever the mode whitens: what the sensor itself measures
       r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.layout->ids.size())));
-      if (!model.evaluate(scratch.input, v.layout->columns, r.raw.data(), nullptr)) r.raw.setConstant(std::nan(""));
+      if (!model.evaluate(scratch.input, v.layout->columns, r.raw.data(), nullptr))
+        r.raw.setConstant(std::nan(""));
       out.push_back(std::move(r));
     }
   }

@@ -6,7 +6,10 @@
 namespace kincal {
 
 Layout::Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given)
-    : rig(recording.rig), table(recording.table), recorded(recording.samples), setup(std::move(given)) {
+    : rig(recording.rig),
+      table(recording.table),
+      recorded(recording.samples),
+      setup(std::move(given)) {
   first_column.assign(table.all.size(), -1);
   freed.assign(table.all.size(), nullptr);
   for (const Freed& f : setup.free) {
@@ -23,7 +26,8 @@ Layout::Layout(const Recording& recording, const std::vector<int>& indices, Esti
 /// The last group: it has no private unknowns.
 void Layout::place_priors() {
   GroupShape shape;
-  for (const Prior& prior : setup.priors)  // a prior on a component of a partly freed pose depends on all its freed ones
+  for (const Prior& prior :
+       setup.priors)  // a prior on a component of a partly freed pose depends on all its freed ones
     for (size_t i = 0; i < freed[prior.parameter]->components.size(); ++i)
       shape.columns.push_back(first_column[prior.parameter] + static_cast<int>(i));
   std::sort(shape.columns.begin(), shape.columns.end());
@@ -32,7 +36,8 @@ void Layout::place_priors() {
   groups.push_back(std::move(shape));
 }
 
-/// A sample's views that take part. Its layout is that of an earlier sample that shows the same, or a new one.
+/// A sample's views that take part. Its layout is that of an earlier sample that shows the same, or
+/// a new one.
 void Layout::place_sample(int index) {
   PlacedSample s;
   s.index = index;
@@ -43,9 +48,11 @@ void Layout::place_sample(int index) {
       continue;
     const Sensor& sensor = rig.sensors[view.sensor];
     if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != model_of(sensor).sigmas())
-      throw std::invalid_argument(view.where + ": sensor '" + sensor.name + "' takes " + std::to_string(model_of(sensor).sigmas()) +
-                                  " sigmas, not " + std::to_string(view.sigma.size()));
-    key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(), static_cast<int>(view.ids.size())});
+      throw std::invalid_argument(view.where + ": sensor '" + sensor.name + "' takes " +
+                                  std::to_string(model_of(sensor).sigmas()) + " sigmas, not " +
+                                  std::to_string(view.sigma.size()));
+    key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(),
+                           static_cast<int>(view.ids.size())});
     key.insert(key.end(), view.ids.begin(), view.ids.end());
     s.views.push_back({&view, nullptr});
   }
@@ -61,7 +68,8 @@ void Layout::place_sample(int index) {
 }
 
 const SensorModel& Layout::model_of(const Sensor& sensor) const {
-  const SensorModel* point_form = setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
+  const SensorModel* point_form =
+      setup.noise == NoiseMode::point ? sensor.model->point_form() : nullptr;
   return point_form ? *point_form : *sensor.model;
 }
 
@@ -98,7 +106,8 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
   path.to = v.target->link >= 0 ? v.target->link : rig.base;
   if (v.model->scans()) path.scanning_joint = v.sensor->scanning_joint;
   for (size_t i = 0; i < s.paths.size(); ++i)
-    if (s.paths[i].from == path.from && s.paths[i].to == path.to && s.paths[i].scanning_joint == path.scanning_joint)
+    if (s.paths[i].from == path.from && s.paths[i].to == path.to &&
+        s.paths[i].scanning_joint == path.scanning_joint)
       return static_cast<int>(i);
   path.steps = find_path(rig.tree, path.from, path.to);
   if (v.model->scans()) {
@@ -109,12 +118,15 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
       return -1;
     };
     path.scan_step = scan_step();
-    if (path.scan_step < 0) {  // sensor and target both behind the joint: its reading differs between them, nothing cancels
+    if (path.scan_step < 0) {  // sensor and target both behind the joint: its reading differs
+                               // between them, nothing cancels
       path.steps = find_path(rig.tree, path.from, rig.base);
       path.scan_step = scan_step();
-      for (const PathStep& step : find_path(rig.tree, rig.base, path.to)) path.steps.push_back(step);
+      for (const PathStep& step : find_path(rig.tree, rig.base, path.to))
+        path.steps.push_back(step);
       if (path.scan_step < 0)
-        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + rig.tree.joints[path.scanning_joint].name +
+        throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" +
+                                    rig.tree.joints[path.scanning_joint].name +
                                     "' is not between its link and the base");
     }
   }
@@ -124,10 +136,12 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
     if (!joint.moves() || static_cast<int>(k) == path.scan_step) continue;
     const int drv = driver(rig.tree, j).joint;
     if (path.scan_step >= 0 && drv == path.scanning_joint && joint.mimic)
-      throw std::invalid_argument("sensor '" + v.sensor->name + "': joint '" + joint.name +
-                                  "' follows the scanning joint; only one joint may move within a view");
+      throw std::invalid_argument(
+          "sensor '" + v.sensor->name + "': joint '" + joint.name +
+          "' follows the scanning joint; only one joint may move within a view");
     if (std::find(s.joints.begin(), s.joints.end(), j) == s.joints.end()) s.joints.push_back(j);
-    if (setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 && std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
+    if (setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 &&
+        std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
       s.noisy.push_back(drv);
   }
   s.paths.push_back(std::move(path));
@@ -172,18 +186,22 @@ int place_of(const std::map<int, int>& places, int column) {
 }  // namespace
 
 /// The path's columns of M: joints' offsets, scales, errors and origins.
-void Layout::place_joints(SensorPath& path, const std::map<int, int>& places, const SampleLayout& s) const {
+void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
+                          const SampleLayout& s) const {
   path.motion.clear();
   path.places.clear();
   path.noise.clear();
   path.noise_sigma.clear();
-  const auto add = [&](MotionColumns m, int place) {  // a column, or several that follow each other; what comes twice shares them
-    const auto it = std::find(path.places.begin(), path.places.end(), place);
-    m.first = static_cast<int>(it - path.places.begin());
-    if (it == path.places.end())
-      for (int i = 0; i < m.count; ++i) path.places.push_back(place < 0 ? place - i : place + i);
-    path.motion.push_back(m);
-  };
+  const auto add =
+      [&](MotionColumns m,
+          int place) {  // a column, or several that follow each other; what comes twice shares them
+        const auto it = std::find(path.places.begin(), path.places.end(), place);
+        m.first = static_cast<int>(it - path.places.begin());
+        if (it == path.places.end())
+          for (int i = 0; i < m.count; ++i)
+            path.places.push_back(place < 0 ? place - i : place + i);
+        path.motion.push_back(m);
+      };
   for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
     const int j = path.steps[k].joint, origin = table.joint_origin[j];
     if (freed[origin]) {
@@ -203,10 +221,12 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places, co
     if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
     m.source = Source::error;
     if (setup.noise == NoiseMode::latent) {
-      const int slot = static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
+      const int slot =
+          static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
       add(m, static_cast<int>(6 * s.targets.size()) + slot);
     } else if (setup.noise != NoiseMode::none) {
-      const auto it = std::find_if(path.noise.begin(), path.noise.end(), [&](const MotionColumns& n) { return n.joint == drv.joint; });
+      const auto it = std::find_if(path.noise.begin(), path.noise.end(),
+                                   [&](const MotionColumns& n) { return n.joint == drv.joint; });
       m.first = it == path.noise.end() ? static_cast<int>(path.noise_sigma.size()) : it->first;
       if (it == path.noise.end()) path.noise_sigma.push_back(rig.joints[drv.joint].sigma);
       path.noise.push_back(m);
@@ -215,7 +235,8 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places, co
 }
 
 /// Columns of L and of M, and where they are in the group.
-void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const SampleLayout& s) const {
+void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
+                        const SampleLayout& s) const {
   const SensorPath& path = s.paths[v.path];
   v.map = ViewColumns();
   v.poses.clear();
@@ -228,7 +249,8 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const S
     m.parameter = parameter;
     m.count = static_cast<int>(freed[parameter]->components.size());
     m.first = static_cast<int>(v.map.kinematic.size());
-    for (int i = 0; i < m.count; ++i) v.map.kinematic.push_back(shared(first_column[parameter] + i));
+    for (int i = 0; i < m.count; ++i)
+      v.map.kinematic.push_back(shared(first_column[parameter] + i));
     v.poses.push_back(m);
   };
   if (v.target_slot >= 0) {
@@ -244,20 +266,25 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const S
   v.map.kinematic.insert(v.map.kinematic.end(), path.places.begin(), path.places.end());
   std::sort(v.map.kinematic.begin(), v.map.kinematic.end());
   const auto column_at = [&](int place) {
-    return static_cast<int>(std::lower_bound(v.map.kinematic.begin(), v.map.kinematic.end(), place) - v.map.kinematic.begin());
+    return static_cast<int>(
+        std::lower_bound(v.map.kinematic.begin(), v.map.kinematic.end(), place) -
+        v.map.kinematic.begin());
   };
   for (MotionColumns& m : v.poses) m.first = column_at(poses[m.first]);
   v.path_column.clear();
   for (int place : path.places) v.path_column.push_back(column_at(place));
 
-  // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are held.
+  // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are
+  // held.
   v.columns = Columns();
   Columns& c = v.columns;
   const int square = v.model->measures_pose() ? -1 : table.target_square[v.target_index];
   const int points = v.model->measures_pose() ? -1 : table.target_points[v.target_index];
   const bool points_freed = points >= 0 && freed[points];
-  v.kernel =
-      !v.covariances && !points_freed && (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none) ? v.model->kernel() : nullptr;
+  v.kernel = !v.covariances && !points_freed &&
+                     (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none)
+                 ? v.model->kernel()
+                 : nullptr;
   if (path.scan_step >= 0) {
     c.sensor_side = 6;
     c.joint = 12;
@@ -274,7 +301,8 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const S
         for (size_t i = 0; i < freed[parameter]->components.size(); ++i) {
           const int number = own + freed[parameter]->components[i];
           v.own[number] = v.kernel ? column++ : c.total + number;
-          v.map.own.push_back({v.own[number], shared(first_column[parameter] + static_cast<int>(i))});
+          v.map.own.push_back(
+              {v.own[number], shared(first_column[parameter] + static_cast<int>(i))});
         }
       }
       own += table.all[parameter].size();
@@ -289,11 +317,13 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places, const S
     c.points = c.total;
     c.total += table.all[points].size();
     for (size_t i = 0; i < freed[points]->components.size(); ++i)
-      v.map.own.push_back({c.points + freed[points]->components[i], shared(first_column[points] + static_cast<int>(i))});
+      v.map.own.push_back({c.points + freed[points]->components[i],
+                           shared(first_column[points] + static_cast<int>(i))});
   }
 }
 
-/// What the kernels read: layouts of grids, each set of seen points once, and room for weights and measured numbers, view after view.
+/// What the kernels read: layouts of grids, each set of seen points once, and room for weights and
+/// measured numbers, view after view.
 void Layout::place_data() {
   std::map<std::pair<int, std::vector<int>>, size_t> grids;
   for (auto& entry : layouts)
@@ -303,13 +333,16 @@ void Layout::place_data() {
       v.points = placed.first->second;
       if (!placed.second) continue;
       for (int c = 0; c < 3; ++c)
-        for (int i = 0; i < v.stride(); ++i) seen.push_back(v.target->layout(c, v.ids[std::min<size_t>(i, v.ids.size() - 1)]));
+        for (int i = 0; i < v.stride(); ++i)
+          seen.push_back(v.target->layout(c, v.ids[std::min<size_t>(i, v.ids.size() - 1)]));
     }
   for (PlacedSample& s : samples)
     for (PlacedView& v : s.views) {
       if (v.layout->kernel) {
         v.measured = seen.size();
-        seen.resize(seen.size() + kWeights + static_cast<size_t>(v.layout->stride()) * v.layout->model->numbers(), 0.0);
+        seen.resize(seen.size() + kWeights +
+                        static_cast<size_t>(v.layout->stride()) * v.layout->model->numbers(),
+                    0.0);
       } else {
         v.whitening = whitenings++;
       }
@@ -324,7 +357,8 @@ void Layout::reload() {
       double* to = seen.data() + v.measured;
       for (int k = 0; k < v.layout->model->rows(); ++k) to[k] = 1 / v.view->sigma[k];
       for (size_t i = 0; i < v.layout->ids.size(); ++i)
-        for (int k = 0; k < numbers; ++k) to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
+        for (int k = 0; k < numbers; ++k)
+          to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
     }
 }
 

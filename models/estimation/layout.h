@@ -1,5 +1,6 @@
-// Which column stands where: every view's columns of L and M in its sample's group, every group's part of the state, and what the kernels
-// read. Nothing here depends on the state. This header is for the sources of this folder only.
+// Which column stands where: every view's columns of L and M in its sample's group, every group's
+// part of the state, and what the kernels read. Nothing here depends on the state. This header is
+// for the sources of this folder only.
 #pragma once
 
 #include <map>
@@ -15,7 +16,8 @@ namespace kincal {
 /// A Source is what fills columns of M.
 enum class Source { joint_number, error, origin, sensor_pose, target_pose };
 
-constexpr size_t kWeights = 8;  // numbers in front of the measured ones: 1 / sigma of each component
+constexpr size_t kWeights =
+    8;  // numbers in front of the measured ones: 1 / sigma of each component
 
 struct MotionColumns {
   Source source;
@@ -28,8 +30,9 @@ struct MotionColumns {
   int count = 1;
 };
 
-/// A SensorPath has the joints from a sensor's link to a target's, and is shared by all views of a sample between the two. Their columns of
-/// M are computed once, in the frame of the sensor's link; where a scanning joint lies between, what is behind it is in the frame behind.
+/// A SensorPath has the joints from a sensor's link to a target's, and is shared by all views of a
+/// sample between the two. Their columns of M are computed once, in the frame of the sensor's link;
+/// where a scanning joint lies between, what is behind it is in the frame behind.
 struct SensorPath {
   int from = -1, to = -1, scanning_joint = -1;
   Path steps;
@@ -43,7 +46,8 @@ struct SensorPath {
   int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
 };
 
-/// A ViewLayout is shared by all views of a sensor and a target with the same points, whatever they measured.
+/// A ViewLayout is shared by all views of a sensor and a target with the same points, whatever they
+/// measured.
 struct ViewLayout {
   int sensor_index, target_index;
   const Sensor* sensor = nullptr;
@@ -59,7 +63,7 @@ struct ViewLayout {
   std::vector<int> path_column;      // and of the path: column of M of each
   ViewKernel kernel = nullptr;       // if the sensor and its noise allow
   int own[kMaxParameters];           // for the kernel: column of each own number or -1
-  size_t points = 0;                 // for the kernel: where in Layout::seen the layout of the seen points begins
+  size_t points = 0;  // for the kernel: where in Layout::seen the layout of the seen points begins
 
   int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
   int rows() const { return blocks() * model->rows(); }
@@ -69,7 +73,8 @@ struct ViewLayout {
   int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
 };
 
-/// A SampleLayout is shared by all samples with the same sensors, targets and points, and computed once.
+/// A SampleLayout is shared by all samples with the same sensors, targets and points, and computed
+/// once.
 struct SampleLayout {
   std::vector<SensorPath> paths;
   std::vector<ViewLayout> views;
@@ -84,7 +89,8 @@ struct SampleLayout {
 struct PlacedView {
   const View* view;
   const ViewLayout* layout;
-  size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then the measured numbers begin
+  size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then
+                        // the measured numbers begin
   int whitening = -1;   // without: which of the whitenings
 };
 
@@ -97,16 +103,20 @@ struct PlacedSample {
   int errors() const { return start + 12 * static_cast<int>(layout->targets.size()); }
 };
 
-/// A Layout is that of a whole problem. Its public numbers are read by the other sources of this folder, which do not change them.
+/// A Layout is that of a whole problem. Its public numbers are read by the other sources of this
+/// folder, which do not change them.
 struct Layout {
   /// `indices` are those of the samples that take part. The recording must outlive the layout.
-  /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a scanning one.
+  /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a
+  /// scanning one.
   Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given);
   Layout(const Layout&) = delete;
   Layout& operator=(const Layout&) = delete;
 
   /// Returns the shared values that priors and partly freed poses count from.
-  const VectorXd& initial() const { return setup.initial.size() > 0 ? setup.initial : table.initial; }
+  const VectorXd& initial() const {
+    return setup.initial.size() > 0 ? setup.initial : table.initial;
+  }
   /// Copies the measured numbers and sigmas of the samples to where the kernels read them.
   void reload();
 
@@ -130,8 +140,10 @@ struct Layout {
   SampleLayout make_layout(const PlacedSample& placed) const;
   int place_path(SampleLayout& sample, const ViewLayout& v) const;
   GroupShape place_columns(SampleLayout& sample) const;
-  void place_joints(SensorPath& path, const std::map<int, int>& places, const SampleLayout& sample) const;
-  void place_view(ViewLayout& v, const std::map<int, int>& places, const SampleLayout& sample) const;
+  void place_joints(SensorPath& path, const std::map<int, int>& places,
+                    const SampleLayout& sample) const;
+  void place_view(ViewLayout& v, const std::map<int, int>& places,
+                  const SampleLayout& sample) const;
   void place_data();
   void place_priors();
 };

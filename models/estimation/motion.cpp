@@ -5,7 +5,8 @@
 namespace kincal {
 
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch) {
-  size_t rows = 8, width = 0, columns = 6, paths = 0, steps = 0, path_columns = 0, noisy = 0, depth = 6;  // of the largest view and path
+  size_t rows = 8, width = 0, columns = 6, paths = 0, steps = 0, path_columns = 0, noisy = 0,
+         depth = 6;  // of the largest view and path
   for (const auto& entry : layout.layouts) {
     const SampleLayout& sample = *entry.second;
     paths = std::max(paths, sample.paths.size());
@@ -24,7 +25,8 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
   scratch.resize(count);
   for (Scratch& s : scratch) {
     s.points.resize(layout.rig.targets.size());
-    for (size_t t = 0; t < s.points.size(); ++t) s.points[t].resize(3, layout.rig.targets[t].count());
+    for (size_t t = 0; t < s.points.size(); ++t)
+      s.points[t].resize(3, layout.rig.targets[t].count());
     s.rows.resize(rows, width + 1);
     s.evaluated.resize(rows, width + 1);
     s.r.resize(rows);
@@ -32,7 +34,8 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.gathered.resize(3 * rows);
     s.projected.resize(noisy, width + 1);
     s.rooted.resize(noisy, width + 1);
-    s.expand.reserve(static_cast<int>(width), static_cast<int>(depth), static_cast<int>(std::max(columns, path_columns)));
+    s.expand.reserve(static_cast<int>(width), static_cast<int>(depth),
+                     static_cast<int>(std::max(columns, path_columns)));
     s.motion.resize(layout.rig.tree.joints.size());
     s.moved.resize(layout.rig.tree.joints.size());
     s.reading.resize(layout.rig.tree.joints.size());
@@ -54,9 +57,11 @@ void Motion::prepare(const VectorXd& state) {
   for (size_t p = 0; p < charts_.size(); ++p) {
     if (charts_[p].size() == 0) continue;
     const int start = layout_.table.all[p].start;
-    const Vector6d xi = log_se3(inverse(get_pose(layout_.initial(), start)) * get_pose(state, start));
+    const Vector6d xi =
+        log_se3(inverse(get_pose(layout_.initial(), start)) * get_pose(state, start));
     const Matrix6d jacobian = right_jacobian_se3(xi);
-    for (size_t i = 0; i < layout_.freed[p]->components.size(); ++i) charts_[p].col(i) = jacobian.col(layout_.freed[p]->components[i]);
+    for (size_t i = 0; i < layout_.freed[p]->components.size(); ++i)
+      charts_[p].col(i) = jacobian.col(layout_.freed[p]->components[i]);
   }
 }
 
@@ -67,19 +72,23 @@ void Motion::motions(const PlacedSample& s, const VectorXd& state, Scratch& scra
     scratch.reading[j] = sample.readings[j];
     if (!s.layout->noisy.empty()) {
       const auto it = std::find(s.layout->noisy.begin(), s.layout->noisy.end(), j);
-      if (it != s.layout->noisy.end()) scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.layout->noisy.begin()));
+      if (it != s.layout->noisy.end())
+        scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.layout->noisy.begin()));
     }
-    return layout_.rig.joints[j].model->position(scratch.reading[j], state.data() + layout_.table.all[layout_.table.joint_offset[j]].start);
+    return layout_.rig.joints[j].model->position(
+        scratch.reading[j], state.data() + layout_.table.all[layout_.table.joint_offset[j]].start);
   };
   for (int j : s.layout->joints) {
     const Driver d = driver(layout_.rig.tree, j);
-    scratch.motion[j] = joint_motion(layout_.rig.tree.joints[j], d.factor * position(d.joint) + d.offset);
-    scratch.moved[j] = get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) * scratch.motion[j];
+    scratch.motion[j] =
+        joint_motion(layout_.rig.tree.joints[j], d.factor * position(d.joint) + d.offset);
+    scratch.moved[j] =
+        get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) * scratch.motion[j];
   }
 }
 
-/// Walks the sample's paths. A step's frame is that of the joint before its motion where its origin is estimated; elsewhere one in which
-/// the joint's axis is the same.
+/// Walks the sample's paths. A step's frame is that of the joint before its motion where its origin
+/// is estimated; elsewhere one in which the joint's axis is the same.
 void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
   for (size_t w = 0; w < s.layout->paths.size(); ++w) {
     const SensorPath& path = s.layout->paths[w];
@@ -88,16 +97,21 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
     for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
       const int j = path.steps[k].joint;
       const bool down = path.steps[k].direction > 0, moves = layout_.rig.tree.joints[j].moves();
-      const auto origin = [&] { return get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start); };
+      const auto origin = [&] {
+        return get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start);
+      };
       if (k == path.scan_step) {
-        // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's side; up: on the far one.
+        // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's
+        // side; up: on the far one.
         walked.link_T_before = down ? reached * origin() : reached;
         walked.frames[k] = down ? walked.link_T_before : Pose();
         reached = down ? Pose() : inverse(origin());  // from the far side on
         continue;
       }
       if (layout_.freed[layout_.table.joint_origin[j]])
-        walked.frames[k] = down ? reached * origin() : moves ? reached * inverse(scratch.motion[j]) : reached;
+        walked.frames[k] = down    ? reached * origin()
+                           : moves ? reached * inverse(scratch.motion[j])
+                                   : reached;
       else if (!down)
         walked.frames[k] = reached;
       const Pose step = moves ? scratch.moved[j] : origin();
@@ -108,14 +122,18 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
   }
 }
 
-/// Columns of a path, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11, behind it 0-5, its own numbers from 12 on).
-void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count, const VectorXd& state,
-                          Scratch& scratch, PathAtState& walked) const {
+/// Columns of a path, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11,
+/// behind it 0-5, its own numbers from 12 on).
+void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumns>& program,
+                          int count, const VectorXd& state, Scratch& scratch,
+                          PathAtState& walked) const {
   auto m = walked.twists.topLeftCorner(path.rows(), count);
   m.setZero();
   for (const MotionColumns& column : program) {
     const PathStep& step = path.steps[column.step];
-    const bool sensor_side = path.scan_step >= 0 && (column.step < path.scan_step || (column.step == path.scan_step && step.direction > 0));
+    const bool sensor_side =
+        path.scan_step >= 0 &&
+        (column.step < path.scan_step || (column.step == path.scan_step && step.direction > 0));
     const int row = sensor_side ? 6 : 0;
     if (column.source == Source::origin) {
       const Matrix6d twist = step.direction * adjoint(walked.frames[column.step]);
@@ -130,26 +148,32 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
       continue;
     }
     const JointModel& model = *layout_.rig.joints[column.joint].model;
-    const double* own = state.data() + layout_.table.all[layout_.table.joint_offset[column.joint]].start;
+    const double* own =
+        state.data() + layout_.table.all[layout_.table.joint_offset[column.joint]].start;
     const double reading = scratch.reading[column.joint];
-    const double by = column.factor *
-                      (column.source == Source::joint_number ? model.by_own(column.number, reading, own) : model.by_reading(reading, own));
+    const double by = column.factor * (column.source == Source::joint_number
+                                           ? model.by_own(column.number, reading, own)
+                                           : model.by_reading(reading, own));
     m.block<6, 1>(row, column.first) +=
-        by * position_twist(layout_.rig.tree.joints[step.joint], step.direction, walked.frames[column.step]);
+        by * position_twist(layout_.rig.tree.joints[step.joint], step.direction,
+                            walked.frames[column.step]);
   }
 }
 
 /// Where the pose of the view's target stands in the state.
 int Motion::target_start(const PlacedView& v, const PlacedSample& s) const {
-  return v.layout->target_slot >= 0 ? s.start + 12 * v.layout->target_slot
-                                    : layout_.table.all[layout_.table.target_pose[v.layout->target_index]].start;
+  return v.layout->target_slot >= 0
+             ? s.start + 12 * v.layout->target_slot
+             : layout_.table.all[layout_.table.target_pose[v.layout->target_index]].start;
 }
 
 /// Poses of the view into scratch.input (and scratch.scan).
-void Motion::view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+void Motion::view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                        Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
   const PathAtState& walked = scratch.paths[v.layout->path];
-  const Pose sensor_T_link = inverse(get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start));
+  const Pose sensor_T_link = inverse(
+      get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start));
   const Pose link_T_target = walked.link_T_far * get_pose(state, target_start(v, s));
   ViewInput& in = scratch.input;
   const int block = layout_.table.sensor_block[v.layout->sensor_index];
@@ -172,16 +196,18 @@ void Motion::view_poses(const PlacedView& v, const PlacedSample& s, const Vector
 }
 
 /// Columns of the path as the sensor sees them, column c to column at[c] of M.
-void Motion::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
-                              Scratch& scratch) const {
+void Motion::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                              const int* at, int count, Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
-  const Pose link_T_sensor = get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start);
+  const Pose link_T_sensor =
+      get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start);
   const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
   const MatrixXd& twists = scratch.paths[v.layout->path].twists;
   RowMatrix& m = scratch.expand.m;
   const int moved = path.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
   for (int c = 0; c < count; ++c) {
-    const Vector3d w = twists.block<3, 1>(moved + 3, c), x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
+    const Vector3d w = twists.block<3, 1>(moved + 3, c),
+                   x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
     if (moved) {
       m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
       for (int row = 12; row < path.rows(); ++row) m(row, at[c]) = twists(row, c);
@@ -191,8 +217,10 @@ void Motion::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const 
   }
 }
 
-/// M (path's rows x columns) of a view into the top left corner of scratch.m; view_poses() and path_columns() have been called.
-void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+/// M (path's rows x columns) of a view into the top left corner of scratch.m; view_poses() and
+/// path_columns() have been called.
+void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                              Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
   RowMatrix& m = scratch.expand.m;
   if (path.scan_step >= 0) m.setZero();
@@ -209,7 +237,8 @@ void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const 
     else
       m.block<6, 6>(row, column.first) = twist;
   }
-  seen_from_sensor(v, s, state, v.layout->path_column.data(), static_cast<int>(v.layout->path_column.size()), scratch);
+  seen_from_sensor(v, s, state, v.layout->path_column.data(),
+                   static_cast<int>(v.layout->path_column.size()), scratch);
 }
 
 }  // namespace kincal

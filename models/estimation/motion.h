@@ -1,8 +1,10 @@
-// The kinematics of one problem at a state: joints' motions, what lies between sensors and targets, and M, the derivative of the pose
-// that a sensor sees by the group's unknowns. This header is for the sources of this folder only.
+// The kinematics of one problem at a state: joints' motions, what lies between sensors and targets,
+// and M, the derivative of the pose that a sensor sees by the group's unknowns. This header is for
+// the sources of this folder only.
 //
-// For each sample: motions(), walk_paths(), then, for derivatives, path_columns() of each path; for each of its views view_poses(), then
-// kinematic_matrix(). All of them write to the worker's scratch.
+// For each sample: motions(), walk_paths(), then, for derivatives, path_columns() of each path; for
+// each of its views view_poses(), then kinematic_matrix(). All of them write to the worker's
+// scratch.
 #pragma once
 
 #include <vector>
@@ -15,8 +17,9 @@ namespace kincal {
 struct PathAtState {
   std::vector<Pose> frames;  // by step of the path
   Pose link_T_far;           // from the sensor's link to the target's
-  Pose link_T_before;        // with a scanning joint: to it, on the sensor's side; link_T_far is then seen from behind it
-  MatrixXd twists;           // in its top left corner: the path's columns
+  Pose link_T_before;  // with a scanning joint: to it, on the sensor's side; link_T_far is then
+                       // seen from behind it
+  MatrixXd twists;     // in its top left corner: the path's columns
 };
 
 /// Scratch is one worker's memory for the sample at hand.
@@ -30,15 +33,16 @@ struct Scratch {
   std::vector<Eigen::Matrix3Xd> points;  // by target
   std::vector<double> gathered;          // points of a view for its kernel
   RowMatrix evaluated;                   // L as sensors without a kernel write it
-  MatrixXd rows;                         // in its top left corner: [L r]; residuals alone in the last column
-  VectorXd r;                            // residuals of sensors without a kernel
-  std::vector<double> slopes;            // roots of the loss's slopes, by row
-  MatrixXd projected, rooted;            // mode marginal: noise' [L r], and that times the root
+  MatrixXd rows;               // in its top left corner: [L r]; residuals alone in the last column
+  VectorXd r;                  // residuals of sensors without a kernel
+  std::vector<double> slopes;  // roots of the loss's slopes, by row
+  MatrixXd projected, rooted;  // mode marginal: noise' [L r], and that times the root
   MatrixXd own_noise;
   ExpandScratch expand;
 };
 
-/// Makes scratch for `count` workers, sized for the largest view and path, so that nothing is allocated later.
+/// Makes scratch for `count` workers, sized for the largest view and path, so that nothing is
+/// allocated later.
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch);
 
 class Motion {
@@ -48,12 +52,14 @@ class Motion {
   void prepare(const VectorXd& state);
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count, const VectorXd& state, Scratch& scratch,
-                    PathAtState& walked) const;
-  void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state, const int* at, int count,
+  void path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count,
+                    const VectorXd& state, Scratch& scratch, PathAtState& walked) const;
+  void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                  Scratch& scratch) const;
+  void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                        const int* at, int count, Scratch& scratch) const;
+  void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                         Scratch& scratch) const;
-  void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
 
  private:
   int target_start(const PlacedView& v, const PlacedSample& s) const;

@@ -18,13 +18,16 @@ SmallMatrix inverse_square_root(const SmallMatrix& c) {
   const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
   SmallMatrix scaled = eigen.eigenvectors();
   for (Eigen::Index i = 0; i < c.cols(); ++i)
-    scaled.col(i) /= std::sqrt(std::max(eigen.eigenvalues()(i), 1e-14 * eigen.eigenvalues().maxCoeff()));
+    scaled.col(i) /=
+        std::sqrt(std::max(eigen.eigenvalues()(i), 1e-14 * eigen.eigenvalues().maxCoeff()));
   return scaled.lazyProduct(eigen.eigenvectors().transpose());
 }
 
-/// k rows of `columns` numbers, `ld` apart, times a k x k matrix from the left (K = k, or 0: any k up to 6), in place.
+/// k rows of `columns` numbers, `ld` apart, times a k x k matrix from the left (K = k, or 0: any k
+/// up to 6), in place.
 template <int K>
-void multiply_rows(const double* matrix, int k, double* rows, Eigen::Index ld, Eigen::Index columns) {
+void multiply_rows(const double* matrix, int k, double* rows, Eigen::Index ld,
+                   Eigen::Index columns) {
   const int n = K > 0 ? K : k;
   for (Eigen::Index c = 0; c < columns; ++c) {
     double in[6], out[6];
@@ -46,7 +49,10 @@ SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>
 
 }  // namespace
 
-Rows::Rows(const Layout& layout, const Motion& motion) : layout_(layout), motion_(motion), whitenings_(layout.whitenings) { set_losses(); }
+Rows::Rows(const Layout& layout, const Motion& motion)
+    : layout_(layout), motion_(motion), whitenings_(layout.whitenings) {
+  set_losses();
+}
 
 void Rows::set_losses() {
   losses_.assign(layout_.rig.sensors.size(), layout_.setup.loss);
@@ -59,7 +65,8 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
   ViewInput& in = scratch.input;
   Eigen::Matrix3Xd& points = scratch.points[v.layout->target_index];
   if (v.layout->target->grid) {
-    points = state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) * v.layout->target->layout;
+    points = state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) *
+             v.layout->target->layout;
     in.layout = &v.layout->target->layout;
   } else {
     const Parameter& p = layout_.table.all[layout_.table.target_points[v.layout->target_index]];
@@ -72,29 +79,36 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
   in.z = v.view->z.data();
 }
 
-/// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the loss's slopes applied; cost added.
-bool Rows::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives,
-                     Cost& cost) const {
+/// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the
+/// loss's slopes applied; cost added.
+bool Rows::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                     Scratch& scratch, bool derivatives, Cost& cost) const {
   motion_.view_poses(v, s, state, scratch);
-  return v.layout->kernel ? kernel_rows(v, state, scratch, derivatives, cost) : plain_rows(v, state, scratch, derivatives, cost);
+  return v.layout->kernel ? kernel_rows(v, state, scratch, derivatives, cost)
+                          : plain_rows(v, state, scratch, derivatives, cost);
 }
 
 /// view_rows() by the sensor's kernel.
-bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
-  const int stride = v.layout->stride(), w = v.layout->columns.total, rows = v.layout->padded_rows(),
-            count = static_cast<int>(v.layout->ids.size());
+bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch,
+                       bool derivatives, Cost& cost) const {
+  const int stride = v.layout->stride(), w = v.layout->columns.total,
+            rows = v.layout->padded_rows(), count = static_cast<int>(v.layout->ids.size());
   const double* points = layout_.seen.data() + v.layout->points;
   if (!v.layout->target->grid) {
-    const double* from = state.data() + layout_.table.all[layout_.table.target_points[v.layout->target_index]].start;
+    const double* from =
+        state.data() + layout_.table.all[layout_.table.target_points[v.layout->target_index]].start;
     for (int i = 0; i < stride; ++i)
-      for (int c = 0; c < 3; ++c) scratch.gathered[c * stride + i] = from[3 * v.layout->ids[std::min(i, count - 1)] + c];
+      for (int c = 0; c < 3; ++c)
+        scratch.gathered[c * stride + i] = from[3 * v.layout->ids[std::min(i, count - 1)] + c];
     points = scratch.gathered.data();
   }
   const Pose& pose = scratch.input.sensor_T_target;
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
   const PointView view = {
       points,
-      v.layout->target->grid ? state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) : 1.0,
+      v.layout->target->grid
+          ? state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start)
+          : 1.0,
       rotation.data(),
       pose.translation.data(),
       scratch.input.parameters,
@@ -102,8 +116,9 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
       layout_.seen.data() + v.measured,
       count,
       stride};
-  const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(), derivatives ? scratch.rows.data() : nullptr,
-                        scratch.rows.outerStride(), v.layout->own, v.layout->columns.square};
+  const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(),
+                        derivatives ? scratch.rows.data() : nullptr, scratch.rows.outerStride(),
+                        v.layout->own, v.layout->columns.square};
   double squares;
   if (!v.layout->kernel(view, to, squares)) return false;
   cost.chi2 += squares;
@@ -129,20 +144,25 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
 }
 
 /// view_rows() by the sensor's evaluate().
-bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const {
+bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch,
+                      bool derivatives, Cost& cost) const {
   view_input(v, state, scratch);
-  const int k = v.layout->model->rows(), blocks = v.layout->blocks(), rows = k * blocks, w = v.layout->columns.total;
+  const int k = v.layout->model->rows(), blocks = v.layout->blocks(), rows = k * blocks,
+            w = v.layout->columns.total;
   auto weighted = scratch.evaluated.topLeftCorner(rows, w + 1);
   if (derivatives) {
     weighted.setZero();
     Eigen::Ref<RowMatrix> l(weighted.leftCols(w));
-    if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(), &l)) return false;
+    if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(), &l))
+      return false;
     weighted.col(w) = scratch.r.head(rows);
-  } else if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(), nullptr)) {
+  } else if (!v.layout->model->evaluate(scratch.input, v.layout->columns, scratch.r.data(),
+                                        nullptr)) {
     return false;
   }
   const Whitening& white = whitenings_[v.whitening];
-  const bool marginal = layout_.setup.noise == NoiseMode::marginal;  // the view's residuals belong together
+  const bool marginal =
+      layout_.setup.noise == NoiseMode::marginal;  // the view's residuals belong together
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
     if (!white.block.empty()) {
@@ -172,7 +192,8 @@ bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scrat
     if (white.noise.size() > 0) {
       const Eigen::Index q = white.noise.cols();
       const auto take_away = [&](auto&& rows_of) {  // rows -= U root U' rows
-        auto projected = scratch.projected.topLeftCorner(q, rows_of.cols()), rooted = scratch.rooted.topLeftCorner(q, rows_of.cols());
+        auto projected = scratch.projected.topLeftCorner(q, rows_of.cols()),
+             rooted = scratch.rooted.topLeftCorner(q, rows_of.cols());
         projected.noalias() = white.noise.transpose().lazyProduct(rows_of);
         rooted.noalias() = white.root.lazyProduct(projected);
         rows_of.noalias() -= white.noise.lazyProduct(rooted);
@@ -192,29 +213,38 @@ bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scrat
   return true;
 }
 
-/// Row of prior i, derivatives only if asked for: they stand at places place .. place + count - 1 of the priors' group. `row` may hold
-/// that of prior i - 1: priors of one pose share its logarithm.
+/// Row of prior i, derivatives only if asked for: they stand at places place .. place + count - 1
+/// of the priors' group. `row` may hold that of prior i - 1: priors of one pose share its
+/// logarithm.
 void Rows::prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const {
   const Prior& prior = layout_.setup.priors[i];
   const Parameter& p = layout_.table.all[prior.parameter];
   const std::vector<int>& touched = layout_.groups.back().columns;
   const std::vector<int>& components = layout_.freed[prior.parameter]->components;
-  const bool same = row.parameter == prior.parameter, whole = p.pose && layout_.freed[prior.parameter]->whole(p);
+  const bool same = row.parameter == prior.parameter,
+             whole = p.pose && layout_.freed[prior.parameter]->whole(p);
   row.parameter = prior.parameter;
   if (p.pose) {
-    if (!same) row.log = log_se3(inverse(get_pose(layout_.initial(), p.start)) * get_pose(state, p.start));
-    if (!same && derivatives && whole) row.inverse_jacobian = inverse_of_small(right_jacobian_se3(row.log));
+    if (!same)
+      row.log = log_se3(inverse(get_pose(layout_.initial(), p.start)) * get_pose(state, p.start));
+    if (!same && derivatives && whole)
+      row.inverse_jacobian = inverse_of_small(right_jacobian_se3(row.log));
     row.r = row.log(prior.component) / prior.sigma;
   } else {
-    row.r = (state(p.start + prior.component) - layout_.initial()(p.start + prior.component)) / prior.sigma;
+    row.r = (state(p.start + prior.component) - layout_.initial()(p.start + prior.component)) /
+            prior.sigma;
   }
   if (!derivatives) return;
-  row.place = static_cast<int>(std::lower_bound(touched.begin(), touched.end(), layout_.first_column[prior.parameter]) - touched.begin());
+  row.place = static_cast<int>(
+      std::lower_bound(touched.begin(), touched.end(), layout_.first_column[prior.parameter]) -
+      touched.begin());
   row.count = whole ? 6 : 1;
   if (whole) {
-    for (int k = 0; k < 6; ++k) row.derivative[k] = row.inverse_jacobian(prior.component, k) / prior.sigma;
+    for (int k = 0; k < 6; ++k)
+      row.derivative[k] = row.inverse_jacobian(prior.component, k) / prior.sigma;
   } else {
-    row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) - components.begin());
+    row.place += static_cast<int>(std::find(components.begin(), components.end(), prior.component) -
+                                  components.begin());
     row.derivative[0] = 1 / prior.sigma;
   }
 }
@@ -229,7 +259,8 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       Whitening& white = whitenings_[v.whitening];
       const View& view = *v.view;
       const int k = v.layout->model->rows(), blocks = v.layout->blocks();
-      const Eigen::Map<const VectorXd> sigma(view.sigma.data(), static_cast<Eigen::Index>(view.sigma.size()));
+      const Eigen::Map<const VectorXd> sigma(view.sigma.data(),
+                                             static_cast<Eigen::Index>(view.sigma.size()));
       const bool own_noise = v.layout->model->has_own_noise(), joints = !path.noise.empty();
       depends = depends || own_noise || joints;
       if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
@@ -254,8 +285,9 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
         if (b.rows() == 3 && b.cols() == 3)
           root = sigma.cwiseInverse().asDiagonal() * Matrix3d(Matrix3d(b).inverse());
         else
-          root = b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
-                                      : inverse_square_root(covariance_of(b, sigma));
+          root = b.rows() == b.cols()
+                     ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
+                     : inverse_square_root(covariance_of(b, sigma));
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.
@@ -287,14 +319,17 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
         }
       } else {
         for (int i = 0; i < blocks; ++i)
-          jq.middleRows(i * k, k) = white.block.empty() ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
-                                                        : MatrixXd(white.block[i] * jq.middleRows(i * k, k));
+          jq.middleRows(i * k, k) =
+              white.block.empty()
+                  ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
+                  : MatrixXd(white.block[i] * jq.middleRows(i * k, k));
         white.noise = jq;
         const SymmetricEigen eigen = symmetric_eigen(jq.transpose() * jq);
         const VectorXd w = eigen.values.cwiseMax(0.0);
         const MatrixXd& q = eigen.vectors;
         // 1 - 1 / sqrt(1 + w) over w, without cancellation for small w.
-        const VectorXd root = w.unaryExpr([](double x) { return 1 / (std::sqrt(1 + x) * (1 + std::sqrt(1 + x))); });
+        const VectorXd root =
+            w.unaryExpr([](double x) { return 1 / (std::sqrt(1 + x) * (1 + std::sqrt(1 + x))); });
         white.root = q * root.asDiagonal() * q.transpose();
       }
     }

@@ -1,5 +1,5 @@
-// The whitened rows [L r] of views and priors at a state. How covariances of the noise modes become white stands at the head of
-// estimation.h. This header is for the sources of this folder only.
+// The whitened rows [L r] of views and priors at a state. How covariances of the noise modes become
+// white stands at the head of estimation.h. This header is for the sources of this folder only.
 #pragma once
 
 #include <vector>
@@ -18,7 +18,8 @@ struct Whitening {
   MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
-/// A PriorRow is the row of a prior: its derivatives stand at places place .. place + count - 1 of the priors' group.
+/// A PriorRow is the row of a prior: its derivatives stand at places place .. place + count - 1 of
+/// the priors' group.
 struct PriorRow {
   int parameter = -1, place = 0, count = 0;
   double derivative[6];
@@ -32,16 +33,20 @@ class Rows {
   Rows(const Layout& layout, const Motion& motion);
   /// Takes over the setup's noise ratios when they have changed.
   void set_losses();
-  /// Evaluates the covariances that depend on the state at this one; false if there are none. Motion::prepare() must have been called.
+  /// Evaluates the covariances that depend on the state at this one; false if there are none.
+  /// Motion::prepare() must have been called.
   bool renew(const VectorXd& state, Scratch& scratch);
 
-  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
+                 Scratch& scratch, bool derivatives, Cost& cost) const;
   void view_input(const PlacedView& v, const VectorXd& state, Scratch& scratch) const;
   void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
 
  private:
-  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
-  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives, Cost& cost) const;
+  bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives,
+                   Cost& cost) const;
+  bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives,
+                  Cost& cost) const;
 
   const Layout& layout_;
   const Motion& motion_;

@@ -21,13 +21,16 @@ Matrix3d nearest_rotation(const Matrix3d& m) {
 }
 
 /// X and Y of A_i X = Y B_i. False if the rotations do not determine them.
-bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y) {
+bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x,
+                          Pose& y) {
   const Eigen::Index n = static_cast<Eigen::Index>(a.size());
   if (n < 3) return false;
-  Eigen::Matrix<double, 9, 9> t = Eigen::Matrix<double, 9, 9>::Zero();  // vec(R_Y) = (R_B (x) R_A) vec(R_X)
+  Eigen::Matrix<double, 9, 9> t =
+      Eigen::Matrix<double, 9, 9>::Zero();  // vec(R_Y) = (R_B (x) R_A) vec(R_X)
   for (Eigen::Index i = 0; i < n; ++i)
     for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 3; ++c) t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
+      for (int c = 0; c < 3; ++c)
+        t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
   const SingularValues9 svd = singular_values(t);
   if (svd.values(0) - svd.values(1) < 1e-4 * n) return false;
   Eigen::Matrix<double, 9, 1> vx = svd.v.col(0), vy = svd.u.col(0);
@@ -59,7 +62,8 @@ Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
 
 Matrix3Xd select_columns(const Matrix3Xd& points, const std::vector<int>& ids) {
   Matrix3Xd out(3, static_cast<Eigen::Index>(ids.size()));
-  for (size_t i = 0; i < ids.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = points.col(ids[i]);
+  for (size_t i = 0; i < ids.size(); ++i)
+    out.col(static_cast<Eigen::Index>(i)) = points.col(ids[i]);
   return out;
 }
 
@@ -93,7 +97,8 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   const bool flat = spread(2) <= 1e-6 * spread(0);
   if (n >= 4 && spread(1) > 1e-6 * spread(0) && (flat || n >= 6)) {
     const Matrix3Xd q = axes.transpose() * centred / size;
-    const double scale = std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
+    const double scale =
+        std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
     const int k = flat ? 3 : 4;  // columns of the projective matrix: x, y, (z,) 1
     Eigen::MatrixXd a = Eigen::MatrixXd::Zero(2 * n, 3 * k);
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -110,7 +115,8 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
     }
     const SymmetricEigen solution = symmetric_eigen(a.transpose() * a);
     Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
-        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(VectorXd(solution.vectors.col(0)).data(), 3, k);
+        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(
+            VectorXd(solution.vectors.col(0)).data(), 3, k);
     m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
     const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
     m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
@@ -124,7 +130,9 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
     const Vector3d t = m.col(k - 1) * size, line = t.normalized();
     std::vector<Matrix3d> rotations = {r};
     // A plane's mirror image across the line of sight looks almost the same from afar.
-    if (flat) rotations.push_back((2 * line * line.transpose() - Matrix3d::Identity()) * r * Vector3d(-1, -1, 1).asDiagonal());
+    if (flat)
+      rotations.push_back((2 * line * line.transpose() - Matrix3d::Identity()) * r *
+                          Vector3d(-1, -1, 1).asDiagonal());
     for (const Matrix3d& rotation : rotations) {
       Pose pose;
       pose.rotation = rotation * axes.transpose();
@@ -132,8 +140,9 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       out.push_back(pose);
     }
   }
-  const bool in_front = std::any_of(out.begin(), out.end(),
-                                    [&](const Pose& p) { return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0; });
+  const bool in_front = std::any_of(out.begin(), out.end(), [&](const Pose& p) {
+    return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
+  });
   if (!in_front || n < 6)  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
@@ -156,7 +165,8 @@ bool pose_from_directions(const Matrix3Xd& points, const Matrix3Xd& xy1, Pose& c
   return std::isfinite(least);
 }
 
-bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, Pose& frame_T_target) {
+bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d,
+                    Pose& frame_T_target) {
   const Eigen::Index n = p.cols();
   if (n < 4 || on_a_line(p)) return false;
   const Vector3d mean = p.rowwise().mean();
@@ -183,7 +193,8 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
   else
     r.col(2) = r.col(0).cross(r.col(1)) / std::max(r.col(0).norm(), 1e-12);
   r = nearest_rotation(r);
-  for (Eigen::Index i = 0; i < n; ++i) right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
+  for (Eigen::Index i = 0; i < n; ++i)
+    right.segment<3>(3 * i) = d.col(i).cross(Vector3d(o.col(i) - r * q.col(i)));
   const Vector3d t = least_squares(MatrixXd(a.rightCols<3>()), right);
   frame_T_target.rotation = r * axes.transpose();
   frame_T_target.translation = t - frame_T_target.rotation * mean;
@@ -192,11 +203,13 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d, 
 
 Pose robust_mean(const std::vector<Pose>& poses, double length) {
   const auto distance = [&](const Pose& a, const Pose& b) {
-    return log_so3(a.rotation.transpose() * b.rotation).norm() + (a.translation - b.translation).norm() / length;
+    return log_so3(a.rotation.transpose() * b.rotation).norm() +
+           (a.translation - b.translation).norm() / length;
   };
   size_t best = 0;
   double least = kInfinity;
-  const size_t stride = std::max<size_t>(1, poses.size() / 200);  // enough candidates for many samples
+  const size_t stride =
+      std::max<size_t>(1, poses.size() / 200);  // enough candidates for many samples
   for (size_t i = 0; i < poses.size(); i += stride) {
     double sum = 0;
     for (const Pose& p : poses) sum += distance(poses[i], p);
@@ -211,11 +224,13 @@ Pose robust_mean(const std::vector<Pose>& poses, double length) {
   Vector3d translation = Vector3d::Zero();
   int count = 0;
   for (size_t i = 0; i < poses.size(); ++i)
-    if (away[i] <= limit) rotation += poses[i].rotation, translation += poses[i].translation, ++count;
+    if (away[i] <= limit)
+      rotation += poses[i].rotation, translation += poses[i].translation, ++count;
   return {nearest_rotation(rotation), translation / count};
 }
 
-bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y) {
+bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x,
+                                 Pose& y) {
   if (!robot_world_hand_eye(a, b, x, y)) return false;
   const size_t n = a.size();
   std::vector<double> away(n);
@@ -234,7 +249,9 @@ bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<P
   for (int trial = 0; trial < 200 && n > 6; ++trial) {
     const size_t i = draws.bits() % n, j = draws.bits() % n, k = draws.bits() % n;
     Pose trial_x, trial_y;
-    if (i == j || j == k || k == i || !robot_world_hand_eye({a[i], a[j], a[k]}, {b[i], b[j], b[k]}, trial_x, trial_y)) continue;
+    if (i == j || j == k || k == i ||
+        !robot_world_hand_eye({a[i], a[j], a[k]}, {b[i], b[j], b[k]}, trial_x, trial_y))
+      continue;
     const double one = middle(trial_x, trial_y);
     if (one < least) least = one, x = trial_x, y = trial_y, better = true;
   }

@@ -18,7 +18,8 @@ std::set<int> undefined_samples(Estimation& problem, const Values& values) {
   std::set<int> out;
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     Cost cost;
-    const bool defined = problem.evaluate(static_cast<int>(g), state, 0, cost) && std::isfinite(cost.doubled);
+    const bool defined =
+        problem.evaluate(static_cast<int>(g), state, 0, cost) && std::isfinite(cost.doubled);
     const int sample = problem.sample_of(static_cast<int>(g));
     if (!defined && sample >= 0) out.insert(sample);
   }
@@ -26,13 +27,15 @@ std::set<int> undefined_samples(Estimation& problem, const Values& values) {
 }
 
 /// Samples in which views of the setup's sensors show a free target whose pose is not known.
-std::vector<int> with_unknown_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors,
-                                      const Values& values) {
+std::vector<int> with_unknown_targets(const Recording& recording, const std::vector<int>& samples,
+                                      const std::vector<int>& sensors, const Values& values) {
   std::vector<int> out;
   for (int i : samples)
     for (const View& v : recording.samples[i].views) {
       const bool takes_part = std::count(sensors.begin(), sensors.end(), v.sensor) > 0;
-      if (!takes_part || recording.rig.targets[v.target].link >= 0 || values.targets.count({i, v.target})) continue;
+      if (!takes_part || recording.rig.targets[v.target].link >= 0 ||
+          values.targets.count({i, v.target}))
+        continue;
       out.push_back(i);
       break;
     }
@@ -40,15 +43,18 @@ std::vector<int> with_unknown_targets(const Recording& recording, const std::vec
 }
 
 /// The problem of the samples that can start, with the free targets' poses in place.
-std::unique_ptr<Estimation> started_problem(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
-                                            const FitOptions& options, Fit& out) {
+std::unique_ptr<Estimation> started_problem(const Recording& recording,
+                                            const std::vector<int>& samples,
+                                            const EstimationSetup& setup, const FitOptions& options,
+                                            Fit& out) {
   const Loss loss = options.start_loss.value_or(setup.loss);
   const auto start = [&](const std::vector<int>& some) {
     start_targets(recording, some, setup.sensors, loss, out.values, options.refine);
   };
   if (!options.leave_out_undefined) {
     auto problem = std::make_unique<Estimation>(recording, samples, setup);
-    start(options.trust_start ? with_unknown_targets(recording, samples, setup.sensors, out.values) : samples);
+    start(options.trust_start ? with_unknown_targets(recording, samples, setup.sensors, out.values)
+                              : samples);
     return problem;
   }
   std::set<int> undefined;
@@ -76,8 +82,11 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
   Estimation& problem = *out.problem;
   out.state = problem.pack(out.values);
   if (problem.setup().loss.from_data) {
-    out.summary = solve_graduated(problem, recording.rig, options.solver, out.state, options.noise_ratios);
-    if (!options.converge || out.summary.outcome == Outcome::undefined_start || out.summary.outcome == Outcome::cancelled) return;
+    out.summary =
+        solve_graduated(problem, recording.rig, options.solver, out.state, options.noise_ratios);
+    if (!options.converge || out.summary.outcome == Outcome::undefined_start ||
+        out.summary.outcome == Outcome::cancelled)
+      return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
   out.summary = out.solver->solve(out.state);
@@ -85,8 +94,8 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
 
 }  // namespace
 
-Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup, Values start,
-        const FitOptions& options) {
+Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
+        Values start, const FitOptions& options) {
   Fit out;
   out.values = std::move(start);
   out.problem = started_problem(recording, samples, setup, options, out);
@@ -98,7 +107,8 @@ Fit fit(const Recording& recording, const std::vector<int>& samples, const Estim
   minimise(recording, options, out);
   if (!out.defined() && options.trust_start && !options.leave_out_undefined) {
     out.values.targets.clear();
-    start_targets(recording, samples, setup.sensors, options.start_loss.value_or(setup.loss), out.values, options.refine);
+    start_targets(recording, samples, setup.sensors, options.start_loss.value_or(setup.loss),
+                  out.values, options.refine);
     minimise(recording, options, out);
   }
   if (out.defined()) out.problem->unpack(out.state, out.values);

@@ -1,12 +1,13 @@
-// One fit of a recording: poses of free targets are started, everything that the setup frees is minimised, and the values come back. All
-// other code starts and minimises through it.
+// One fit of a recording: poses of free targets are started, everything that the setup frees is
+// minimised, and the values come back. All other code starts and minimises through it.
 //
-// Samples that cannot start. A residual is undefined where a point lies behind its camera. By default that is an error: no pose can be
-// proposed for a free target (an exception), or a residual is undefined at the start (the outcome, with the solver's undefined_group). With
+// Samples that cannot start. A residual is undefined where a point lies behind its camera. By
+// default that is an error: no pose can be proposed for a free target (an exception), or a residual
+// is undefined at the start (the outcome, with the solver's undefined_group). With
 // `leave_out_undefined` these samples take no part and are listed instead.
 //
-// Losses whose scale comes from the data (Loss::from_data) are solved by a graduated fit (robust.h), whose scales stay; then the solver
-// goes on to convergence.
+// Losses whose scale comes from the data (Loss::from_data) are solved by a graduated fit
+// (robust.h), whose scales stay; then the solver goes on to convergence.
 #pragma once
 
 #include <memory>
@@ -20,34 +21,39 @@ namespace kincal {
 
 struct FitOptions {
   SolverOptions solver;
-  std::optional<Loss> start_loss;     // of the fits that start single targets; absent: the setup's
-  bool refine = true;                 // false: a target starts at its best proposal as it is (cheap)
-  /// True: poses of targets in the start are not checked; all are found anew if they lead nowhere. It has no effect if samples may be left
-  /// out.
+  std::optional<Loss> start_loss;  // of the fits that start single targets; absent: the setup's
+  bool refine = true;              // false: a target starts at its best proposal as it is (cheap)
+  /// True: poses of targets in the start are not checked; all are found anew if they lead nowhere.
+  /// It has no effect if samples may be left out.
   bool trust_start = false;
-  bool leave_out_undefined = false;   // samples that cannot start are left out and listed instead of an error
-  bool converge = true;               // false: a graduated fit is enough, the last solve to convergence is left out
-  const std::vector<double>* noise_ratios = nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
+  bool leave_out_undefined =
+      false;  // samples that cannot start are left out and listed instead of an error
+  bool converge =
+      true;  // false: a graduated fit is enough, the last solve to convergence is left out
+  const std::vector<double>* noise_ratios =
+      nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };
 
 /// A fit holds its problem, which refers to the recording: the recording must outlive it.
 struct Fit {
   std::unique_ptr<Estimation> problem;  // of the samples that took part
-  VectorXd state;                       // of the problem. Call problem->renew(state) before its residuals are asked for
-  Values values;                        // the start, with what was estimated in place
-  /// With undefined_start nothing was minimised, and `values` has the started targets; the same if no sample is left. A problem without
-  /// measurements is converged, without history.
+  VectorXd state;  // of the problem. Call problem->renew(state) before its residuals are asked for
+  Values values;   // the start, with what was estimated in place
+  /// With undefined_start nothing was minimised, and `values` has the started targets; the same if
+  /// no sample is left. A problem without measurements is converged, without history.
   SolveSummary summary;
-  std::unique_ptr<LevenbergMarquardt> solver;  // that made it; null: nothing but a graduated fit was made
-  std::vector<int> left_out;            // samples that could not start, ascending
+  std::unique_ptr<LevenbergMarquardt>
+      solver;                 // that made it; null: nothing but a graduated fit was made
+  std::vector<int> left_out;  // samples that could not start, ascending
 
   bool defined() const { return summary.outcome != Outcome::undefined_start; }
 };
 
-/// `samples` are the indices of those that take part; `start` has shared values, and targets' poses and joint errors where they are known.
-/// @throws std::runtime_error naming sample and target where no pose of a target can be evaluated, unless such samples are left out;
-/// std::invalid_argument as Estimation does.
-Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup, Values start,
-        const FitOptions& options = {});
+/// `samples` are the indices of those that take part; `start` has shared values, and targets' poses
+/// and joint errors where they are known.
+/// @throws std::runtime_error naming sample and target where no pose of a target can be evaluated,
+/// unless such samples are left out; std::invalid_argument as Estimation does.
+Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
+        Values start, const FitOptions& options = {});
 
 }  // namespace kincal

@@ -27,25 +27,30 @@ std::optional<double> cost_at(Estimation& problem, const Values& values) {
 std::vector<int> free_targets(const Rig& rig, const Sample& sample, const std::vector<char>& used) {
   std::vector<int> targets;
   for (const View& v : sample.views)
-    if (used[v.sensor] && rig.targets[v.target].link < 0 && std::find(targets.begin(), targets.end(), v.target) == targets.end())
+    if (used[v.sensor] && rig.targets[v.target].link < 0 &&
+        std::find(targets.begin(), targets.end(), v.target) == targets.end())
       targets.push_back(v.target);
   return targets;
 }
 
-/// Whether none of a sample's views of a target, by the marked sensors, gives a pose to start from; `types`: of these sensors.
-bool no_view_tells_a_pose(const Rig& rig, const Sample& sample, int target, const std::vector<char>& used, std::string& types) {
+/// Whether none of a sample's views of a target, by the marked sensors, gives a pose to start from;
+/// `types`: of these sensors.
+bool no_view_tells_a_pose(const Rig& rig, const Sample& sample, int target,
+                          const std::vector<char>& used, std::string& types) {
   for (const View& v : sample.views) {
     const Sensor& sensor = rig.sensors[v.sensor];
     if (!used[v.sensor] || v.target != target) continue;
     if (sensor.model->measurement_kind() != MeasurementKind::none) return false;
-    if (types.find(sensor.type) == std::string::npos) types += (types.empty() ? "" : ", ") + sensor.type;
+    if (types.find(sensor.type) == std::string::npos)
+      types += (types.empty() ? "" : ", ") + sensor.type;
   }
   return true;
 }
 
-/// The better of the two best proposals, with residuals minimised. `order`: cost and index of each proposal, ascending; `trial`: what else
-/// the problem depends on.
-Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key, const std::vector<Pose>& found,
+/// The better of the two best proposals, with residuals minimised. `order`: cost and index of each
+/// proposal, ascending; `trial`: what else the problem depends on.
+Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
+                      const std::vector<Pose>& found,
                       const std::vector<std::pair<double, size_t>>& order, Values& trial) {
   double least = kInfinity;
   Pose best = found[order[0].second];
@@ -66,8 +71,9 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key, const
 
 }  // namespace
 
-void start_targets(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& sensors, const Loss& loss,
-                   Values& values, bool refined) {
+void start_targets(const Recording& recording, const std::vector<int>& samples,
+                   const std::vector<int>& sensors, const Loss& loss, Values& values,
+                   bool refined) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<char> used(rig.sensors.size(), 0);
@@ -95,17 +101,21 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
           for (const Pose& p : proposals(rig, table, values.shared, sample, v)) found.push_back(p);
       std::string types;
       if (found.empty() && no_view_tells_a_pose(rig, sample, target, used, types))
-        throw std::runtime_error("sample '" + sample.id + "': no start found for the pose of target '" + rig.targets[target].name +
-                                 "': what sees it (" + types +
-                                 ") does not tell where it is; let another sensor see it too, or mount it on a link with a pose");
+        throw std::runtime_error("sample '" + sample.id +
+                                 "': no start found for the pose of target '" +
+                                 rig.targets[target].name + "': what sees it (" + types +
+                                 ") does not tell where it is; let another sensor see it too, or "
+                                 "mount it on a link with a pose");
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {
         trial.targets[key] = found[i];
         if (const std::optional<double> cost = cost_at(rank, trial)) order.push_back({*cost, i});
       }
       if (order.empty())
-        throw std::runtime_error("sample '" + sample.id + "': no start found for the pose of target '" + rig.targets[target].name +
-                                 "': at every pose that its views propose some point lies behind a camera");
+        throw std::runtime_error(
+            "sample '" + sample.id + "': no start found for the pose of target '" +
+            rig.targets[target].name +
+            "': at every pose that its views propose some point lies behind a camera");
       std::sort(order.begin(), order.end());
       if (!refined) {
         values.targets[key] = found[order[0].second];
@@ -119,17 +129,23 @@ void start_targets(const Recording& recording, const std::vector<int>& samples, 
 }
 
 bool some_sensor_tells_no_pose(const Rig& rig) {
-  return std::any_of(rig.sensors.begin(), rig.sensors.end(), [](const Sensor& s) { return s.model->measurement_kind() == MeasurementKind::none; });
+  return std::any_of(rig.sensors.begin(), rig.sensors.end(), [](const Sensor& s) {
+    return s.model->measurement_kind() == MeasurementKind::none;
+  });
 }
 
-std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view) {
+std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
+                                   const VectorXd& values, const View& view) {
   const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
-  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), view_ids(view, rig.targets[view.target]));
+  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target),
+                                          view_ids(view, rig.targets[view.target]));
   if (kind == MeasurementKind::chain) return Pose();
-  if (kind != MeasurementKind::pose &&
-      !((kind == MeasurementKind::points || (kind == MeasurementKind::rays && points.cols() >= 4)) && !on_a_line(points)))
+  if (kind != MeasurementKind::pose && !((kind == MeasurementKind::points ||
+                                          (kind == MeasurementKind::rays && points.cols() >= 4)) &&
+                                         !on_a_line(points)))
     return std::nullopt;
-  // Alone with its sensor at the origin of a one-view problem: the same refinement as for free targets.
+  // Alone with its sensor at the origin of a one-view problem: the same refinement as for free
+  // targets.
   Rig alone;
   alone.tree.links = {"base"};
   finish_tree(alone.tree);
@@ -151,7 +167,8 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table, 
     result.shared.segment(small.all[to].start, p.size()) = values.segment(p.start, p.size());
   };
   for (size_t b = 0; b < recording.rig.sensors[0].parameters.size(); ++b)
-    copy(small.sensor_block[0] + static_cast<int>(b), table.sensor_block[view.sensor] + static_cast<int>(b));
+    copy(small.sensor_block[0] + static_cast<int>(b),
+         table.sensor_block[view.sensor] + static_cast<int>(b));
   copy(small.target_square[0], table.target_square[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {

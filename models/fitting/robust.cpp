@@ -4,7 +4,8 @@
 #include <cmath>
 
 namespace kincal {
-std::vector<double> robust_noise_ratios(const Rig& rig, const std::vector<ViewResiduals>& residuals) {
+std::vector<double> robust_noise_ratios(const Rig& rig,
+                                        const std::vector<ViewResiduals>& residuals) {
   std::vector<std::vector<double>> sizes(rig.sensors.size());
   for (const ViewResiduals& r : residuals)
     for (Eigen::Index i = 0; i < r.whitened.size(); ++i)
@@ -14,19 +15,24 @@ std::vector<double> robust_noise_ratios(const Rig& rig, const std::vector<ViewRe
     std::vector<double>& v = sizes[s];
     if (v.empty()) continue;
     std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
-    out[s] =
-        std::max(1.4826 * v[v.size() / 2], rig.sensors[s].model->measurement_kind() == MeasurementKind::chain ? 1.0 : kLeastNoiseRatio);
+    out[s] = std::max(1.4826 * v[v.size() / 2],
+                      rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
+                          ? 1.0
+                          : kLeastNoiseRatio);
   }
   return out;
 }
 
-SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions options, VectorXd& state,
-                             const std::vector<double>* noise_ratios) {
+SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions options,
+                             VectorXd& state, const std::vector<double>* noise_ratios) {
   constexpr double kFall = 4, kSteady = 1.05;
   problem.renew(state);
   std::vector<double> scales = robust_noise_ratios(rig, problem.residuals(state));
   const double largest = *std::max_element(scales.begin(), scales.end());
-  scales.assign(scales.size(), noise_ratios ? std::max(largest, *std::max_element(noise_ratios->begin(), noise_ratios->end())) : largest);
+  scales.assign(scales.size(), noise_ratios
+                                   ? std::max(largest, *std::max_element(noise_ratios->begin(),
+                                                                         noise_ratios->end()))
+                                   : largest);
   problem.set_noise_ratios(scales);
   options.relative_decrease = 1e-3;
   options.max_iterations = 20;
@@ -34,9 +40,11 @@ SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions 
   SolveSummary summary;
   for (bool steady = false; !steady;) {
     summary = solver.solve(state);
-    if (summary.outcome == Outcome::undefined_start || summary.outcome == Outcome::cancelled) return summary;
+    if (summary.outcome == Outcome::undefined_start || summary.outcome == Outcome::cancelled)
+      return summary;
     problem.renew(state);
-    const std::vector<double> seen = noise_ratios ? *noise_ratios : robust_noise_ratios(rig, problem.residuals(state));
+    const std::vector<double> seen =
+        noise_ratios ? *noise_ratios : robust_noise_ratios(rig, problem.residuals(state));
     steady = true;
     for (size_t s = 0; s < scales.size(); ++s) {
       const double next = std::min(scales[s], std::max(seen[s], scales[s] / kFall));

@@ -18,8 +18,8 @@ namespace {
 
 using TargetPoses = std::map<std::pair<int, int>, Pose>;  // base_T_target by (sample, target)
 
-/// A view relates the sensor's pose and the target's in a sample. `sensor_T_target` is what it gives by itself: of a camera's two mirror
-/// solutions their own residuals decide.
+/// A view relates the sensor's pose and the target's in a sample. `sensor_T_target` is what it
+/// gives by itself: of a camera's two mirror solutions their own residuals decide.
 struct Relation {
   int sample;
   const View* view;
@@ -28,9 +28,10 @@ struct Relation {
 
 /// Proposals for one unknown pose by relations in which everything else is known.
 struct Evidence {
-  std::vector<Pose> poses;                                        // the pose itself
-  std::vector<Vector3d> from, to;                                 // the unknown pose takes `from` to `to`
-  std::vector<Vector3d> ray_points, ray_origins, ray_directions;  // where single views have no pose: points, and rays that they lie on
+  std::vector<Pose> poses;         // the pose itself
+  std::vector<Vector3d> from, to;  // the unknown pose takes `from` to `to`
+  std::vector<Vector3d> ray_points, ray_origins,
+      ray_directions;  // where single views have no pose: points, and rays that they lie on
 };
 
 /// A pose, and the number of points that support it; a pose counts as four.
@@ -45,27 +46,36 @@ struct PairOfUnknowns {
 };
 using Pairs = std::map<std::pair<int, int>, PairOfUnknowns>;  // by the parameters of X and Y
 
-/// Poses of sensors and targets, and the views that relate them: which are known, and what these propose for the others.
+/// Poses of sensors and targets, and the views that relate them: which are known, and what these
+/// propose for the others.
 class PoseGraph {
  public:
-  PoseGraph(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown, Values& values);
+  PoseGraph(const Recording& recording, const std::vector<int>& samples,
+            const std::vector<int>& unknown, Values& values);
 
   const std::vector<int>& open() const { return open_; }
   bool settle_one();
   bool settle_two();
   void settle(int parameter, const Pose& pose);
-  Pose pose_of(int parameter) const { return get_pose(values_.shared, table_.all[parameter].start); }
+  Pose pose_of(int parameter) const {
+    return get_pose(values_.shared, table_.all[parameter].start);
+  }
 
  private:
-  Configuration robot(int sample) const { return Configuration(rig_, table_, values_.shared, recording_.samples[sample].readings); }
+  Configuration robot(int sample) const {
+    return Configuration(rig_, table_, values_.shared, recording_.samples[sample].readings);
+  }
   bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
   TargetPoses known_targets() const;
   Evidence evidence_for(int parameter, const TargetPoses& targets) const;
-  void add_for_sensor(const Relation& relation, const Pose& base_T_target, Evidence& evidence) const;
+  void add_for_sensor(const Relation& relation, const Pose& base_T_target,
+                      Evidence& evidence) const;
   void add_for_target(const Relation& relation, Evidence& evidence) const;
-  void add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor, Evidence& evidence) const;
+  void add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor,
+                Evidence& evidence) const;
   Matrix3Xd seen_points(const View& view) const {
-    return select_columns(target_points(rig_, table_, values_.shared, view.target), view_ids(view, rig_.targets[view.target]));
+    return select_columns(target_points(rig_, table_, values_.shared, view.target),
+                          view_ids(view, rig_.targets[view.target]));
   }
   Proposal proposal(int parameter, Evidence evidence) const;
   Pairs pairs_of_unknowns() const;
@@ -80,7 +90,8 @@ class PoseGraph {
   std::vector<Relation> relations_;
 };
 
-PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown, Values& values)
+PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples,
+                     const std::vector<int>& unknown, Values& values)
     : recording_(recording),
       rig_(recording.rig),
       table_(recording.table),
@@ -90,10 +101,12 @@ PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples
       open_(unknown) {
   for (int p : unknown) known_[p] = 0;
   for (int index : samples)
-    for (const View& v : recording.samples[index].views) relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
+    for (const View& v : recording.samples[index].views)
+      relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
 }
 
-/// base_T_target where sensors with known poses see a free target, or where a mounted one's pose is known.
+/// base_T_target where sensors with known poses see a free target, or where a mounted one's pose is
+/// known.
 TargetPoses PoseGraph::known_targets() const {
   std::vector<int> known_sensors;
   for (int s = 0; s < static_cast<int>(rig_.sensors.size()); ++s)
@@ -114,19 +127,23 @@ TargetPoses PoseGraph::known_targets() const {
   return out;
 }
 
-void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor, Evidence& evidence) const {
+void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor,
+                         Evidence& evidence) const {
   const Matrix3Xd points = seen_points(view);
   std::vector<int> keep;
-  const Matrix3Xd xy1 = seen_directions(rig_, table_, values_.shared, view, static_cast<int>(points.cols()), keep);
+  const Matrix3Xd xy1 =
+      seen_directions(rig_, table_, values_.shared, view, static_cast<int>(points.cols()), keep);
   for (size_t i = 0; i < keep.size(); ++i) {
     evidence.ray_points.push_back(frame_T_points * Vector3d(points.col(keep[i])));
     evidence.ray_origins.push_back(frame_T_sensor.translation);
-    evidence.ray_directions.push_back(frame_T_sensor.rotation * xy1.col(static_cast<Eigen::Index>(i)));
+    evidence.ray_directions.push_back(frame_T_sensor.rotation *
+                                      xy1.col(static_cast<Eigen::Index>(i)));
   }
 }
 
 /// Of a sensor's pose, where its target's is known.
-void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_target, Evidence& evidence) const {
+void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_target,
+                               Evidence& evidence) const {
   const View& v = *relation.view;
   const Sensor& sensor = rig_.sensors[v.sensor];
   const MeasurementKind kind = sensor.model->measurement_kind();
@@ -134,13 +151,15 @@ void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_targ
   if (kind == MeasurementKind::rays && !relation.sensor_T_target)
     add_rays(v, inverse(posture.base_T_link(sensor.link)) * base_T_target, Pose(), evidence);
   if (relation.sensor_T_target)
-    evidence.poses.push_back(inverse(posture.base_T_link(sensor.link)) * base_T_target * inverse(*relation.sensor_T_target));
+    evidence.poses.push_back(inverse(posture.base_T_link(sensor.link)) * base_T_target *
+                             inverse(*relation.sensor_T_target));
   const bool scan = kind == MeasurementKind::scan;
   if (!scan && kind != MeasurementKind::points) return;
   const Matrix3Xd points = seen_points(v);
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const double* z = v.z.data() + 3 * i;
-    const Pose base_T_link = (scan ? posture.with(sensor.scanning_joint, z[0]) : posture).base_T_link(sensor.link);
+    const Pose base_T_link =
+        (scan ? posture.with(sensor.scanning_joint, z[0]) : posture).base_T_link(sensor.link);
     evidence.from.push_back(scan ? TiltingLaser::measured_point(z) : Vector3d(z[0], z[1], z[2]));
     evidence.to.push_back(inverse(base_T_link) * (base_T_target * Vector3d(points.col(i))));
   }
@@ -154,12 +173,16 @@ void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) con
   const Configuration posture = robot(relation.sample);
   const Pose base_T_link = posture.base_T_link(rig_.targets[v.target].link);
   if (kind == MeasurementKind::rays && !relation.sensor_T_target)
-    add_rays(v, Pose(), inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor), evidence);
+    add_rays(
+        v, Pose(),
+        inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor),
+        evidence);
   if (kind == MeasurementKind::scan || kind == MeasurementKind::points) {
     const Matrix3Xd points = seen_points(v);
     Matrix3Xd in_base;
     if (kind == MeasurementKind::scan) {
-      in_base = scanned_points(rig_, table_, values_.shared, recording_.samples[relation.sample], v);
+      in_base =
+          scanned_points(rig_, table_, values_.shared, recording_.samples[relation.sample], v);
     } else {
       const Pose base_T_sensor = posture.base_T_sensor(v.sensor);
       in_base.resize(3, points.cols());
@@ -171,8 +194,8 @@ void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) con
       evidence.to.push_back(inverse(base_T_link) * Vector3d(in_base.col(i)));
     }
   } else if (relation.sensor_T_target) {
-    evidence.poses.push_back(inverse(base_T_link) * posture.base_T_link(sensor.link) * posture.link_T_sensor(v.sensor) *
-                             *relation.sensor_T_target);
+    evidence.poses.push_back(inverse(base_T_link) * posture.base_T_link(sensor.link) *
+                             posture.link_T_sensor(v.sensor) * *relation.sensor_T_target);
   }
 }
 
@@ -193,7 +216,8 @@ Evidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) cons
 Proposal PoseGraph::proposal(int parameter, Evidence evidence) const {
   std::vector<Pose>& poses = evidence.poses;
   if (poses.empty() && evidence.from.empty() && !evidence.ray_points.empty()) {
-    const Matrix3Xd points = columns_of(evidence.ray_points), directions = columns_of(evidence.ray_directions);
+    const Matrix3Xd points = columns_of(evidence.ray_points),
+                    directions = columns_of(evidence.ray_directions);
     Pose found;
     if (table_.all[parameter].kind == ParameterKind::sensor_pose) {
       if (pose_from_directions(points, directions, found)) poses.push_back(inverse(found));
@@ -205,7 +229,8 @@ Proposal PoseGraph::proposal(int parameter, Evidence evidence) const {
   const size_t by_points = !evidence.from.empty() && !on_a_line(a) ? evidence.from.size() : 0;
   Proposal out;
   out.weight = std::max(poses.size() * 4, by_points);
-  if (out.weight > 0) out.pose = poses.size() * 4 >= by_points ? robust_mean(poses, 1.0) : fit_points(a, b);
+  if (out.weight > 0)
+    out.pose = poses.size() * 4 >= by_points ? robust_mean(poses, 1.0) : fit_points(a, b);
   return out;
 }
 
@@ -215,7 +240,8 @@ void PoseGraph::settle(int parameter, const Pose& pose) {
   open_.erase(std::find(open_.begin(), open_.end(), parameter));
 }
 
-/// Settles the pose with the most support of those that are the only unknown of a relation. Returns false if there is none.
+/// Settles the pose with the most support of those that are the only unknown of a relation. Returns
+/// false if there is none.
 bool PoseGraph::settle_one() {
   const TargetPoses targets = known_targets();
   int best = -1;
@@ -231,10 +257,13 @@ bool PoseGraph::settle_one() {
   return true;
 }
 
-/// Relations L_a X_a P = L_b X_b Q of two unknown poses, that is A X = Y B with A = L_b^-1 L_a, X = X_a, Y = X_b, B = Q P^-1.
+/// Relations L_a X_a P = L_b X_b Q of two unknown poses, that is A X = Y B with A = L_b^-1 L_a, X =
+/// X_a, Y = X_b, B = Q P^-1.
 Pairs PoseGraph::pairs_of_unknowns() const {
   Pairs pairs;
-  const auto base_T_link = [&](const Relation& r) { return robot(r.sample).base_T_link(rig_.sensors[r.view->sensor].link); };
+  const auto base_T_link = [&](const Relation& r) {
+    return robot(r.sample).base_T_link(rig_.sensors[r.view->sensor].link);
+  };
   for (size_t i = 0; i < relations_.size(); ++i) {
     const Relation& first = relations_[i];
     if (!first.sensor_T_target || known_sensor(*first.view)) continue;
@@ -250,7 +279,8 @@ Pairs PoseGraph::pairs_of_unknowns() const {
     }
     for (size_t k = i + 1; k < relations_.size() && relations_[k].sample == first.sample; ++k) {
       const Relation& second = relations_[k];
-      if (!second.sensor_T_target || second.view->target != target || known_sensor(*second.view)) continue;
+      if (!second.sensor_T_target || second.view->target != target || known_sensor(*second.view))
+        continue;
       const int y = table_.sensor_pose[second.view->sensor];
       if (x == y) continue;
       PairOfUnknowns& pair = pairs[{x, y}];
@@ -261,14 +291,16 @@ Pairs PoseGraph::pairs_of_unknowns() const {
   return pairs;
 }
 
-/// Settles the two poses that most relations tie to each other. Returns false if no two are determined.
+/// Settles the two poses that most relations tie to each other. Returns false if no two are
+/// determined.
 bool PoseGraph::settle_two() {
   std::pair<int, int> chosen(-1, -1);
   Pose x, y;
   size_t most = 0;
   for (const auto& [parameters, pair] : pairs_of_unknowns()) {
     Pose trial_x, trial_y;
-    if (pair.a.size() <= most || !robust_robot_world_hand_eye(pair.a, pair.b, trial_x, trial_y)) continue;
+    if (pair.a.size() <= most || !robust_robot_world_hand_eye(pair.a, pair.b, trial_x, trial_y))
+      continue;
     most = pair.a.size();
     chosen = parameters;
     x = trial_x;
@@ -282,13 +314,16 @@ bool PoseGraph::settle_two() {
 
 }  // namespace
 
-std::vector<std::string> start_unknown_poses(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown,
-                                             Values& values) {
+std::vector<std::string> start_unknown_poses(const Recording& recording,
+                                             const std::vector<int>& samples,
+                                             const std::vector<int>& unknown, Values& values) {
   PoseGraph graph(recording, samples, unknown, values);
   std::vector<std::string> failed;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two()) continue;
-    const int first = graph.open().front();  // nothing ties it to anything: the identity, and the others from there
+    const int first =
+        graph.open()
+            .front();  // nothing ties it to anything: the identity, and the others from there
     failed.push_back(recording.table.all[first].name);
     graph.settle(first, graph.pose_of(first));
   }

@@ -1,9 +1,11 @@
 // Starting values of poses of sensors and mounted targets that the rig does not give.
 //
-// Views relate poses: with L_s = base_T_link of a sensor, X_s its pose, B = sensor_T_target as the view sees it, and G = base_T_target (a
-// mounted target's: L_t Z_t),  L_s X_s B = G.  Poses are found one after the other: where everything else of a relation is known, as the
-// robust mean over all samples; point correspondences, and directions of all views together, serve where single views do not determine a
-// pose. Where two are unknown, A_i X = Y B_i is solved over all samples (closed_form.h).
+// Views relate poses: with L_s = base_T_link of a sensor, X_s its pose, B = sensor_T_target as the
+// view sees it, and G = base_T_target (a mounted target's: L_t Z_t),  L_s X_s B = G.  Poses are
+// found one after the other: where everything else of a relation is known, as the robust mean over
+// all samples; point correspondences, and directions of all views together, serve where single
+// views do not determine a pose. Where two are unknown, A_i X = Y B_i is solved over all samples
+// (closed_form.h).
 #pragma once
 
 #include <string>
@@ -13,9 +15,10 @@
 
 namespace kincal {
 
-/// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in values.shared.
-/// Returns the names of those that could not be found and stay at the identity.
-std::vector<std::string> start_unknown_poses(const Recording& recording, const std::vector<int>& samples, const std::vector<int>& unknown,
-                                             Values& values);
+/// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in
+/// values.shared. Returns the names of those that could not be found and stay at the identity.
+std::vector<std::string> start_unknown_poses(const Recording& recording,
+                                             const std::vector<int>& samples,
+                                             const std::vector<int>& unknown, Values& values);
 
 }  // namespace kincal

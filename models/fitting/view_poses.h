@@ -1,5 +1,6 @@
-// The poses of a target that single views propose. A chain proposes its hand, a pose sensor its pose, points a rigid fit (Kabsch), a scan a
-// rigid fit in the base frame, a camera its PnP (closed_form.h).
+// The poses of a target that single views propose. A chain proposes its hand, a pose sensor its
+// pose, points a rigid fit (Kabsch), a scan a rigid fit in the base frame, a camera its PnP
+// (closed_form.h).
 #pragma once
 
 #include <vector>
@@ -9,19 +10,23 @@
 
 namespace kincal {
 
-/// Finds the directions (x, y, 1) of the pixels of a camera's view of `count` points. Those that could not be found are left out; `keep`
-/// gets the places in the view of the others.
-Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view, int count,
+/// Finds the directions (x, y, 1) of the pixels of a camera's view of `count` points. Those that
+/// could not be found are left out; `keep` gets the places in the view of the others.
+Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table,
+                                 const VectorXd& values, const View& view, int count,
                                  std::vector<int>& keep);
 
-/// Returns the poses sensor_T_target that one view proposes by itself; a scanner's view proposes none.
-std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
+/// Returns the poses sensor_T_target that one view proposes by itself; a scanner's view proposes
+/// none.
+std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                             const View& view);
 
 /// Returns the points of a scanning view in the base frame, in m.
-Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample,
-                                const View& view);
+Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                                const Sample& sample, const View& view);
 
 /// Returns the poses base_T_target that one view proposes if its sensor's pose is known.
-std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Sample& sample, const View& view);
+std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                            const Sample& sample, const View& view);
 
 }  // namespace kincal

@@ -7,7 +7,8 @@ const JointModels& joint_models() {
   return models;
 }
 
-std::shared_ptr<const JointModel> find_joint_model(const JointModels& models, const std::string& name) {
+std::shared_ptr<const JointModel> find_joint_model(const JointModels& models,
+                                                   const std::string& name) {
   for (const std::shared_ptr<const JointModel>& model : models)
     if (model->name() == name) return model;
   return nullptr;

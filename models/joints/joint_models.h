@@ -15,6 +15,7 @@ using JointModels = std::vector<std::shared_ptr<const JointModel>>;
 const JointModels& joint_models();
 
 /// The model of this name; null: there is none.
-std::shared_ptr<const JointModel> find_joint_model(const JointModels& models, const std::string& name);
+std::shared_ptr<const JointModel> find_joint_model(const JointModels& models,
+                                                   const std::string& name);
 
 }  // namespace kincal

@@ -1,5 +1,6 @@
-// Everything that is known after a study: a solution, and each analysis and trial that was made of it. What of it a user should know before
-// using the result stands in warnings() (warnings.h), in one place, after everything is known.
+// Everything that is known after a study: a solution, and each analysis and trial that was made of
+// it. What of it a user should know before using the result stands in warnings() (warnings.h), in
+// one place, after everything is known.
 #pragma once
 
 #include <optional>
@@ -21,14 +22,15 @@
 
 namespace kincal {
 
-/// A Warning is something to know before the result is used: `id` as in the formats, and a sentence.
+/// A Warning is something to know before the result is used: `id` as in the formats, and a
+/// sentence.
 struct Warning {
   std::string id, text;
 };
 
 /// NoiseRounds are how the estimation of the noise went.
 struct NoiseRounds {
-  int count = 0;       // calibrations that estimated the noise
+  int count = 0;           // calibrations that estimated the noise
   bool converged = false;  // the last of them moved no sigma by more than 1 %
 };
 
@@ -39,13 +41,14 @@ struct Report {
   std::optional<NoiseRounds> noise_estimated;  // else the sigmas are the rig's
   Explanation explanation;                     // weakly determined directions of the last step
   std::vector<Leverage> leverage;              // above 1 sigma, largest first
-  Misfits misfits;                             // samples and views that fit much worse than the others
-  std::vector<Rejected> rejected;              // taken out before the fit
-  std::string no_consensus;                    // why nothing was taken out although it was asked for
-  std::vector<Rejected> outliers;              // after a plain fit that ended badly: what a robust one would take out
+  Misfits misfits;                 // samples and views that fit much worse than the others
+  std::vector<Rejected> rejected;  // taken out before the fit
+  std::string no_consensus;        // why nothing was taken out although it was asked for
+  std::vector<Rejected>
+      outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
-  std::optional<Staging> staging;              // of a rig without steps
-  std::optional<Diagnosis> diagnosis;          // of a calibration that ended badly
+  std::optional<Staging> staging;      // of a rig without steps
+  std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;
   std::vector<Warning> warnings;

@@ -6,9 +6,10 @@
 
 namespace kincal {
 
-/// A Requirement is a tolerance. For a sensor it is on rms as read: of the held-out samples if these have points of the sensor, else
-/// cross-validated, else of training. For a frame it is on the rms of the predicted sigma over the samples' postures (without such over the
-/// joints' limits), of the calibration alone.
+/// A Requirement is a tolerance. For a sensor it is on rms as read: of the held-out samples if
+/// these have points of the sensor, else cross-validated, else of training. For a frame it is on
+/// the rms of the predicted sigma over the samples' postures (without such over the joints'
+/// limits), of the calibration alone.
 struct Requirement {
   enum class Quantity { sensor, frame, chi2_per_dof };
   std::string text;  // as given

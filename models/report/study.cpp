@@ -17,15 +17,18 @@ struct CannotStart {
 };
 
 /// Steps from the data for a rig that has none: the same recording with them.
-std::shared_ptr<const Recording> with_steps(const Recording& recording, const std::vector<Sample>& chosen_from, const StudyOptions& options,
-                                            Report& report) {
+std::shared_ptr<const Recording> with_steps(const Recording& recording,
+                                            const std::vector<Sample>& chosen_from,
+                                            const StudyOptions& options, Report& report) {
   Rig rig = recording.rig;
   rig.steps.clear();
   StagingOptions staging;
   staging.noise = options.calibration.noise;
   staging.threads = options.calibration.threads;
   if (const auto& progress = options.calibration.progress)
-    staging.progress = [&progress](const std::string& what) { return progress("staging: " + what, 0, kNan, kNan); };
+    staging.progress = [&progress](const std::string& what) {
+      return progress("staging: " + what, 0, kNan, kNan);
+    };
   try {
     report.staging = stage(rig, chosen_from, staging);
   } catch (const std::runtime_error& error) {
@@ -42,8 +45,10 @@ bool ended(const Solution& solution) {
   return solution.status == Status::undefined_start;
 }
 
-/// Parts 1 to 4 up to the solution. The recording returned has the steps that were run, and the samples as given.
-std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recording, const StudyOptions& options, Report& report) {
+/// Parts 1 to 4 up to the solution. The recording returned has the steps that were run, and the
+/// samples as given.
+std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recording,
+                                       const StudyOptions& options, Report& report) {
   const CalibrationOptions& calibration = options.calibration;
   const bool staged = recording->rig.steps.empty();
   if (staged) recording = with_steps(*recording, recording->samples, options, report);
@@ -51,7 +56,8 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
   bool solved = false;
   if (options.reject) {
     std::optional<Cleaned> clean = calibrate_without_outliers(left, calibration);
-    if (clean && staged && !clean->rejected.empty()) {  // the steps were chosen with the outliers in
+    if (clean && staged &&
+        !clean->rejected.empty()) {  // the steps were chosen with the outliers in
       recording = with_steps(*recording, clean->solution.samples(), options, report);
       clean = calibrate_without_outliers(recording, calibration);
     }
@@ -85,43 +91,54 @@ void analyse(const StudyOptions& options, Report& report) {
   report.residuals = residuals(at);
   report.misfits = misfits(report.solution, report.residuals);
   const Solution& solution = report.solution;
-  const bool badly = solution.status == Status::not_converged || solution.chi2 > 10 * static_cast<double>(solution.dof);
+  const bool badly = solution.status == Status::not_converged ||
+                     solution.chi2 > 10 * static_cast<double>(solution.dof);
   if (badly && !options.reject) {
-    std::optional<std::vector<Rejected>> outliers = find_outliers(solution.recording, options.calibration);
+    std::optional<std::vector<Rejected>> outliers =
+        find_outliers(solution.recording, options.calibration);
     if (!outliers) throw Cancelled();
     report.outliers = std::move(*outliers);
   }
-  if (options.restarts > 0 && !(report.restarts = restarts(solution, options.calibration, options.restarts))) throw Cancelled();
+  if (options.restarts > 0 &&
+      !(report.restarts = restarts(solution, options.calibration, options.restarts)))
+    throw Cancelled();
   if (options.loops) report.loops = loops(solution);
   Validation& validation = report.validation;
   validation.held_out = options.held_out;
   validation.test = held_out_errors(solution, report.residuals);
   if (options.cross_validate > 0) {
-    validation.cross_validation = cross_validate(solution.recording, options.calibration, options.cross_validate);
+    validation.cross_validation =
+        cross_validate(solution.recording, options.calibration, options.cross_validate);
     if (!validation.cross_validation) throw Cancelled();
   }
   if (!options.frames.empty()) {
     const Unknowns unknowns = last_unknowns(at);
-    for (const Frame& frame : options.frames) validation.frames.push_back(report_frame(solution, unknowns, frame));
+    for (const Frame& frame : options.frames)
+      validation.frames.push_back(report_frame(solution, unknowns, frame));
   }
   for (const Requirement& r : options.requirements)
-    validation.requirements.push_back(judge_requirement(r, validation, report.residuals.sensors, solution.chi2, solution.dof));
+    validation.requirements.push_back(
+        judge_requirement(r, validation, report.residuals.sensors, solution.chi2, solution.dof));
 }
 
 /// Mistakes are looked for in the samples as they were used, with the rig as it was given.
-void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options, Report& report) {
+void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options,
+                   Report& report) {
   DoctorOptions doctor;
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
   if (const auto& progress = options.calibration.progress)
-    doctor.progress = [&progress](int, int) { return progress("looking for mistakes", 0, kNan, kNan); };
+    doctor.progress = [&progress](int, int) {
+      return progress("looking for mistakes", 0, kNan, kNan);
+    };
   report.diagnosis = diagnose(rig, samples, doctor);
   if (!report.diagnosis) throw Cancelled();
 }
 
 }  // namespace
 
-std::optional<Report> study(const std::shared_ptr<const Recording>& recording, const StudyOptions& options) {
+std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
+                            const StudyOptions& options) {
   Report report;
   try {
     std::shared_ptr<const Recording> given = recording;
@@ -135,8 +152,10 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording, c
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(options, report);
-    const bool unexplained = solution.status != Status::converged || solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
-    if (options.diagnose && unexplained) add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
+    const bool unexplained = solution.status != Status::converged ||
+                             solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
+    if (options.diagnose && unexplained)
+      add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
   } catch (const Cancelled&) {
     return std::nullopt;
   }

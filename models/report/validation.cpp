@@ -16,8 +16,8 @@ const HeldOutError* find_sensor(const std::vector<HeldOutError>& all, const std:
 
 }  // namespace
 
-Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
-                            double chi2, long dof) {
+Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
+                            const std::vector<SensorResult>& sensors, double chi2, long dof) {
   Judgement out;
   out.requirement = requirement;
   out.measured = kNan;
@@ -30,11 +30,13 @@ Judgement judge_requirement(const Requirement& requirement, const Validation& va
     }
     if (e) {
       out.measured = requirement.rotation ? e->rotation_as_read : e->rms_as_read;
-      if (e->missing > 0) out.why = std::to_string(e->missing) + " held-out views cannot be evaluated";
+      if (e->missing > 0)
+        out.why = std::to_string(e->missing) + " held-out views cannot be evaluated";
     } else {
       out.from = "train";
       for (const SensorResult& s : sensors)
-        if (s.name == requirement.name) out.measured = requirement.rotation ? s.train.rotation_as_read : s.train.rms_as_read;
+        if (s.name == requirement.name)
+          out.measured = requirement.rotation ? s.train.rotation_as_read : s.train.rms_as_read;
       if (!std::isfinite(out.measured)) out.why = "the sensor sees nothing";
     }
   } else if (requirement.quantity == Requirement::Quantity::frame) {

@@ -22,12 +22,13 @@ struct Validation {
 
   /// Returns whether all requirements are met.
   bool met() const {
-    return std::all_of(requirements.begin(), requirements.end(), [](const Judgement& j) { return j.met; });
+    return std::all_of(requirements.begin(), requirements.end(),
+                       [](const Judgement& j) { return j.met; });
   }
 };
 
 /// Measures what is required; the frames of `validation` must contain that of the requirement.
-Judgement judge_requirement(const Requirement& requirement, const Validation& validation, const std::vector<SensorResult>& sensors,
-                            double chi2, long dof);
+Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
+                            const std::vector<SensorResult>& sensors, double chi2, long dof);
 
 }  // namespace kincal

@@ -16,12 +16,16 @@ using Warnings = std::vector<Warning>;
 constexpr size_t kShown = 5;
 
 std::string excess_text(double ratio) {
-  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain", ratio);
+  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain",
+              ratio);
 }
 
-std::string count_text(size_t count, const char* what) { return std::to_string(count) + " " + what + (count == 1 ? "" : "s"); }
+std::string count_text(size_t count, const char* what) {
+  return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
+}
 
-/// The types of the sensors whose views show what has this pose, if none of them can give a pose to start from; else "".
+/// The types of the sensors whose views show what has this pose, if none of them can give a pose to
+/// start from; else "".
 std::string types_without_start(const Solution& solution, const std::string& pose) {
   std::string types;
   for (const Sample& sample : solution.samples())
@@ -32,7 +36,8 @@ std::string types_without_start(const Solution& solution, const std::string& pos
         continue;
       const Sensor& sensor = solution.rig().sensors[v.sensor];
       if (sensor.model->measurement_kind() != MeasurementKind::none) return "";
-      if (types.find(sensor.type) == std::string::npos) types += (types.empty() ? "" : ", ") + sensor.type;
+      if (types.find(sensor.type) == std::string::npos)
+        types += (types.empty() ? "" : ", ") + sensor.type;
     }
   return types;
 }
@@ -40,38 +45,50 @@ std::string types_without_start(const Solution& solution, const std::string& pos
 void warn_of_starts(const Solution& solution, Warnings& out) {
   for (const std::string& message : solution.without_effect) out.push_back({"no_effect", message});
   for (const std::string& name : solution.identity_starts)
-    out.push_back(
-        {"identity", name + " is absent from the rig and freed in part or with a prior: its initial value is the identity"});
+    out.push_back({"identity", name + " is absent from the rig and freed in part or with a prior: "
+                                      "its initial value is the identity"});
   for (const std::string& name : solution.lost_starts) {
     const std::string types = types_without_start(solution, name);
-    out.push_back({"no_start", name + " is absent from the rig and " +
-                                   (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
-                                                  : "a sensor of type " + types +
-                                                        " gives no pose to start from: it starts at the identity, and the result may be "
-                                                        "wrong; give it a pose in the rig")});
+    out.push_back(
+        {"no_start",
+         name + " is absent from the rig and " +
+             (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
+                            : "a sensor of type " + types +
+                                  " gives no pose to start from: it starts at the identity, and "
+                                  "the result may be "
+                                  "wrong; give it a pose in the rig")});
   }
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
   for (const UndefinedSample& sample : residuals.undefined)
-    out.push_back(sample.before
-                      ? Warning{"undefined_before", "sample '" + sample.id + "' cannot be evaluated at the rig's values (a point behind a "
-                                                    "camera): it is missing from rms_before"}
-                      : Warning{"undefined", "held-out sample '" + sample.id + "' cannot be evaluated at the estimate (a point behind a "
-                                             "camera): it is missing from its rms"});
+    out.push_back(
+        sample.before
+            ? Warning{"undefined_before",
+                      "sample '" + sample.id +
+                          "' cannot be evaluated at the rig's values (a point behind a "
+                          "camera): it is missing from rms_before"}
+            : Warning{"undefined", "held-out sample '" + sample.id +
+                                       "' cannot be evaluated at the estimate (a point behind a "
+                                       "camera): it is missing from its rms"});
 }
 
 void warn_of_steps(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   for (const StepResult& s : solution.steps)
     if (!s.converged)
-      out.push_back({"not_converged", "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations"});
+      out.push_back({"not_converged", "step '" + s.name + "' did not converge in " +
+                                          std::to_string(s.iterations) + " iterations"});
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
     std::string sum;
-    for (const auto& c : solution.unobservable[i]) sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
-    const std::vector<WeakDirection>& weak = report.explanation.weak;  // those of `unobservable` stand first
-    const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure : "hold one of these or give it a prior";
-    out.push_back({"unobservable", "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
+    for (const auto& c : solution.unobservable[i])
+      sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
+    const std::vector<WeakDirection>& weak =
+        report.explanation.weak;  // those of `unobservable` stand first
+    const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure
+                                            : "hold one of these or give it a prior";
+    out.push_back({"unobservable",
+                   "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
   }
 }
 
@@ -79,16 +96,18 @@ void warn_of_chi2(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2 / solution.dof;
   if (solution.dof > 0 && ratio > 1.5) out.push_back({"chi2", excess_text(ratio)});
-  if (solution.dof > 0 && ratio < 1 / 1.5 && solution.noise != NoiseMode::point)  // there it means nothing
-    out.push_back(
-        {"chi2",
-         text("chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the sigmas of the result are too large", ratio)});
+  if (solution.dof > 0 && ratio < 1 / 1.5 &&
+      solution.noise != NoiseMode::point)  // there it means nothing
+    out.push_back({"chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of "
+                                "the rig say; the sigmas of the result are too large",
+                                ratio)});
   for (const SensorResult& s : report.residuals.sensors)
     if (s.train.whitened_count && s.train.whitened_squared / s.train.whitened_count > 1.5)
-      out.push_back({"chi2", "sensor '" + s.name + "': " +
-                                 text("chi2/n is %.3g, its residuals are %.2g times its sigma",
-                                      s.train.whitened_squared / s.train.whitened_count,
-                                      std::sqrt(s.train.whitened_squared / s.train.whitened_count))});
+      out.push_back(
+          {"chi2", "sensor '" + s.name + "': " +
+                       text("chi2/n is %.3g, its residuals are %.2g times its sigma",
+                            s.train.whitened_squared / s.train.whitened_count,
+                            std::sqrt(s.train.whitened_squared / s.train.whitened_count))});
 }
 
 void warn_of_joint_errors(const Solution& solution, Warnings& out) {
@@ -106,28 +125,40 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
     if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
   }
   for (const auto& x : excess)
-    out.push_back({"joint_error", "joint '" + rig.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " +
-                                      count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
-                                      text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.worst * rig.joints[x.first].sigma) +
-                                      solution.samples()[x.second.sample].id + "'"});
+    out.push_back({"joint_error",
+                   "joint '" + rig.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " +
+                       count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
+                       text("%+.3g sigmas (%.3g) in sample '", x.second.worst,
+                            x.second.worst * rig.joints[x.first].sigma) +
+                       solution.samples()[x.second.sample].id + "'"});
 }
 
 void warn_of_parameters(const Solution& solution, Warnings& out) {
   const std::vector<std::string>& identity = solution.identity_starts;
   for (const ParameterEstimate& e : solution.parameters) {
     if (e.pose && std::find(identity.begin(), identity.end(), e.name) == identity.end()) {
-      const double moved = std::hypot(e.value[0], e.value[1], e.value[2]), turned = std::hypot(e.value[3], e.value[4], e.value[5]);
-      if (moved > 0.1) out.push_back({"moved", e.name + text(" moved by %.3g m from its initial value: is that possible?", moved)});
+      const double moved = std::hypot(e.value[0], e.value[1], e.value[2]),
+                   turned = std::hypot(e.value[3], e.value[4], e.value[5]);
+      if (moved > 0.1)
+        out.push_back(
+            {"moved",
+             e.name + text(" moved by %.3g m from its initial value: is that possible?", moved)});
       if (turned > 10 * kPi / 180)
-        out.push_back({"moved", e.name + text(" turned by %.3g degrees from its initial value: is that possible?", turned * 180 / kPi)});
+        out.push_back(
+            {"moved",
+             e.name + text(" turned by %.3g degrees from its initial value: is that possible?",
+                           turned * 180 / kPi)});
     }
     for (size_t c = 0; c < e.value.size(); ++c) {
       const std::string name = e.component_name(c);
       if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > 3 * e.prior[c])
-        out.push_back({"prior", name + text(" is %.1f prior sigmas from its prior", (e.value[c] - e.initial[c]) / e.prior[c])});
-      if (e.units[c] == "m" && e.sigma[c] > 0.01) out.push_back({"sigma", name + text(" is known to %.3g m only (one sigma)", e.sigma[c])});
+        out.push_back({"prior", name + text(" is %.1f prior sigmas from its prior",
+                                            (e.value[c] - e.initial[c]) / e.prior[c])});
+      if (e.units[c] == "m" && e.sigma[c] > 0.01)
+        out.push_back({"sigma", name + text(" is known to %.3g m only (one sigma)", e.sigma[c])});
       if (e.units[c] == "rad" && e.sigma[c] > kPi / 180)
-        out.push_back({"sigma", name + text(" is known to %.3g degrees only (one sigma)", e.sigma[c] * 180 / kPi)});
+        out.push_back({"sigma", name + text(" is known to %.3g degrees only (one sigma)",
+                                            e.sigma[c] * 180 / kPi)});
     }
   }
 }
@@ -140,18 +171,21 @@ double largest_bend(const Solution& solution, int joint) {
     if (std::isnan(reading)) return;
     const Configuration robot(rig, solution.table(), solution.values.shared, sample.readings);
     const double* own = robot.own_numbers(joint);
-    largest = std::max(largest, std::abs(rig.joints[joint].model->position(reading, own) - (own[1] * reading + own[0])));
+    largest = std::max(largest, std::abs(rig.joints[joint].model->position(reading, own) -
+                                         (own[1] * reading + own[0])));
   };
   for (const Sample& sample : solution.samples()) {
     include(sample, sample.readings[joint]);
     for (const View& v : sample.views)
       if (rig.sensors[v.sensor].scanning_joint == joint)
-        for (size_t i = 0; i < v.z.size(); i += rig.sensors[v.sensor].model->numbers()) include(sample, v.z[i]);
+        for (size_t i = 0; i < v.z.size(); i += rig.sensors[v.sensor].model->numbers())
+          include(sample, v.z[i]);
   }
   return largest;
 }
 
-/// A URDF takes up offsets, and scales on demand; who reads no more than it loses the rest of a joint model.
+/// A URDF takes up offsets, and scales on demand; who reads no more than it loses the rest of a
+/// joint model.
 void warn_of_joint_models(const Solution& solution, Warnings& out) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
@@ -162,25 +196,31 @@ void warn_of_joint_models(const Solution& solution, Warnings& out) {
     std::string numbers;
     for (int k = 2; k < rig.joints[j].model->size(); ++k) {
       const Parameter& p = table.all[table.joint_offset[j] + k];
-      numbers += (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
+      numbers +=
+          (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
     }
-    out.push_back({"joint_model", "joint '" + rig.tree.joints[j].name + "': a URDF cannot express its joint model (" + numbers +
-                                      "); a robot that takes the linear part alone is off by up to" + text(" %.3g ", largest) +
-                                      table.all[table.joint_offset[j]].units[0] +
-                                      " in these samples. The numbers stand in the calibrated rig"});
+    out.push_back(
+        {"joint_model", "joint '" + rig.tree.joints[j].name +
+                            "': a URDF cannot express its joint model (" + numbers +
+                            "); a robot that takes the linear part alone is off by up to" +
+                            text(" %.3g ", largest) + table.all[table.joint_offset[j]].units[0] +
+                            " in these samples. The numbers stand in the calibrated rig"});
   }
 }
 
-void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found, Warnings& out) {
+void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found,
+                     Warnings& out) {
   if (found.empty()) return;
   std::string list;
   for (size_t i = 0; i < found.size() && i < kShown; ++i)
     list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
-  out.push_back({id, count_text(found.size(), kind) + " with residuals or joint errors far beyond what is usual here: " + list +
+  out.push_back({id, count_text(found.size(), kind) +
+                         " with residuals or joint errors far beyond what is usual here: " + list +
                          (found.size() > kShown ? ", ..." : "")});
 }
 
-/// What a robust fit names, in place of the samples and views that stick out of a plain one, which it may mislead.
+/// What a robust fit names, in place of the samples and views that stick out of a plain one, which
+/// it may mislead.
 void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
   struct Kind {
     const char *id, *one, *many;
@@ -194,39 +234,51 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
     Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
     kind.count += std::max<size_t>(1, r.ids.size());
     if (++kind.shown > kShown) continue;
-    kind.list += (kind.shown > 1 ? ", '" : "'") + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor);
+    kind.list +=
+        (kind.shown > 1 ? ", '" : "'") + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor);
   }
   for (const Kind& kind : kinds)
     if (kind.count > 0)
-      out.push_back({kind.id, "a robust fit finds that " + std::to_string(kind.count) + (kind.count == 1 ? kind.one : kind.many) +
-                                  " not belong to the others: " + kind.list + (kind.shown > kShown ? ", ..." : "") +
+      out.push_back({kind.id, "a robust fit finds that " + std::to_string(kind.count) +
+                                  (kind.count == 1 ? kind.one : kind.many) +
+                                  " not belong to the others: " + kind.list +
+                                  (kind.shown > kShown ? ", ..." : "") +
                                   "; a calibration that rejects outliers takes them out"});
 }
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
   if (!report.noise_estimated->converged)
-    out.push_back({"noise", "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
-                                " rounds and still moves: what the model lacks is taken for noise, now of this and now of that"});
+    out.push_back({"noise", "the noise was estimated in " +
+                                std::to_string(report.noise_estimated->count) +
+                                " rounds and still moves: what the model lacks is taken for noise, "
+                                "now of this and now of that"});
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
-      out.push_back({"noise", level.of + ": " + std::to_string(level.own_views) + (level.own_views == 1 ? " view has" : " views have") +
-                                  " sigmas of their own in the samples file; they were taken times those of the sensor, the file keeps its "
+      out.push_back({"noise", level.of + ": " + std::to_string(level.own_views) +
+                                  (level.own_views == 1 ? " view has" : " views have") +
+                                  " sigmas of their own in the samples file; they were taken times "
+                                  "those of the sensor, the file keeps its "
                                   "numbers"});
 }
 
 void warn_of_minima(const Restarts& restarts, Warnings& out) {
   const std::vector<Minimum>& minima = restarts.minima;
-  if (minima.size() < 2 || !(minima[1].cost < minima[0].cost || same_cost(minima[1].cost, minima[0].cost))) return;
+  if (minima.size() < 2 ||
+      !(minima[1].cost < minima[0].cost || same_cost(minima[1].cost, minima[0].cost)))
+    return;
   const Minimum& m = minima[1];
   std::string names;
   for (size_t i = 0; i < std::min<size_t>(m.differs.size(), 3); ++i)
     names += (i ? ", " : "") + m.differs[i].first + text(" (%+.3g sigmas)", m.differs[i].second);
-  out.push_back({"minima", std::to_string(m.count) + " of " + std::to_string(restarts.count) + " restarts end in " +
+  out.push_back({"minima", std::to_string(m.count) + " of " + std::to_string(restarts.count) +
+                               " restarts end in " +
                                (same_cost(m.cost, minima[0].cost)
                                     ? "another minimum that is as good as this result"
-                                    : text("a better minimum: cost %.8g, this result has %.8g", m.cost, minima[0].cost)) +
-                               ". Most different: " + names + ". The result is the one that the rig's own values lead to"});
+                                    : text("a better minimum: cost %.8g, this result has %.8g",
+                                           m.cost, minima[0].cost)) +
+                               ". Most different: " + names +
+                               ". The result is the one that the rig's own values lead to"});
 }
 
 }  // namespace
@@ -253,10 +305,13 @@ std::vector<Warning> warnings(const Report& report) {
 
 std::vector<Warning> warnings(const Evaluation& evaluation) {
   Warnings out;
-  if (!evaluation.converged) out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
-  if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5) out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
+  if (!evaluation.converged)
+    out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
+  if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5)
+    out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
   for (const std::string& pattern : evaluation.without_effect)
-    out.push_back({"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});
+    out.push_back(
+        {"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});
   return out;
 }
 

@@ -1,4 +1,5 @@
-// The words for everything that a user should know before using a result, made from a report that is otherwise complete.
+// The words for everything that a user should know before using a result, made from a report that
+// is otherwise complete.
 #pragma once
 
 #include <vector>
@@ -7,8 +8,9 @@
 
 namespace kincal {
 
-/// Both return warnings in this order: what has no effect, starting values, samples that cannot be evaluated, steps and directions, chi2,
-/// joint errors, parameters, samples that stick out, noise, other minima.
+/// Both return warnings in this order: what has no effect, starting values, samples that cannot be
+/// evaluated, steps and directions, chi2, joint errors, parameters, samples that stick out, noise,
+/// other minima.
 std::vector<Warning> warnings(const Report& report);
 std::vector<Warning> warnings(const Evaluation& evaluation);
 

@@ -8,7 +8,8 @@ namespace kincal {
 double Configuration::position(int joint) const {
   if (!rig_->tree.joints[joint].moves()) return 0;
   const Driver d = driver(rig_->tree, joint);
-  return d.factor * rig_->joints[d.joint].model->position(reading(d.joint), own_numbers(d.joint)) + d.offset;
+  return d.factor * rig_->joints[d.joint].model->position(reading(d.joint), own_numbers(d.joint)) +
+         d.offset;
 }
 
 Pose Configuration::a_T_b(int a, int b) const {
@@ -26,19 +27,23 @@ std::vector<int> joints_between(const Rig& rig, int a, int b, int except) {
   for (const PathStep& step : find_path(rig.tree, a, b)) {
     if (!rig.tree.joints[step.joint].moves()) continue;
     const int joint = driver(rig.tree, step.joint).joint;
-    if (joint != except && std::find(out.begin(), out.end(), joint) == out.end()) out.push_back(joint);
+    if (joint != except && std::find(out.begin(), out.end(), joint) == out.end())
+      out.push_back(joint);
   }
   return out;
 }
 
 std::vector<int> joints_between(const Rig& rig, const View& view) {
   const Target& target = rig.targets[view.target];
-  return joints_between(rig, rig.sensors[view.sensor].link, target.link < 0 ? rig.base : target.link);
+  return joints_between(rig, rig.sensors[view.sensor].link,
+                        target.link < 0 ? rig.base : target.link);
 }
 
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target) {
   std::vector<int> needed;
-  if (sensor >= 0) needed = joints_between(rig, rig.base, rig.sensors[sensor].link, rig.sensors[sensor].scanning_joint);
+  if (sensor >= 0)
+    needed =
+        joints_between(rig, rig.base, rig.sensors[sensor].link, rig.sensors[sensor].scanning_joint);
   if (target >= 0 && rig.targets[target].link >= 0)
     for (int joint : joints_between(rig, rig.base, rig.targets[target].link))
       if (std::find(needed.begin(), needed.end(), joint) == needed.end()) needed.push_back(joint);

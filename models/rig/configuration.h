@@ -1,8 +1,10 @@
-// The robot in one configuration: at given values of all parameters and given readings of its joints, where everything is.
+// The robot in one configuration: at given values of all parameters and given readings of its
+// joints, where everything is.
 //
-// The position of a joint with a reading is its model's (models/joints/joint_model.h); a follower's is that of the joint it mimics, times
-// and plus constants (driver() of kinematics/tree.h). Every position of a joint and every pose of a link comes from here; the formula
-// stands nowhere else. (Derivatives: models/estimation, models/analysis/frames.)
+// The position of a joint with a reading is its model's (models/joints/joint_model.h); a follower's
+// is that of the joint it mimics, times and plus constants (driver() of kinematics/tree.h). Every
+// position of a joint and every pose of a link comes from here; the formula stands nowhere else.
+// (Derivatives: models/estimation, models/analysis/frames.)
 #pragma once
 
 #include <vector>
@@ -12,14 +14,18 @@
 
 namespace kincal {
 
-/// A Configuration refers to all that it is made from, so it is for use on the spot. It is cheap to make and to copy.
+/// A Configuration refers to all that it is made from, so it is for use on the spot. It is cheap to
+/// make and to copy.
 class Configuration {
  public:
-  /// `readings` are by joint index, in rad or m. NaN means absent, which is an error only where the joint is asked for.
-  Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values, const std::vector<double>& readings)
+  /// `readings` are by joint index, in rad or m. NaN means absent, which is an error only where the
+  /// joint is asked for.
+  Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                const std::vector<double>& readings)
       : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {}
 
-  /// Returns the same configuration with another reading of one joint (of a scanning one: a ray's own).
+  /// Returns the same configuration with another reading of one joint (of a scanning one: a ray's
+  /// own).
   Configuration with(int joint, double reading) const {
     Configuration out = *this;
     out.joint_ = joint;
@@ -29,21 +35,32 @@ class Configuration {
 
   double reading(int joint) const { return joint == joint_ ? reading_ : (*readings_)[joint]; }
   /// Returns the numbers of a joint's model, from the offset on; the joint must have a reading.
-  const double* own_numbers(int joint) const { return values_->data() + table_->all[table_->joint_offset[joint]].start; }
-  /// Returns the position of a joint, in rad or m, of followers too; it is 0 for joints that do not move.
+  const double* own_numbers(int joint) const {
+    return values_->data() + table_->all[table_->joint_offset[joint]].start;
+  }
+  /// Returns the position of a joint, in rad or m, of followers too; it is 0 for joints that do not
+  /// move.
   double position(int joint) const;
   /// Returns parent_T_joint as it stands in the values.
-  Pose origin(int joint) const { return get_pose(*values_, table_->all[table_->joint_origin[joint]].start); }
+  Pose origin(int joint) const {
+    return get_pose(*values_, table_->all[table_->joint_origin[joint]].start);
+  }
   Pose motion(int joint) const { return joint_motion(rig_->tree.joints[joint], position(joint)); }
 
-  /// Returns the pose of link b in link a. @throws std::invalid_argument if a floating or planar joint lies between.
+  /// Returns the pose of link b in link a. @throws std::invalid_argument if a floating or planar
+  /// joint lies between.
   Pose a_T_b(int a, int b) const;
   Pose base_T_link(int link) const { return a_T_b(rig_->base, link); }
-  Pose link_T_sensor(int sensor) const { return get_pose(*values_, table_->all[table_->sensor_pose[sensor]].start); }
-  Pose base_T_sensor(int sensor) const { return base_T_link(rig_->sensors[sensor].link) * link_T_sensor(sensor); }
+  Pose link_T_sensor(int sensor) const {
+    return get_pose(*values_, table_->all[table_->sensor_pose[sensor]].start);
+  }
+  Pose base_T_sensor(int sensor) const {
+    return base_T_link(rig_->sensors[sensor].link) * link_T_sensor(sensor);
+  }
   /// The target must be mounted.
   Pose base_T_target(int target) const {
-    return base_T_link(rig_->targets[target].link) * get_pose(*values_, table_->all[table_->target_pose[target]].start);
+    return base_T_link(rig_->targets[target].link) *
+           get_pose(*values_, table_->all[table_->target_pose[target]].start);
   }
 
  private:
@@ -55,12 +72,13 @@ class Configuration {
   double reading_ = 0;
 };
 
-/// Returns the joints whose readings place link b relative to link a, in the order of the path, without `except` (-1: none).
+/// Returns the joints whose readings place link b relative to link a, in the order of the path,
+/// without `except` (-1: none).
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except = -1);
 /// Returns the same for a view: between its sensor and its target (of a free one: the base).
 std::vector<int> joints_between(const Rig& rig, const View& view);
-/// Returns the joints whose readings place a sensor (-1: none) and a target (-1: none; free ones need none) relative to the base, without
-/// the sensor's scanning joint unless the target needs it.
+/// Returns the joints whose readings place a sensor (-1: none) and a target (-1: none; free ones
+/// need none) relative to the base, without the sensor's scanning joint unless the target needs it.
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
 /// Returns whether there is a reading of every joint that places `link` relative to the base.
 bool has_readings(const Rig& rig, int link, const std::vector<double>& readings);

@@ -1,5 +1,5 @@
-// Random numbers that are the same everywhere: std::mt19937_64, uniform numbers of 53 bits and Box-Muller, nothing that differs between
-// standard libraries.
+// Random numbers that are the same everywhere: std::mt19937_64, uniform numbers of 53 bits and
+// Box-Muller, nothing that differs between standard libraries.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,8 @@ class Draws {
  public:
   explicit Draws(std::uint64_t seed) : engine_(seed) {}
   /// Starts one of many independent streams of a seed.
-  Draws(std::uint64_t seed, std::uint64_t stream) : engine_(splitmix64(splitmix64(seed) + stream)) {}
+  Draws(std::uint64_t seed, std::uint64_t stream)
+      : engine_(splitmix64(splitmix64(seed) + stream)) {}
 
   /// Returns 64 random bits.
   std::uint64_t bits() { return engine_(); }
@@ -27,7 +28,8 @@ class Draws {
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
   /// Returns a number from 0 to count - 1.
   int index(std::size_t count) {
-    return std::min(static_cast<int>(uniform() * static_cast<double>(count)), static_cast<int>(count) - 1);
+    return std::min(static_cast<int>(uniform() * static_cast<double>(count)),
+                    static_cast<int>(count) - 1);
   }
   /// Draws from N(0, 1).
   double normal() {
@@ -39,7 +41,8 @@ class Draws {
     for (int i = 0; i < 3; ++i) v(i) = normal();
     return v;
   }
-  /// Draws a small motion whose translation and Log of the rotation are N(0, diag sigma^2); `sigma` has 6 numbers, m and rad.
+  /// Draws a small motion whose translation and Log of the rotation are N(0, diag sigma^2); `sigma`
+  /// has 6 numbers, m and rad.
   Pose error(const std::vector<double>& sigma) {
     const Eigen::Map<const Vector6d> s(sigma.data());
     Pose e;

@@ -28,7 +28,8 @@ std::vector<char> movable_targets(const Rig& rig) {
   for (const Step& step : rig.steps)
     for (const std::string& pattern : step.free)
       for (const Freed& f : table.select(pattern))
-        for (size_t t = 0; t < out.size(); ++t) out[t] = out[t] || table.target_pose[t] == f.parameter;
+        for (size_t t = 0; t < out.size(); ++t)
+          out[t] = out[t] || table.target_pose[t] == f.parameter;
   return out;
 }
 
@@ -57,7 +58,8 @@ std::vector<char> placements(const Rig& rig, const std::vector<Sample>& samples)
 
 Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples) {
   const std::vector<char> placement = placements(rig, samples);
-  // Placements of different sensors may meet in a sample: then they go together, under the name of the first.
+  // Placements of different sensors may meet in a sample: then they go together, under the name of
+  // the first.
   std::vector<int> leader(rig.targets.size());
   for (size_t t = 0; t < leader.size(); ++t) leader[t] = static_cast<int>(t);
   const auto find = [&](int t) {
@@ -136,7 +138,8 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
     if (a.hash != b.hash) return a.hash < b.hash;
     return out.blocks.names[a.block] < out.blocks.names[b.block];
   });
-  for (size_t i = 0; i < sorted.size(); ++i) sorted[i].fold = static_cast<int>(i % static_cast<size_t>(count));
+  for (size_t i = 0; i < sorted.size(); ++i)
+    sorted[i].fold = static_cast<int>(i % static_cast<size_t>(count));
   std::set<std::string> names;
   for (const Card& card : sorted) names.insert(card.seen.begin(), card.seen.end());
   for (const std::string& name : names) {
@@ -157,13 +160,16 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
       filled.insert(card.fold);
       ++holdable;
     }
-    if (out.blocks.target[card.block]) targets += (targets.empty() ? "" : ", ") + out.blocks.names[card.block];
+    if (out.blocks.target[card.block])
+      targets += (targets.empty() ? "" : ", ") + out.blocks.names[card.block];
   }
   if (static_cast<int>(filled.size()) < count)
-    throw std::invalid_argument(std::to_string(count) + " folds of " + std::to_string(holdable) +
-                                (targets.empty() ? " training samples" : " parts of the training samples") + " that can be held out" +
-                                (targets.empty() ? "" : " (those of a target are held out together: " + targets + ")") +
-                                ": at most as many folds, at least 2");
+    throw std::invalid_argument(
+        std::to_string(count) + " folds of " + std::to_string(holdable) +
+        (targets.empty() ? " training samples" : " parts of the training samples") +
+        " that can be held out" +
+        (targets.empty() ? "" : " (those of a target are held out together: " + targets + ")") +
+        ": at most as many folds, at least 2");
   for (size_t i = 0; i < samples.size(); ++i)
     if (samples[i].train)
       for (const Card& card : sorted)

@@ -27,7 +27,8 @@ std::vector<std::vector<double>> draw_postures(const Tree& tree) {
   return out;
 }
 
-/// The component that lies along the axis, of an oblique one the one with the largest share (of equal ones the last).
+/// The component that lies along the axis, of an oblique one the one with the largest share (of
+/// equal ones the last).
 int along(const Vector3d& axis) {
   int best = 2;
   for (int k = 1; k >= 0; --k)
@@ -63,12 +64,14 @@ class Basis {
 }  // namespace
 
 int body_of(const Tree& tree, int link) {
-  while (tree.joint_above[link] >= 0 && tree.joints[tree.joint_above[link]].type == JointType::fixed)
+  while (tree.joint_above[link] >= 0 &&
+         tree.joints[tree.joint_above[link]].type == JointType::fixed)
     link = tree.joints[tree.joint_above[link]].parent;
   return link;
 }
 
-std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::vector<Chain>& all_chains,
+std::vector<OriginComponents> independent_geometry(const Tree& tree,
+                                                   const std::vector<Chain>& all_chains,
                                                    const std::vector<char>& has_pose) {
   std::vector<Chain> chains;
   std::vector<Path> paths;
@@ -77,7 +80,8 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
   for (size_t l = 0; l < has_pose.size(); ++l)
     if (has_pose[l]) body_has_pose[body_of(tree, static_cast<int>(l))] = 1;
   for (const Chain& chain : all_chains) {
-    if (body_of(tree, chain.base) == body_of(tree, chain.tip)) continue;  // nothing moves between: constants of the ends' poses
+    if (body_of(tree, chain.base) == body_of(tree, chain.tip))
+      continue;  // nothing moves between: constants of the ends' poses
     chains.push_back(chain);
     paths.push_back(find_path(tree, chain.base, chain.tip));
     for (const PathStep& step : paths.back())
@@ -88,12 +92,16 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
     }
   }
 
-  // Derivatives of base_T_tip, chain by chain and posture by posture: six columns an end, six a joint.
+  // Derivatives of base_T_tip, chain by chain and posture by posture: six columns an end, six a
+  // joint.
   const Eigen::Index rows = static_cast<Eigen::Index>(6 * kPostures * chains.size());
-  std::vector<Eigen::Matrix<double, Eigen::Dynamic, 6>> of_end(ends.size()), of_joint(joints.size());
+  std::vector<Eigen::Matrix<double, Eigen::Dynamic, 6>> of_end(ends.size()),
+      of_joint(joints.size());
   for (auto& m : of_end) m.setZero(rows, 6);
   for (auto& m : of_joint) m.setZero(rows, 6);
-  const auto place = [](const std::vector<int>& list, int entry) { return std::find(list.begin(), list.end(), entry) - list.begin(); };
+  const auto place = [](const std::vector<int>& list, int entry) {
+    return std::find(list.begin(), list.end(), entry) - list.begin();
+  };
   const std::vector<std::vector<double>> postures = draw_postures(tree);
   std::vector<Pose> origins;
   for (const Joint& joint : tree.joints) origins.push_back(joint.parent_T_joint);
@@ -106,15 +114,20 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
       Pose base_T_here;
       for (const PathStep& step : paths[c]) {
         Pose base_T_joint, base_T_there;
-        walk(step, origins[step.joint], joint_motion(tree.joints[step.joint], positions[step.joint]), base_T_here, base_T_joint,
-             base_T_there);
-        of_joint[place(joints, step.joint)].middleRows<6>(row) = step.direction * adjoint(base_T_joint);
+        walk(step, origins[step.joint],
+             joint_motion(tree.joints[step.joint], positions[step.joint]), base_T_here,
+             base_T_joint, base_T_there);
+        of_joint[place(joints, step.joint)].middleRows<6>(row) =
+            step.direction * adjoint(base_T_joint);
         base_T_here = base_T_there;
         reach = std::max(reach, base_T_here.translation.norm());
       }
-      for (const auto& end : {std::make_pair(chains[c].base, -1.0), std::make_pair(chains[c].tip, 1.0)}) {
+      for (const auto& end :
+           {std::make_pair(chains[c].base, -1.0), std::make_pair(chains[c].tip, 1.0)}) {
         const int body = body_of(tree, end.first);
-        if (body_has_pose[body]) of_end[place(ends, body)].middleRows<6>(row) += end.second * adjoint(base_T_root * root_T_link[body]);
+        if (body_has_pose[body])
+          of_end[place(ends, body)].middleRows<6>(row) +=
+              end.second * adjoint(base_T_root * root_T_link[body]);
       }
     }
   }
@@ -132,9 +145,12 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree, const std::
   for (int group = 0; group < 3; ++group)
     for (size_t j = 0; j < joints.size(); ++j)
       for (int k = 0; k < 6; ++k)
-        if (preference(tree.joints[joints[j]], k) == group && basis.add(column(of_joint[j], k))) out[j].components.push_back(k);
+        if (preference(tree.joints[joints[j]], k) == group && basis.add(column(of_joint[j], k)))
+          out[j].components.push_back(k);
   for (OriginComponents& o : out) std::sort(o.components.begin(), o.components.end());
-  out.erase(std::remove_if(out.begin(), out.end(), [](const OriginComponents& o) { return o.components.empty(); }), out.end());
+  out.erase(std::remove_if(out.begin(), out.end(),
+                           [](const OriginComponents& o) { return o.components.empty(); }),
+            out.end());
   return out;
 }
 

@@ -22,7 +22,8 @@ ParameterKind kind_of_block(const std::string& name) {
 
 std::vector<JointNumber> further_numbers(const JointSettings& joint) {
   std::vector<JointNumber> out = joint.model->further();
-  for (size_t k = 0; k < out.size() && k < joint.further.size(); ++k) out[k].value = joint.further[k];
+  for (size_t k = 0; k < out.size() && k < joint.further.size(); ++k)
+    out[k].value = joint.further[k];
   return out;
 }
 
@@ -39,7 +40,8 @@ int ParameterTable::index_of(ParameterKind kind, int owner) const {
 }
 
 Pose get_pose(const VectorXd& values, int start) {
-  return {Eigen::Map<const Matrix3d>(values.data() + start), Eigen::Map<const Vector3d>(values.data() + start + 9)};
+  return {Eigen::Map<const Matrix3d>(values.data() + start),
+          Eigen::Map<const Vector3d>(values.data() + start + 9)};
 }
 
 void set_pose(VectorXd& values, int start, const Pose& pose) {
@@ -47,16 +49,21 @@ void set_pose(VectorXd& values, int start, const Pose& pose) {
   Eigen::Map<Vector3d>(values.data() + start + 9) = pose.translation;
 }
 
-ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.tree.links.size(), 0) {
+ParameterTable::ParameterTable(const Rig& rig)
+    : tree_(rig.tree), has_pose_(rig.tree.links.size(), 0) {
   std::vector<double> values;
-  const auto add = [&](ParameterKind kind, size_t owner, const std::string& name, std::vector<std::string> components,
-                       std::vector<std::string> units, const std::vector<double>& v) {
-    all.push_back({name, std::move(components), std::move(units), false, static_cast<int>(values.size()), kind, static_cast<int>(owner)});
+  const auto add = [&](ParameterKind kind, size_t owner, const std::string& name,
+                       std::vector<std::string> components, std::vector<std::string> units,
+                       const std::vector<double>& v) {
+    all.push_back({name, std::move(components), std::move(units), false,
+                   static_cast<int>(values.size()), kind, static_cast<int>(owner)});
     values.insert(values.end(), v.begin(), v.end());
     return static_cast<int>(all.size()) - 1;
   };
-  const auto add_pose = [&](ParameterKind kind, size_t owner, const std::string& name, const Pose& pose) {
-    all.push_back({name, kPoseComponents, kPoseUnits, true, static_cast<int>(values.size()), kind, static_cast<int>(owner)});
+  const auto add_pose = [&](ParameterKind kind, size_t owner, const std::string& name,
+                            const Pose& pose) {
+    all.push_back({name, kPoseComponents, kPoseUnits, true, static_cast<int>(values.size()), kind,
+                   static_cast<int>(owner)});
     values.insert(values.end(), pose.rotation.data(), pose.rotation.data() + 9);
     values.insert(values.end(), pose.translation.data(), pose.translation.data() + 3);
     return static_cast<int>(all.size()) - 1;
@@ -67,39 +74,51 @@ ParameterTable::ParameterTable(const Rig& rig) : tree_(rig.tree), has_pose_(rig.
   joint_origin.assign(joints, -1);
   for (size_t j = 0; j < joints; ++j) {
     const Joint& joint = rig.tree.joints[j];
-    const std::string prefix = "joint/" + joint.name + "/", unit = joint.type == JointType::prismatic ? "m" : "rad";
+    const std::string prefix = "joint/" + joint.name + "/",
+                      unit = joint.type == JointType::prismatic ? "m" : "rad";
     if (joint.has_reading()) {
       const JointSettings& settings = rig.joints[j];
-      joint_offset[j] = add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
-      joint_scale[j] = add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
+      joint_offset[j] =
+          add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
+      joint_scale[j] =
+          add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
       for (const JointNumber& n : further_numbers(settings)) {
-        Parameter& p = all[add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value})];
+        Parameter& p =
+            all[add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value})];
         p.usual_error = n.usual_error;
         p.yardstick = n.yardstick;
       }
     }
-    joint_origin[j] = add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
+    joint_origin[j] =
+        add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.sensors[s];
     const std::string prefix = "sensor/" + sensor.name + "/";
-    sensor_pose.push_back(add_pose(ParameterKind::sensor_pose, s, prefix + "pose", sensor.link_T_sensor));
+    sensor_pose.push_back(
+        add_pose(ParameterKind::sensor_pose, s, prefix + "pose", sensor.link_T_sensor));
     sensor_block.push_back(sensor.parameters.empty() ? -1 : static_cast<int>(all.size()));
-    for (const ParameterBlock& b : sensor.parameters) add(kind_of_block(b.name), s, prefix + b.name, b.components, b.units, b.values);
+    for (const ParameterBlock& b : sensor.parameters)
+      add(kind_of_block(b.name), s, prefix + b.name, b.components, b.units, b.values);
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
     const std::string prefix = "target/" + target.name + "/";
-    target_pose.push_back(target.link >= 0 ? add_pose(ParameterKind::target_pose, t, prefix + "pose", target.link_T_target) : -1);
-    target_square.push_back(target.grid ? add(ParameterKind::square, t, prefix + "square", {""}, {"m"}, {target.square}) : -1);
+    target_pose.push_back(target.link >= 0 ? add_pose(ParameterKind::target_pose, t,
+                                                      prefix + "pose", target.link_T_target)
+                                           : -1);
+    target_square.push_back(
+        target.grid ? add(ParameterKind::square, t, prefix + "square", {""}, {"m"}, {target.square})
+                    : -1);
     int points = -1;
     if (!target.grid) {
       std::vector<std::string> components;
       for (int i = 0; i < target.count(); ++i)
         for (const char* c : {".x", ".y", ".z"}) components.push_back(std::to_string(i) + c);
       std::vector<std::string> units(components.size(), "m");
-      points = add(ParameterKind::points, t, prefix + "points", std::move(components), std::move(units),
-                   {target.points.data(), target.points.data() + target.points.size()});
+      points =
+          add(ParameterKind::points, t, prefix + "points", std::move(components), std::move(units),
+              {target.points.data(), target.points.data() + target.points.size()});
     }
     target_points.push_back(points);
   }
@@ -125,7 +144,8 @@ double yardstick(const ParameterTable& table, const Component& component, const 
   }
 }
 
-double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values) {
+double usual_error(const ParameterTable& table, const Component& component,
+                   const VectorXd& values) {
   const Parameter& p = table.all[component.parameter];
   if (p.pose) return p.units[component.index] == "rad" ? 5 * kPi / 180 : 0.05;
   const double value = values(p.start + component.index);
@@ -153,7 +173,8 @@ const char* improper_value(const Parameter& parameter, int component, double val
   const std::string& part = parameter.components[component];
   if (!std::isfinite(value)) return "a finite number is expected";
   if (parameter.kind == ParameterKind::joint_scale && value == 0) return "a scale is not 0";
-  if ((parameter.kind == ParameterKind::square || part == "fx" || part == "fy") && value <= 0) return "a number greater than 0 is expected";
+  if ((parameter.kind == ParameterKind::square || part == "fx" || part == "fy") && value <= 0)
+    return "a number greater than 0 is expected";
   return nullptr;
 }
 

@@ -1,4 +1,5 @@
-// Every number that can be freed: what it is, its name, components, units, and where it stands in the vector of values.
+// Every number that can be freed: what it is, its name, components, units, and where it stands in
+// the vector of values.
 #pragma once
 
 #include <string>
@@ -24,8 +25,9 @@ enum class ParameterKind {
   points
 };
 
-/// A Parameter is a row of the formats' table. Values stand in one vector: a pose as 12 numbers (rotation column by column, translation),
-/// anything else as its numbers. The unknowns of a pose are its 6 components, increments from the initial value.
+/// A Parameter is a row of the formats' table. Values stand in one vector: a pose as 12 numbers
+/// (rotation column by column, translation), anything else as its numbers. The unknowns of a pose
+/// are its 6 components, increments from the initial value.
 struct Parameter {
   std::string name;                     // e.g. "joint/l_elbow_flex_joint/offset"
   std::vector<std::string> components;  // names after the dot; {""} for a single number
@@ -33,11 +35,13 @@ struct Parameter {
   bool pose = false;
   int start = 0;  // in the vector of values
   ParameterKind kind = ParameterKind::own_number;
-  int owner = -1;  // index of the joint, sensor or target that it belongs to
+  int owner = -1;                         // index of the joint, sensor or target that it belongs to
   double usual_error = 0, yardstick = 0;  // of joint_shape, as its model says (JointNumber)
 
   int size() const { return static_cast<int>(components.size()); }
-  std::string component_name(int c) const { return components[c].empty() ? name : name + "." + components[c]; }
+  std::string component_name(int c) const {
+    return components[c].empty() ? name : name + "." + components[c];
+  }
 };
 
 /// A Component is one number of one parameter: what an unknown is.
@@ -45,7 +49,9 @@ struct Component {
   int parameter = -1, index = 0;
   bool operator==(const Component& o) const { return parameter == o.parameter && index == o.index; }
   bool operator!=(const Component& o) const { return !(*this == o); }
-  bool operator<(const Component& o) const { return parameter != o.parameter ? parameter < o.parameter : index < o.index; }
+  bool operator<(const Component& o) const {
+    return parameter != o.parameter ? parameter < o.parameter : index < o.index;
+  }
 };
 
 /// Freed names some components of a parameter.
@@ -60,9 +66,11 @@ struct ParameterTable {
   std::vector<Parameter> all;
   VectorXd initial;  // the rig's values
   // Indices into `all`, -1 where there is none.
-  std::vector<int> joint_offset, joint_scale, joint_origin;    // by joint; the numbers of a joint's model follow each other from the offset on
-  std::vector<int> sensor_pose;                                // by sensor
-  std::vector<int> sensor_block;                               // by sensor: its first own block; blocks follow one another
+  std::vector<int> joint_offset, joint_scale,
+      joint_origin;  // by joint; the numbers of a joint's model follow each other from the offset
+                     // on
+  std::vector<int> sensor_pose;   // by sensor
+  std::vector<int> sensor_block;  // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_points;  // by target
 
   explicit ParameterTable(const Rig& rig);
@@ -72,11 +80,12 @@ struct ParameterTable {
   std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
   const std::string& unit(const Component& c) const { return all[c.parameter].units[c.index]; }
 
-  /// Returns what a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact names go before globs. It is empty where
-  /// nothing is found.
+  /// Returns what a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact
+  /// names go before globs. It is empty where nothing is found.
   std::vector<Freed> select(const std::string& pattern) const;
-  /// Returns the same where something is found. @throws NameError (selection.h) beginning with `where`; std::invalid_argument where a
-  /// geometry/BASE..TIP is not written so, has nothing to free, or a floating or planar joint on its path.
+  /// Returns the same where something is found. @throws NameError (selection.h) beginning with
+  /// `where`; std::invalid_argument where a geometry/BASE..TIP is not written so, has nothing to
+  /// free, or a floating or planar joint on its path.
   std::vector<Freed> find(const std::string& pattern, const std::string& where) const;
   /// Returns whether this is the name of a whole parameter or of one component, and no glob.
   bool is_plain_name(const std::string& pattern) const { return !select_exact(pattern).empty(); }
@@ -94,18 +103,21 @@ struct ParameterTable {
 /// Returns the numbers of a joint's model beyond offset and scale, with the rig's initial values.
 std::vector<JointNumber> further_numbers(const JointSettings& joint);
 
-/// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if it has none.
+/// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if
+/// it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
-/// Returns the sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1 % (of a focal length, a size, a gear),
-/// 0.1 for lens coefficients; of a joint model's further numbers what the model says.
+/// Returns the sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1
+/// % (of a focal length, a size, a gear), 0.1 for lens coefficients; of a joint model's further
+/// numbers what the model says.
 double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values);
-/// Returns how far a component may be off in a robot that was never calibrated, as a standard deviation: poses and origins 0.05 m and 5
-/// degrees, joint offsets 0.05 rad or m, gear scales 1 %, fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board
-/// sizes 5 %, target points 5 % of the target's extent, a joint model's further numbers what the model says.
+/// Returns how far a component may be off in a robot that was never calibrated, as a standard
+/// deviation: poses and origins 0.05 m and 5 degrees, joint offsets 0.05 rad or m, gear scales 1 %,
+/// fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board sizes 5 %, target
+/// points 5 % of the target's extent, a joint model's further numbers what the model says.
 double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values);
 /// Returns what is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
 const char* improper_value(const Parameter& parameter, int component, double value);

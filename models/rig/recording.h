@@ -1,5 +1,5 @@
-// A recording: what every calibration, analysis and trial is about. It has a robot with its sensors and targets, everything about it that
-// could be estimated, and what was logged.
+// A recording: what every calibration, analysis and trial is about. It has a robot with its sensors
+// and targets, everything about it that could be estimated, and what was logged.
 #pragma once
 
 #include <memory>
@@ -11,7 +11,8 @@
 
 namespace kincal {
 
-/// A Recording holds a rig, its table of parameters and the samples. To change one of them, make another recording.
+/// A Recording holds a rig, its table of parameters and the samples. To change one of them, make
+/// another recording.
 struct Recording {
   Rig rig;
   ParameterTable table;

@@ -1,5 +1,6 @@
-// What a calibration is about, as plain data: the robot, its sensors and targets, and the steps; samples.h has what was logged.
-// Files are read into these by io; a program may as well fill them in itself.
+// What a calibration is about, as plain data: the robot, its sensors and targets, and the steps;
+// samples.h has what was logged. Files are read into these by io; a program may as well fill them
+// in itself.
 #pragma once
 
 #include <map>
@@ -20,47 +21,50 @@ struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
   double offset = 0, scale = 1;  // initial values of the model's first two numbers
   std::shared_ptr<const JointModel> model = linear_joint();
-  std::vector<double> further = {};  // initial values of its further numbers; of those that are missing the model's own (further_numbers())
+  std::vector<double> further = {};  // initial values of its further numbers; of those that are
+                                     // missing the model's own (further_numbers())
 };
 
 struct Target {
-  std::string name, type;        // type as in the file: chessboard, points, ...
-  bool grid = true;              // points = square * layout; else `points` themselves are the parameter
-  Eigen::Matrix3Xd layout;       // grid: points for a spacing of 1
-  double square = 1;             // m
-  bool y_up = false;             // grid: y of the layout points up on the printed side, else down
-  Eigen::Matrix3Xd points;       // not a grid: m, target's frame
-  int link = -1;                 // mounted on this link; -1: free, its own pose in every sample
-  Pose link_T_target;            // where mounted
-  bool pose_given = false;       // in the rig; else the identity, or unknown (see the formats' "Starting values")
+  std::string name, type;   // type as in the file: chessboard, points, ...
+  bool grid = true;         // points = square * layout; else `points` themselves are the parameter
+  Eigen::Matrix3Xd layout;  // grid: points for a spacing of 1
+  double square = 1;        // m
+  bool y_up = false;        // grid: y of the layout points up on the printed side, else down
+  Eigen::Matrix3Xd points;  // not a grid: m, target's frame
+  int link = -1;            // mounted on this link; -1: free, its own pose in every sample
+  Pose link_T_target;       // where mounted
+  bool pose_given =
+      false;  // in the rig; else the identity, or unknown (see the formats' "Starting values")
 
   int count() const { return static_cast<int>(grid ? layout.cols() : points.cols()); }
 };
 
 struct Sensor {
-  std::string name, type;        // type as in the file: camera, chain, ...
+  std::string name, type;  // type as in the file: camera, chain, ...
   int link = -1;
-  Pose link_T_sensor;            // chain: link_T_target
+  Pose link_T_sensor;  // chain: link_T_target
   bool pose_given = false;
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
-  std::vector<double> sigma;     // model->sigmas() numbers
-  int scanning_joint = -1;       // of a scanning sensor
+  std::vector<double> sigma;              // model->sigmas() numbers
+  int scanning_joint = -1;                // of a scanning sensor
   int image_width = 0, image_height = 0;  // of a camera, 0: unknown
 };
 
-/// A PriorSetting is a prior as written: one sigma for all components, or translation and rotation of poses apart.
+/// A PriorSetting is a prior as written: one sigma for all components, or translation and rotation
+/// of poses apart.
 struct PriorSetting {
   std::string pattern;
   double translation = 0, rotation = 0;
-  bool split = false;            // written as {translation, rotation}: poses only
-  std::string where;             // file:line: field, for messages
+  bool split = false;  // written as {translation, rotation}: poses only
+  std::string where;   // file:line: field, for messages
 };
 
 struct Step {
   std::string name;
-  std::vector<int> sensors;      // indices, in the rig's order
-  std::vector<std::string> free; // names and globs, in the file's order
+  std::vector<int> sensors;             // indices, in the rig's order
+  std::vector<std::string> free;        // names and globs, in the file's order
   std::vector<std::string> free_where;  // file:line: field of each, for messages
   std::optional<Loss> loss;
   std::vector<PriorSetting> priors;
@@ -68,7 +72,7 @@ struct Step {
 
 struct Rig {
   Tree tree;
-  int base = 0;                  // link: frame of free target poses
+  int base = 0;                       // link: frame of free target poses
   std::vector<JointSettings> joints;  // by joint index; of those without a reading meaningless
   std::vector<Target> targets;
   std::vector<Sensor> sensors;

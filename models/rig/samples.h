@@ -11,10 +11,10 @@ namespace kincal {
 
 /// A View is what one sensor measured of one target in one sample.
 struct View {
-  int sensor = -1, target = -1;      // indices
-  std::vector<int> ids;              // target points; empty where the sensor measures poses
-  std::vector<double> z;             // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
-  std::vector<double> sigma;         // as the sensor's, or the view's own
+  int sensor = -1, target = -1;  // indices
+  std::vector<int> ids;          // target points; empty where the sensor measures poses
+  std::vector<double> z;         // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
+  std::vector<double> sigma;     // as the sensor's, or the view's own
   std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
   std::string where;                 // file:line: field, for messages
 };

@@ -15,12 +15,15 @@ const std::string kGeometry = "geometry/";
 
 }  // namespace
 
-bool glob_matches(const std::string& glob, const std::string& name) { return fnmatch(glob.c_str(), name.c_str(), FNM_NOESCAPE) == 0; }
+bool glob_matches(const std::string& glob, const std::string& name) {
+  return fnmatch(glob.c_str(), name.c_str(), FNM_NOESCAPE) == 0;
+}
 
 std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
   for (size_t p = 0; p < all.size(); ++p) {
-    if (name.compare(0, all[p].name.size(), all[p].name) != 0) continue;  // component names begin with the parameter's
+    if (name.compare(0, all[p].name.size(), all[p].name) != 0)
+      continue;  // component names begin with the parameter's
     const bool whole = name.size() == all[p].name.size();
     Freed freed{static_cast<int>(p), {}};
     for (int c = 0; c < all[p].size(); ++c)
@@ -30,19 +33,26 @@ std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   return out;
 }
 
-std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern, const std::string& where) const {
-  // Names of links may hold dots: the first pair of dots with a link on both sides, else the first one.
+std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern,
+                                                   const std::string& where) const {
+  // Names of links may hold dots: the first pair of dots with a link on both sides, else the first
+  // one.
   int links[2] = {-1, -1};
   size_t dots = std::string::npos;
-  for (size_t at = pattern.find("..", kGeometry.size()); at != std::string::npos; at = pattern.find("..", at + 1)) {
+  for (size_t at = pattern.find("..", kGeometry.size()); at != std::string::npos;
+       at = pattern.find("..", at + 1)) {
     const int base = tree_.find_link(pattern.substr(kGeometry.size(), at - kGeometry.size())),
               tip = tree_.find_link(pattern.substr(at + 2));
-    if (dots == std::string::npos || (base >= 0 && tip >= 0)) dots = at, links[0] = base, links[1] = tip;
+    if (dots == std::string::npos || (base >= 0 && tip >= 0))
+      dots = at, links[0] = base, links[1] = tip;
     if (base >= 0 && tip >= 0) break;
   }
   if (dots == std::string::npos)
-    throw std::invalid_argument(where + ": '" + pattern + "': geometry/BASE..TIP is expected, two links with two dots between");
-  const std::string names[2] = {pattern.substr(kGeometry.size(), dots - kGeometry.size()), pattern.substr(dots + 2)};
+    throw std::invalid_argument(
+        where + ": '" + pattern +
+        "': geometry/BASE..TIP is expected, two links with two dots between");
+  const std::string names[2] = {pattern.substr(kGeometry.size(), dots - kGeometry.size()),
+                                pattern.substr(dots + 2)};
   for (int end = 0; end < 2; ++end)
     if (links[end] < 0) throw NameError::link(where, pattern, names[end], tree_.links);
   std::vector<Freed> out;
@@ -54,12 +64,15 @@ std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern, c
   }
   for (OriginComponents& o : found) out.push_back({joint_origin[o.joint], std::move(o.components)});
   if (out.empty())
-    throw std::invalid_argument(where + ": '" + pattern + "' has no number of its own: fewer than two joints move between these links, " +
-                                "and the poses of what stands at its ends hold the rest");
+    throw std::invalid_argument(
+        where + ": '" + pattern +
+        "' has no number of its own: fewer than two joints move between these links, " +
+        "and the poses of what stands at its ends hold the rest");
   return out;
 }
 
-std::vector<Freed> ParameterTable::find(const std::string& pattern, const std::string& where) const {
+std::vector<Freed> ParameterTable::find(const std::string& pattern,
+                                        const std::string& where) const {
   if (pattern.rfind(kGeometry, 0) == 0) return select_geometry(pattern, where);
   std::vector<Freed> out = select(pattern);
   if (out.empty()) throw NameError(where, pattern, names());
@@ -77,20 +90,27 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   std::vector<Freed> out = select_exact(pattern);
   const size_t head = pattern.find_first_of("*?["), tail = pattern.find_last_of("*?[]") + 1;
   if (!out.empty() || head == std::string::npos) return out;
-  // What stands before the first and behind the last special character is taken by the letter, and quick to compare.
+  // What stands before the first and behind the last special character is taken by the letter, and
+  // quick to compare.
   const size_t behind = pattern.size() - tail;
   const auto matches = [&](const std::string& name) {
-    return name.size() >= behind && name.compare(name.size() - behind, behind, pattern, tail) == 0 && glob_matches(pattern, name);
+    return name.size() >= behind &&
+           name.compare(name.size() - behind, behind, pattern, tail) == 0 &&
+           glob_matches(pattern, name);
   };
   std::string component;
   for (size_t p = 0; p < all.size(); ++p) {
     const std::string& name = all[p].name;
     const size_t common = std::min(head, name.size());
-    if (pattern.compare(0, common, name, 0, common) != 0) continue;  // neither this name nor those of its components
+    if (pattern.compare(0, common, name, 0, common) != 0)
+      continue;  // neither this name nor those of its components
     const bool whole = matches(name);
     Freed freed{static_cast<int>(p), {}};
     for (int c = 0; c < all[p].size(); ++c) {
-      if (!whole) component.assign(name).append(all[p].components[c].empty() ? "" : ".").append(all[p].components[c]);
+      if (!whole)
+        component.assign(name)
+            .append(all[p].components[c].empty() ? "" : ".")
+            .append(all[p].components[c]);
       if (whole || matches(component)) freed.components.push_back(c);
     }
     if (!freed.components.empty()) out.push_back(std::move(freed));
@@ -110,13 +130,15 @@ std::vector<std::string> ParameterTable::names() const {
 
 void merge(std::vector<Freed>& into, const std::vector<Freed>& more) {
   for (const Freed& f : more) {
-    const auto same = std::find_if(into.begin(), into.end(), [&](const Freed& g) { return g.parameter == f.parameter; });
+    const auto same = std::find_if(into.begin(), into.end(),
+                                   [&](const Freed& g) { return g.parameter == f.parameter; });
     if (same == into.end()) {
       into.push_back(f);
       continue;
     }
     std::vector<int> both;
-    std::set_union(same->components.begin(), same->components.end(), f.components.begin(), f.components.end(), std::back_inserter(both));
+    std::set_union(same->components.begin(), same->components.end(), f.components.begin(),
+                   f.components.end(), std::back_inserter(both));
     same->components = both;
   }
 }
@@ -127,7 +149,9 @@ const Freed* find_freed(const std::vector<Freed>& free, int parameter) {
   return nullptr;
 }
 
-Freed whole(const ParameterTable& table, int parameter) { return {parameter, indices(table.all[parameter].components.size())}; }
+Freed whole(const ParameterTable& table, int parameter) {
+  return {parameter, indices(table.all[parameter].components.size())};
+}
 
 std::vector<Component> components_of(const std::vector<Freed>& free) {
   std::vector<Component> out;

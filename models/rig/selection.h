@@ -1,5 +1,5 @@
-// Names and globs of parameters: the selecting functions of ParameterTable (parameters.h), the error that they throw, sets of what was
-// selected.
+// Names and globs of parameters: the selecting functions of ParameterTable (parameters.h), the
+// error that they throw, sets of what was selected.
 #pragma once
 
 #include <stdexcept>
@@ -11,15 +11,17 @@
 
 namespace kincal {
 
-/// A NameError is a name or glob of parameters that matches nothing; `name` is what is unknown and `valid` what it could be, so that
-/// callers can add the nearest ones.
+/// A NameError is a name or glob of parameters that matches nothing; `name` is what is unknown and
+/// `valid` what it could be, so that callers can add the nearest ones.
 class NameError : public std::invalid_argument {
  public:
   NameError(const std::string& where, const std::string& n, std::vector<std::string> v = {})
       : NameError(where + ": '" + n + "' matches no parameter", n, std::move(v), 0) {}
   /// Returns the error of a geometry/BASE..TIP whose link does not exist.
-  static NameError link(const std::string& where, const std::string& pattern, const std::string& n, std::vector<std::string> v) {
-    return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v), 0);
+  static NameError link(const std::string& where, const std::string& pattern, const std::string& n,
+                        std::vector<std::string> v) {
+    return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v),
+                     0);
   }
   std::string name;
   std::vector<std::string> valid;
@@ -29,7 +31,8 @@ class NameError : public std::invalid_argument {
       : std::invalid_argument(what), name(std::move(n)), valid(std::move(v)) {}
 };
 
-/// Whether a glob (`*`, `?`, `[...]`; a backslash is a letter) means the whole name. It is POSIX's fnmatch, not C++'s.
+/// Whether a glob (`*`, `?`, `[...]`; a backslash is a letter) means the whole name. It is POSIX's
+/// fnmatch, not C++'s.
 bool glob_matches(const std::string& glob, const std::string& name);
 
 /// Adds components to those already there, parameter by parameter; new parameters go to the end.

@@ -1,6 +1,5 @@
 #include "targets.h"
 
-
 #include "../../solver/decompositions.h"
 #include "numbers.h"
 
@@ -11,7 +10,8 @@ Matrix3Xd grid_layout(const GridLayout& grid) {
   const auto add = [&](double x, double y) { xyz.insert(xyz.end(), {x, y, 0}); };
   const bool tags = grid.kind == GridLayout::Kind::tags;
   const double pitch = tags ? 1 + grid.gap : 1;
-  const int skipped = grid.kind == GridLayout::Kind::charuco ? 1 : 0;  // its squares meet in inner corners
+  const int skipped =
+      grid.kind == GridLayout::Kind::charuco ? 1 : 0;  // its squares meet in inner corners
   for (int r = skipped; r < grid.rows; ++r)
     for (int c = skipped; c < grid.columns; ++c) {
       if (!tags) {
@@ -26,12 +26,16 @@ Matrix3Xd grid_layout(const GridLayout& grid) {
   return Eigen::Map<const Matrix3Xd>(xyz.data(), 3, static_cast<Eigen::Index>(xyz.size() / 3));
 }
 
-Matrix3Xd target_points(const Target& target) { return target.grid ? Matrix3Xd(target.square * target.layout) : target.points; }
+Matrix3Xd target_points(const Target& target) {
+  return target.grid ? Matrix3Xd(target.square * target.layout) : target.points;
+}
 
-Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values, int target) {
+Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                        int target) {
   const Target& t = rig.targets[target];
   if (t.grid) return values(table.all[table.target_square[target]].start) * t.layout;
-  return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start, 3, t.count());
+  return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start,
+                                     3, t.count());
 }
 
 std::vector<int> view_ids(const View& view, const Target& target) {
@@ -45,9 +49,13 @@ bool on_a_line(const Matrix3Xd& points) {
   return sizes(1) <= 1e-6 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
 }
 
-double extent(const Matrix3Xd& points) { return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm(); }
+double extent(const Matrix3Xd& points) {
+  return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
+}
 
-bool numbered_by_markers(const Target& target) { return target.type == "charuco" || target.type == "apriltag_grid"; }
+bool numbered_by_markers(const Target& target) {
+  return target.type == "charuco" || target.type == "apriltag_grid";
+}
 
 int points_of_mark(const Target& target) { return target.type == "apriltag_grid" ? 4 : 1; }
 

@@ -20,7 +20,8 @@ std::string quoted(const std::string& name) { return "'" + name + "'"; }
 
 std::string joined(const std::vector<std::string>& names, std::size_t most) {
   std::string out;
-  for (std::size_t i = 0; i < names.size() && i < most; ++i) out += (i ? ", " : "") + quoted(names[i]);
+  for (std::size_t i = 0; i < names.size() && i < most; ++i)
+    out += (i ? ", " : "") + quoted(names[i]);
   if (names.size() > most) out += " and " + std::to_string(names.size() - most) + " more";
   return out;
 }
@@ -28,7 +29,8 @@ std::string joined(const std::vector<std::string>& names, std::size_t most) {
 std::string listed(const std::vector<std::string>& names, std::size_t most) {
   std::string out;
   const std::size_t shown = names.size() <= most + 1 ? names.size() : most;
-  for (std::size_t i = 0; i < shown; ++i) out += (i == 0 ? "" : i + 1 == names.size() ? " and " : ", ") + names[i];
+  for (std::size_t i = 0; i < shown; ++i)
+    out += (i == 0 ? "" : i + 1 == names.size() ? " and " : ", ") + names[i];
   if (shown < names.size()) out += " and " + std::to_string(names.size() - shown) + " more";
   return out;
 }

@@ -1,15 +1,19 @@
-// The lens of pinhole and Brown-Conrady cameras, with derivatives, for one number or for a pack of them: no Eigen here, so that files
-// compiled for several instruction sets may include it (solver/simd.h). The formulas are in cameras.h.
+// The lens of pinhole and Brown-Conrady cameras, with derivatives, for one number or for a pack of
+// them: no Eigen here, so that files compiled for several instruction sets may include it
+// (solver/simd.h). The formulas are in cameras.h.
 #pragma once
 
 namespace kincal {
 
-/// Computes the image of a point (x, y, depth) in front of the rectified camera, x less the baseline; N distortion numbers stand behind fx
-/// fy cx cy. d_p is 2 x 3, by the point; d_own is 2 x 5 + N, by the camera's numbers; both are row-major, and given both or neither. It has
-/// more than 6 parameters because T is a number here and a pack of numbers in the kernels: all are passed singly.
+/// Computes the image of a point (x, y, depth) in front of the rectified camera, x less the
+/// baseline; N distortion numbers stand behind fx fy cx cy. d_p is 2 x 3, by the point; d_own is 2
+/// x 5 + N, by the camera's numbers; both are row-major, and given both or neither. It has more
+/// than 6 parameters because T is a number here and a pack of numbers in the kernels: all are
+/// passed singly.
 template <int N, class T>
-__attribute__((always_inline)) inline void brown_conrady(const double* parameters, const T& x, const T& y, const T& depth, T* pixel, T* d_p,
-                                                         T* d_own) {
+__attribute__((always_inline)) inline void brown_conrady(const double* parameters, const T& x,
+                                                         const T& y, const T& depth, T* pixel,
+                                                         T* d_p, T* d_own) {
   const double fx = parameters[0], fy = parameters[1];
   const double* d = parameters + 4;
   const T inverse_depth = 1.0 / depth, u = x * inverse_depth, v = y * inverse_depth;
@@ -45,8 +49,10 @@ __attribute__((always_inline)) inline void brown_conrady(const double* parameter
   dy[0] = none, dy[1] = b, dy[2] = none, dy[3] = none + 1.0;
   if constexpr (N > 0) {
     const T s1 = s * inverse_denominator, s2 = s * s1, s3 = s * s2;
-    dx[4] = fx * u * s1, dx[5] = fx * u * s2, dx[6] = fx * 2 * uv, dx[7] = fx * (s + 2 * uu), dx[8] = fx * u * s3;
-    dy[4] = fy * v * s1, dy[5] = fy * v * s2, dy[6] = fy * (s + 2 * vv), dy[7] = fy * 2 * uv, dy[8] = fy * v * s3;
+    dx[4] = fx * u * s1, dx[5] = fx * u * s2, dx[6] = fx * 2 * uv, dx[7] = fx * (s + 2 * uu),
+    dx[8] = fx * u * s3;
+    dy[4] = fy * v * s1, dy[5] = fy * v * s2, dy[6] = fy * (s + 2 * vv), dy[7] = fy * 2 * uv,
+    dy[8] = fy * v * s3;
     if constexpr (N == 8) {
       dx[9] = -dx[4] * radial, dx[10] = -dx[5] * radial, dx[11] = -dx[8] * radial;
       dy[9] = -dy[4] * radial, dy[10] = -dy[5] * radial, dy[11] = -dy[8] * radial;

@@ -1,4 +1,5 @@
-// Camera lenses. The camera looks along +z, x right, y down; (0, 0) is the centre of the top-left pixel.
+// Camera lenses. The camera looks along +z, x right, y down; (0, 0) is the centre of the top-left
+// pixel.
 //
 // Own numbers, block after block:  fx fy cx cy | distortion | baseline.
 // With X = x - baseline (a rectified right camera of a stereo pair sits `baseline` to the right):
@@ -19,13 +20,15 @@
 
 namespace kincal {
 
-/// This is Brown-Conrady with N distortion numbers: 0 (pinhole), 5 (k1 k2 p1 p2 k3) or 8 (k4 k5 k6 besides).
+/// This is Brown-Conrady with N distortion numbers: 0 (pinhole), 5 (k1 k2 p1 p2 k3) or 8 (k4 k5 k6
+/// besides).
 template <int N>
 struct BrownConrady {
   static constexpr int kRows = 2, kNumbers = 2;
   int parameter_count() const { return 5 + N; }
 
-  bool residual(const double* parameters, const Vector3d& p, const double* z, double* r, double* d_p, double* d_own) const {
+  bool residual(const double* parameters, const Vector3d& p, const double* z, double* r,
+                double* d_p, double* d_own) const {
     if (!(p.z() > 1e-9)) return false;
     double pixel[2];
     brown_conrady<N>(parameters, p.x() - parameters[4 + N], p.y(), p.z(), pixel, d_p, d_own);
@@ -40,7 +43,8 @@ struct KannalaBrandt {
   static constexpr int kRows = 2, kNumbers = 2;
   int parameter_count() const { return 9; }
 
-  bool residual(const double* parameters, const Vector3d& p, const double* z, double* r, double* d_p, double* d_own) const {
+  bool residual(const double* parameters, const Vector3d& p, const double* z, double* r,
+                double* d_p, double* d_own) const {
     const double fx = parameters[0], fy = parameters[1];
     const double* k = parameters + 4;
     const double x = p.x() - parameters[8], y = p.y(), depth = p.z();
@@ -54,10 +58,13 @@ struct KannalaBrandt {
     r[0] = fx * s * x + parameters[2] - z[0];
     r[1] = fy * s * y + parameters[3] - z[1];
     if (!d_p) return true;
-    const double s_rho_over_rho = axis ? 0 : (slope * depth / squared - s) / (rho * rho);  // (d s / d rho) / rho
+    const double s_rho_over_rho =
+        axis ? 0 : (slope * depth / squared - s) / (rho * rho);  // (d s / d rho) / rho
     const double s_z = -slope / squared;
-    d_p[0] = fx * (s + x * x * s_rho_over_rho), d_p[1] = fx * x * y * s_rho_over_rho, d_p[2] = fx * x * s_z;
-    d_p[3] = fy * x * y * s_rho_over_rho, d_p[4] = fy * (s + y * y * s_rho_over_rho), d_p[5] = fy * y * s_z;
+    d_p[0] = fx * (s + x * x * s_rho_over_rho), d_p[1] = fx * x * y * s_rho_over_rho,
+    d_p[2] = fx * x * s_z;
+    d_p[3] = fy * x * y * s_rho_over_rho, d_p[4] = fy * (s + y * y * s_rho_over_rho),
+    d_p[5] = fy * y * s_z;
     double *dx = d_own, *dy = d_own + 9;
     dx[0] = s * x, dx[1] = 0, dx[2] = 1, dx[3] = 0;
     dy[0] = 0, dy[1] = s * y, dy[2] = 0, dy[3] = 1;

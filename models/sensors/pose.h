@@ -1,11 +1,14 @@
-// Sensors that measure poses: `pose` (motion capture: measures sensor_T_target = Z) and `chain` (the joint readings are the measurement:
-// the target is at link_T_target, which is the sensor's own frame here, so Z = 1).
+// Sensors that measure poses: `pose` (motion capture: measures sensor_T_target = Z) and `chain`
+// (the joint readings are the measurement: the target is at link_T_target, which is the sensor's
+// own frame here, so Z = 1).
 //
-// Residual: the six numbers [translation of E | Log of the rotation of E], E = Z^-1 T, T the predicted sensor_T_target.
-// With T' = exp(xi) T:  E' = exp(Ad_Z^-1 xi) E, so with [v | w] = Ad_Z^-1 xi
+// Residual: the six numbers [translation of E | Log of the rotation of E], E = Z^-1 T, T the
+// predicted sensor_T_target. With T' = exp(xi) T:  E' = exp(Ad_Z^-1 xi) E, so with [v | w] =
+// Ad_Z^-1 xi
 //     d translation = v + w x t_E,     d Log = J_l(Log)^-1 w.
-// In noise mode `point` a chain has the paper's residual at each target point p:  r = E p - p  (equations (10)-(14)), with the
-// grip's noise e, link_T_target exp(e), as own covariance G D G', G = [1 | -[p]x].
+// In noise mode `point` a chain has the paper's residual at each target point p:  r = E p - p
+// (equations (10)-(14)), with the grip's noise e, link_T_target exp(e), as own covariance G D G', G
+// = [1 | -[p]x].
 #pragma once
 
 #include "sensor.h"
@@ -18,22 +21,29 @@ class PoseSensor final : public SensorModel {
   int rows() const override { return 6; }
   int numbers() const override { return measures_ ? 7 : 0; }
   bool measures_pose() const override { return true; }
-  MeasurementKind measurement_kind() const override { return measures_ ? MeasurementKind::pose : MeasurementKind::chain; }
-  std::vector<NoisePart> noise_parts() const override { return {{"translation", "m", 0, 3}, {"rotation", "rad", 3, 3}}; }
+  MeasurementKind measurement_kind() const override {
+    return measures_ ? MeasurementKind::pose : MeasurementKind::chain;
+  }
+  std::vector<NoisePart> noise_parts() const override {
+    return {{"translation", "m", 0, 3}, {"rotation", "rad", 3, 3}};
+  }
   const SensorModel* point_form() const override;
 
-  bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
+  bool evaluate(const ViewInput& view, const Columns& c, double* r,
+                Eigen::Ref<RowMatrix>* L) const override {
     Pose z;
     if (measures_) {
       z.translation << view.z[0], view.z[1], view.z[2];
-      z.rotation = rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
+      z.rotation =
+          rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
     }
     const Pose inverse_z = inverse(z), e = inverse_z * view.sensor_T_target;
     const Vector3d phi = log_so3(e.rotation);
     Eigen::Map<Vector6d>(r) << e.translation, phi;
     if (!L) return true;
     Matrix6d d;
-    d << Matrix3d::Identity(), -skew(e.translation), Matrix3d::Zero(), inverse_left_jacobian_so3(phi);
+    d << Matrix3d::Identity(), -skew(e.translation), Matrix3d::Zero(),
+        inverse_left_jacobian_so3(phi);
     L->block<6, 6>(0, c.pose) = d * adjoint(inverse_z);
     return true;
   }
@@ -50,7 +60,8 @@ class ChainPoints final : public SensorModel {
   int sigmas() const override { return 6; }
   bool has_own_noise() const override { return true; }
 
-  bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
+  bool evaluate(const ViewInput& view, const Columns& c, double* r,
+                Eigen::Ref<RowMatrix>* L) const override {
     const Matrix3d& rotation = view.sensor_T_target.rotation;
     for (int i = 0; i < view.count; ++i) {
       const Vector3d p = view.points->col(view.ids[i]), moved = view.sensor_T_target * p;
@@ -59,7 +70,8 @@ class ChainPoints final : public SensorModel {
       L->block<3, 3>(3 * i, c.pose).setIdentity();
       L->block<3, 3>(3 * i, c.pose + 3) = -skew(moved);
       const Matrix3d shape = rotation - Matrix3d::Identity();
-      if (c.square >= 0 && view.layout) L->block<3, 1>(3 * i, c.square) = shape * view.layout->col(view.ids[i]);
+      if (c.square >= 0 && view.layout)
+        L->block<3, 1>(3 * i, c.square) = shape * view.layout->col(view.ids[i]);
       if (c.points >= 0) L->block<3, 3>(3 * i, c.points + 3 * view.ids[i]) = shape;
     }
     return true;

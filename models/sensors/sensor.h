@@ -1,9 +1,11 @@
-// What a sensor is: the contract between sensors, kinematics and solver, and the adapter that makes one.
+// What a sensor is: the contract between sensors, kinematics and solver, and the adapter that makes
+// one.
 //
-// A target is rigid, so within one view everything geometric (a joint's offset, gear, link, mount, the target's pose)
-// acts on all its points through one 6-dof motion of the target in the sensor's frame. A view's Jacobian therefore
-// factors:  J = L M.  L (rows x columns of `Columns`) is the sensor's own derivative; M, constant in a view, is the
-// kinematics' derivative of that pose. A sensor computes r and L for one view and knows nothing of kinematics.
+// A target is rigid, so within one view everything geometric (a joint's offset, gear, link, mount,
+// the target's pose) acts on all its points through one 6-dof motion of the target in the sensor's
+// frame. A view's Jacobian therefore factors:  J = L M.  L (rows x columns of `Columns`) is the
+// sensor's own derivative; M, constant in a view, is the kinematics' derivative of that pose. A
+// sensor computes r and L for one view and knows nothing of kinematics.
 //
 // To add a sensor that sees single points, write a struct with
 //     static constexpr int kRows;          // residuals a point
@@ -11,9 +13,10 @@
 //     int parameter_count() const;         // own numbers: intrinsics, ... (at most kMaxParameters)
 //     bool residual(const double* parameters, const Vector3d& p_sensor, const double* z,
 //                   double* r, double* d_r_d_point, double* d_r_d_parameters) const;
-// (residual = predicted - measured; derivatives row-major, kRows x 3 and kRows x parameter_count, either both given or
-// both null; false where undefined) and wrap it:  std::make_shared<PointwiseSensor<My>>(...).
-// Everything else (pose, joints, target's shape, weights, losses, elimination) follows.
+// (residual = predicted - measured; derivatives row-major, kRows x 3 and kRows x parameter_count,
+// either both given or both null; false where undefined) and wrap it:
+// std::make_shared<PointwiseSensor<My>>(...). Everything else (pose, joints, target's shape,
+// weights, losses, elimination) follows.
 #pragma once
 
 #include <Eigen/Core>
@@ -38,43 +41,48 @@ struct ParameterBlock {
 };
 
 /// A Scan describes the scanning joint of a sensor, the one joint that moves within a view:
-/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = the joint's position at the reading z[0].
+/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = the joint's
+/// position at the reading z[0].
 struct Scan {
-  Pose sensor_T_before;    // from the sensor's frame to the joint, on the sensor's side of it
-  Pose behind_T_target;    // from the joint's other side to the target
-  Vector3d axis;           // unit, the same seen from both sides
+  Pose sensor_T_before;  // from the sensor's frame to the joint, on the sensor's side of it
+  Pose behind_T_target;  // from the joint's other side to the target
+  Vector3d axis;         // unit, the same seen from both sides
   bool prismatic = false;
-  int direction = -1;                 // sign with which the path from sensor to target walks the joint
+  int direction = -1;  // sign with which the path from sensor to target walks the joint
   const JointModel* model = nullptr;  // of the joint
   const double* own = nullptr;        // its numbers
 
   double position(double reading) const { return model->position(reading, own); }
 };
 
-/// A ViewInput is what a view shows its sensor. It points to data of others and lives for one evaluation.
+/// A ViewInput is what a view shows its sensor. It points to data of others and lives for one
+/// evaluation.
 struct ViewInput {
-  Pose sensor_T_target;                       // without a scanning joint
-  const Scan* scan = nullptr;                 // with one
-  const double* parameters = nullptr;         // the sensor's own numbers, block after block
-  const Eigen::Matrix3Xd* points = nullptr;   // the target's points in its own frame, m
-  const Eigen::Matrix3Xd* layout = nullptr;   // d points / d square (grids), else null
-  const int* ids = nullptr;                   // which of them are seen
-  int count = 0;                              // how many
-  const double* z = nullptr;                  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
+  Pose sensor_T_target;                      // without a scanning joint
+  const Scan* scan = nullptr;                // with one
+  const double* parameters = nullptr;        // the sensor's own numbers, block after block
+  const Eigen::Matrix3Xd* points = nullptr;  // the target's points in its own frame, m
+  const Eigen::Matrix3Xd* layout = nullptr;  // d points / d square (grids), else null
+  const int* ids = nullptr;                  // which of them are seen
+  int count = 0;                             // how many
+  const double* z = nullptr;  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
 };
 
-/// Columns says where the columns of L are. A group of columns that the caller does not want is absent (-1).
+/// Columns says where the columns of L are. A group of columns that the caller does not want is
+/// absent (-1).
 struct Columns {
-  int pose = 0;          // 6: twist of the target seen from the sensor; scanning: of the target in front of the joint's
-                         // far side ("behind"), then 6 of the sensor's side at `sensor_side`, then the joint's own numbers at `joint`
+  int pose = 0;  // 6: twist of the target seen from the sensor; scanning: of the target in front of
+                 // the joint's far side ("behind"), then 6 of the sensor's side at `sensor_side`,
+                 // then the joint's own numbers at `joint`
   int sensor_side = -1, joint = -1;
-  int parameters = -1;   // own numbers
-  int square = -1;       // spacing of a grid target
-  int points = -1;       // 3 a target point
-  int total = 6;         // number of columns
+  int parameters = -1;  // own numbers
+  int square = -1;      // spacing of a grid target
+  int points = -1;      // 3 a target point
+  int total = 6;        // number of columns
 };
 
-/// A MeasurementKind is what a view measures of its target: starting values and the simulation depend on it.
+/// A MeasurementKind is what a view measures of its target: starting values and the simulation
+/// depend on it.
 enum class MeasurementKind {
   rays,    // two residuals a point, of a direction: cameras (PnP)
   points,  // 3-D points in the sensor's frame (rigid fit)
@@ -90,7 +98,8 @@ struct NoisePart {
   int first, count;
 };
 
-/// A SensorModel is a type of sensor. It is stateless and shared: an instance's numbers are in its parameter blocks.
+/// A SensorModel is a type of sensor. It is stateless and shared: an instance's numbers are in its
+/// parameter blocks.
 class SensorModel {
  public:
   virtual ~SensorModel() = default;
@@ -102,42 +111,52 @@ class SensorModel {
   virtual int sigmas() const { return rows(); }
   /// Returns the unit of the residuals, "px" or "m".
   virtual const char* unit() const { return "m"; }
-  /// Returns whether the sensor measures the target's pose, not its points: ids do not apply then, and its points do not matter.
+  /// Returns whether the sensor measures the target's pose, not its points: ids do not apply then,
+  /// and its points do not matter.
   virtual bool measures_pose() const { return false; }
   virtual bool scans() const { return false; }
   virtual MeasurementKind measurement_kind() const { return MeasurementKind::none; }
-  /// Returns the residual blocks of a view of n points: n, or 1 if the sensor measures poses. A loss acts on each.
+  /// Returns the residual blocks of a view of n points: n, or 1 if the sensor measures poses. A
+  /// loss acts on each.
   int blocks(int count) const { return measures_pose() ? 1 : count; }
 
-  /// Computes the raw residuals r (blocks * rows) and, if L is given (same rows, columns.total, zero-initialised by the caller), their
-  /// derivatives. False where a residual is undefined (a point behind the camera). It does not allocate.
-  virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r, Eigen::Ref<RowMatrix>* L) const = 0;
+  /// Computes the raw residuals r (blocks * rows) and, if L is given (same rows, columns.total,
+  /// zero-initialised by the caller), their derivatives. False where a residual is undefined (a
+  /// point behind the camera). It does not allocate.
+  virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r,
+                        Eigen::Ref<RowMatrix>* L) const = 0;
 
   /// True if the own noise depends on what is seen: block i has the covariance B diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
   /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
-  /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are several, whitened residual i of a block is of
-  /// the part with sigma i.
+  /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are
+  /// several, whitened residual i of a block is of the part with sigma i.
   virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
-  /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has none.
+  /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has
+  /// none.
   virtual ViewKernel kernel() const { return nullptr; }
-  /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals at each target point); else null.
+  /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals
+  /// at each target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
 
 constexpr int kMaxParameters = 16;
 
 /// These are derivatives of a residual by the point in the sensor's frame, row-major.
-using PointDerivatives = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
+using PointDerivatives =
+    Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
 
-/// Fills in the derivative rows of one point: how a residual with d_r_d_p changes with the target's shape.
-inline void point_rows(const ViewInput& view, const Columns& c, int i, const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
+/// Fills in the derivative rows of one point: how a residual with d_r_d_p changes with the target's
+/// shape.
+inline void point_rows(const ViewInput& view, const Columns& c, int i,
+                       const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
                        Eigen::Ref<RowMatrix>& L) {
   for (int k = 0; k < d_r_d_p.rows(); ++k) {
     const Eigen::RowVector3d a = d_r_d_p.row(k);
     const int row = i * static_cast<int>(d_r_d_p.rows()) + k;
-    if (c.square >= 0 && view.layout) L(row, c.square) = a.dot(sensor_R_target * view.layout->col(view.ids[i]));
+    if (c.square >= 0 && view.layout)
+      L(row, c.square) = a.dot(sensor_R_target * view.layout->col(view.ids[i]));
     if (c.points >= 0) L.block<1, 3>(row, c.points + 3 * view.ids[i]) = a * sensor_R_target;
   }
 }
@@ -152,17 +171,21 @@ class PointwiseSensor final : public SensorModel {
   int numbers() const override { return S::kNumbers; }
   const char* unit() const override { return unit_; }
   MeasurementKind measurement_kind() const override {
-    return S::kRows == 2 ? MeasurementKind::rays : S::kRows == 3 && S::kNumbers == 3 ? MeasurementKind::points : MeasurementKind::none;
+    return S::kRows == 2                       ? MeasurementKind::rays
+           : S::kRows == 3 && S::kNumbers == 3 ? MeasurementKind::points
+                                               : MeasurementKind::none;
   }
   const S& sensor() const { return sensor_; }
   ViewKernel kernel() const override { return kernel_; }
 
-  bool evaluate(const ViewInput& view, const Columns& c, double* r, Eigen::Ref<RowMatrix>* L) const override {
+  bool evaluate(const ViewInput& view, const Columns& c, double* r,
+                Eigen::Ref<RowMatrix>* L) const override {
     const int own = sensor_.parameter_count();
     double d_p[S::kRows * 3], d_own[S::kRows * kMaxParameters];
     for (int i = 0; i < view.count; ++i) {
       const Vector3d p = view.sensor_T_target * Vector3d(view.points->col(view.ids[i]));
-      if (!sensor_.residual(view.parameters, p, view.z + i * S::kNumbers, r + i * S::kRows, L ? d_p : nullptr, L ? d_own : nullptr))
+      if (!sensor_.residual(view.parameters, p, view.z + i * S::kNumbers, r + i * S::kRows,
+                            L ? d_p : nullptr, L ? d_own : nullptr))
         return false;
       if (!L) continue;
       for (int k = 0; k < S::kRows; ++k) {  // a' (v + w x p) = [a | p x a]' [v | w]
@@ -173,7 +196,9 @@ class PointwiseSensor final : public SensorModel {
         if (c.parameters >= 0)
           for (int j = 0; j < own; ++j) (*L)(row, c.parameters + j) = d_own[k * own + j];
       }
-      if (c.square >= 0 || c.points >= 0) point_rows(view, c, i, PointDerivatives(d_p, S::kRows, 3), view.sensor_T_target.rotation, *L);
+      if (c.square >= 0 || c.points >= 0)
+        point_rows(view, c, i, PointDerivatives(d_p, S::kRows, 3), view.sensor_T_target.rotation,
+                   *L);
     }
     return true;
   }

@@ -1,4 +1,5 @@
-// The sensors that kincal knows, each with its header; made here by type so that files can name them.
+// The sensors that kincal knows, each with its header; made here by type so that files can name
+// them.
 #pragma once
 
 #include <memory>
@@ -9,11 +10,14 @@ namespace kincal {
 
 enum class Lens { pinhole, brown_conrady, kannala_brandt };
 
-/// Camera along +z, x right, y down, px. Own blocks: "intrinsics" fx fy cx cy, "distortion" (brown_conrady: 5 k1 k2 p1 p2 k3
-/// or 8 with k4 k5 k6; kannala_brandt: 4 k1 k2 k3 k4; pinhole: 0, the block absent), "baseline" (m), in this order.
+/// Camera along +z, x right, y down, px. Own blocks: "intrinsics" fx fy cx cy, "distortion"
+/// (brown_conrady: 5 k1 k2 p1 p2 k3 or 8 with k4 k5 k6; kannala_brandt: 4 k1 k2 k3 k4; pinhole: 0,
+/// the block absent), "baseline" (m), in this order.
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count);
-/// The blocks above with component names and units; `distortion` has 0, 4, 5 or 8 numbers as the lens asks.
-std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<double>& intrinsics, const std::vector<double>& distortion,
+/// The blocks above with component names and units; `distortion` has 0, 4, 5 or 8 numbers as the
+/// lens asks.
+std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<double>& intrinsics,
+                                              const std::vector<double>& distortion,
                                               double baseline);
 /// 3-D points in the sensor's frame, m.
 std::shared_ptr<const SensorModel> make_point();

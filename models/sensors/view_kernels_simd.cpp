@@ -7,13 +7,15 @@ namespace kincal {
 namespace KINCAL_ISA {
 namespace {
 
-/// What a camera sees: kRows residuals of the point p in its frame; `defined`: lowest number that must be above 0.
+/// What a camera sees: kRows residuals of the point p in its frame; `defined`: lowest number that
+/// must be above 0.
 template <int N>
 struct Camera {
   static constexpr int kRows = 2, kOwn = 5 + N;
   template <bool Derivatives>
   static void predict(const double* parameters, const Pack* p, Pack* z, Pack* d_p, Pack* d_own) {
-    brown_conrady<N>(parameters, Pack(p[0] - parameters[4 + N]), p[1], p[2], z, Derivatives ? d_p : nullptr, Derivatives ? d_own : nullptr);
+    brown_conrady<N>(parameters, Pack(p[0] - parameters[4 + N]), p[1], p[2], z,
+                     Derivatives ? d_p : nullptr, Derivatives ? d_own : nullptr);
   }
   static bool defined(Pack p_z) {
     for (int i = 0; i < kLanes; ++i)
@@ -56,8 +58,10 @@ bool run(const PointView& v, const PointRows& to, double& squares) {
     Pack mask = all(1);
     if (left < kLanes)
       for (int lane = left; lane < kLanes; ++lane) mask[lane] = 0;
-    const Pack x = load(v.points + i) * v.scale, y = load(v.points + stride + i) * v.scale, z = load(v.points + 2 * stride + i) * v.scale;
-    const Pack turned[3] = {r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z, r[6] * x + r[7] * y + r[8] * z};
+    const Pack x = load(v.points + i) * v.scale, y = load(v.points + stride + i) * v.scale,
+               z = load(v.points + 2 * stride + i) * v.scale;
+    const Pack turned[3] = {r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z,
+                            r[6] * x + r[7] * y + r[8] * z};
     const Pack p[3] = {turned[0] + t[0], turned[1] + t[1], turned[2] + t[2]};
     lowest = p[2] < lowest ? p[2] : lowest;
     Pack predicted[rows], d_p[3 * rows], d_own[rows * own + 1];
@@ -78,7 +82,9 @@ bool run(const PointView& v, const PointRows& to, double& squares) {
       store(to.l + 5 * to.ld + row, p[0] * b - p[1] * a);
       for (int j = 0; j < own; ++j)
         if (to.own[j] >= 0) store(to.l + to.own[j] * to.ld + row, weight * d_own[k * own + j]);
-      if (to.square >= 0) store(to.l + to.square * to.ld + row, (a * turned[0] + b * turned[1] + c * turned[2]) / v.scale);
+      if (to.square >= 0)
+        store(to.l + to.square * to.ld + row,
+              (a * turned[0] + b * turned[1] + c * turned[2]) / v.scale);
     }
   }
   squares = sum(total);

@@ -13,9 +13,10 @@ namespace kincal {
 /// A Posture is where the robot is asked to stand, and what is looked at.
 struct Posture {
   std::string id;
-  std::vector<double> readings;             // true ones, by joint index, NaN: absent
-  std::vector<std::pair<int, int>> views;   // (sensor, target) in the samples' order; empty: all that see something
-  std::map<int, Pose> targets;              // base_T_target of free targets that no chain holds
+  std::vector<double> readings;  // true ones, by joint index, NaN: absent
+  std::vector<std::pair<int, int>>
+      views;  // (sensor, target) in the samples' order; empty: all that see something
+  std::map<int, Pose> targets;  // base_T_target of free targets that no chain holds
 };
 
 /// A DroppedView is one that a posture asks for and that cannot be.

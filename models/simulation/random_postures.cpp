@@ -11,7 +11,8 @@ namespace {
 
 constexpr int kTrials = 1000;  // a sample
 
-/// Does the posture move the target relative to the sensor? A scanning joint is no part of the posture.
+/// Does the posture move the target relative to the sensor? A scanning joint is no part of the
+/// posture.
 bool moves_between(const Rig& rig, int sensor, int target) {
   const Sensor& s = rig.sensors[sensor];
   const int link = rig.targets[target].link >= 0 ? rig.targets[target].link : rig.base;
@@ -45,7 +46,9 @@ std::vector<PostureGroup> groups_of(const Rig& rig, const std::vector<SensorTarg
 
 }  // namespace
 
-RandomPostures::RandomPostures(const Rig& rig, const World& world, const std::vector<SensorTarget>& pairs, std::uint64_t seed, int samples)
+RandomPostures::RandomPostures(const Rig& rig, const World& world,
+                               const std::vector<SensorTarget>& pairs, std::uint64_t seed,
+                               int samples)
     : rig_(rig),
       world_(world),
       pairs_(pairs),
@@ -54,7 +57,9 @@ RandomPostures::RandomPostures(const Rig& rig, const World& world, const std::ve
       groups_(groups_of(rig, pairs)),
       draws_(seed, kPostureStream) {
   if (groups_.empty())
-    throw std::invalid_argument("no sensor of this rig sees a target; a chain only holds one, and needs another sensor that sees it");
+    throw std::invalid_argument(
+        "no sensor of this rig sees a target; a chain only holds one, and needs another sensor "
+        "that sees it");
   std::set<int> joints;
   for (const SensorTarget& p : pairs)
     for (int j : needed_readings(rig, p.first, p.second)) joints.insert(j);
@@ -78,11 +83,13 @@ Draft RandomPostures::next(int k) {
 }
 
 /// A sample if a random posture shows enough, and the goal if there is one.
-std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group, const SensorTarget* goal) {
+std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
+                                             const SensorTarget* goal) {
   ++trials_;
   Posture posture;
   posture.id = std::to_string(k);
-  posture.id = "sample_" + std::string(posture.id.size() < 4 ? 4 - posture.id.size() : 0, '0') + posture.id;
+  posture.id =
+      "sample_" + std::string(posture.id.size() < 4 ? 4 - posture.id.size() : 0, '0') + posture.id;
   posture.readings.assign(rig_.tree.joints.size(), kNan);
   for (int j : joints_) {
     const auto [low, high] = usual_range(rig_.tree.joints[j]);
@@ -94,17 +101,21 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group, c
   } else if (group.target >= 0) {
     Sample robot;
     robot.readings = posture.readings;
-    const int before = goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
+    const int before =
+        goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
   }
   const Draws noise(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k));
   if (goal) {  // the cheap question first
     std::vector<SensorTarget> first = views;
     first.push_back(*goal);
-    if (world_.carry_out(posture, first, false, noise).sample.views.size() < first.size()) return std::nullopt;
+    if (world_.carry_out(posture, first, false, noise).sample.views.size() < first.size())
+      return std::nullopt;
   }
   for (const SensorTarget& p : pairs_)
-    if (!is_chain(rig_.sensors[p.first]) && (p.second == group.target || rig_.targets[p.second].link >= 0)) views.push_back(p);
+    if (!is_chain(rig_.sensors[p.first]) &&
+        (p.second == group.target || rig_.targets[p.second].link >= 0))
+      views.push_back(p);
   Draft draft = world_.carry_out(posture, views, false, noise);
   size_t free = 0;
   bool mounted = false;
@@ -114,7 +125,8 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group, c
     mounted = mounted || moving_.empty() || moving_.count({v.sensor, v.target});
   }
   const size_t needed = std::min<size_t>(2, group.observers.size() + (group.holder >= 0));
-  if (group.target >= 0 ? free < needed : !mounted || draft.sample.views.empty()) return std::nullopt;
+  if (group.target >= 0 ? free < needed : !mounted || draft.sample.views.empty())
+    return std::nullopt;
   return draft;
 }
 
@@ -123,14 +135,17 @@ void RandomPostures::give_up(const PostureGroup& group) const {
   if (group.target >= 0) {
     text += ": free target " + quoted(rig_.targets[group.target].name);
     text += group.holder >= 0 ? ", held by " + quoted(rig_.sensors[group.holder].name) + "," : "";
-    text +=
-        group.holder >= 0 || group.observers.size() == 1 ? " must be seen whole by a sensor" : " must be seen whole by two sensors at once";
+    text += group.holder >= 0 || group.observers.size() == 1
+                ? " must be seen whole by a sensor"
+                : " must be seen whole by two sensors at once";
   }
   std::string never;
   for (const SensorTarget& p : group.observers)
     if (!seen_.count(p))
-      never += (never.empty() ? "" : ", ") + quoted(rig_.targets[p.second].name) + " by " + quoted(rig_.sensors[p.first].name);
-  throw std::runtime_error(text + (never.empty() ? "" : "; never seen: " + never) + "; give postures that show it");
+      never += (never.empty() ? "" : ", ") + quoted(rig_.targets[p.second].name) + " by " +
+               quoted(rig_.sensors[p.first].name);
+  throw std::runtime_error(text + (never.empty() ? "" : "; never seen: " + never) +
+                           "; give postures that show it");
 }
 
 }  // namespace kincal

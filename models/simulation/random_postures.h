@@ -1,4 +1,5 @@
-// Random postures: the readings of all joints that matter are drawn until enough is seen. The rules stand at simulate() of simulation.h.
+// Random postures: the readings of all joints that matter are drawn until enough is seen. The rules
+// stand at simulate() of simulation.h.
 #pragma once
 
 #include <cstdint>
@@ -11,8 +12,8 @@
 
 namespace kincal {
 
-/// A PostureGroup is what random postures are about: a free target in a chain's hand or placed (holder -1), or all mounted ones (target
-/// -1).
+/// A PostureGroup is what random postures are about: a free target in a chain's hand or placed
+/// (holder -1), or all mounted ones (target -1).
 struct PostureGroup {
   int target, holder;
   std::vector<SensorTarget> observers;  // pairs that may see it
@@ -22,9 +23,11 @@ struct PostureGroup {
 class RandomPostures {
  public:
   /// @throws std::invalid_argument if nothing is seen by any pair.
-  RandomPostures(const Rig& rig, const World& world, const std::vector<SensorTarget>& pairs, std::uint64_t seed, int samples);
+  RandomPostures(const Rig& rig, const World& world, const std::vector<SensorTarget>& pairs,
+                 std::uint64_t seed, int samples);
 
-  /// Draws sample k. @throws std::runtime_error when 1000 postures a sample were not enough, naming what was never seen.
+  /// Draws sample k. @throws std::runtime_error when 1000 postures a sample were not enough, naming
+  /// what was never seen.
   Draft next(int k);
   /// Returns how many postures were tried.
   long trials() const { return trials_; }
@@ -41,8 +44,9 @@ class RandomPostures {
   std::vector<PostureGroup> groups_;
   Draws draws_;
   std::vector<int> joints_;
-  std::set<SensorTarget> moving_;                    // pairs of mounted targets that a posture moves
-  std::set<std::pair<int, SensorTarget>> failed_goals_;  // goals, with the holder, that were not met once
+  std::set<SensorTarget> moving_;  // pairs of mounted targets that a posture moves
+  std::set<std::pair<int, SensorTarget>>
+      failed_goals_;  // goals, with the holder, that were not met once
   std::set<SensorTarget> seen_;
   long trials_ = 0, relaxed_ = 0;
 };

@@ -32,55 +32,71 @@ void check_posture(const Rig& rig, const Posture& posture) {
     throw std::invalid_argument(where + "one reading a joint is expected, NaN for none");
   for (const auto& t : posture.targets)
     if (rig.targets.at(t.first).link >= 0)
-      throw std::invalid_argument(where + "target " + quoted(rig.targets[t.first].name) + " is mounted");
+      throw std::invalid_argument(where + "target " + quoted(rig.targets[t.first].name) +
+                                  " is mounted");
   std::set<int> held;
   for (const SensorTarget& v : posture.views)
     if (is_chain(rig.sensors.at(v.first))) held.insert(v.second);
   for (const SensorTarget& v : posture.views) {
     const Target& target = rig.targets.at(v.second);
-    const std::string view = where + "sensor " + quoted(rig.sensors[v.first].name) + ", target " + quoted(target.name) + ": ";
+    const std::string view = where + "sensor " + quoted(rig.sensors[v.first].name) + ", target " +
+                             quoted(target.name) + ": ";
     for (int j : needed_readings(rig, v.first, v.second))
       if (std::isnan(posture.readings[j]))
-        throw std::invalid_argument(view + "needs joint " + quoted(rig.tree.joints[j].name) + ", which the posture lacks");
+        throw std::invalid_argument(view + "needs joint " + quoted(rig.tree.joints[j].name) +
+                                    ", which the posture lacks");
     if (target.link >= 0) continue;
     if (held.count(v.second) && posture.targets.count(v.second))
-      throw std::invalid_argument(view + "the target is held by a chain, its pose cannot be given too");
+      throw std::invalid_argument(view +
+                                  "the target is held by a chain, its pose cannot be given too");
     if (!held.count(v.second) && !posture.targets.count(v.second))
-      throw std::invalid_argument(view + "the target is free: either a chain that holds it or its pose is needed");
+      throw std::invalid_argument(
+          view + "the target is free: either a chain that holds it or its pose is needed");
   }
 }
 
-/// Views of a posture that lists none: one held target in turn if it places none, and all that sees the placed and the mounted ones.
-std::vector<SensorTarget> views_of(const Rig& rig, const Posture& posture, const std::vector<SensorTarget>& pairs, int k) {
+/// Views of a posture that lists none: one held target in turn if it places none, and all that sees
+/// the placed and the mounted ones.
+std::vector<SensorTarget> views_of(const Rig& rig, const Posture& posture,
+                                   const std::vector<SensorTarget>& pairs, int k) {
   std::vector<SensorTarget> views, holds;
   for (const SensorTarget& p : pairs)
-    if (is_chain(rig.sensors[p.first]) && posture.targets.empty() && has_readings_of(rig, posture, p.first, p.second)) holds.push_back(p);
+    if (is_chain(rig.sensors[p.first]) && posture.targets.empty() &&
+        has_readings_of(rig, posture, p.first, p.second))
+      holds.push_back(p);
   if (!holds.empty()) views.push_back(holds[k % holds.size()]);
   for (const SensorTarget& p : pairs) {
-    const bool placed =
-        rig.targets[p.second].link >= 0 || posture.targets.count(p.second) || (!holds.empty() && p.second == views[0].second);
-    if (!is_chain(rig.sensors[p.first]) && placed && has_readings_of(rig, posture, p.first, p.second)) views.push_back(p);
+    const bool placed = rig.targets[p.second].link >= 0 || posture.targets.count(p.second) ||
+                        (!holds.empty() && p.second == views[0].second);
+    if (!is_chain(rig.sensors[p.first]) && placed &&
+        has_readings_of(rig, posture, p.first, p.second))
+      views.push_back(p);
   }
   return views;
 }
 
 void check_truth(const ParameterTable& table, const VectorXd& truth) {
-  if (truth.size() != table.initial.size()) throw std::invalid_argument("the truth has another number of values than the rig");
+  if (truth.size() != table.initial.size())
+    throw std::invalid_argument("the truth has another number of values than the rig");
   for (const Parameter& p : table.all)
     for (int c = 0; c < p.size(); ++c)
       if (const char* why = improper_value(p, c, truth(p.start + c)))
-        throw std::invalid_argument("the true " + p.component_name(c) + " is " + std::to_string(truth(p.start + c)) + "; " + why);
+        throw std::invalid_argument("the true " + p.component_name(c) + " is " +
+                                    std::to_string(truth(p.start + c)) + "; " + why);
 }
 
 }  // namespace
 
-VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread, std::uint64_t seed) {
+VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spread,
+                    std::uint64_t seed) {
   std::vector<std::vector<double>> sigma;
   for (const Parameter& p : table.all) sigma.emplace_back(p.size(), 0.0);
   for (const Spread& s : spread) {
     if (!(s.sigma >= 0 && std::isfinite(s.sigma)))
-      throw std::invalid_argument("spread of '" + s.pattern + "': a number of at least 0 is expected");
-    const std::vector<Freed> found = table.find(s.pattern, "spread[" + std::to_string(&s - spread.data()) + "]");
+      throw std::invalid_argument("spread of '" + s.pattern +
+                                  "': a number of at least 0 is expected");
+    const std::vector<Freed> found =
+        table.find(s.pattern, "spread[" + std::to_string(&s - spread.data()) + "]");
     for (const Freed& f : found)
       for (int c : f.components) sigma[f.parameter][c] = s.sigma;
   }
@@ -132,17 +148,21 @@ std::vector<std::pair<int, int>> usual_pairs(const Rig& rig) {
   return pairs;
 }
 
-Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd& truth, const SimulationOptions& options) {
+Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd& truth,
+                    const SimulationOptions& options) {
   if (options.samples < 1) throw std::invalid_argument("at least one sample is expected");
   check_truth(table, truth);
   for (const Sensor& s : rig.sensors) {
     const SensorModel& m = *s.model;
-    const bool known = m.measurement_kind() == MeasurementKind::chain || m.measurement_kind() == MeasurementKind::pose ||
+    const bool known = m.measurement_kind() == MeasurementKind::chain ||
+                       m.measurement_kind() == MeasurementKind::pose ||
                        m.measurement_kind() == MeasurementKind::scan;
     if (!known && (m.measures_pose() || m.has_own_noise() || m.numbers() != m.rows()))
-      throw std::invalid_argument("sensor " + quoted(s.name) + ": sensors of type " + quoted(s.type) + " cannot be simulated");
+      throw std::invalid_argument("sensor " + quoted(s.name) + ": sensors of type " +
+                                  quoted(s.type) + " cannot be simulated");
     if (static_cast<int>(s.sigma.size()) != m.sigmas())
-      throw std::invalid_argument("sensor " + quoted(s.name) + ": it needs " + std::to_string(m.sigmas()) + " sigmas");
+      throw std::invalid_argument("sensor " + quoted(s.name) + ": it needs " +
+                                  std::to_string(m.sigmas()) + " sigmas");
   }
   Simulation out;
   out.truth = truth;
@@ -167,14 +187,16 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
         for (posture.id = id; !ids.insert(posture.id).second;) posture.id += "_";
       }
       const bool listed = !posture.views.empty();
-      draft = world.carry_out(posture, listed ? posture.views : views_of(rig, posture, pairs, k), listed,
-                              Draws(options.seed, kFirstSampleStream + static_cast<std::uint64_t>(k)));
+      draft = world.carry_out(
+          posture, listed ? posture.views : views_of(rig, posture, pairs, k), listed,
+          Draws(options.seed, kFirstSampleStream + static_cast<std::uint64_t>(k)));
     }
     out.dropped.insert(out.dropped.end(), draft.dropped.begin(), draft.dropped.end());
     if (draft.sample.views.empty()) continue;
     for (const View& v : draft.sample.views) {
       busy[v.sensor] = 1;
-      if (rig.targets[v.target].link < 0) out.targets[{static_cast<int>(out.samples.size()), v.target}] = draft.targets.at(v.target);
+      if (rig.targets[v.target].link < 0)
+        out.targets[{static_cast<int>(out.samples.size()), v.target}] = draft.targets.at(v.target);
     }
     out.samples.push_back(std::move(draft.sample));
     out.true_readings.push_back(std::move(draft.readings));

@@ -14,12 +14,14 @@ namespace {
 
 constexpr double kWidestBearing = 135 * kPi / 180, kShortestRange = 0.1;
 constexpr double kLeastFront = 0.17364817766693036;  // cos 80 degrees
-constexpr int kArc = 8;                              // directions between the axis and a point where a lens is looked at
+constexpr int kArc = 8;  // directions between the axis and a point where a lens is looked at
 
 }  // namespace
 
-World::World(const Rig& rig, const ParameterTable& table, const VectorXd& truth) : rig_(rig), table_(table), truth_(truth) {
-  for (int t = 0; t < static_cast<int>(rig.targets.size()); ++t) points_.push_back(target_points(rig, table, truth, t));
+World::World(const Rig& rig, const ParameterTable& table, const VectorXd& truth)
+    : rig_(rig), table_(table), truth_(truth) {
+  for (int t = 0; t < static_cast<int>(rig.targets.size()); ++t)
+    points_.push_back(target_points(rig, table, truth, t));
 }
 
 std::optional<CameraImage> World::image_of(int sensor) const {
@@ -29,13 +31,14 @@ std::optional<CameraImage> World::image_of(int sensor) const {
     if (block.kind != ParameterKind::intrinsics || block.size() != 4) continue;
     const double* k = truth_.data() + block.start;
     const bool known = s.image_width > 0 && s.image_height > 0;
-    return CameraImage{k[0], k[2], k[3], known ? s.image_width : 2 * k[2] + 1, known ? s.image_height : 2 * k[3] + 1};
+    return CameraImage{k[0], k[2], k[3], known ? s.image_width : 2 * k[2] + 1,
+                       known ? s.image_height : 2 * k[3] + 1};
   }
   return std::nullopt;
 }
 
-/// Is the target's printed side turned to `eye` (in the target's frame)? Boards count x right and y down, seen from their front, so z
-/// points into them; some count y up.
+/// Is the target's printed side turned to `eye` (in the target's frame)? Boards count x right and y
+/// down, seen from their front, so z points into them; some count y up.
 bool World::front_shows(int target, const Vector3d& eye) const {
   const Target& t = rig_.targets[target];
   if (!t.grid) return true;
@@ -43,8 +46,10 @@ bool World::front_shows(int target, const Vector3d& eye) const {
   return (t.y_up ? sight.z() : -sight.z()) >= kLeastFront;
 }
 
-/// What a pointwise sensor would measure of points in its frame (residual = predicted - 0), and the derivative by them.
-bool World::predict(int sensor, const Matrix3Xd& p_sensor, std::vector<double>& z, RowMatrix* by_point) const {
+/// What a pointwise sensor would measure of points in its frame (residual = predicted - 0), and the
+/// derivative by them.
+bool World::predict(int sensor, const Matrix3Xd& p_sensor, std::vector<double>& z,
+                    RowMatrix* by_point) const {
   const SensorModel& model = *rig_.sensors[sensor].model;
   const int n = static_cast<int>(p_sensor.cols());
   std::vector<int> ids(n);
@@ -65,23 +70,27 @@ bool World::predict(int sensor, const Matrix3Xd& p_sensor, std::vector<double>& 
   return true;
 }
 
-/// Are all pixels in the image, and is the lens one to one from its axis to each point? With J (2 x 3) by the point p, det [J; p] > 0
-/// where turning the direction moves the pixel the right way round.
-bool World::inside(int sensor, const Matrix3Xd& p_sensor, const std::vector<double>& pixels, std::string& why) const {
+/// Are all pixels in the image, and is the lens one to one from its axis to each point? With J (2 x
+/// 3) by the point p, det [J; p] > 0 where turning the direction moves the pixel the right way
+/// round.
+bool World::inside(int sensor, const Matrix3Xd& p_sensor, const std::vector<double>& pixels,
+                   std::string& why) const {
   const std::optional<CameraImage> image = image_of(sensor);
   if (!image) return true;
   const int n = static_cast<int>(p_sensor.cols());
   why = "a point is outside the image";
   for (int i = 0; i < n; ++i) {
     const double u = pixels[2 * i], v = pixels[2 * i + 1];
-    if (!(u >= -0.5 && u <= image->width - 0.5 && v >= -0.5 && v <= image->height - 0.5)) return false;
+    if (!(u >= -0.5 && u <= image->width - 0.5 && v >= -0.5 && v <= image->height - 0.5))
+      return false;
   }
   why = "a point is where the lens is not one to one";
   Matrix3Xd arc(3, n * kArc);
   for (int i = 0; i < n; ++i) {
     const Vector3d p = p_sensor.col(i);
     const double rho = std::hypot(p.x(), p.y()), angle = std::atan2(rho, p.z());
-    const Eigen::Vector2d away = rho > 0 ? Eigen::Vector2d(p.head<2>() / rho) : Eigen::Vector2d(1, 0);
+    const Eigen::Vector2d away =
+        rho > 0 ? Eigen::Vector2d(p.head<2>() / rho) : Eigen::Vector2d(1, 0);
     for (int k = 1; k <= kArc; ++k) {
       const double a = angle * k / kArc;
       arc.col(i * kArc + k - 1) << p.norm() * std::sin(a) * away, p.norm() * std::cos(a);
@@ -99,18 +108,21 @@ bool World::inside(int sensor, const Matrix3Xd& p_sensor, const std::vector<doub
 }
 
 /// Rays that hit all points; see the head of the header.
-bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, std::vector<double>& z) const {
+bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
+                 std::vector<double>& z) const {
   const Sensor& s = rig_.sensors[view.first];
   const int j = s.scanning_joint;
   const Joint& joint = rig_.tree.joints[j];
   const Path path = find_path(rig_.tree, rig_.base, s.link);
-  const auto step = std::find_if(path.begin(), path.end(), [&](const PathStep& p) { return p.joint == j; });
+  const auto step =
+      std::find_if(path.begin(), path.end(), [&](const PathStep& p) { return p.joint == j; });
   const double* own = truth_.data() + table_.all[table_.joint_offset[j]].start;
   const Pose origin = get_pose(truth_, table_.all[table_.joint_origin[j]].start);
   const Pose base_T_parent = at(robot).with(j, 0).base_T_link(joint.parent);
   const Pose base_T_child = at(robot).with(j, 0).base_T_link(joint.child);
   const Pose sensor_T_base = inverse(base_T_sensor(robot, view.first, 0));
-  const bool down = step->direction > 0;  // from the base; from the sensor it is the other way round
+  const bool down =
+      step->direction > 0;  // from the base; from the sensor it is the other way round
   const Pose sensor_T_joint = sensor_T_base * (down ? base_T_child : base_T_parent * origin);
   const Pose joint_T_target = inverse(down ? base_T_parent * origin : base_T_child) * base_T_target;
   const double direction = down ? -1 : 1;
@@ -138,7 +150,9 @@ bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base
       if (!(t >= low && t <= high)) continue;  // NaN too: never in the plane
       const Vector3d p = sensor_T_joint * (joint_motion(joint, q) * x);
       const double bearing = std::atan2(p.y(), p.x()), range = p.norm();
-      if (range <= kShortestRange || std::abs(bearing) > least || (hit && std::abs(bearing) >= least)) continue;
+      if (range <= kShortestRange || std::abs(bearing) > least ||
+          (hit && std::abs(bearing) >= least))
+        continue;
       least = std::abs(bearing);
       hit = true;
       best[0] = t, best[1] = bearing, best[2] = range;
@@ -150,13 +164,15 @@ bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base
 }
 
 /// Numbers of a view without noise. False, and why, where the target is not seen whole.
-bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, bool any_side, std::vector<double>& z,
-                 std::string& why) const {
+bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
+                 bool any_side, std::vector<double>& z, std::string& why) const {
   const Sensor& s = rig_.sensors[view.first];
   const MeasurementKind kind = s.model->measurement_kind();
   if (kind == MeasurementKind::scan) {
-    if (!scan(robot, view, base_T_target, z)) return why = "a point is out of the scan's reach", false;
-    const Vector3d eye = inverse(base_T_target) * base_T_sensor(robot, view.first, z[0]).translation;
+    if (!scan(robot, view, base_T_target, z))
+      return why = "a point is out of the scan's reach", false;
+    const Vector3d eye =
+        inverse(base_T_target) * base_T_sensor(robot, view.first, z[0]).translation;
     return any_side || front_shows(view.second, eye) || (why = "its front is turned away", false);
   }
   const Pose sensor_T_target = inverse(base_T_sensor(robot, view.first)) * base_T_target;
@@ -166,18 +182,23 @@ bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base
     z = {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
     return true;
   }
-  if (kind == MeasurementKind::rays && !any_side && !front_shows(view.second, inverse(sensor_T_target).translation))
+  if (kind == MeasurementKind::rays && !any_side &&
+      !front_shows(view.second, inverse(sensor_T_target).translation))
     return why = "its front is turned away", false;
-  const Matrix3Xd p_sensor = (sensor_T_target.rotation * points_[view.second]).colwise() + sensor_T_target.translation;
+  const Matrix3Xd p_sensor =
+      (sensor_T_target.rotation * points_[view.second]).colwise() + sensor_T_target.translation;
   if (!predict(view.first, p_sensor, z, nullptr))
-    return why = kind == MeasurementKind::rays ? "a point is behind the camera" : "a point has no measurement", false;
+    return why = kind == MeasurementKind::rays ? "a point is behind the camera"
+                                               : "a point has no measurement",
+           false;
   return kind != MeasurementKind::rays || inside(view.first, p_sensor, z, why);
 }
 
 void World::add_noise(int sensor, Draws& noise, std::vector<double>& z) const {
   const Sensor& s = rig_.sensors[sensor];
   if (s.model->measurement_kind() == MeasurementKind::pose) {
-    const Pose t{rotation_from_quaternion(Eigen::Map<const Eigen::Vector4d>(z.data() + 3)), Eigen::Map<const Vector3d>(z.data())};
+    const Pose t{rotation_from_quaternion(Eigen::Map<const Eigen::Vector4d>(z.data() + 3)),
+                 Eigen::Map<const Vector3d>(z.data())};
     const Pose measured = t * inverse(noise.error(s.sigma));
     Eigen::Map<Vector3d>(z.data()) = measured.translation;
     Eigen::Map<Eigen::Vector4d>(z.data() + 3) = quaternion_from_rotation(measured.rotation);
@@ -187,21 +208,26 @@ void World::add_noise(int sensor, Draws& noise, std::vector<double>& z) const {
   for (size_t i = 0; i < z.size(); ++i) z[i] += s.sigma[i % numbers] * noise.normal();
 }
 
-Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed, Draws noise) const {
+Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed,
+                       Draws noise) const {
   Draft draft;
   draft.readings = posture.readings;
   draft.targets = posture.targets;
   draft.sample.id = posture.id;
   draft.sample.readings = posture.readings;
   for (size_t j = 0; j < posture.readings.size(); ++j)
-    if (!std::isnan(posture.readings[j])) draft.sample.readings[j] += rig_.joints[j].sigma * noise.normal();
+    if (!std::isnan(posture.readings[j]))
+      draft.sample.readings[j] += rig_.joints[j].sigma * noise.normal();
 
   Sample robot;
   robot.readings = posture.readings;
   std::map<int, int> holders;  // by free target
   for (const SensorTarget& v : views) {
-    if (!is_chain(rig_.sensors[v.first]) || rig_.targets[v.second].link >= 0 || draft.targets.count(v.second)) continue;
-    draft.targets[v.second] = base_T_sensor(robot, v.first) * noise.error(rig_.sensors[v.first].sigma);
+    if (!is_chain(rig_.sensors[v.first]) || rig_.targets[v.second].link >= 0 ||
+        draft.targets.count(v.second))
+      continue;
+    draft.targets[v.second] =
+        base_T_sensor(robot, v.first) * noise.error(rig_.sensors[v.first].sigma);
     holders[v.second] = v.first;
   }
   for (const SensorTarget& v : views) {
@@ -216,12 +242,12 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
     if (is_chain(sensor)) {
       const auto holder = holders.find(v.second);
       seen = holder != holders.end() && holder->second == v.first;
-      why = target.link >= 0          ? "it is mounted on link " + quoted(rig_.tree.links[target.link])
+      why = target.link >= 0 ? "it is mounted on link " + quoted(rig_.tree.links[target.link])
             : holder != holders.end() ? "it is held by " + quoted(rig_.sensors[holder->second].name)
                                       : "it is placed, not held";
     } else {
-      const Pose base_T_target = target.link < 0 ? draft.targets.at(v.second)
-                                                 : at(robot).base_T_target(v.second);
+      const Pose base_T_target =
+          target.link < 0 ? draft.targets.at(v.second) : at(robot).base_T_target(v.second);
       seen = look(robot, v, base_T_target, listed, view.z, why);
     }
     if (!seen) {
@@ -229,7 +255,8 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
       continue;
     }
     if (!view.z.empty()) add_noise(v.first, noise, view.z);
-    for (int i = 0; !sensor.model->measures_pose() && i < target.count(); ++i) view.ids.push_back(i);
+    for (int i = 0; !sensor.model->measures_pose() && i < target.count(); ++i)
+      view.ids.push_back(i);
     draft.sample.views.push_back(std::move(view));
   }
   return draft;
@@ -239,15 +266,21 @@ Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) con
   const Sensor& s = rig_.sensors[sensor];
   const Target& t = rig_.targets[target];
   const double size = extent(points_[target]);
-  const std::optional<CameraImage> image = s.model->measurement_kind() == MeasurementKind::rays ? image_of(sensor) : std::nullopt;
+  const std::optional<CameraImage> image =
+      s.model->measurement_kind() == MeasurementKind::rays ? image_of(sensor) : std::nullopt;
   const bool scans = s.model->measurement_kind() == MeasurementKind::scan;
   Vector3d ahead;
   double distance, reading = 0;
   if (image) {
     const double fill = draws.uniform(0.2, 0.6), free = 1 - fill;
-    const double u = image->width * (0.5 + free * draws.uniform(-0.5, 0.5)), v = image->height * (0.5 + free * draws.uniform(-0.5, 0.5));
-    ahead = Vector3d((u - image->cx) / image->focal, (v - image->cy) / image->focal, 1).normalized();
-    distance = size > 0 ? std::max(0.4, image->focal * size / (fill * std::min(image->width, image->height))) : draws.uniform(0.4, 2);
+    const double u = image->width * (0.5 + free * draws.uniform(-0.5, 0.5)),
+                 v = image->height * (0.5 + free * draws.uniform(-0.5, 0.5));
+    ahead =
+        Vector3d((u - image->cx) / image->focal, (v - image->cy) / image->focal, 1).normalized();
+    distance =
+        size > 0
+            ? std::max(0.4, image->focal * size / (fill * std::min(image->width, image->height)))
+            : draws.uniform(0.4, 2);
   } else if (scans) {
     const auto [low, high] = usual_range(rig_.tree.joints[s.scanning_joint]);
     reading = draws.uniform(low, high);
@@ -260,14 +293,18 @@ Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) con
   }
   Pose sensor_T_target;
   if (image || scans) {
-    const double about = draws.uniform(-kPi, kPi), tilt = draws.uniform(0, kPi / 4), turn = draws.uniform(-kPi, kPi);
+    const double about = draws.uniform(-kPi, kPi), tilt = draws.uniform(0, kPi / 4),
+                 turn = draws.uniform(-kPi, kPi);
     const Matrix3d facing = rotation_between(Vector3d::UnitZ(), ahead);
-    sensor_T_target.rotation = facing * exp_so3(tilt * Vector3d(std::cos(about), std::sin(about), 0)) * exp_so3(turn * Vector3d::UnitZ());
+    sensor_T_target.rotation = facing *
+                               exp_so3(tilt * Vector3d(std::cos(about), std::sin(about), 0)) *
+                               exp_so3(turn * Vector3d::UnitZ());
     if (t.y_up) sensor_T_target.rotation *= exp_so3(kPi * Vector3d::UnitX());
   } else {
     sensor_T_target.rotation = draws.rotation();
   }
-  sensor_T_target.translation = distance * ahead - sensor_T_target.rotation * points_[target].rowwise().mean();
+  sensor_T_target.translation =
+      distance * ahead - sensor_T_target.rotation * points_[target].rowwise().mean();
   return base_T_sensor(robot, sensor, reading) * sensor_T_target;
 }
 

@@ -1,4 +1,5 @@
-// A robot as it really is: what its sensors see in a posture, and what they log. The models stand at the head of simulation.h.
+// A robot as it really is: what its sensors see in a posture, and what they log. The models stand
+// at the head of simulation.h.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,9 @@ using SensorTarget = std::pair<int, int>;  // (sensor, target)
 /// A DrawStream is one of the streams of draws of one seed; those of the samples follow each other.
 enum DrawStream : std::uint64_t { kTruthStream, kPostureStream, kFirstSampleStream };
 
-inline bool is_chain(const Sensor& sensor) { return sensor.model->measurement_kind() == MeasurementKind::chain; }
+inline bool is_chain(const Sensor& sensor) {
+  return sensor.model->measurement_kind() == MeasurementKind::chain;
+}
 
 /// A Draft is a sample in the making.
 struct Draft {
@@ -39,17 +42,21 @@ class World {
  public:
   World(const Rig& rig, const ParameterTable& table, const VectorXd& truth);
 
-  /// Carries out a posture. Those of `views` that cannot be are dropped; if they are `listed`, the reason is kept, and boards may be seen
-  /// from behind.
-  Draft carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed, Draws noise) const;
+  /// Carries out a posture. Those of `views` that cannot be are dropped; if they are `listed`, the
+  /// reason is kept, and boards may be seen from behind.
+  Draft carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed,
+                  Draws noise) const;
 
-  /// Places a target where the sensor is likely to see it, and returns base_T_target. Cameras: the board fills 20 to 60 % of the image, at
-  /// least 0.4 m away. Lasers: 2 to 6 times its extent, at least 0.5 m away. Both: its front to them, tilted up to 45 degrees and turned at
-  /// will. Others: 0.5 to 2 m away, at will.
+  /// Places a target where the sensor is likely to see it, and returns base_T_target. Cameras: the
+  /// board fills 20 to 60 % of the image, at least 0.4 m away. Lasers: 2 to 6 times its extent, at
+  /// least 0.5 m away. Both: its front to them, tilted up to 45 degrees and turned at will. Others:
+  /// 0.5 to 2 m away, at will.
   Pose place(const Sample& robot, int sensor, int target, Draws& draws) const;
 
  private:
-  Configuration at(const Sample& robot) const { return Configuration(rig_, table_, truth_, robot.readings); }
+  Configuration at(const Sample& robot) const {
+    return Configuration(rig_, table_, truth_, robot.readings);
+  }
   Pose base_T_sensor(const Sample& robot, int sensor, double scan_reading = 0) const {
     return at(robot).with(rig_.sensors[sensor].scanning_joint, scan_reading).base_T_sensor(sensor);
   }
@@ -59,11 +66,14 @@ class World {
   }
   std::optional<CameraImage> image_of(int sensor) const;
   bool front_shows(int target, const Vector3d& eye) const;
-  bool look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, bool any_side, std::vector<double>& z,
-            std::string& why) const;
-  bool scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, std::vector<double>& z) const;
-  bool inside(int sensor, const Eigen::Matrix3Xd& p_sensor, const std::vector<double>& pixels, std::string& why) const;
-  bool predict(int sensor, const Eigen::Matrix3Xd& p_sensor, std::vector<double>& z, RowMatrix* by_point) const;
+  bool look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target, bool any_side,
+            std::vector<double>& z, std::string& why) const;
+  bool scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
+            std::vector<double>& z) const;
+  bool inside(int sensor, const Eigen::Matrix3Xd& p_sensor, const std::vector<double>& pixels,
+              std::string& why) const;
+  bool predict(int sensor, const Eigen::Matrix3Xd& p_sensor, std::vector<double>& z,
+               RowMatrix* by_point) const;
   void add_noise(int sensor, Draws& noise, std::vector<double>& z) const;
 
   const Rig& rig_;

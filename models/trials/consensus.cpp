@@ -19,7 +19,8 @@ constexpr double kJointSigmas = 6;  // a joint error beyond this is no noise
 
 int blocks_of(const Rig& rig, const View& v) {
   const Sensor& sensor = rig.sensors[v.sensor];
-  return sensor.model->blocks(v.ids.empty() ? rig.targets[v.target].count() : static_cast<int>(v.ids.size()));
+  return sensor.model->blocks(v.ids.empty() ? rig.targets[v.target].count()
+                                            : static_cast<int>(v.ids.size()));
 }
 
 /// The view without some points.
@@ -78,11 +79,13 @@ EstimationSetup setup_of(ReferenceFit& reference) {
   return setup;
 }
 
-/// The sample's residuals and joint errors after a Newton step of the shared parameters as well, whose estimate and covariance the others
-/// gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
-void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd& rows, bool robust, SampleFit& fit) {
-  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()), n = reference.root.cols(),
-                     total = fit.residuals.size();
+/// The sample's residuals and joint errors after a Newton step of the shared parameters as well,
+/// whose estimate and covariance the others gave:  least |r + J_p p + J_s W y|^2 + |y|^2,  or with
+/// Cauchy's weights and a scale that falls (robust.h). rows: [J_p J_s r].
+void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd& rows, bool robust,
+               SampleFit& fit) {
+  const Eigen::Index k = shape.private_size, m = static_cast<Eigen::Index>(shape.columns.size()),
+                     n = reference.root.cols(), total = fit.residuals.size();
   MatrixXd root(m, n);
   for (Eigen::Index i = 0; i < m; ++i) root.row(i) = reference.root.row(shape.columns[i]);
   MatrixXd a = MatrixXd::Zero(rows.rows() + n, k + n);
@@ -94,23 +97,27 @@ void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd&
   VectorXd left = right, weight = VectorXd::Ones(a.rows());
   double scale = std::numeric_limits<double>::infinity();
   for (int round = 0; round < (robust ? 30 : 1); ++round) {
-    left = right - a * least_squares(MatrixXd(weight.asDiagonal() * a), VectorXd(weight.cwiseProduct(right)));
+    left = right - a * least_squares(MatrixXd(weight.asDiagonal() * a),
+                                     VectorXd(weight.cwiseProduct(right)));
     Eigen::Index at = 0;
     std::vector<double> sizes;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
-      sizes.push_back(left.segment(at, fit.rows[b]).norm() / reference.noise_ratios[fit.blocks[b].first->sensor]);
+      sizes.push_back(left.segment(at, fit.rows[b]).norm() /
+                      reference.noise_ratios[fit.blocks[b].first->sensor]);
     scale = std::max(1.0, std::min(scale / 2, *std::max_element(sizes.begin(), sizes.end())));
     at = 0;
     for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++])
       weight.segment(at, fit.rows[b]).setConstant(1 / std::hypot(1.0, sizes[b] / (3 * scale)));
   }
   fit.residuals = left.head(total);
-  for (size_t j = 0; j < fit.joints.size(); ++j) fit.joints[j].second = left(total + static_cast<Eigen::Index>(j));
+  for (size_t j = 0; j < fit.joints.size(); ++j)
+    fit.joints[j].second = left(total + static_cast<Eigen::Index>(j));
 }
 
-/// Targets and joint errors estimated, graduated from the starts of the targets or by plain least squares. `taking_part`: what one Newton
-/// step of the free shared parameters as well would leave.
-SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& values, bool robust, bool taking_part) {
+/// Targets and joint errors estimated, graduated from the starts of the targets or by plain least
+/// squares. `taking_part`: what one Newton step of the free shared parameters as well would leave.
+SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& values, bool robust,
+                     bool taking_part) {
   SampleFit out;
   reference.one.samples = {sample};
   EstimationSetup setup = setup_of(reference);
@@ -141,7 +148,9 @@ SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& valu
       out.rows.push_back(static_cast<int>(r.whitened.size()) / count);
     }
   }
-  for (const auto& e : values.errors) out.joints.push_back({e.first.second, e.second / reference.one.rig.joints[e.first.second].sigma});
+  for (const auto& e : values.errors)
+    out.joints.push_back(
+        {e.first.second, e.second / reference.one.rig.joints[e.first.second].sigma});
   if (!taking_part || reference.root.size() == 0) return out;
 
   setup.free = reference.free;
@@ -150,19 +159,23 @@ SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& valu
   MatrixXd rows;
   const VectorXd at = together.pack(values);
   together.renew(at);
-  if (together.explicit_rows(0, at, rows)) take_part(reference, together.groups()[0], rows, robust, out);
+  if (together.explicit_rows(0, at, rows))
+    take_part(reference, together.groups()[0], rows, robust, out);
   return out;
 }
 
 /// Blocks beyond the bound, by view and block of the sample that was fitted; false: none.
-bool outlying(ReferenceFit& reference, const Sample& sample, const SampleFit& fit, std::vector<std::vector<char>>& flags) {
+bool outlying(ReferenceFit& reference, const Sample& sample, const SampleFit& fit,
+              std::vector<std::vector<char>>& flags) {
   bool any = false;
   flags.assign(sample.views.size(), {});
-  for (size_t v = 0; v < sample.views.size(); ++v) flags[v].assign(blocks_of(reference.one.rig, sample.views[v]), 0);
+  for (size_t v = 0; v < sample.views.size(); ++v)
+    flags[v].assign(blocks_of(reference.one.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
-    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() / std::pow(reference.noise_ratios[view->sensor], 2);
+    const double squared = fit.residuals.segment(at, fit.rows[b]).squaredNorm() /
+                           std::pow(reference.noise_ratios[view->sensor], 2);
     at += fit.rows[b];
     if (squared <= chi2_bound(fit.rows[b])) continue;
     flags[view - sample.views.data()][fit.blocks[b].second] = 1;
@@ -174,7 +187,9 @@ bool outlying(ReferenceFit& reference, const Sample& sample, const SampleFit& fi
 const std::pair<int, double>* wrong_joint(const SampleFit& fit) {
   const std::pair<int, double>* worst = nullptr;
   for (const auto& j : fit.joints)
-    if (std::abs(j.second) > kJointSigmas && (!worst || std::abs(j.second) > std::abs(worst->second))) worst = &j;
+    if (std::abs(j.second) > kJointSigmas &&
+        (!worst || std::abs(j.second) > std::abs(worst->second)))
+      worst = &j;
   return worst;
 }
 
@@ -190,14 +205,17 @@ std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
   }
   double largest = 0;
   for (const auto& v : views)
-    largest = std::max(largest, std::sqrt(v.second.first / v.second.second) / reference.noise_ratios[v.first->sensor]);
+    largest = std::max(largest, std::sqrt(v.second.first / v.second.second) /
+                                    reference.noise_ratios[v.first->sensor]);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
-    return text("it would take an error of %.3g sigmas in joint '", joint->second) + reference.one.rig.tree.joints[joint->first].name + "'";
+    return text("it would take an error of %.3g sigmas in joint '", joint->second) +
+           reference.one.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 
-/// True if two views predict each other, so that one can be proved wrong: one of a mounted target, or two of one free target.
+/// True if two views predict each other, so that one can be proved wrong: one of a mounted target,
+/// or two of one free target.
 bool is_redundant(const Rig& rig, const std::vector<View>& views) {
   std::map<int, int> seen;
   for (const View& v : views)
@@ -207,13 +225,14 @@ bool is_redundant(const Rig& rig, const std::vector<View>& views) {
 
 enum class Fits { yes, but_for_points, no };
 
-/// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by view and block).
-/// `plain`: the sample as it is, by plain least squares.
-Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bool taking_part, std::vector<std::vector<char>>& out,
-          SampleFit& plain) {
+/// Whether a sample fits, with or without at most a third of each view's blocks; these in `out` (by
+/// view and block). `plain`: the sample as it is, by plain least squares.
+Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bool taking_part,
+          std::vector<std::vector<char>>& out, SampleFit& plain) {
   Values values = start;
   plain = fit_sample(reference, sample, values, false, taking_part);
-  if (plain.defined && !outlying(reference, sample, plain, out) && !wrong_joint(plain)) return Fits::yes;
+  if (plain.defined && !outlying(reference, sample, plain, out) && !wrong_joint(plain))
+    return Fits::yes;
   values = start;
   const SampleFit robust = fit_sample(reference, sample, values, true, taking_part);
   if (!robust.defined) return Fits::no;
@@ -230,7 +249,8 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
     const SampleFit check = fit_sample(reference, rest, values_without_points, false, taking_part);
     std::vector<std::vector<char>> more;
     if (!check.defined) return Fits::no;
-    if (!outlying(reference, rest, check, more)) return wrong_joint(check) ? Fits::no : Fits::but_for_points;
+    if (!outlying(reference, rest, check, more))
+      return wrong_joint(check) ? Fits::no : Fits::but_for_points;
     for (size_t v = 0; v < out.size(); ++v) {
       size_t b = 0;
       for (char& p : out[v])
@@ -242,13 +262,16 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
 
 }  // namespace
 
-Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before, const Values& start) {
+Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before,
+                     const Values& start) {
   Verdict verdict = nothing_rejected(reference.one.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
   SampleFit plain;
   if (fits(reference, sample, start, !took_part, points, plain) != Fits::no) {
-    if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) { return std::count(v.begin(), v.end(), 1) > 0; }))
+    if (plain.defined && std::any_of(points.begin(), points.end(), [](const auto& v) {
+          return std::count(v.begin(), v.end(), 1) > 0;
+        }))
       verdict.point = points;
     return verdict;
   }
@@ -261,7 +284,8 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
       if (!out[v]) rest.views.push_back(sample.views[v]);
     std::vector<std::vector<char>> found;
     SampleFit ignored;
-    if (!is_redundant(reference.one.rig, rest.views) || fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no)
+    if (!is_redundant(reference.one.rig, rest.views) ||
+        fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no)
       return false;
     verdict.view = out;
     for (size_t v = 0, r = 0; v < n; ++v)
@@ -269,7 +293,8 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
     return true;
   };
   const auto is_chain = [&](size_t v) {
-    return reference.one.rig.sensors[sample.views[v].sensor].model->measurement_kind() == MeasurementKind::chain;
+    return reference.one.rig.sensors[sample.views[v].sensor].model->measurement_kind() ==
+           MeasurementKind::chain;
   };
   int explanations = 0, chains = 0;
   for (size_t v = 0; v < n && n > 1; ++v) {
@@ -280,16 +305,21 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
   if (explanations == 0 && n > 4) {  // several: those that the graduated fit gave up
     std::vector<char> out(n, 0);
     for (size_t v = 0; v < n; ++v) {
-      out[v] = 3 * std::count(points[v].begin(), points[v].end(), 1) > static_cast<long>(points[v].size());
+      out[v] = 3 * std::count(points[v].begin(), points[v].end(), 1) >
+               static_cast<long>(points[v].size());
       chains += out[v] && is_chain(v);
     }
-    if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out)) explanations = 1;
+    if (2 * std::count(out.begin(), out.end(), 1) < static_cast<long>(n) && explains(out))
+      explanations = 1;
   }
   for (size_t v = 0; v < n; ++v)
-    if (verdict.view[v]) verdict.view_reason[v] = "does not belong to the sample's other views (" + misfit_text(reference, plain) + ")";
+    if (verdict.view[v])
+      verdict.view_reason[v] =
+          "does not belong to the sample's other views (" + misfit_text(reference, plain) + ")";
   if (explanations == 1 && chains == 0) return verdict;
   verdict.out = true;
-  verdict.reason = "its joint readings and its views do not belong together (" + misfit_text(reference, plain) + ")";
+  verdict.reason = "its joint readings and its views do not belong together (" +
+                   misfit_text(reference, plain) + ")";
   return verdict;
 }
 

@@ -4,8 +4,8 @@
 
 namespace kincal {
 
-std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options,
-                                              int count) {
+std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
+                                              const CalibrationOptions& options, int count) {
   const Folds folds = deal_folds(recording->rig, recording->samples, count);
   CrossValidation out;
   out.by_target = folds.by_target();
@@ -21,8 +21,10 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
     }
     CalibrationOptions fold_options = options;
     if (options.progress)
-      fold_options.progress = [&, f](const std::string&, int iteration, double chi2, double damping) {
-        return options.progress("fold " + std::to_string(f + 1) + " of " + std::to_string(count), iteration, chi2, damping);
+      fold_options.progress = [&, f](const std::string&, int iteration, double chi2,
+                                     double damping) {
+        return options.progress("fold " + std::to_string(f + 1) + " of " + std::to_string(count),
+                                iteration, chi2, damping);
       };
     CrossValidation::Fold fold;
     fold.held_out = folds.held_out(f);
@@ -33,7 +35,8 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
           for (const View& v : recording->samples[i].views) ++sums.missing[v.sensor];
     };
     try {
-      const std::shared_ptr<const Recording> without = make_recording(recording->rig, std::move(samples));
+      const std::shared_ptr<const Recording> without =
+          make_recording(recording->rig, std::move(samples));
       check_steps(*without);
       const Solution solution = calibrate(without, fold_options);
       if (solution.status == Status::cancelled) return std::nullopt;

@@ -1,4 +1,5 @@
-// Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold that it lacks.
+// Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold
+// that it lacks.
 #pragma once
 
 #include <memory>
@@ -22,10 +23,11 @@ struct CrossValidation {
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
 };
-/// Calibrates the training samples from the rig's values as often as there are folds, each time without one fold, and judges it on that
-/// fold. Samples that are held out already take no part. nullopt: options.progress cancelled.
+/// Calibrates the training samples from the rig's values as often as there are folds, each time
+/// without one fold, and judges it on that fold. Samples that are held out already take no part.
+/// nullopt: options.progress cancelled.
 /// @throws std::invalid_argument as deal_folds.
-std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options,
-                                              int folds);
+std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
+                                              const CalibrationOptions& options, int folds);
 
 }  // namespace kincal

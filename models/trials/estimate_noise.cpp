@@ -8,12 +8,14 @@
 
 namespace kincal {
 
-std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given, const CalibrationOptions& options) {
+std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given,
+                                            const CalibrationOptions& options) {
   constexpr int kRounds = 20, kFull = 5;
   constexpr double kAtRest = 0.01, kLargest = 3;
   if (options.noise != NoiseMode::latent && options.noise != NoiseMode::none)
     throw std::invalid_argument(
-        "the noise can be estimated in the noise modes latent and none only: the others mix that of sensors and joints");
+        "the noise can be estimated in the noise modes latent and none only: the others mix that "
+        "of sensors and joints");
   Rig rig = given->rig;
   std::vector<Sample> samples = given->samples;
   CalibrationOptions quick = options;
@@ -22,7 +24,8 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     const std::shared_ptr<const Recording> recording = make_recording(rig, samples);
     if (options.progress)
       quick.progress = [&](const std::string& step, int iteration, double chi2, double damping) {
-        return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration, chi2, damping);
+        return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration,
+                                chi2, damping);
       };
     NoiseEstimate out;
     out.rounds = round;
@@ -36,7 +39,8 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
       if (!std::isfinite(level.seen)) continue;
       const double change = std::log(level.seen / level.assumed);
       moved = std::max(moved, std::abs(change));
-      level.seen = level.assumed * std::exp(std::clamp(round > kFull ? change / 2 : change, -std::log(kLargest), std::log(kLargest)));
+      level.seen = level.assumed * std::exp(std::clamp(round > kFull ? change / 2 : change,
+                                                       -std::log(kLargest), std::log(kLargest)));
     }
     out.converged = moved < kAtRest;
     if (!out.converged && round < kRounds && out.solution.status != Status::not_converged) {
@@ -52,8 +56,10 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     }
     for (NoiseLevel& level : out.levels) {
       // A part's sigmas all had the same factors.
-      const double now = level.joint >= 0 ? rig.joints[level.joint].sigma : rig.sensors[level.sensor].sigma[level.first];
-      const double first = level.joint >= 0 ? given->rig.joints[level.joint].sigma : given->rig.sensors[level.sensor].sigma[level.first];
+      const double now = level.joint >= 0 ? rig.joints[level.joint].sigma
+                                          : rig.sensors[level.sensor].sigma[level.first];
+      const double first = level.joint >= 0 ? given->rig.joints[level.joint].sigma
+                                            : given->rig.sensors[level.sensor].sigma[level.first];
       level.assumed *= first / now;
       level.used = level.assumed * now / first;
     }

@@ -14,11 +14,12 @@ namespace kincal {
 namespace {
 
 // Sigmas of the priors.
-constexpr double kOffset = 0.05, kSlide = 0.01;         // rad, m
-constexpr double kPlace = 0.01, kTurn = 0.01;           // m, rad: geometry
-constexpr double kScale = 0.01, kSquare = 0.005;        // shares
-constexpr double kBaseline = 0.002;                     // m
-constexpr double kIntrinsics = 0.1, kDistortion = 0.5;  // share of the focal length; as the numbers are
+constexpr double kOffset = 0.05, kSlide = 0.01;   // rad, m
+constexpr double kPlace = 0.01, kTurn = 0.01;     // m, rad: geometry
+constexpr double kScale = 0.01, kSquare = 0.005;  // shares
+constexpr double kBaseline = 0.002;               // m
+constexpr double kIntrinsics = 0.1,
+                 kDistortion = 0.5;  // share of the focal length; as the numbers are
 
 /// To two digits: as a sigma is written.
 double rounded(double v) {
@@ -26,7 +27,8 @@ double rounded(double v) {
   return unit < 1 ? whole / std::round(1 / unit) : whole * unit;
 }
 
-/// Two cameras that are one thing: on the same link, in the same place, one with a baseline (a rectified pair).
+/// Two cameras that are one thing: on the same link, in the same place, one with a baseline (a
+/// rectified pair).
 bool is_pair(const Rig& rig, int a, int b) {
   const auto baseline = [&](const Sensor& s) {
     for (const ParameterBlock& block : s.parameters)
@@ -35,7 +37,8 @@ bool is_pair(const Rig& rig, int a, int b) {
   };
   const Sensor &s = rig.sensors[a], &t = rig.sensors[b];
   const Vector6d apart = log_se3(inverse(s.link_T_sensor) * t.link_T_sensor);
-  return s.type == "camera" && t.type == "camera" && s.link == t.link && apart.norm() < 1e-9 && baseline(s) != baseline(t);
+  return s.type == "camera" && t.type == "camera" && s.link == t.link && apart.norm() < 1e-9 &&
+         baseline(s) != baseline(t);
 }
 
 class GroupMaker {
@@ -51,7 +54,8 @@ class GroupMaker {
   void make_mounts();
   void make_groups();
   void make_geometry();
-  void add_group(const std::string& name, const std::vector<Freed>& free, const std::function<double(const Parameter&, int)>& sigma);
+  void add_group(const std::string& name, const std::vector<Freed>& free,
+                 const std::function<double(const Parameter&, int)>& sigma);
 
   const Rig& rig_;
   const ParameterTable& table_;
@@ -60,7 +64,8 @@ class GroupMaker {
   std::vector<Group> groups_;
 };
 
-GroupMaker::GroupMaker(const Recording& recording) : rig_(recording.rig), table_(recording.table), samples_(recording.samples) {
+GroupMaker::GroupMaker(const Recording& recording)
+    : rig_(recording.rig), table_(recording.table), samples_(recording.samples) {
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = indices(rig_.sensors.size());
@@ -84,26 +89,34 @@ void GroupMaker::make_mounts() {
         pair = true;
         done[t] = 1;
       }
-    // A pair is moved by the fixed joint above its link; any other sensor on that link moves along, and has a pose of its own.
+    // A pair is moved by the fixed joint above its link; any other sensor on that link moves along,
+    // and has a pose of its own.
     const int above = rig_.tree.joint_above[rig_.sensors[s].link];
-    const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed && used_[table_.joint_origin[above]];
+    const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed &&
+                        used_[table_.joint_origin[above]];
     if (pair && !shared) done.assign(done.size(), 0);
-    merge(mounts.free, {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
-    if (!away[s]) mounts.free.back().components = {0, 1, 2};  // it sees points at its own origin only: turning it does nothing
+    merge(mounts.free,
+          {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
+    if (!away[s])
+      mounts.free.back().components = {
+          0, 1, 2};  // it sees points at its own origin only: turning it does nothing
   }
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) merge(mounts.free, {whole(table_, table_.target_pose[t])});
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]])
+      merge(mounts.free, {whole(table_, table_.target_pose[t])});
   groups_.push_back(mounts);
 }
 
 /// Keeps what some measurement depends on; an empty group is left out.
-void GroupMaker::add_group(const std::string& name, const std::vector<Freed>& free, const std::function<double(const Parameter&, int)>& sigma) {
+void GroupMaker::add_group(const std::string& name, const std::vector<Freed>& free,
+                           const std::function<double(const Parameter&, int)>& sigma) {
   Group group;
   group.name = name;
   for (const Freed& f : free)
     if (used_[f.parameter]) group.free.push_back(f);
   for (const Freed& f : group.free)
-    for (int c : f.components) group.priors.push_back({f.parameter, c, rounded(sigma(table_.all[f.parameter], c))});
+    for (int c : f.components)
+      group.priors.push_back({f.parameter, c, rounded(sigma(table_.all[f.parameter], c))});
   if (!group.free.empty()) groups_.push_back(std::move(group));
 }
 
@@ -113,7 +126,8 @@ void GroupMaker::make_groups() {
     if (table_.joint_offset[j] < 0) continue;
     offsets.push_back(whole(table_, table_.joint_offset[j]));
     scales.push_back(whole(table_, table_.joint_scale[j]));
-    for (int k = 2; k < rig_.joints[j].model->size(); ++k) shapes.push_back(whole(table_, table_.joint_offset[j] + k));
+    for (int k = 2; k < rig_.joints[j].model->size(); ++k)
+      shapes.push_back(whole(table_, table_.joint_offset[j] + k));
   }
   for (size_t t = 0; t < rig_.targets.size(); ++t)
     if (table_.target_square[t] >= 0) squares.push_back(whole(table_, table_.target_square[t]));
@@ -125,28 +139,35 @@ void GroupMaker::make_groups() {
       if (block.name == "distortion") distortion.push_back(f);
       if (block.name == "baseline" && block.values[0] != 0) baselines.push_back(f);
     }
-  add_group("joint offsets", offsets, [](const Parameter& p, int) { return p.units[0] == "m" ? kSlide : kOffset; });
+  add_group("joint offsets", offsets,
+            [](const Parameter& p, int) { return p.units[0] == "m" ? kSlide : kOffset; });
   make_geometry();
   add_group("gear scales", scales, [](const Parameter&, int) { return kScale; });
   add_group("joint shapes", shapes, [](const Parameter& p, int) { return p.usual_error; });
-  add_group("board sizes", squares, [&](const Parameter& p, int) { return kSquare * table_.initial(p.start); });
+  add_group("board sizes", squares,
+            [&](const Parameter& p, int) { return kSquare * table_.initial(p.start); });
   add_group("baselines", baselines, [](const Parameter&, int) { return kBaseline; });
-  add_group("intrinsics", intrinsics, [&](const Parameter& p, int) { return kIntrinsics * std::abs(table_.initial(p.start)); });
+  add_group("intrinsics", intrinsics, [&](const Parameter& p, int) {
+    return kIntrinsics * std::abs(table_.initial(p.start));
+  });
   add_group("distortion", distortion, [](const Parameter&, int) { return kDistortion; });
 }
 
-/// A group a chain, the longest first; of the numbers that are independent in all chains together those of its joints that no chain
-/// before has.
+/// A group a chain, the longest first; of the numbers that are independent in all chains together
+/// those of its joints that no chain before has.
 void GroupMaker::make_geometry() {
   std::vector<Chain> chains;
   const auto depth = [&](int link) {
     int n = 0;
-    for (int j = rig_.tree.joint_above[link]; j >= 0; j = rig_.tree.joint_above[rig_.tree.joints[j].parent]) ++n;
+    for (int j = rig_.tree.joint_above[link]; j >= 0;
+         j = rig_.tree.joint_above[rig_.tree.joints[j].parent])
+      ++n;
     return n;
   };
   const auto moving = [&](const Chain& c) {
     const Path path = find_path(rig_.tree, c.base, c.tip);
-    return std::count_if(path.begin(), path.end(), [&](const PathStep& s) { return rig_.tree.joints[s.joint].moves(); });
+    return std::count_if(path.begin(), path.end(),
+                         [&](const PathStep& s) { return rig_.tree.joints[s.joint].moves(); });
   };
   const auto add = [&](int a, int b) {
     if (depth(b) < depth(a) || (depth(a) == depth(b) && b < a)) std::swap(a, b);
@@ -184,7 +205,8 @@ void GroupMaker::make_geometry() {
       if (table_.joint_offset[step.joint] >= 0) offsets.push_back(table_.joint_offset[step.joint]);
     }
     const size_t before = groups_.size();
-    const std::string name = "geometry/" + rig_.tree.links[chain.base] + ".." + rig_.tree.links[chain.tip];
+    const std::string name =
+        "geometry/" + rig_.tree.links[chain.base] + ".." + rig_.tree.links[chain.tip];
     add_group(name, free, [](const Parameter&, int c) { return c < 3 ? kPlace : kTurn; });
     if (groups_.size() > before) groups_.back().contained_offsets = offsets;
   }
@@ -208,16 +230,19 @@ std::vector<Sample> in_order(const std::vector<Sample>& samples) {
 
 Recording staging_recording(const Rig& rig, const std::vector<Sample>& samples) {
   Recording out(without_steps(rig), in_order(samples));
-  if (out.samples.empty()) throw std::invalid_argument("automatic staging: no training sample has a view");
+  if (out.samples.empty())
+    throw std::invalid_argument("automatic staging: no training sample has a view");
   return out;
 }
 
 std::vector<Group> make_groups(const Recording& recording) { return GroupMaker(recording).make(); }
 
-std::vector<std::pair<std::string, std::vector<std::string>>> staging_groups(const Rig& rig, const std::vector<Sample>& samples) {
+std::vector<std::pair<std::string, std::vector<std::string>>> staging_groups(
+    const Rig& rig, const std::vector<Sample>& samples) {
   const Recording recording = staging_recording(rig, samples);
   std::vector<std::pair<std::string, std::vector<std::string>>> out;
-  for (const Group& g : make_groups(recording)) out.push_back({g.name, names_of(recording.table, g.free)});
+  for (const Group& g : make_groups(recording))
+    out.push_back({g.name, names_of(recording.table, g.free)});
   return out;
 }
 
@@ -227,7 +252,8 @@ std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>
     Freed left{f.parameter, {}};
     for (int c : f.components)
       if (std::none_of(b.begin(), b.end(), [&](const Freed& g) {
-            return g.parameter == f.parameter && std::count(g.components.begin(), g.components.end(), c);
+            return g.parameter == f.parameter &&
+                   std::count(g.components.begin(), g.components.end(), c);
           }))
         left.components.push_back(c);
     if (!left.components.empty()) out.push_back(left);
@@ -237,7 +263,8 @@ std::vector<Freed> without(const std::vector<Freed>& a, const std::vector<Freed>
 
 bool has(const std::vector<Freed>& all, int parameter, int component) {
   return std::any_of(all.begin(), all.end(), [&](const Freed& f) {
-    return f.parameter == parameter && std::count(f.components.begin(), f.components.end(), component);
+    return f.parameter == parameter &&
+           std::count(f.components.begin(), f.components.end(), component);
   });
 }
 

@@ -14,10 +14,10 @@
 namespace kincal {
 namespace {
 
-constexpr double kRank = 1e-9;                       // singular values, relative
-constexpr double kGrowth = 1.3;                      // of bandwidths
-constexpr double kClaim = 2, kSignificance = 3.5;    // standard errors of a gain; of the offsets
-constexpr double kWidest = -1.5;                     // of the widest prior, rad or m: logarithm to the base of 10
+constexpr double kRank = 1e-9;                     // singular values, relative
+constexpr double kGrowth = 1.3;                    // of bandwidths
+constexpr double kClaim = 2, kSignificance = 3.5;  // standard errors of a gain; of the offsets
+constexpr double kWidest = -1.5;  // of the widest prior, rad or m: logarithm to the base of 10
 
 /// A sample near the posture: z = F delta + noise.
 struct Near {
@@ -28,20 +28,24 @@ struct Near {
 };
 
 /// NaN: the sample lacks one of the joints.
-double distance(const Rig& rig, const ParameterTable& table, const Sample& sample, const LocalPosture& posture) {
+double distance(const Rig& rig, const ParameterTable& table, const Sample& sample,
+                const LocalPosture& posture) {
   const Configuration robot(rig, table, table.initial, sample.readings);
   double largest = 0;
   for (const auto& [joint, at] : posture) {
     double difference = robot.position(joint) - at;
     if (std::isnan(difference)) return kNan;
-    if (rig.tree.joints[joint].type == JointType::continuous) difference = std::remainder(difference, 2 * kPi);
+    if (rig.tree.joints[joint].type == JointType::continuous)
+      difference = std::remainder(difference, 2 * kPi);
     largest = std::max(largest, std::abs(difference));
   }
   return largest;
 }
 
-/// Rows [F | z] of one sample with the given offsets of the table's parameters in place; no rows where it cannot be evaluated.
-void linearise(const Recording& recording, const std::vector<int>& joints, const VectorXd& offsets, NoiseMode noise, Near& near) {
+/// Rows [F | z] of one sample with the given offsets of the table's parameters in place; no rows
+/// where it cannot be evaluated.
+void linearise(const Recording& recording, const std::vector<int>& joints, const VectorXd& offsets,
+               NoiseMode noise, Near& near) {
   const ParameterTable& table = recording.table;
   const Eigen::Index p = offsets.size();
   near.f.resize(0, p);
@@ -51,7 +55,8 @@ void linearise(const Recording& recording, const std::vector<int>& joints, const
   setup.sensors = indices(recording.rig.sensors.size());
   Values values;
   values.shared = table.initial;
-  for (Eigen::Index j = 0; j < p; ++j) values.shared(table.all[table.joint_offset[joints[j]]].start) += offsets(j);
+  for (Eigen::Index j = 0; j < p; ++j)
+    values.shared(table.all[table.joint_offset[joints[j]]].start) += offsets(j);
   FitOptions options;
   options.leave_out_undefined = true;
   const Fit alone = fit(recording, {near.sample}, setup, std::move(values), options);
@@ -117,16 +122,20 @@ WeightedSums sum(const std::vector<Near>& near, double bandwidth) {
 }
 
 /// `ridge`: s^2 / t^2.
-MatrixXd regular(const MatrixXd& w, double ridge) { return w + ridge * MatrixXd::Identity(w.rows(), w.cols()); }
+MatrixXd regular(const MatrixXd& w, double ridge) {
+  return w + ridge * MatrixXd::Identity(w.rows(), w.cols());
+}
 
 VectorXd solve_without(const WeightedSums& sums, const Near& n, double bandwidth, double ridge) {
   const double w = weight(n.distance, bandwidth);
-  return Cholesky(regular(sums.w - w * (n.f.transpose() * n.f), ridge)).solve(sums.g - w * (n.f.transpose() * n.z));
+  return Cholesky(regular(sums.w - w * (n.f.transpose() * n.f), ridge))
+      .solve(sums.g - w * (n.f.transpose() * n.z));
 }
 
 /// What is chosen for one bandwidth.
 struct Choice {
-  double bandwidth = 0, noise = 1, freedom = 0, prior = 0;  // h, s, the degrees of freedom s is from, t
+  double bandwidth = 0, noise = 1, freedom = 0,
+         prior = 0;  // h, s, the degrees of freedom s is from, t
   double ridge() const { return noise * noise / (prior * prior); }
 };
 
@@ -148,8 +157,10 @@ Choice choose(const std::vector<Near>& near, const WeightedSums& sums, double ba
     const Cholesky cholesky(regular(sums.w, tried.ridge()));
     const VectorXd diagonal = cholesky.diagonal();
     double determinant = 0;  // log |A t^2 / s^2|
-    for (Eigen::Index i = 0; i < sums.g.size(); ++i) determinant += 2 * std::log(diagonal(i)) - std::log(tried.ridge());
-    const double evidence = sums.g.dot(cholesky.solve(sums.g)) / (out.noise * out.noise) - determinant;
+    for (Eigen::Index i = 0; i < sums.g.size(); ++i)
+      determinant += 2 * std::log(diagonal(i)) - std::log(tried.ridge());
+    const double evidence =
+        sums.g.dot(cholesky.solve(sums.g)) / (out.noise * out.noise) - determinant;
     if (evidence > best) best = evidence, out.prior = tried.prior;
   }
   return out;
@@ -174,7 +185,8 @@ Choice choose(const std::vector<Near>& near, double within) {
 }
 
 /// Variances of the offsets from sample to sample, by joint.
-VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, double bandwidth, double noise) {
+VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, double bandwidth,
+                   double noise) {
   const Eigen::Index p = offsets.size();
   const double precision = 1 / (noise * noise);
   VectorXd out = VectorXd::Zero(p);
@@ -182,7 +194,8 @@ VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, doubl
   for (const Near& n : near) total += weight(n.distance, bandwidth);
   for (Eigen::Index j = 0; j < p; ++j) {  // as large as one sample's noise, to begin with
     double information = 0;
-    for (const Near& n : near) information += weight(n.distance, bandwidth) * n.f.col(j).squaredNorm() * precision;
+    for (const Near& n : near)
+      information += weight(n.distance, bandwidth) * n.f.col(j).squaredNorm() * precision;
     out(j) = total / information;
   }
   for (int iteration = 0; iteration < 100; ++iteration) {
@@ -213,10 +226,12 @@ struct Errors {
   long points = 0;
 };
 
-/// Adds the errors of one sample at the rig's offsets plus `values`; false where they are not defined.
-bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values,
-                std::map<std::string, Errors>& errors) {
-  for (size_t j = 0; j < offsets.size(); ++j) rig.joints[offsets[j].joint].offset += values(static_cast<Eigen::Index>(j));
+/// Adds the errors of one sample at the rig's offsets plus `values`; false where they are not
+/// defined.
+bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& offsets,
+                const VectorXd& values, std::map<std::string, Errors>& errors) {
+  for (size_t j = 0; j < offsets.size(); ++j)
+    rig.joints[offsets[j].joint].offset += values(static_cast<Eigen::Index>(j));
   Sample alone = sample;
   alone.train = true;
   bool defined = true;
@@ -240,9 +255,11 @@ using ErrorsBySensor = std::map<std::string, Errors>;
 struct LocalErrors {
   ErrorsBySensor of[2][2];  // training, held out; before, after
 
-  void add(const Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets, const VectorXd& values) {
+  void add(const Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets,
+           const VectorXd& values) {
     ErrorsBySensor one[2];
-    if (add_errors(rig, sample, offsets, VectorXd::Zero(values.size()), one[0]) && add_errors(rig, sample, offsets, values, one[1]))
+    if (add_errors(rig, sample, offsets, VectorXd::Zero(values.size()), one[0]) &&
+        add_errors(rig, sample, offsets, values, one[1]))
       for (int after : {0, 1})
         for (const auto& e : one[after]) {
           Errors& to = of[sample.train ? 0 : 1][after][e.first];
@@ -261,7 +278,9 @@ struct LocalErrors {
       for (int split : {0, 1}) {
         SplitStatistics& s = split ? r.test : r.train;
         const Errors before = of[split][0][sensor.name], after = of[split][1][sensor.name];
-        const auto rms = [&](double squared) { return before.points ? std::sqrt(squared / static_cast<double>(before.points)) : kNan; };
+        const auto rms = [&](double squared) {
+          return before.points ? std::sqrt(squared / static_cast<double>(before.points)) : kNan;
+        };
         s.points = before.points;
         s.rms_before = rms(before.squared);
         s.rms_as_read = rms(after.squared);
@@ -275,9 +294,11 @@ struct LocalErrors {
   }
 };
 
-/// The training samples within the limit that depend on the joints, nearest first. `distances`: of all that have the joints, ascending.
-std::vector<Near> find_near(const Recording& recording, const LocalPosture& posture, const std::vector<int>& joints,
-                            const LocalOptions& options, std::vector<double>& distances) {
+/// The training samples within the limit that depend on the joints, nearest first. `distances`: of
+/// all that have the joints, ascending.
+std::vector<Near> find_near(const Recording& recording, const LocalPosture& posture,
+                            const std::vector<int>& joints, const LocalOptions& options,
+                            std::vector<double>& distances) {
   const std::vector<Sample>& samples = recording.samples;
   std::vector<Near> near;
   for (size_t i = 0; i < samples.size(); ++i) {
@@ -286,12 +307,14 @@ std::vector<Near> find_near(const Recording& recording, const LocalPosture& post
     distances.push_back(d);
     if (d > options.within) continue;
     near.push_back({static_cast<int>(i), d, {}, {}});
-    linearise(recording, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())), options.noise, near.back());
+    linearise(recording, joints, VectorXd::Zero(static_cast<Eigen::Index>(joints.size())),
+              options.noise, near.back());
     if (near.back().z.size() == 0) near.pop_back();
   }
   std::sort(distances.begin(), distances.end());
   std::sort(near.begin(), near.end(), [&](const Near& a, const Near& b) {
-    return a.distance != b.distance ? a.distance < b.distance : samples[a.sample].id < samples[b.sample].id;
+    return a.distance != b.distance ? a.distance < b.distance
+                                    : samples[a.sample].id < samples[b.sample].id;
   });
   return near;
 }
@@ -300,7 +323,9 @@ std::vector<Near> find_near(const Recording& recording, const LocalPosture& post
 std::vector<int> joints_with_effect(const std::vector<Near>& near, const std::vector<int>& joints) {
   std::vector<int> out;
   for (size_t j = 0; j < joints.size(); ++j)
-    if (std::any_of(near.begin(), near.end(), [&](const Near& n) { return n.f.col(static_cast<Eigen::Index>(j)).norm() > 0; }))
+    if (std::any_of(near.begin(), near.end(), [&](const Near& n) {
+          return n.f.col(static_cast<Eigen::Index>(j)).norm() > 0;
+        }))
       out.push_back(joints[j]);
   return out;
 }
@@ -313,8 +338,8 @@ struct Estimate {
 };
 
 /// Linearises the samples near at the estimate, three times in all.
-Estimate estimate_offsets(const Recording& recording, const std::vector<int>& joints, const LocalOptions& options,
-                          std::vector<Near>& near) {
+Estimate estimate_offsets(const Recording& recording, const std::vector<int>& joints,
+                          const LocalOptions& options, std::vector<Near>& near) {
   Estimate out;
   out.offsets = VectorXd::Zero(static_cast<Eigen::Index>(joints.size()));
   for (int pass = 0; pass < 3; ++pass) {
@@ -326,7 +351,8 @@ Estimate estimate_offsets(const Recording& recording, const std::vector<int>& jo
   return out;
 }
 
-/// What the samples near are predicted with: for each the offsets that it had no part in, and what these gain there.
+/// What the samples near are predicted with: for each the offsets that it had no part in, and what
+/// these gain there.
 struct LeftOut {
   std::vector<VectorXd> offsets;
   std::vector<double> gains;  // of chi2
@@ -341,7 +367,8 @@ struct LeftOut {
 };
 
 /// Finds the radius, and whether there is a gain within it.
-LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, double within, LocalCalibration& out) {
+LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, double within,
+                   LocalCalibration& out) {
   const Choice& choice = estimate.choice;
   const WeightedSums& sums = estimate.sums;
   LeftOut left_out;
@@ -350,28 +377,34 @@ LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, doub
     left_out.offsets.push_back(solve_without(sums, near[i], choice.bandwidth, choice.ridge()));
     left_out.gains.push_back(near[i].z.squaredNorm() - chi2(near[i], left_out.offsets[i]));
     total += left_out.gains[i];
-    const bool last_of_its_distance = i + 1 == near.size() || near[i + 1].distance > near[i].distance;
-    if (last_of_its_distance && i + 1 >= kLocalSamples && total > best) best = total, out.samples = static_cast<int>(i) + 1;
+    const bool last_of_its_distance =
+        i + 1 == near.size() || near[i + 1].distance > near[i].distance;
+    if (last_of_its_distance && i + 1 >= kLocalSamples && total > best)
+      best = total, out.samples = static_cast<int>(i) + 1;
   }
   long determined = 0;
   const VectorXd solved = shortest_least_squares(sums.b, sums.g, &determined);
   const double rank = static_cast<double>(determined);
   if (choice.freedom > 0)
-    out.significance = normal_of_f(sums.g.dot(solved) / rank / (choice.noise * choice.noise), rank, choice.freedom);
-  out.gain = out.samples > 0 && out.significance > kSignificance && best >= kClaim * left_out.standard_error(out.samples);
+    out.significance = normal_of_f(sums.g.dot(solved) / rank / (choice.noise * choice.noise), rank,
+                                   choice.freedom);
+  out.gain = out.samples > 0 && out.significance > kSignificance &&
+             best >= kClaim * left_out.standard_error(out.samples);
   if (out.gain) {
     out.radius = near[out.samples - 1].distance;
     out.ends = out.samples < out.near;
   } else {
     out.radius = std::min(out.bandwidth, within);
-    out.samples = static_cast<int>(std::count_if(near.begin(), near.end(), [&](const Near& n) { return n.distance <= out.radius; }));
+    out.samples = static_cast<int>(std::count_if(
+        near.begin(), near.end(), [&](const Near& n) { return n.distance <= out.radius; }));
   }
   out.gain_sigma = left_out.standard_error(out.samples);
   return left_out;
 }
 
 /// Sets the offsets and their sigmas.
-void set_offsets(const std::vector<Near>& near, const Estimate& estimate, std::vector<LocalOffset>& offsets) {
+void set_offsets(const std::vector<Near>& near, const Estimate& estimate,
+                 std::vector<LocalOffset>& offsets) {
   const Choice& choice = estimate.choice;
   const WeightedSums& sums = estimate.sums;
   const Eigen::Index p = estimate.offsets.size();
@@ -383,7 +416,8 @@ void set_offsets(const std::vector<Near>& near, const Estimate& estimate, std::v
     const MatrixXd gram = n.f.transpose() * n.f;
     middle += w * w * (gram * varies.asDiagonal() * gram);
   }
-  const MatrixXd inverse = inverse_of_symmetric(regular(sums.w, choice.ridge())), covariance = inverse * middle * inverse;
+  const MatrixXd inverse = inverse_of_symmetric(regular(sums.w, choice.ridge())),
+                 covariance = inverse * middle * inverse;
   for (Eigen::Index j = 0; j < p; ++j) {
     offsets[j].offset = estimate.offsets(j);
     offsets[j].sigma = std::sqrt(covariance(j, j) + varies(j));
@@ -393,8 +427,9 @@ void set_offsets(const std::vector<Near>& near, const Estimate& estimate, std::v
 }
 
 /// Sets chi2 and the errors within the radius, with the robot's readings as they are.
-void set_errors(const Recording& recording, const LocalPosture& posture, const std::vector<Near>& near, const LeftOut& left_out,
-                const VectorXd& offsets, LocalCalibration& out) {
+void set_errors(const Recording& recording, const LocalPosture& posture,
+                const std::vector<Near>& near, const LeftOut& left_out, const VectorXd& offsets,
+                LocalCalibration& out) {
   LocalErrors errors;
   for (int i = 0; i < out.samples; ++i) {
     out.chi2_before += near[i].z.squaredNorm();
@@ -403,7 +438,8 @@ void set_errors(const Recording& recording, const LocalPosture& posture, const s
   }
   std::vector<std::pair<std::string, const Sample*>> held_out;
   for (const Sample& s : recording.samples)
-    if (!s.train && distance(recording.rig, recording.table, s, posture) <= out.radius) held_out.push_back({s.id, &s});
+    if (!s.train && distance(recording.rig, recording.table, s, posture) <= out.radius)
+      held_out.push_back({s.id, &s});
   std::sort(held_out.begin(), held_out.end());
   for (const auto& s : held_out) errors.add(recording.rig, *s.second, out.offsets, offsets);
   out.sensors = errors.by_sensor(recording.rig);
@@ -420,12 +456,14 @@ LocalPosture posture_of(const Rig& rig, const Sample& sample) {
   return out;
 }
 
-LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& samples, const LocalPosture& posture,
-                                   const LocalOptions& options) {
+LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& samples,
+                                   const LocalPosture& posture, const LocalOptions& options) {
   if (posture.empty()) throw std::invalid_argument("the posture names no joint");
   for (const auto& [joint, at] : posture)  // named again: no binding is captured in C++17
-    if (std::none_of(samples.begin(), samples.end(), [j = joint](const Sample& s) { return !std::isnan(s.readings[j]); }))
-      throw std::invalid_argument("no sample has a reading of joint '" + given.tree.joints[joint].name + "'");
+    if (std::none_of(samples.begin(), samples.end(),
+                     [j = joint](const Sample& s) { return !std::isnan(s.readings[j]); }))
+      throw std::invalid_argument("no sample has a reading of joint '" +
+                                  given.tree.joints[joint].name + "'");
   Rig without_steps = given;
   without_steps.steps.clear();
   const Recording recording(std::move(without_steps), samples);

@@ -1,44 +1,56 @@
-// Local offsets: additional joint offsets that are right around one posture only (the paper's section 5.5, the plug-in task).
+// Local offsets: additional joint offsets that are right around one posture only (the paper's
+// section 5.5, the plug-in task).
 //
-// A calibrated robot is still wrong by what no rigid model has: belts that stretch, links that bend, gears that run out of true. Such an
-// error varies slowly with the posture, so near one posture it is a constant error of each joint's position, delta. It is estimated from
-// the samples near the posture, with everything else held.
+// A calibrated robot is still wrong by what no rigid model has: belts that stretch, links that
+// bend, gears that run out of true. Such an error varies slowly with the posture, so near one
+// posture it is a constant error of each joint's position, delta. It is estimated from the samples
+// near the posture, with everything else held.
 //
-// One sample. With its free targets and joint errors eliminated (an orthogonal factorisation, as in solver/observability.h) and its
-// rows compressed by a singular value decomposition, sample i gives
+// One sample. With its free targets and joint errors eliminated (an orthogonal factorisation, as in
+// solver/observability.h) and its rows compressed by a singular value decomposition, sample i gives
 //     z_i = F_i delta + noise,  noise ~ N(0, s^2 1),   F_i: at most p rows for p joints,
 //     |z_i - F_i delta|^2: its chi2 in these rows.
-// F and z are computed again at the estimate, three times in all; offsets are small, so that the last two agree.
+// F and z are computed again at the estimate, three times in all; offsets are small, so that the
+// last two agree.
 //
-// Estimate. d_i is the sample's distance from the posture: the largest difference of a named joint's position (rad; m of a prismatic joint
-// count as rad: an arm is about a metre long; continuous joints the short way round). It is the distance that a user can check joint by
-// joint: "no joint is further than this". With w_i = (1 - (d_i / h)^2)^2 within the bandwidth h, 0 beyond (biweight kernel), and a prior
-// N(0, t^2) on every offset,
+// Estimate. d_i is the sample's distance from the posture: the largest difference of a named
+// joint's position (rad; m of a prismatic joint count as rad: an arm is about a metre long;
+// continuous joints the short way round). It is the distance that a user can check joint by joint:
+// "no joint is further than this". With w_i = (1 - (d_i / h)^2)^2 within the bandwidth h, 0 beyond
+// (biweight kernel), and a prior N(0, t^2) on every offset,
 //     delta = A^-1 g,   A = W + s^2 / t^2,   W = sum w_i F_i'F_i,   g = sum w_i F_i'z_i.
-// A direction that the samples near do not determine stays at 0. t (0.01 to 30 mrad, mm) is that of the largest evidence
+// A direction that the samples near do not determine stays at 0. t (0.01 to 30 mrad, mm) is that of
+// the largest evidence
 //     g'A^-1 g / s^2 - log |1 + W t^2 / s^2|.
-// h (from twice the distance of the nearest kLocalSamples samples, in steps of 1.3, to all that are looked at) is that of the least
-// weighted sum of |z_i - F_i delta_-i|^2 over the nearest samples (weights of the smallest h); delta_-i is the estimate without sample i.
-// So an error that bends takes few samples and a constant one many.
+// h (from twice the distance of the nearest kLocalSamples samples, in steps of 1.3, to all that are
+// looked at) is that of the least weighted sum of |z_i - F_i delta_-i|^2 over the nearest samples
+// (weights of the smallest h); delta_-i is the estimate without sample i. So an error that bends
+// takes few samples and a constant one many.
 //
-// Noise as seen: s^2 = sum w_i |z_i - F_i delta|^2 over its expectation for s = 1, which is (for t = infinity)
+// Noise as seen: s^2 = sum w_i |z_i - F_i delta|^2 over its expectation for s = 1, which is (for t
+// = infinity)
 //     sum w_i rows_i - 2 tr(W^-1 B) + tr(W^-1 B),   B = sum w_i^2 F_i'F_i.
-// It is the scatter of whole samples about each other in the directions that matter (Birge's ratio), not that of 100 corners of one view.
+// It is the scatter of whole samples about each other in the directions that matter (Birge's
+// ratio), not that of 100 corners of one view.
 //
-// Sigma. Weights are no noise: a sample far away is not noisier, it only counts less. And what scatters more than the rig states is not
-// averaged away: the offset itself varies within the bandwidth, or the robot does not repeat. So the offset of sample i is
-// delta + gamma_i, gamma_i ~ N(0, G), G diagonal, noise s0 = min(1, s); G by expectation and maximisation,
+// Sigma. Weights are no noise: a sample far away is not noisier, it only counts less. And what
+// scatters more than the rig states is not averaged away: the offset itself varies within the
+// bandwidth, or the robot does not repeat. So the offset of sample i is delta + gamma_i, gamma_i ~
+// N(0, G), G diagonal, noise s0 = min(1, s); G by expectation and maximisation,
 //     P_i = (F_i'F_i / s0^2 + G^-1)^-1,  m_i = P_i F_i'(z_i - F_i delta) / s0^2,
 //     G_j = sum w_i (m_ij^2 + P_i,jj) / sum w_i,
 // and the variance of what is wanted, the right offset at one posture near here, is
 //     A^-1 (s0^2 B + s^4 / t^2 + sum w_i^2 F_i'F_i G F_i'F_i) A^-1 + G.
-// The mean alone is better known than that where the samples lie evenly around the posture; that is not known.
+// The mean alone is better known than that where the samples lie evenly around the posture; that is
+// not known.
 //
-// Radius of validity. g_i = |z_i|^2 - |z_i - F_i delta_-i|^2 is what the offsets gain at sample i, which had no part in them. Going
-// outwards, the sum of g_i grows as long as they predict better than the calibration as it is; the radius is where it is largest.
-// A gain is claimed if that sum is at least two of its standard errors and if the offsets are no accident: under the hypothesis that there
-// are none g ~ N(0, s^2 B), so that (g'B^-1 g / p) / s^2 has an F distribution; as a standard normal number (Paulson, 1942: the cube
-// root of F) it must be above 3.5. The margin is for having chosen h and the radius.
+// Radius of validity. g_i = |z_i|^2 - |z_i - F_i delta_-i|^2 is what the offsets gain at sample i,
+// which had no part in them. Going outwards, the sum of g_i grows as long as they predict better
+// than the calibration as it is; the radius is where it is largest. A gain is claimed if that sum
+// is at least two of its standard errors and if the offsets are no accident: under the hypothesis
+// that there are none g ~ N(0, s^2 B), so that (g'B^-1 g / p) / s^2 has an F distribution; as a
+// standard normal number (Paulson, 1942: the cube root of F) it must be above 3.5. The margin is
+// for having chosen h and the radius.
 #pragma once
 
 #include <map>
@@ -52,7 +64,8 @@ namespace kincal {
 /// A posture needs at least this many samples near it.
 constexpr int kLocalSamples = 8;
 
-/// A LocalPosture has positions (rad, m) by joint index: of the joints that make up the distance and whose offsets are estimated.
+/// A LocalPosture has positions (rad, m) by joint index: of the joints that make up the distance
+/// and whose offsets are estimated.
 using LocalPosture = std::map<int, double>;
 
 struct LocalOptions {
@@ -62,38 +75,44 @@ struct LocalOptions {
 
 struct LocalOffset {
   int joint = -1;
-  double offset = 0;        // rad, m: position = scale * reading + the rig's offset + this
-  double sigma = 0;         // of the right offset at a posture near this one; NaN where no gain is claimed
-  double variation = 0;     // part of sigma: scatter from posture to posture beyond the noise as stated; NaN likewise
-  bool determined = false;  // by the samples; else the prior holds it (sigma above 0.9 of the prior's)
+  double offset = 0;  // rad, m: position = scale * reading + the rig's offset + this
+  double sigma = 0;  // of the right offset at a posture near this one; NaN where no gain is claimed
+  double variation =
+      0;  // part of sigma: scatter from posture to posture beyond the noise as stated; NaN likewise
+  bool determined =
+      false;  // by the samples; else the prior holds it (sigma above 0.9 of the prior's)
 };
 
 struct LocalCalibration {
-  std::vector<double> distances;     // of all training samples that have the joints, ascending
-  int near = 0;                      // of these within the limit with a view that depends on the joints
-  bool enough = false;               // near >= kLocalSamples; else nothing below is set
-  bool gain = false;                 // else the offsets are 0: the calibration as it is is as good here
-  bool ends = true;                  // the gain ends within the samples looked at; else the radius is that of the furthest
-  double radius = 0;                 // rad, m; without gain: the bandwidth, for which the errors below are
-  int samples = 0;                   // training samples within the radius
-  double bandwidth = 0, prior = 0;   // h and t as chosen
-  double noise = 0;                  // s as seen
-  double chi2_before = 0, chi2 = 0;  // within the radius, in the directions of the offsets; left out one by one
-  double gain_sigma = 0;             // standard error of chi2_before - chi2
-  double significance = 0;           // of the offsets, as a standard normal number
-  std::vector<LocalOffset> offsets;  // in the order of joint indices, of joints that some view near depends on
-  /// Errors within the radius: rms_before and rotation_before are without, rms_as_read and rotation_as_read with the offsets, readings
-  /// exact, free targets estimated; training samples are left out one by one. The other numbers are not set.
+  std::vector<double> distances;  // of all training samples that have the joints, ascending
+  int near = 0;         // of these within the limit with a view that depends on the joints
+  bool enough = false;  // near >= kLocalSamples; else nothing below is set
+  bool gain = false;    // else the offsets are 0: the calibration as it is is as good here
+  bool ends =
+      true;  // the gain ends within the samples looked at; else the radius is that of the furthest
+  double radius = 0;  // rad, m; without gain: the bandwidth, for which the errors below are
+  int samples = 0;    // training samples within the radius
+  double bandwidth = 0, prior = 0;  // h and t as chosen
+  double noise = 0;                 // s as seen
+  double chi2_before = 0,
+         chi2 = 0;  // within the radius, in the directions of the offsets; left out one by one
+  double gain_sigma = 0;    // standard error of chi2_before - chi2
+  double significance = 0;  // of the offsets, as a standard normal number
+  std::vector<LocalOffset>
+      offsets;  // in the order of joint indices, of joints that some view near depends on
+  /// Errors within the radius: rms_before and rotation_before are without, rms_as_read and
+  /// rotation_as_read with the offsets, readings exact, free targets estimated; training samples
+  /// are left out one by one. The other numbers are not set.
   std::vector<SensorResult> sensors;
 };
 
 /// Returns the positions of the joints that the sample's views depend on.
 LocalPosture posture_of(const Rig& rig, const Sample& sample);
 
-/// Estimates the offsets around a posture of a calibrated `rig`, whose steps play no role. Samples whose split is `test` take no part; they
-/// are judged.
+/// Estimates the offsets around a posture of a calibrated `rig`, whose steps play no role. Samples
+/// whose split is `test` take no part; they are judged.
 /// @throws std::invalid_argument: a posture without joints; a joint of it that no sample has.
-LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples, const LocalPosture& posture,
-                                   const LocalOptions& options);
+LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples,
+                                   const LocalPosture& posture, const LocalOptions& options);
 
 }  // namespace kincal

@@ -5,23 +5,27 @@
 #include <stdexcept>
 
 #include "../../solver/decompositions.h"
-#include "consensus.h"
 #include "../fitting/robust.h"
+#include "consensus.h"
 
 namespace kincal {
 namespace {
 
 constexpr int kRounds = 8;
 
-std::vector<Sample> all_without_rejected(const Recording& recording, const std::vector<Verdict>& verdicts) {
+std::vector<Sample> all_without_rejected(const Recording& recording,
+                                         const std::vector<Verdict>& verdicts) {
   std::vector<Sample> out;
   for (size_t i = 0; i < verdicts.size(); ++i)
     if (!verdicts[i].out)
-      out.push_back(verdicts[i].clean() ? recording.samples[i] : without_rejected(recording.rig, recording.samples[i], verdicts[i]));
+      out.push_back(verdicts[i].clean()
+                        ? recording.samples[i]
+                        : without_rejected(recording.rig, recording.samples[i], verdicts[i]));
   return out;
 }
 
-void describe(const Recording& recording, const std::vector<Verdict>& verdicts, std::vector<Rejected>& out) {
+void describe(const Recording& recording, const std::vector<Verdict>& verdicts,
+              std::vector<Rejected>& out) {
   const Rig& rig = recording.rig;
   for (size_t i = 0; i < verdicts.size(); ++i) {
     const Sample& sample = recording.samples[i];
@@ -29,30 +33,39 @@ void describe(const Recording& recording, const std::vector<Verdict>& verdicts, 
     if (verdict.out) out.push_back({sample.id, "", "", {}, verdict.reason});
     for (size_t v = 0; !verdict.out && v < sample.views.size(); ++v) {
       const View& view = sample.views[v];
-      Rejected r{sample.id, rig.sensors[view.sensor].name, rig.targets[view.target].name, {}, verdict.view_reason[v]};
+      Rejected r{sample.id,
+                 rig.sensors[view.sensor].name,
+                 rig.targets[view.target].name,
+                 {},
+                 verdict.view_reason[v]};
       for (size_t b = 0; !verdict.view[v] && b < verdict.point[v].size(); ++b)
-        if (verdict.point[v][b]) r.ids.push_back(view.ids.empty() ? static_cast<int>(b) : view.ids[b]);
-      if (!r.ids.empty()) r.reason = "far from where the view's other points put " + std::string(r.ids.size() == 1 ? "it" : "them");
+        if (verdict.point[v][b])
+          r.ids.push_back(view.ids.empty() ? static_cast<int>(b) : view.ids[b]);
+      if (!r.ids.empty())
+        r.reason = "far from where the view's other points put " +
+                   std::string(r.ids.size() == 1 ? "it" : "them");
       if (verdict.view[v] || !r.ids.empty()) out.push_back(r);
     }
   }
 }
 
 /// Nothing is taken out: the plain calibration, and why.
-std::optional<Cleaned> without_consensus(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options, long out,
-                                         size_t of) {
+std::optional<Cleaned> without_consensus(const std::shared_ptr<const Recording>& recording,
+                                         const CalibrationOptions& options, long out, size_t of) {
   Cleaned plain{calibrate(recording, options), {}, ""};
-  plain.no_consensus =
-      std::to_string(out) + " of " + std::to_string(of) + " samples do not fit the others: nothing was taken out";
+  plain.no_consensus = std::to_string(out) + " of " + std::to_string(of) +
+                       " samples do not fit the others: nothing was taken out";
   if (plain.solution.status == Status::cancelled) return std::nullopt;
   if (plain.solution.status == Status::undefined_start)
-    plain.solution.message = plain.no_consensus + ", and the plain fit cannot start: " + plain.solution.message;
+    plain.solution.message =
+        plain.no_consensus + ", and the plain fit cannot start: " + plain.solution.message;
   return plain;
 }
 
 }  // namespace
 
-std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options) {
+std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
+                                                  const CalibrationOptions& options) {
   const Rig& rig = recording->rig;
   const std::vector<Sample>& samples = recording->samples;
   const std::vector<int> training = recording->training();
@@ -66,15 +79,19 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   int iterations = 0;
   if (options.progress)
     quick.progress = [&](const std::string&, int iteration, double chi2, double damping) {
-      return options.progress("looking for outliers", iteration == 0 ? iterations : ++iterations, chi2, damping);
+      return options.progress("looking for outliers", iteration == 0 ? iterations : ++iterations,
+                              chi2, damping);
     };
   StepVariations robust;
   robust.robust = true;
   Solution fit = calibrate(recording, quick, robust);
-  if (fit.status == Status::cancelled || fit.status == Status::undefined_start) return ended(std::move(fit));
-  ReferenceFit reference{Recording(rig, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
+  if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
+    return ended(std::move(fit));
+  ReferenceFit reference{
+      Recording(rig, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
   std::vector<Values> start(samples.size());
-  for (const auto& t : fit.values.targets) start[t.first.first].targets[{0, t.first.second}] = t.second;
+  for (const auto& t : fit.values.targets)
+    start[t.first.first].targets[{0, t.first.second}] = t.second;
 
   std::vector<Verdict> verdicts;
   for (const Sample& s : samples) verdicts.push_back(nothing_rejected(rig, s));
@@ -89,26 +106,35 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
         returned[i] = verdicts[i].took_part();
       }
     }
-    const auto out = std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });
-    if (2 * out > static_cast<long>(training.size())) return without_consensus(recording, options, out, training.size());
+    const auto out =
+        std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });
+    if (2 * out > static_cast<long>(training.size()))
+      return without_consensus(recording, options, out, training.size());
     if (round > 0 && verdicts == before) break;
-    const std::shared_ptr<const Recording> left = make_recording(rig, all_without_rejected(*recording, verdicts));
+    const std::shared_ptr<const Recording> left =
+        make_recording(rig, all_without_rejected(*recording, verdicts));
     check_steps(*left);
     fit = calibrate(left, quick);
-    if (fit.status == Status::cancelled || fit.status == Status::undefined_start) return ended(std::move(fit));
-    reference.noise_ratios = robust_noise_ratios(rig, fit.last->problem->residuals(fit.last->state));
+    if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
+      return ended(std::move(fit));
+    reference.noise_ratios =
+        robust_noise_ratios(rig, fit.last->problem->residuals(fit.last->state));
     reference.shared = fit.values.shared;
     reference.free = fit.setup.free;
-    reference.root = std::sqrt(fit.dof > 0 ? std::max(1.0, fit.chi2 / static_cast<double>(fit.dof)) : 1.0) * root_of_covariance(fit.covariance);
+    reference.root =
+        std::sqrt(fit.dof > 0 ? std::max(1.0, fit.chi2 / static_cast<double>(fit.dof)) : 1.0) *
+        root_of_covariance(fit.covariance);
   }
-  const std::shared_ptr<const Recording> left = make_recording(rig, all_without_rejected(*recording, verdicts));
+  const std::shared_ptr<const Recording> left =
+      make_recording(rig, all_without_rejected(*recording, verdicts));
   check_steps(*left);
   std::optional<Cleaned> clean = ended(calibrate(left, options));
   if (clean) describe(*recording, verdicts, clean->rejected);
   return clean;
 }
 
-std::optional<std::vector<Rejected>> find_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options) {
+std::optional<std::vector<Rejected>> find_outliers(
+    const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options) {
   try {
     std::optional<Cleaned> clean = calibrate_without_outliers(recording, options);
     if (!clean) return std::nullopt;

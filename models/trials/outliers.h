@@ -1,10 +1,13 @@
 // Gross outliers taken out of a calibration: points, views, samples.
 //
-//   1. A graduated fit of every step (fitting/robust.h) to everything: no plain fit, which gross outliers would ruin.
+//   1. A graduated fit of every step (fitting/robust.h) to everything: no plain fit, which gross
+//   outliers would ruin.
 //   2. Every training sample is judged by that fit (consensus.h).
-//   3. A plain calibration of what is left, and 2. again at its values, until the same things are out. What was out may come back, once.
-// They are found in mode `latent`; the result is an ordinary calibration of what is left in the mode and with the losses that were asked
-// for. The views of the last step's sensors are judged. Held-out samples are never touched.
+//   3. A plain calibration of what is left, and 2. again at its values, until the same things are
+//   out. What was out may come back, once.
+// They are found in mode `latent`; the result is an ordinary calibration of what is left in the
+// mode and with the losses that were asked for. The views of the last step's sensors are judged.
+// Held-out samples are never touched.
 #pragma once
 
 #include <memory>
@@ -16,7 +19,8 @@
 
 namespace kincal {
 
-/// A Rejected is a gross outlier that was taken out: points of a view, a view (no ids), a sample (no sensor and target).
+/// A Rejected is a gross outlier that was taken out: points of a view, a view (no ids), a sample
+/// (no sensor and target).
 struct Rejected {
   std::string sample, sensor, target;
   std::vector<int> ids;
@@ -30,13 +34,15 @@ struct Cleaned {
   std::string no_consensus;  // not empty: more than half would be out, so nothing was taken out
 };
 
-/// Calibrates without gross outliers. Where more than half of the training samples would be out there is no majority to trust, and nothing
-/// is taken out. nullopt: progress cancelled.
+/// Calibrates without gross outliers. Where more than half of the training samples would be out
+/// there is no majority to trust, and nothing is taken out. nullopt: progress cancelled.
 /// @throws as calibrate(); std::invalid_argument where what is left frees nothing.
-std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
+std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
+                                                  const CalibrationOptions& options);
 
-/// Returns what calibrate_without_outliers() would take out, after a plain calibration that ended badly; it is empty also where nothing
-/// would be. nullopt: progress cancelled.
-std::optional<std::vector<Rejected>> find_outliers(const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
+/// Returns what calibrate_without_outliers() would take out, after a plain calibration that ended
+/// badly; it is empty also where nothing would be. nullopt: progress cancelled.
+std::optional<std::vector<Rejected>> find_outliers(
+    const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 
 }  // namespace kincal

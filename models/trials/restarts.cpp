@@ -24,7 +24,8 @@ struct Scatter {
 };
 
 /// Moves what a step frees and `scatter` has not moved yet.
-void move_start(const Recording& recording, const StepPlan& plan, const VectorXd& initial_values, Scatter& scatter, VectorXd& values) {
+void move_start(const Recording& recording, const StepPlan& plan, const VectorXd& initial_values,
+                Scatter& scatter, VectorXd& values) {
   const ParameterTable& table = recording.table;
   const VectorXd from = values;
   for (const Freed& f : plan.free) {
@@ -46,25 +47,32 @@ void move_start(const Recording& recording, const StepPlan& plan, const VectorXd
       set_pose(values, p.start, get_pose(from, p.start) * exp_se3(by));
     } else {
       const Pose initial = get_pose(initial_values, p.start);
-      set_pose(values, p.start, initial * exp_se3(log_se3(inverse(initial) * get_pose(from, p.start)) + by));
+      set_pose(values, p.start,
+               initial * exp_se3(log_se3(inverse(initial) * get_pose(from, p.start)) + by));
     }
   }
 }
 
 /// `other` minus `result` in the result's sigmas, of all estimated components, largest first.
-std::vector<std::pair<std::string, double>> differences(const Solution& result, const Solution& other) {
+std::vector<std::pair<std::string, double>> differences(const Solution& result,
+                                                        const Solution& other) {
   std::vector<std::pair<std::string, double>> out;
   for (size_t i = 0; i < result.parameters.size(); ++i) {
     const ParameterEstimate &a = result.parameters[i], &b = other.parameters[i];
-    const bool whole = a.pose && std::all_of(a.freed.begin(), a.freed.end(), [](char freed) { return freed != 0; });
+    const bool whole = a.pose && std::all_of(a.freed.begin(), a.freed.end(),
+                                             [](char freed) { return freed != 0; });
     const Vector6d apart = whole ? log_se3(inverse(*a.pose) * *b.pose) : Vector6d(Vector6d::Zero());
     for (size_t c = 0; c < a.value.size(); ++c) {
-      const double difference = whole ? apart(static_cast<Eigen::Index>(c)) : b.value[c] - a.value[c];
+      const double difference =
+          whole ? apart(static_cast<Eigen::Index>(c)) : b.value[c] - a.value[c];
       if (a.sigma[c] > 0)  // neither held nor unknown
-        out.push_back({a.components[c].empty() ? a.name : a.name + "." + a.components[c], difference / a.sigma[c]});
+        out.push_back({a.components[c].empty() ? a.name : a.name + "." + a.components[c],
+                       difference / a.sigma[c]});
     }
   }
-  std::stable_sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return std::abs(a.second) > std::abs(b.second); });
+  std::stable_sort(out.begin(), out.end(), [](const auto& a, const auto& b) {
+    return std::abs(a.second) > std::abs(b.second);
+  });
   return out;
 }
 
@@ -73,7 +81,8 @@ bool same(const Solution& a, const Solution& b) {
   return same_cost(a.cost, b.cost) && (apart.empty() || std::abs(apart[0].second) <= kSameSigmas);
 }
 
-/// The end of restart `n`: with its start halved as often as it takes to be evaluated. Status cancelled; undefined_start: not even then.
+/// The end of restart `n`: with its start halved as often as it takes to be evaluated. Status
+/// cancelled; undefined_start: not even then.
 Solution run_again(const Solution& solution, const CalibrationOptions& options, int n) {
   Solution end;
   for (int halving = 0; halving <= kHalvings; ++halving) {
@@ -97,9 +106,12 @@ Solution run_again(const Solution& solution, const CalibrationOptions& options, 
 
 }  // namespace
 
-bool same_cost(double a, double b) { return std::abs(a - b) <= kSameCost * std::max({std::abs(a), std::abs(b), 1.0}); }
+bool same_cost(double a, double b) {
+  return std::abs(a - b) <= kSameCost * std::max({std::abs(a), std::abs(b), 1.0});
+}
 
-std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options, int count) {
+std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
+                                 int count) {
   struct End {
     const Solution* at;
     int count;
@@ -116,7 +128,8 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
       ++out.failed;
       continue;
     }
-    const auto known = std::find_if(ends.begin(), ends.end(), [&](const End& e) { return same(*e.at, end); });
+    const auto known =
+        std::find_if(ends.begin(), ends.end(), [&](const End& e) { return same(*e.at, end); });
     if (known != ends.end()) {
       ++known->count;
       continue;
@@ -124,7 +137,8 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
     kept.push_back(std::move(end));
     ends.push_back({&kept.back(), 1});
   }
-  std::stable_sort(ends.begin() + 1, ends.end(), [](const End& a, const End& b) { return a.at->cost < b.at->cost; });
+  std::stable_sort(ends.begin() + 1, ends.end(),
+                   [](const End& a, const End& b) { return a.at->cost < b.at->cost; });
   for (const End& e : ends) {
     Minimum m;
     m.cost = e.at->cost;

@@ -1,18 +1,23 @@
 // Local minima: the same steps from other places, and whether they end in the same minimum.
 //
-// Levenberg-Marquardt finds a minimum near its start; steps of estimation are there to make it the right one. That cannot be proved, but it
-// can be tried: whatever a step frees that no step before it did is moved at random before the step begins, and the ends are compared.
-// (Not everything at once: in a step that holds something, other held values mean another problem, not another minimum of the same.)
+// Levenberg-Marquardt finds a minimum near its start; steps of estimation are there to make it the
+// right one. That cannot be proved, but it can be tried: whatever a step frees that no step before
+// it did is moved at random before the step begins, and the ends are compared. (Not everything at
+// once: in a step that holds something, other held values mean another problem, not another minimum
+// of the same.)
 //
-// How far. A component with a prior in its step is moved by N(0, the prior's sigma); else by N(0, size), size being
+// How far. A component with a prior in its step is moved by N(0, the prior's sigma); else by N(0,
+// size), size being
 //     poses and origins 0.05 m and 5 degrees,  joint offsets 0.05 rad or m,  gear scales 1 %,
 //     fx fy cx cy 5 % of the focal length,  distortion 0.05,  baselines 0.01 m,  board sizes 5 %,
 //     target points 5 % of the target's extent.
-// Poses move by an increment on the right, partly freed ones by their freed components of xi. A start that cannot be evaluated (a point
-// behind its camera) is tried again at half its distance, up to six times: such a start would not be chosen.
+// Poses move by an increment on the right, partly freed ones by their freed components of xi. A
+// start that cannot be evaluated (a point behind its camera) is tried again at half its distance,
+// up to six times: such a start would not be chosen.
 //
-// The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated number apart by more than 0.01 of its
-// sigma; what the data do not determine is not compared. An end whose last step did not converge, or without a start, counts as failed.
+// The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated
+// number apart by more than 0.01 of its sigma; what the data do not determine is not compared. An
+// end whose last step did not converge, or without a start, counts as failed.
 #pragma once
 
 #include <optional>
@@ -28,7 +33,8 @@ namespace kincal {
 struct Minimum {
   double cost = 0, chi2 = 0;  // of the last step
   int count = 0;              // restarts that ended here
-  /// These components differ most from the result, up to 10: name, and minimum minus result in the result's sigmas.
+  /// These components differ most from the result, up to 10: name, and minimum minus result in the
+  /// result's sigmas.
   std::vector<std::pair<std::string, double>> differs;
 };
 
@@ -37,9 +43,11 @@ struct Restarts {
   std::vector<Minimum> minima;  // the result's own first, the others by cost
 };
 
-/// Runs the steps that led to a solution `count` times from other starts, the same starts every time. The options are those of the
-/// solution; their progress is called with steps "restart 1", ... nullopt: it cancelled.
-std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options, int count);
+/// Runs the steps that led to a solution `count` times from other starts, the same starts every
+/// time. The options are those of the solution; their progress is called with steps "restart 1",
+/// ... nullopt: it cancelled.
+std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
+                                 int count);
 
 /// True if the costs are within 1e-6 of each other, relatively or absolutely.
 bool same_cost(double a, double b);

@@ -20,9 +20,10 @@ namespace {
 
 constexpr int kFolds = 5, kFewestTargets = 3;
 constexpr double kUnlikely = 2, kWorthwhile = 0.01;  // standard errors; share of the error
-constexpr double kMissing = 1e12;                    // chi2 a number of a held-out sample that cannot be evaluated
+constexpr double kMissing = 1e12;  // chi2 a number of a held-out sample that cannot be evaluated
 
-/// Everything that the search needs to know; the samples are sorted by id, so that their order in the file does not matter.
+/// Everything that the search needs to know; the samples are sorted by id, so that their order in
+/// the file does not matter.
 class Search {
  public:
   Search(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options);
@@ -47,19 +48,22 @@ class Search {
   FoldSamples samples_of(int fold, bool inside) const;
   int target_of(const Freed& f) const;
   std::optional<Values> fit(const std::vector<char>& kept, const Values& from, int fold) const;
-  void judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const;
+  void judge(const Values& values, int fold, std::vector<double>& chi2,
+             std::vector<double>& count) const;
   Score score(const std::vector<char>& kept, const Values& from, bool fitted) const;
   bool better(const Score& before, const Score& after) const;
-  std::vector<Step> explicit_steps(const std::vector<char>& kept, const std::vector<int>& order) const;
+  std::vector<Step> explicit_steps(const std::vector<char>& kept,
+                                   const std::vector<int>& order) const;
 
   Recording recording_;
-  std::vector<Freed> of_held_out_;  // poses of targets that only held-out samples see, to be named with the others
+  std::vector<Freed>
+      of_held_out_;  // poses of targets that only held-out samples see, to be named with the others
   StagingOptions options_;
   const Rig& rig_ = recording_.rig;
   const ParameterTable& table_ = recording_.table;
   const std::vector<Sample>& samples_ = recording_.samples;
-  VectorXd initial_ = table_.initial;     // with closed-form values of poses that the rig leaves open
-  std::vector<Group> groups_;             // the mounts first
+  VectorXd initial_ = table_.initial;  // with closed-form values of poses that the rig leaves open
+  std::vector<Group> groups_;          // the mounts first
   std::vector<int> unit_, fold_of_unit_;  // by sample; by unit
   int folds_ = 0;
   bool by_target_ = false, absent_in_part_ = false;
@@ -96,14 +100,16 @@ void Search::make_folds() {
   if (by_target_) {
     const std::vector<int> list(targets.begin(), targets.end());
     for (size_t i = 0; i < samples_.size(); ++i)
-      unit_[i] = static_cast<int>(std::find(list.begin(), list.end(), samples_[i].views[0].target) - list.begin());
+      unit_[i] = static_cast<int>(std::find(list.begin(), list.end(), samples_[i].views[0].target) -
+                                  list.begin());
     folds_ = std::min<int>(kFolds, static_cast<int>(list.size()));
     for (size_t u = 0; u < list.size(); ++u) fold_of_unit_.push_back(static_cast<int>(u) % folds_);
     return;
   }
   unit_ = indices(samples_.size());
   folds_ = std::min<int>(kFolds, static_cast<int>(samples_.size()));
-  // Samples that see the same with the same sensors are dealt out in turn, so that each fold has the same mixture.
+  // Samples that see the same with the same sensors are dealt out in turn, so that each fold has
+  // the same mixture.
   std::map<std::set<std::pair<int, int>>, std::vector<size_t>> alike;
   for (size_t i = 0; i < samples_.size(); ++i) {
     std::set<std::pair<int, int>> pairs;
@@ -116,7 +122,8 @@ void Search::make_folds() {
     for (size_t i : kind.second) fold_of_unit_[i] = next++ % folds_;
 }
 
-/// Poses that the rig leaves open, in closed form; then all mounts fitted to all samples. What nothing determines is taken out of them.
+/// Poses that the rig leaves open, in closed form; then all mounts fitted to all samples. What
+/// nothing determines is taken out of them.
 void Search::start() {
   Rig with_step = rig_;
   Step step;
@@ -139,7 +146,8 @@ void Search::start() {
   start_.shared = reset(start_.shared, std::vector<char>(groups_.size(), 1));
   for (const Freed& f : without(before, groups_[0].free)) {
     const std::string& name = table_.all[f.parameter].name;
-    absent_in_part_ = absent_in_part_ || std::count(solution.computed_starts.begin(), solution.computed_starts.end(), name);
+    absent_in_part_ = absent_in_part_ || std::count(solution.computed_starts.begin(),
+                                                    solution.computed_starts.end(), name);
   }
 }
 
@@ -148,7 +156,8 @@ std::vector<Freed> Search::freed(const std::vector<char>& kept) const {
   std::vector<Freed> out;
   std::set<int> contained;
   for (size_t g = 0; g < groups_.size(); ++g)
-    if (kept[g]) contained.insert(groups_[g].contained_offsets.begin(), groups_[g].contained_offsets.end());
+    if (kept[g])
+      contained.insert(groups_[g].contained_offsets.begin(), groups_[g].contained_offsets.end());
   for (size_t g = 0; g < groups_.size(); ++g)
     if (kept[g])
       for (const Freed& f : groups_[g].free)
@@ -156,9 +165,10 @@ std::vector<Freed> Search::freed(const std::vector<char>& kept) const {
   return out;
 }
 
-/// Takes out of `group` what the data do not determine beside what is kept, priors aside: of each direction the component with the largest
-/// coefficient.
-void Search::drop_unobservable(Group& group, const std::vector<char>& kept, const VectorXd& shared) {
+/// Takes out of `group` what the data do not determine beside what is kept, priors aside: of each
+/// direction the component with the largest coefficient.
+void Search::drop_unobservable(Group& group, const std::vector<char>& kept,
+                               const VectorXd& shared) {
   for (int round = 0; round < 10 && !group.free.empty(); ++round) {
     EstimationSetup setup = held_setup();
     setup.free = freed(kept);
@@ -181,15 +191,19 @@ void Search::drop_unobservable(Group& group, const std::vector<char>& kept, cons
       const std::pair<int, double>* largest = nullptr;
       for (const auto& c : direction) {
         const auto& column = problem.columns()[c.first];
-        if (has(group.free, column.parameter, column.index) && (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
+        if (has(group.free, column.parameter, column.index) &&
+            (!largest || std::abs(c.second) > 1.001 * std::abs(largest->second)))
           largest = &c;
       }
-      if (largest) merge(drop, {{problem.columns()[largest->first].parameter, {problem.columns()[largest->first].index}}});
+      if (largest)
+        merge(drop, {{problem.columns()[largest->first].parameter,
+                      {problem.columns()[largest->first].index}}});
     }
     if (drop.empty()) return;
     group.free = without(group.free, drop);
     group.priors.erase(
-        std::remove_if(group.priors.begin(), group.priors.end(), [&](const Prior& p) { return has(drop, p.parameter, p.component); }),
+        std::remove_if(group.priors.begin(), group.priors.end(),
+                       [&](const Prior& p) { return has(drop, p.parameter, p.component); }),
         group.priors.end());
   }
 }
@@ -203,7 +217,8 @@ VectorXd Search::reset(const VectorXd& shared, const std::vector<char>& kept) co
   for (const Freed& f : free) {
     const Parameter& p = table_.all[f.parameter];
     if (f.whole(p)) {
-      out.segment(p.start, p.pose ? 12 : p.size()) = shared.segment(p.start, p.pose ? 12 : p.size());
+      out.segment(p.start, p.pose ? 12 : p.size()) =
+          shared.segment(p.start, p.pose ? 12 : p.size());
     } else if (p.pose) {
       const Pose initial = get_pose(initial_, p.start);
       const Vector6d xi = log_se3(inverse(initial) * get_pose(shared, p.start));
@@ -245,7 +260,8 @@ int Search::target_of(const Freed& f) const {
 }
 
 /// Fitted to all samples but those of a fold (-1: to all). nullopt: cannot be evaluated.
-std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& from, int fold) const {
+std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& from,
+                                  int fold) const {
   const FoldSamples part = samples_of(fold, false);
   const std::vector<int>& samples = part.samples;
   EstimationSetup setup = held_setup();
@@ -267,13 +283,15 @@ std::optional<Values> Search::fit(const std::vector<char>& kept, const Values& f
   solver.threads = options_.threads;
   solver.max_iterations = 60;
   solver.relative_decrease = 1e-7;
-  if (LevenbergMarquardt(problem, solver).solve(state).outcome == Outcome::undefined_start) return std::nullopt;
+  if (LevenbergMarquardt(problem, solver).solve(state).outcome == Outcome::undefined_start)
+    return std::nullopt;
   problem.unpack(state, values);
   return values;
 }
 
 /// chi2 and numbers of a fold's units at given shared values.
-void Search::judge(const Values& values, int fold, std::vector<double>& chi2, std::vector<double>& count) const {
+void Search::judge(const Values& values, int fold, std::vector<double>& chi2,
+                   std::vector<double>& count) const {
   FoldSamples part = samples_of(fold, true);
   std::vector<int>& samples = part.samples;
   EstimationSetup setup = held_setup();
@@ -284,7 +302,9 @@ void Search::judge(const Values& values, int fold, std::vector<double>& chi2, st
     double n = 0;
     for (const View& v : samples_[sample].views) {
       const SensorModel& model = *rig_.sensors[v.sensor].model;
-      n += model.measures_pose() ? 6.0 : static_cast<double>(model.rows()) * (v.ids.empty() ? 1.0 : static_cast<double>(v.ids.size()));
+      n += model.measures_pose() ? 6.0
+                                 : static_cast<double>(model.rows()) *
+                                       (v.ids.empty() ? 1.0 : static_cast<double>(v.ids.size()));
     }
     return n;
   };
@@ -367,13 +387,17 @@ bool Search::better(const Score& before, const Score& after) const {
     const double d = std::log1p(before.relative[u]) - std::log1p(after.relative[u]) - mean;
     squares += d * d;
   }
-  const double error = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, units - 1)) / static_cast<double>(units));
+  const double error = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, units - 1)) /
+                                 static_cast<double>(units));
   const auto folds = std::count_if(by_fold.begin(), by_fold.end(), [](double d) { return d > 0; });
-  return mean > kUnlikely * error && after.error < (1 - kWorthwhile) * before.error && 2 * folds > folds_;
+  return mean > kUnlikely * error && after.error < (1 - kWorthwhile) * before.error &&
+         2 * folds > folds_;
 }
 
 std::optional<Staging> Search::run() {
-  const auto proceed = [&](const std::string& trial) { return !options_.progress || options_.progress(trial); };
+  const auto proceed = [&](const std::string& trial) {
+    return !options_.progress || options_.progress(trial);
+  };
   if (!proceed("mounts")) return std::nullopt;
   make_folds();
   start();
@@ -382,8 +406,10 @@ std::optional<Staging> Search::run() {
   out.by_target = by_target_;
   out.units = static_cast<int>(fold_of_unit_.size());
   const auto record = [&](size_t g, bool removal, bool kept, double before, double after) {
-    out.trials.push_back({groups_[g].name, removal, kept, before, after, names_of(table_, groups_[g].free), 0});
-    for (const Freed& f : groups_[g].free) out.trials.back().numbers += static_cast<int>(f.components.size());
+    out.trials.push_back(
+        {groups_[g].name, removal, kept, before, after, names_of(table_, groups_[g].free), 0});
+    for (const Freed& f : groups_[g].free)
+      out.trials.back().numbers += static_cast<int>(f.components.size());
   };
 
   // The mounts: for the record, what they do.
@@ -396,14 +422,16 @@ std::optional<Staging> Search::run() {
     kept[0] = 1;
     order.push_back(0);
     if (std::optional<Values> fitted = fit(kept, now, -1)) now = *fitted;
-    const bool given = std::none_of(rig_.sensors.begin(), rig_.sensors.end(), [](const Sensor& s) { return !s.pose_given; });
+    const bool given = std::none_of(rig_.sensors.begin(), rig_.sensors.end(),
+                                    [](const Sensor& s) { return !s.pose_given; });
     const double before = given ? score_now.error : kNan;
     score_now = score(kept, now, true);
     record(0, false, true, before, score_now.error);
   }
 
   const std::vector<Group> whole_groups = groups_;
-  std::vector<int> kept_when_tried(groups_.size(), -1);  // how many were kept when this one was tried
+  std::vector<int> kept_when_tried(groups_.size(),
+                                   -1);  // how many were kept when this one was tried
   bool news = true;
   for (int pass = 0; pass < 3 && news; ++pass) {
     news = false;
@@ -420,7 +448,8 @@ std::optional<Staging> Search::run() {
       std::vector<char> trial = kept;
       trial[g] = 1;
       const std::optional<Values> fitted = fit(trial, now, -1);
-      const Score with = fitted ? score(trial, *fitted, true) : Score{std::vector<double>(fold_of_unit_.size(), kMissing), kNan};
+      const Score with = fitted ? score(trial, *fitted, true)
+                                : Score{std::vector<double>(fold_of_unit_.size(), kMissing), kNan};
       const bool keep = better(score_now, with);
       record(g, false, keep, score_now.error, with.error);
       if (!keep) continue;
@@ -432,7 +461,8 @@ std::optional<Staging> Search::run() {
     }
   }
 
-  for (size_t at = order.size() < 2 ? 0 : order.size() - 1; at-- > 1;) {  // the last one has just stood this very test
+  for (size_t at = order.size() < 2 ? 0 : order.size() - 1;
+       at-- > 1;) {  // the last one has just stood this very test
     const int g = order[at];
     std::vector<char> trial = kept;
     trial[g] = 0;
@@ -455,18 +485,23 @@ std::optional<Staging> Search::run() {
     order.erase(order.begin() + static_cast<long>(at));
   }
   out.steps = explicit_steps(kept, order);
-  if (out.steps.empty()) throw std::invalid_argument("automatic staging: the data determine nothing that could be freed");
+  if (out.steps.empty())
+    throw std::invalid_argument(
+        "automatic staging: the data determine nothing that could be freed");
   return out;
 }
 
-std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, const std::vector<int>& order) const {
+std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept,
+                                         const std::vector<int>& order) const {
   std::vector<Step> out;
   const std::vector<int> sensors = indices(rig_.sensors.size());
-  // Targets that only held-out samples see: named like those of their kind, estimated when they are judged.
+  // Targets that only held-out samples see: named like those of their kind, estimated when they are
+  // judged.
   std::vector<Freed> held_out;
   for (const Freed& h : of_held_out_) {
-    const int t =
-        static_cast<int>(std::find(table_.target_pose.begin(), table_.target_pose.end(), h.parameter) - table_.target_pose.begin());
+    const int t = static_cast<int>(
+        std::find(table_.target_pose.begin(), table_.target_pose.end(), h.parameter) -
+        table_.target_pose.begin());
     Freed like = h;
     for (const Freed& f : groups_.empty() ? std::vector<Freed>() : groups_[0].free) {
       const auto u = std::find(table_.target_pose.begin(), table_.target_pose.end(), f.parameter);
@@ -502,14 +537,16 @@ std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, cons
       if (h == 0) merge(own, held_out);
       const std::vector<Freed> named = table_.select(groups_[h].name);  // of a geometry/BASE..TIP
       const bool same = !own.empty() && without(named, own).empty() && without(own, named).empty();
-      const std::vector<std::string> names = same ? std::vector<std::string>{groups_[h].name} : names_of(table_, own);
+      const std::vector<std::string> names =
+          same ? std::vector<std::string>{groups_[h].name} : names_of(table_, own);
       step.free.insert(step.free.end(), names.begin(), names.end());
       for (const std::string& name : names) {
         PriorSetting prior;
         prior.pattern = name;
         for (const Freed& f : table_.select(name))
           for (const Prior& p : groups_[h].priors)
-            if (p.parameter == f.parameter && p.component == f.components[0]) prior.translation = prior.rotation = p.sigma;
+            if (p.parameter == f.parameter && p.component == f.components[0])
+              prior.translation = prior.rotation = p.sigma;
         if (prior.translation > 0) step.priors.push_back(prior);
       }
     }
@@ -520,7 +557,8 @@ std::vector<Step> Search::explicit_steps(const std::vector<char>& all_kept, cons
 
 }  // namespace
 
-std::optional<Staging> stage(const Rig& rig, const std::vector<Sample>& samples, const StagingOptions& options) {
+std::optional<Staging> stage(const Rig& rig, const std::vector<Sample>& samples,
+                             const StagingOptions& options) {
   return Search(rig, samples, options).run();
 }
 

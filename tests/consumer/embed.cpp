@@ -1,4 +1,5 @@
-// kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml samples.jsonl
+// kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml
+// samples.jsonl
 #include <kincal/io/rig/rig_file.h>
 #include <kincal/io/rig/samples_file.h>
 #include <kincal/models/report/study.h>
@@ -15,9 +16,11 @@ int main(int argc, char** argv) {
     const kincal::RigFile file = kincal::read_rig(argv[1]);
 
     kincal::StudyOptions options;
-    options.calibration.progress = [](const std::string&, int iteration, double, double) { return iteration < 100; };  // false cancels
-    const std::optional<kincal::Report> report =
-        kincal::study(kincal::make_recording(file.rig, kincal::read_samples(argv[2], file.rig)), options);
+    options.calibration.progress = [](const std::string&, int iteration, double, double) {
+      return iteration < 100;
+    };  // false cancels
+    const std::optional<kincal::Report> report = kincal::study(
+        kincal::make_recording(file.rig, kincal::read_samples(argv[2], file.rig)), options);
     if (!report) {
       std::printf("cancelled\n");
       return 1;
@@ -27,10 +30,14 @@ int main(int argc, char** argv) {
     std::printf("chi2 %.17g dof %ld\n", solution.chi2, solution.dof);
     for (const kincal::ParameterEstimate& p : solution.parameters)
       for (size_t i = 0; i < p.value.size(); ++i)
-        std::printf("parameter %s%s%s %.17g %.17g\n", p.name.c_str(), p.components[i].empty() ? "" : ".", p.components[i].c_str(), p.value[i], p.sigma[i]);
+        std::printf("parameter %s%s%s %.17g %.17g\n", p.name.c_str(),
+                    p.components[i].empty() ? "" : ".", p.components[i].c_str(), p.value[i],
+                    p.sigma[i]);
     for (const kincal::SensorResult& s : report->residuals.sensors)
-      std::printf("sensor %s %.17g %s, held out %.17g\n", s.name.c_str(), s.train.rms, s.unit.c_str(), s.test.rms);
-    for (const kincal::Warning& w : report->warnings) std::printf("warning %s: %s\n", w.id.c_str(), w.text.c_str());
+      std::printf("sensor %s %.17g %s, held out %.17g\n", s.name.c_str(), s.train.rms,
+                  s.unit.c_str(), s.test.rms);
+    for (const kincal::Warning& w : report->warnings)
+      std::printf("warning %s: %s\n", w.id.c_str(), w.text.c_str());
     return solution.status == kincal::Status::converged ? 0 : 1;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());

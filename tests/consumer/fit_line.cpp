@@ -1,5 +1,6 @@
-// The solver alone, without robots: parallel parabolas y = height_k + slope x + bend x^2 through points of three series. The heights are
-// private to their series, slope and bend are shared; all must come out as planted, with dense and with sparse reduced systems.
+// The solver alone, without robots: parallel parabolas y = height_k + slope x + bend x^2 through
+// points of three series. The heights are private to their series, slope and bend are shared; all
+// must come out as planted, with dense and with sparse reduced systems.
 #include <kincal/solver/levenberg_marquardt.h>
 #include <kincal/solver/observability.h>
 
@@ -33,11 +34,13 @@ class Parabolas final : public Problem {
     cost.doubled = cost.chi2 = rows(group, state).col(3).squaredNorm();
     return true;
   }
-  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                 Cost& cost) const override {
     const MatrixXd a = rows(group, state), gram = a.transpose() * a;
     for (int i = 0; i < 4; ++i) to.rows[i] += gram(0, i);
     for (int i = 0; i < 2; ++i) {
-      for (int j = 0; j <= i; ++j) to.shared[to.origin[to.row[j]] + to.row[i]] += gram(1 + i, 1 + j);
+      for (int j = 0; j <= i; ++j)
+        to.shared[to.origin[to.row[j]] + to.row[i]] += gram(1 + i, 1 + j);
       to.gradient[to.row[i]] += gram(1 + i, 3);
     }
     return evaluate(group, state, worker, cost);
@@ -46,7 +49,8 @@ class Parabolas final : public Problem {
     out = rows(group, state);
     return true;
   }
-  void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step, VectorXd& moved) const override {
+  void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step,
+               VectorXd& moved) const override {
     moved = state;
     moved.head(2) += shared_step;
     moved.tail(kSeries) += private_step;
@@ -76,9 +80,10 @@ bool recovers(LinearSolver choice) {
   double worst = std::max(std::abs(state(0) - kSlope), std::abs(state(1) - kBend));
   for (int k = 0; k < kSeries; ++k) worst = std::max(worst, std::abs(state(2 + k) - height(k)));
   const Observability seen = observe(problem, state);
-  std::printf("%s: %d iterations, worst error %.2g, rank %ld of %ld rows\n", solver.linear_solver(), summary.iterations, worst, seen.rank,
-              seen.rows);
-  return summary.outcome == Outcome::converged && worst < 1e-9 && seen.rank == 2 + kSeries && seen.rows == kSeries * kPoints;
+  std::printf("%s: %d iterations, worst error %.2g, rank %ld of %ld rows\n", solver.linear_solver(),
+              summary.iterations, worst, seen.rank, seen.rows);
+  return summary.outcome == Outcome::converged && worst < 1e-9 && seen.rank == 2 + kSeries &&
+         seen.rows == kSeries * kPoints;
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
-// A robot that watches itself: kincal embedded by one header, without files. The class is the library's promise to embedders: what it needs
-// is one include and thirty lines. Usage: head_calibrator
+// A robot that watches itself: kincal embedded by one header, without files. The class is the
+// library's promise to embedders: what it needs is one include and thirty lines. Usage:
+// head_calibrator
 #include <kincal/kincal.h>
 
 #include <cmath>
@@ -9,10 +10,14 @@ class HeadCalibrator {
  public:
   HeadCalibrator(kincal::Rig rig, std::vector<kincal::Sample> samples)  // throws: wrong input
       : calibration_(kincal::make_recording(std::move(rig), std::move(samples)), options()) {}
-  void saw(int slot, const kincal::Sample& sample) { calibration_.replace(slot, sample); }  // same shape: no allocation
+  void saw(int slot, const kincal::Sample& sample) {
+    calibration_.replace(slot, sample);
+  }  // same shape: no allocation
   bool recalibrate(kincal::Tree& robot) {
-    const kincal::Solution solution = calibration_.solve();  // warm: starts where the last one ended
-    if (!solution.usable()) return say(solution.message), false;  // undefined start, not converged, cancelled
+    const kincal::Solution solution =
+        calibration_.solve();  // warm: starts where the last one ended
+    if (!solution.usable())
+      return say(solution.message), false;  // undefined start, not converged, cancelled
     const kincal::ParameterEstimate& elbow = solution["joint/elbow/offset"];
     if (elbow.sigma[0] > 1e-3) return say("the elbow is weakly determined"), false;
     robot = solution.tree();  // offsets folded into the origins
@@ -39,7 +44,8 @@ class HeadCalibrator {
 
 namespace {
 
-/// base -shoulder(z)- upper -elbow(z)- hand with a board in it, and a camera on the base that looks at it.
+/// base -shoulder(z)- upper -elbow(z)- hand with a board in it, and a camera on the base that looks
+/// at it.
 kincal::Rig robot() {
   kincal::Rig rig;
   rig.tree.links = {"base", "upper", "hand"};
@@ -113,16 +119,22 @@ int main() {
   HeadCalibrator head(rig, before);
   kincal::Tree calibrated;
   if (!head.recalibrate(calibrated)) return 1;
-  const auto folded = [&] { return kincal::log_so3(calibrated.joints[1].parent_T_joint.rotation).z(); };
+  const auto folded = [&] {
+    return kincal::log_so3(calibrated.joints[1].parent_T_joint.rotation).z();
+  };
   if (!near(folded(), 0.02, 1e-3)) return std::fprintf(stderr, "elbow %.6f\n", folded()), 1;
-  for (size_t i = 0; i < after.size(); ++i) head.saw(static_cast<int>(i), after[i]);  // the elbow was bent by 30 mrad
+  for (size_t i = 0; i < after.size(); ++i)
+    head.saw(static_cast<int>(i), after[i]);  // the elbow was bent by 30 mrad
   if (!head.recalibrate(calibrated)) return 1;
   if (!near(folded(), -0.01, 1e-3)) return std::fprintf(stderr, "elbow %.6f\n", folded()), 1;
   HeadCalibrator fresh(rig, after);  // a warm start ends where one from the rig's values does
   kincal::Tree other;
   if (!fresh.recalibrate(other)) return 1;
-  const double apart = (calibrated.joints[1].parent_T_joint.rotation - other.joints[1].parent_T_joint.rotation).norm();
+  const double apart =
+      (calibrated.joints[1].parent_T_joint.rotation - other.joints[1].parent_T_joint.rotation)
+          .norm();
   if (!(apart < 1e-9)) return std::fprintf(stderr, "warm and fresh are %.3g apart\n", apart), 1;
-  std::printf("elbow %.6f rad, camera %.4f m above the base; doubts: %s\n", folded(), head.camera().translation.z(), head.doubts().c_str());
+  std::printf("elbow %.6f rad, camera %.4f m above the base; doubts: %s\n", folded(),
+              head.camera().translation.z(), head.doubts().c_str());
   return 0;
 }

@@ -1,6 +1,7 @@
-// A sensor type that kincal does not know: it sees the direction of a point (azimuth, elevation), not its distance. Two of them
-// on the base look at six lamps in the hand of a small arm; the samples are made here, without noise, with kinematics written
-// out by hand. Mounts, joint offsets and a gear must come out as planted, to 1e-6: from rough poses, and from none at all.
+// A sensor type that kincal does not know: it sees the direction of a point (azimuth, elevation),
+// not its distance. Two of them on the base look at six lamps in the hand of a small arm; the
+// samples are made here, without noise, with kinematics written out by hand. Mounts, joint offsets
+// and a gear must come out as planted, to 1e-6: from rough poses, and from none at all.
 #include <kincal/models/report/study.h>
 
 #include <cmath>
@@ -15,13 +16,15 @@ struct Bearing {
   static constexpr int kRows = 2, kNumbers = 2;
   int parameter_count() const { return 0; }
 
-  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p, double*) const {
+  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,
+                double*) const {
     const double h2 = p.x() * p.x() + p.z() * p.z(), h = std::sqrt(h2), n2 = h2 + p.y() * p.y();
     if (!(p.z() > 0)) return false;  // sees only what is ahead, +z
     r[0] = std::atan2(p.x(), p.z()) - z[0];
     r[1] = std::atan2(p.y(), h) - z[1];
     if (d_p) {
-      const double d[6] = {p.z() / h2, 0, -p.x() / h2, -p.x() * p.y() / (h * n2), h / n2, -p.z() * p.y() / (h * n2)};
+      const double d[6] = {
+          p.z() / h2, 0, -p.x() / h2, -p.x() * p.y() / (h * n2), h / n2, -p.z() * p.y() / (h * n2)};
       std::copy(d, d + 6, d_p);
     }
     return true;
@@ -33,9 +36,12 @@ struct Truth {
   double lift_offset = 0.02, lift_scale = 1.015, bend_offset = -0.03;
 };
 
-Matrix3d about(const Vector3d& axis, double angle) { return Eigen::AngleAxisd(angle, axis).toRotationMatrix(); }
+Matrix3d about(const Vector3d& axis, double angle) {
+  return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+}
 
-/// The arm: turn about z at height 0.3, lift about y at 0.2 above, bend about y 0.5 further on, hand 0.4 beyond.
+/// The arm: turn about z at height 0.3, lift about y at 0.2 above, bend about y 0.5 further on,
+/// hand 0.4 beyond.
 Pose hand(double turn, double lift, double bend) {
   Pose t{about(Vector3d::UnitZ(), turn), Vector3d(0, 0, 0.3)};
   t = t * Pose{about(Vector3d::UnitY(), lift), Vector3d(0, 0, 0.2)};
@@ -76,7 +82,8 @@ Rig make_rig() {
   lamps.type = "points";
   lamps.grid = false;
   lamps.points.resize(3, 6);
-  lamps.points << 0, 0.1, 0.02, -0.1, 0.05, 0.08, 0, 0.03, -0.12, 0.05, 0.1, -0.06, 0, 0, 0.09, 0.03, -0.08, 0.12;
+  lamps.points << 0, 0.1, 0.02, -0.1, 0.05, 0.08, 0, 0.03, -0.12, 0.05, 0.1, -0.06, 0, 0, 0.09,
+      0.03, -0.08, 0.12;
   lamps.link = rig.tree.find_link("hand");
   lamps.pose_given = true;
   rig.targets = {lamps};
@@ -100,13 +107,17 @@ Rig make_rig() {
 
 std::vector<Sample> make_samples(const Rig& rig, const Truth& truth) {
   std::mt19937 random(3);
-  auto uniform = [&](double low, double high) { return low + (high - low) * (random() / 4294967296.0); };
+  auto uniform = [&](double low, double high) {
+    return low + (high - low) * (random() / 4294967296.0);
+  };
   std::vector<Sample> samples;
   for (int k = 0; k < 30; ++k) {
     Sample sample;
     sample.id = "posture_" + std::to_string(k);
     sample.readings = {uniform(-0.9, 0.9), uniform(-0.8, 0.6), uniform(-0.9, 0.9), std::nan("")};
-    const Pose base_T_hand = hand(sample.readings[0], truth.lift_scale * sample.readings[1] + truth.lift_offset, sample.readings[2] + truth.bend_offset);
+    const Pose base_T_hand =
+        hand(sample.readings[0], truth.lift_scale * sample.readings[1] + truth.lift_offset,
+             sample.readings[2] + truth.bend_offset);
     for (int s = 0; s < 2; ++s) {
       View view;
       view.sensor = s;
@@ -114,7 +125,8 @@ std::vector<Sample> make_samples(const Rig& rig, const Truth& truth) {
       view.ids = {0, 1, 2, 3, 4, 5};
       view.sigma = rig.sensors[s].sigma;
       for (int i = 0; i < 6; ++i) {
-        const Vector3d p = inverse(truth.base_T_sensor[s]) * (base_T_hand * Vector3d(rig.targets[0].points.col(i)));
+        const Vector3d p = inverse(truth.base_T_sensor[s]) *
+                           (base_T_hand * Vector3d(rig.targets[0].points.col(i)));
         view.z.push_back(std::atan2(p.x(), p.z()));
         view.z.push_back(std::atan2(p.y(), std::hypot(p.x(), p.z())));
       }
@@ -127,7 +139,8 @@ std::vector<Sample> make_samples(const Rig& rig, const Truth& truth) {
 }
 
 bool recovers(const char* title, const Rig& rig, const Truth& truth) {
-  const std::optional<Report> report = study(make_recording(rig, make_samples(rig, truth)), StudyOptions());
+  const std::optional<Report> report =
+      study(make_recording(rig, make_samples(rig, truth)), StudyOptions());
   const Solution& solution = report->solution;
   double worst = 0;
   for (const ParameterEstimate& p : solution.parameters) {
@@ -135,15 +148,20 @@ bool recovers(const char* title, const Rig& rig, const Truth& truth) {
       const Pose e = inverse(truth.base_T_sensor[p.name == "sensor/right/pose"]) * *p.pose;
       worst = std::max({worst, e.translation.norm(), log_so3(e.rotation).norm()});
     } else {
-      const double t = p.name == "joint/lift/scale" ? truth.lift_scale : p.name == "joint/lift/offset" ? truth.lift_offset : truth.bend_offset;
+      const double t = p.name == "joint/lift/scale"    ? truth.lift_scale
+                       : p.name == "joint/lift/offset" ? truth.lift_offset
+                                                       : truth.bend_offset;
       worst = std::max(worst, std::abs(p.value[0] - t));
     }
   }
   const SensorResult& left = report->residuals.sensors[0];
-  std::printf("%s: %zu parameters, worst error %.2g, chi2 %.2g, dof %ld, held out %.2g %s in %ld points\n", title, solution.parameters.size(), worst, solution.chi2,
-              solution.dof, left.test.rms, left.unit.c_str(), left.test.points);
-  return solution.status == Status::converged && solution.parameters.size() == 5 && worst < 1e-6 && solution.chi2 < 1e-6 && left.unit == "rad" &&
-         left.test.points == 36 && left.test.rms < 1e-6;
+  std::printf(
+      "%s: %zu parameters, worst error %.2g, chi2 %.2g, dof %ld, held out %.2g %s in %ld points\n",
+      title, solution.parameters.size(), worst, solution.chi2, solution.dof, left.test.rms,
+      left.unit.c_str(), left.test.points);
+  return solution.status == Status::converged && solution.parameters.size() == 5 && worst < 1e-6 &&
+         solution.chi2 < 1e-6 && left.unit == "rad" && left.test.points == 36 &&
+         left.test.rms < 1e-6;
 }
 
 }  // namespace

@@ -1,8 +1,9 @@
 // kinematics/transform.h: exp and log, their Jacobians, adjoint, roll-pitch-yaw and quaternions.
 //
-// Proves: exp and log are inverse to rounding, and every Jacobian agrees entry by entry with central differences, at random
-// vectors, at zero, at 1e-8 and near pi; rpy reproduces a rotation to rounding at any distance from its pole.
-// Does not prove: the digits of a Jacobian below 1e-9 (central differences end there), log beyond a half turn (it is not defined).
+// Proves: exp and log are inverse to rounding, and every Jacobian agrees entry by entry with
+// central differences, at random vectors, at zero, at 1e-8 and near pi; rpy reproduces a rotation
+// to rounding at any distance from its pole. Does not prove: the digits of a Jacobian below 1e-9
+// (central differences end there), log beyond a half turn (it is not defined).
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
@@ -19,8 +20,12 @@ constexpr double kStep = 1e-5;  // of central differences: truncation 1e-10, rou
 class Random {
  public:
   explicit Random(unsigned seed) : engine_(seed) {}
-  double operator()(double low, double high) { return low + (high - low) * (static_cast<double>(engine_() >> 11) * 0x1p-53); }
-  Vector3d vector(double size) { return {(*this)(-size, size), (*this)(-size, size), (*this)(-size, size)}; }
+  double operator()(double low, double high) {
+    return low + (high - low) * (static_cast<double>(engine_() >> 11) * 0x1p-53);
+  }
+  Vector3d vector(double size) {
+    return {(*this)(-size, size), (*this)(-size, size), (*this)(-size, size)};
+  }
   Vector3d direction() {
     Vector3d v;
     do v = vector(1);
@@ -34,7 +39,8 @@ class Random {
   std::mt19937_64 engine_;
 };
 
-/// Rotation vectors of every kind: zero, along the axes, tiny, around the switches to series, random, close to a half turn.
+/// Rotation vectors of every kind: zero, along the axes, tiny, around the switches to series,
+/// random, close to a half turn.
 std::vector<Vector3d> rotation_vectors(double largest) {
   Random random(1);
   std::vector<Vector3d> vectors{Vector3d::Zero()};
@@ -66,7 +72,8 @@ double largest_difference(const A& a, const B& b) {
 }
 
 double largest_difference(const Pose& a, const Pose& b) {
-  return std::max(largest_difference(a.rotation, b.rotation), largest_difference(a.translation, b.translation));
+  return std::max(largest_difference(a.rotation, b.rotation),
+                  largest_difference(a.translation, b.translation));
 }
 
 /// Checks each entry, so that the message names it.
@@ -93,10 +100,13 @@ TEST_CASE("exp and log of rotations are inverse to rounding") {
     const Matrix3d r = exp_so3(w);
     CHECK(largest_difference(r * r.transpose(), Matrix3d::Identity()) < 2e-15);
     CHECK(r.determinant() == Approx(1).epsilon(1e-14));
-    CHECK(largest_difference(r, Eigen::AngleAxisd(w.norm(), w.stableNormalized()).toRotationMatrix()) < 1e-15);  // another's formula
+    CHECK(largest_difference(r,
+                             Eigen::AngleAxisd(w.norm(), w.stableNormalized()).toRotationMatrix()) <
+          1e-15);  // another's formula
     CHECK(largest_difference(log_so3(r), w) < 4e-15);
   }
-  CHECK(log_so3(exp_so3(1e-8 * Vector3d::UnitY())).y() == Approx(1e-8).epsilon(1e-12));  // relative too
+  CHECK(log_so3(exp_so3(1e-8 * Vector3d::UnitY())).y() ==
+        Approx(1e-8).epsilon(1e-12));  // relative too
   CHECK(log_so3(Matrix3d::Identity()).norm() == 0);
 }
 
@@ -105,7 +115,8 @@ TEST_CASE("the rotation between two vectors is the least one, also where they ar
   for (int i = 0; i < 200; ++i) {
     const Vector3d a = random(0, 3) * random.direction();
     const Vector3d across = a.cross(random.direction());
-    for (const Vector3d& b : {Vector3d(random(0, 3) * random.direction()), Vector3d(2 * a), Vector3d(-2 * a), Vector3d(-a + 1e-7 * across)}) {
+    for (const Vector3d& b : {Vector3d(random(0, 3) * random.direction()), Vector3d(2 * a),
+                              Vector3d(-2 * a), Vector3d(-a + 1e-7 * across)}) {
       const Matrix3d r = rotation_between(a, b);
       CHECK(largest_difference(r * r.transpose(), Matrix3d::Identity()) < 1e-13);
       CHECK(r.determinant() == Approx(1));
@@ -143,8 +154,11 @@ TEST_CASE("left Jacobian of rotations and its inverse agree with central differe
     Matrix3d forward, backward;
     for (int i = 0; i < 3; ++i) {
       const Vector3d d = kStep * Vector3d::Unit(i);
-      forward.col(i) = (log_so3(exp_so3(w + d) * exp_so3(-w)) - log_so3(exp_so3(w - d) * exp_so3(-w))) / (2 * kStep);
-      backward.col(i) = (log_so3(exp_so3(d) * exp_so3(w)) - log_so3(exp_so3(-d) * exp_so3(w))) / (2 * kStep);
+      forward.col(i) =
+          (log_so3(exp_so3(w + d) * exp_so3(-w)) - log_so3(exp_so3(w - d) * exp_so3(-w))) /
+          (2 * kStep);
+      backward.col(i) =
+          (log_so3(exp_so3(d) * exp_so3(w)) - log_so3(exp_so3(-d) * exp_so3(w))) / (2 * kStep);
     }
     check_entries(left_jacobian_so3(w), forward, 1e-9);
     check_entries(inverse_left_jacobian_so3(w), backward, 1e-9);
@@ -165,7 +179,8 @@ TEST_CASE("right Jacobian of motions agrees with central differences") {
     Matrix6d numeric;
     for (int i = 0; i < 6; ++i) {
       const Vector6d d = kStep * Vector6d::Unit(i);
-      numeric.col(i) = (log_se3(back * exp_se3(xi + d)) - log_se3(back * exp_se3(xi - d))) / (2 * kStep);
+      numeric.col(i) =
+          (log_se3(back * exp_se3(xi + d)) - log_se3(back * exp_se3(xi - d))) / (2 * kStep);
     }
     check_entries(right_jacobian_se3(xi), numeric, 2e-9);
   }
@@ -204,7 +219,8 @@ TEST_CASE("rpy is Rz(yaw) Ry(pitch) Rx(roll)") {
   Random random(9);
   for (int i = 0; i < 100; ++i) {
     const Vector3d rpy = random.vector(kPi);
-    const Matrix3d r = (Eigen::AngleAxisd(rpy.z(), Vector3d::UnitZ()) * Eigen::AngleAxisd(rpy.y(), Vector3d::UnitY()) *
+    const Matrix3d r = (Eigen::AngleAxisd(rpy.z(), Vector3d::UnitZ()) *
+                        Eigen::AngleAxisd(rpy.y(), Vector3d::UnitY()) *
                         Eigen::AngleAxisd(rpy.x(), Vector3d::UnitX()))
                            .toRotationMatrix();
     CHECK(largest_difference(rotation_from_rpy(rpy), r) < 2e-15);
@@ -222,14 +238,16 @@ TEST_CASE("rpy away from the pole gives the angles back") {
 
 TEST_CASE("rpy reproduces the rotation to rounding at every distance from pitch +-90 degrees") {
   Random random(11);
-  for (double distance : {0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0})
+  for (double distance : {0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7,
+                          1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0})
     for (double sign : {-1.0, 1.0})
       for (int i = 0; i < 50; ++i) {
         const Vector3d rpy(random(-kPi, kPi), sign * (kPi / 2 - distance), random(-kPi, kPi));
         INFO("rpy = " << rpy.transpose() << ", distance " << distance);
         const Matrix3d exact = rotation_from_rpy(rpy);
         CHECK(largest_difference(rotation_from_rpy(rpy_from_rotation(exact)), exact) < 1e-15);
-        // The same rotation as a product: orthonormal to rounding only, as after folding an offset into an origin.
+        // The same rotation as a product: orthonormal to rounding only, as after folding an offset
+        // into an origin.
         const Matrix3d some = random.rotation(), product = some * (some.transpose() * exact);
         CHECK(largest_difference(rotation_from_rpy(rpy_from_rotation(product)), product) < 3e-15);
       }
@@ -244,15 +262,17 @@ TEST_CASE("quaternions give the rotation back in all four branches") {
     CHECK(q(3) >= 0);
     CHECK(q.norm() == Approx(1).epsilon(1e-15));
     CHECK(largest_difference(rotation_from_quaternion(q), r) < 2e-15);
-    CHECK(largest_difference(rotation_from_quaternion(-3.5 * q), r) < 2e-15);                             // any length
-    CHECK(largest_difference(Eigen::Quaterniond(q(3), q(0), q(1), q(2)).toRotationMatrix(), r) < 2e-15);  // another's formula
+    CHECK(largest_difference(rotation_from_quaternion(-3.5 * q), r) < 2e-15);  // any length
+    CHECK(largest_difference(Eigen::Quaterniond(q(3), q(0), q(1), q(2)).toRotationMatrix(), r) <
+          2e-15);  // another's formula
     Eigen::Index largest;
     q.cwiseAbs().maxCoeff(&largest);
     ++branch_seen[largest];
   };
   check(Matrix3d::Identity());
   for (int axis = 0; axis < 3; ++axis)
-    for (double angle : {-kPi, -3.0, -1e-8, 1e-8, kPi / 2, 3.0, kPi - 1e-8, kPi}) check(exp_so3(angle * Vector3d::Unit(axis)));
+    for (double angle : {-kPi, -3.0, -1e-8, 1e-8, kPi / 2, 3.0, kPi - 1e-8, kPi})
+      check(exp_so3(angle * Vector3d::Unit(axis)));
   for (int i = 0; i < 500; ++i) check(random.rotation());
   for (int count : branch_seen) CHECK(count > 10);
 }

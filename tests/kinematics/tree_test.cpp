@@ -1,9 +1,10 @@
 // kinematics/tree.h: structure, paths, mimics and the derivatives along a path.
 //
-// Proves: a path multiplied up equals inverse(root_T_a) root_T_b for every two links of a tree with every kind of joint; what lies
-// above the common ancestor is not touched; the twists by position and by origin agree entry by entry with central differences, up
-// and down; malformed structures are refused by name.
-// Does not prove: that link_poses means what a URDF means; that is proved against urdfdom in io/urdf/urdf_test.cpp.
+// Proves: a path multiplied up equals inverse(root_T_a) root_T_b for every two links of a tree with
+// every kind of joint; what lies above the common ancestor is not touched; the twists by position
+// and by origin agree entry by entry with central differences, up and down; malformed structures
+// are refused by name. Does not prove: that link_poses means what a URDF means; that is proved
+// against urdfdom in io/urdf/urdf_test.cpp.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
@@ -24,8 +25,8 @@ int add_link(Tree& tree, const std::string& name) {
 }
 
 /// Adds a joint "<child>_joint" and its child link.
-Joint& add_joint(Tree& tree, JointType type, const std::string& parent, const std::string& child, const Vector3d& axis, const Vector3d& xyz,
-                 const Vector3d& rpy) {
+Joint& add_joint(Tree& tree, JointType type, const std::string& parent, const std::string& child,
+                 const Vector3d& axis, const Vector3d& xyz, const Vector3d& rpy) {
   Joint joint;
   joint.name = child + "_joint";
   joint.type = type;
@@ -37,20 +38,28 @@ Joint& add_joint(Tree& tree, JointType type, const std::string& parent, const st
   return tree.joints.back();
 }
 
-/// base - shoulder - elbow - slide - wheel - tip         (revolute, revolute oblique, prismatic negative, continuous, fixed)
-///             |        \- finger - nail             (mimics elbow by -0.5; mimics finger, prismatic)
+/// base - shoulder - elbow - slide - wheel - tip         (revolute, revolute oblique, prismatic
+/// negative, continuous, fixed)
+///             |        \- finger - nail             (mimics elbow by -0.5; mimics finger,
+///             prismatic)
 ///             \- head - eye                             (revolute about -z, fixed)
 ///  base - float - above                                 (floating, revolute)
 Tree make_tree() {
   Tree tree;
   add_link(tree, "base");
-  add_joint(tree, JointType::revolute, "base", "shoulder", {0, 0, 1}, {0.1, 0.2, 0.7}, {0.3, -0.2, 1.1});
-  add_joint(tree, JointType::revolute, "shoulder", "elbow", {1, -2, 0.5}, {0.5, 0, 0.1}, {-1.2, 0.4, 2.0});
-  add_joint(tree, JointType::prismatic, "elbow", "slide", {-1, 0, 0}, {0, 0.3, 0}, {0, 1.5707963267948966, 0});
-  add_joint(tree, JointType::continuous, "slide", "wheel", {0.3, 0.3, -0.9}, {0, 0, -0.2}, {3, 0, 0.1});
+  add_joint(tree, JointType::revolute, "base", "shoulder", {0, 0, 1}, {0.1, 0.2, 0.7},
+            {0.3, -0.2, 1.1});
+  add_joint(tree, JointType::revolute, "shoulder", "elbow", {1, -2, 0.5}, {0.5, 0, 0.1},
+            {-1.2, 0.4, 2.0});
+  add_joint(tree, JointType::prismatic, "elbow", "slide", {-1, 0, 0}, {0, 0.3, 0},
+            {0, 1.5707963267948966, 0});
+  add_joint(tree, JointType::continuous, "slide", "wheel", {0.3, 0.3, -0.9}, {0, 0, -0.2},
+            {3, 0, 0.1});
   add_joint(tree, JointType::fixed, "wheel", "tip", {0, 1, 0}, {0.05, 0.06, 0.07}, {0.7, 0.8, 0.9});
-  add_joint(tree, JointType::revolute, "elbow", "finger", {0, -1, 0}, {0.02, 0, 0.1}, {0, 0, 1}).mimic = Mimic{1, -0.5, 0.1};
-  add_joint(tree, JointType::prismatic, "finger", "nail", {0, 0.6, 0.8}, {0.01, 0, 0}, {1, 0, 0}).mimic = Mimic{5, 0.2, -0.03};
+  add_joint(tree, JointType::revolute, "elbow", "finger", {0, -1, 0}, {0.02, 0, 0.1}, {0, 0, 1})
+      .mimic = Mimic{1, -0.5, 0.1};
+  add_joint(tree, JointType::prismatic, "finger", "nail", {0, 0.6, 0.8}, {0.01, 0, 0}, {1, 0, 0})
+      .mimic = Mimic{5, 0.2, -0.03};
   add_joint(tree, JointType::revolute, "shoulder", "head", {0, 0, -1}, {0, 0, 0.4}, {0, -0.5, 0});
   add_joint(tree, JointType::fixed, "head", "eye", {1, 0, 0}, {0.1, 0, 0}, {-1.57, 0, -1.57});
   add_joint(tree, JointType::floating, "base", "float", {1, 0, 0}, {1, 2, 3}, {0.1, 0.2, 0.3});
@@ -78,12 +87,13 @@ std::vector<double> random_positions(const Tree& tree, unsigned seed) {
 }
 
 /// a_T_b along a path, and the frame of each joint before its motion.
-Pose walk_path(const Tree& tree, const Path& path, const std::vector<Pose>& origins, const std::vector<double>& positions,
-               std::vector<Pose>* joint_frames = nullptr) {
+Pose walk_path(const Tree& tree, const Path& path, const std::vector<Pose>& origins,
+               const std::vector<double>& positions, std::vector<Pose>* joint_frames = nullptr) {
   Pose here;
   for (const PathStep& step : path) {
     Pose a_T_joint, there;
-    walk(step, origins[step.joint], joint_motion(tree.joints[step.joint], positions[step.joint]), here, a_T_joint, there);
+    walk(step, origins[step.joint], joint_motion(tree.joints[step.joint], positions[step.joint]),
+         here, a_T_joint, there);
     if (joint_frames) joint_frames->push_back(a_T_joint);
     here = there;
   }
@@ -91,11 +101,14 @@ Pose walk_path(const Tree& tree, const Path& path, const std::vector<Pose>& orig
 }
 
 double largest_difference(const Pose& a, const Pose& b) {
-  return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(), (a.translation - b.translation).cwiseAbs().maxCoeff());
+  return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(),
+                  (a.translation - b.translation).cwiseAbs().maxCoeff());
 }
 
 /// The twist per unit between two poses 2 kStep apart, as seen from a.
-Vector6d central_difference(const Pose& plus, const Pose& minus) { return log_se3(plus * inverse(minus)) / (2 * kStep); }
+Vector6d central_difference(const Pose& plus, const Pose& minus) {
+  return log_se3(plus * inverse(minus)) / (2 * kStep);
+}
 
 void check_entries(const Vector6d& analytic, const Vector6d& numeric) {
   for (int i = 0; i < 6; ++i) {
@@ -142,7 +155,8 @@ TEST_CASE("a path between any two links equals the way over the root") {
     const std::vector<Pose> root_T_link = link_poses(tree, origins, positions);
     CHECK(largest_difference(root_T_link[tree.root], Pose{}) == 0);
     for_all_paths(tree, [&](int a, int b, const Path& path) {
-      CHECK(largest_difference(walk_path(tree, path, origins, positions), inverse(root_T_link[a]) * root_T_link[b]) < 5e-15);
+      CHECK(largest_difference(walk_path(tree, path, origins, positions),
+                               inverse(root_T_link[a]) * root_T_link[b]) < 5e-15);
     });
   }
 }
@@ -164,8 +178,11 @@ TEST_CASE("what lies above the common ancestor is not walked") {
   const Tree tree = make_tree();
   const Path path = find_path(tree, tree.find_link("eye"), tree.find_link("finger"));
   std::vector<std::pair<std::string, int>> steps;
-  for (const PathStep& step : path) steps.emplace_back(tree.joints[step.joint].name, step.direction);
-  CHECK(steps == std::vector<std::pair<std::string, int>>{{"eye_joint", -1}, {"head_joint", -1}, {"elbow_joint", 1}, {"finger_joint", 1}});
+  for (const PathStep& step : path)
+    steps.emplace_back(tree.joints[step.joint].name, step.direction);
+  CHECK(steps ==
+        std::vector<std::pair<std::string, int>>{
+            {"eye_joint", -1}, {"head_joint", -1}, {"elbow_joint", 1}, {"finger_joint", 1}});
   CHECK(find_path(tree, 3, 3).empty());
 }
 
@@ -184,7 +201,8 @@ TEST_CASE("twists by position agree with central differences, up and down") {
       std::vector<double> plus = positions, minus = positions;  // this joint alone: followers stay
       plus[j] += kStep, minus[j] -= kStep;
       check_entries(position_twist(tree.joints[j], path[i].direction, frames[i]),
-                    central_difference(walk_path(tree, path, origins, plus), walk_path(tree, path, origins, minus)));
+                    central_difference(walk_path(tree, path, origins, plus),
+                                       walk_path(tree, path, origins, minus)));
       ++(path[i].direction > 0 ? downs : ups);
     }
   });
@@ -206,12 +224,14 @@ TEST_CASE("twists by a joint with followers agree with central differences") {
       for (size_t i = 0; i < path.size(); ++i) {
         const Driver d = driver(tree, path[i].joint);
         if (d.joint == static_cast<int>(master) && tree.joints[path[i].joint].moves())
-          twist += d.factor * position_twist(tree.joints[path[i].joint], path[i].direction, frames[i]);
+          twist +=
+              d.factor * position_twist(tree.joints[path[i].joint], path[i].direction, frames[i]);
       }
       std::vector<double> plus = positions, minus = positions;
       plus[master] += kStep, minus[master] -= kStep;
       follow_mimics(tree, plus), follow_mimics(tree, minus);
-      check_entries(twist, central_difference(walk_path(tree, path, origins, plus), walk_path(tree, path, origins, minus)));
+      check_entries(twist, central_difference(walk_path(tree, path, origins, plus),
+                                              walk_path(tree, path, origins, minus)));
     }
   });
 }
@@ -232,7 +252,8 @@ TEST_CASE("twists by an origin's increment agree with central differences, up an
         std::vector<Pose> plus = origins, minus = origins;
         plus[j] = origins[j] * exp_se3(kStep * Vector6d::Unit(k));
         minus[j] = origins[j] * exp_se3(-kStep * Vector6d::Unit(k));
-        check_entries(analytic.col(k), central_difference(walk_path(tree, path, plus, positions), walk_path(tree, path, minus, positions)));
+        check_entries(analytic.col(k), central_difference(walk_path(tree, path, plus, positions),
+                                                          walk_path(tree, path, minus, positions)));
       }
     }
   });
@@ -256,8 +277,10 @@ TEST_CASE("mimics follow through chains") {
 
 TEST_CASE("a floating or planar joint on a path is named, off the path it does not matter") {
   Tree tree = make_tree();
-  const int base = tree.find_link("base"), above = tree.find_link("above"), floating = tree.find_link("float");
-  CHECK_THROWS_WITH(find_path(tree, base, above), Contains("'float_joint'") && Contains("floating"));
+  const int base = tree.find_link("base"), above = tree.find_link("above"),
+            floating = tree.find_link("float");
+  CHECK_THROWS_WITH(find_path(tree, base, above),
+                    Contains("'float_joint'") && Contains("floating"));
   CHECK_THROWS_AS(find_path(tree, above, tree.find_link("tip")), std::invalid_argument);
   CHECK(find_path(tree, floating, above).size() == 1);
   CHECK(find_path(tree, tree.find_link("eye"), tree.find_link("tip")).size() == 6);
@@ -272,7 +295,8 @@ TEST_CASE("malformed structures are refused by name") {
   SECTION("two roots") {
     add_link(tree, "left");
     add_link(tree, "right");
-    CHECK_THROWS_WITH(finish_tree(tree), Contains("'left'") && Contains("'right'") && Contains("root"));
+    CHECK_THROWS_WITH(finish_tree(tree),
+                      Contains("'left'") && Contains("'right'") && Contains("root"));
   }
   SECTION("two parents") {
     add_link(tree, "base");
@@ -280,7 +304,8 @@ TEST_CASE("malformed structures are refused by name") {
     Joint second = tree.joints[0];
     second.name = "second";
     tree.joints.push_back(second);
-    CHECK_THROWS_WITH(finish_tree(tree), Contains("'a'") && Contains("'a_joint'") && Contains("'second'"));
+    CHECK_THROWS_WITH(finish_tree(tree),
+                      Contains("'a'") && Contains("'a_joint'") && Contains("'second'"));
   }
   SECTION("a loop") {
     add_link(tree, "base");

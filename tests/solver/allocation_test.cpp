@@ -1,11 +1,13 @@
-// Whether solving again allocates: a program of its own, whose malloc and its kin count (libraries' calls, Eigen's and operator new's end
-// there). Without glibc, or with a sanitizer that brings its own malloc, it is not built.
+// Whether solving again allocates: a program of its own, whose malloc and its kin count (libraries'
+// calls, Eigen's and operator new's end there). Without glibc, or with a sanitizer that brings its
+// own malloc, it is not built.
 //
-// Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in any thread: on a PR2-like robot and on
-// the nasty one with every type of sensor, dense, in noise modes none and latent, with priors, with losses, with rejected steps, through the
-// accelerated tail, with 1 and 2 threads; likewise bundle adjustment; Estimation::reload(); and a Calibration whose samples are replaced
-// before it solves again. In marginal and point only renew() may.
-// Does not prove: anything about CHOLMOD, or about the first call.
+// Proves: after the first solve() of a LevenbergMarquardt the second and third allocate nothing, in
+// any thread: on a PR2-like robot and on the nasty one with every type of sensor, dense, in noise
+// modes none and latent, with priors, with losses, with rejected steps, through the accelerated
+// tail, with 1 and 2 threads; likewise bundle adjustment; Estimation::reload(); and a Calibration
+// whose samples are replaced before it solves again. In marginal and point only renew() may. Does
+// not prove: anything about CHOLMOD, or about the first call.
 #include <cxxabi.h>
 #include <dlfcn.h>
 #include <execinfo.h>
@@ -117,7 +119,9 @@ std::string origins(long count, long first = 0) {
       int status;
       char* name = abi::__cxa_demangle(info.dli_sname, nullptr, nullptr, &status);
       char at[32];  // for addr2line
-      std::snprintf(at, sizeof at, "    0x%zx ", reinterpret_cast<size_t>(traces[t][i]) - reinterpret_cast<size_t>(info.dli_fbase));
+      std::snprintf(
+          at, sizeof at, "    0x%zx ",
+          reinterpret_cast<size_t>(traces[t][i]) - reinterpret_cast<size_t>(info.dli_fbase));
       text += at + std::string(status == 0 ? name : info.dli_sname).substr(0, 120) + "\n";
       std::free(name);
     }
@@ -144,13 +148,15 @@ class Wrapped : public Kind {
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override {
     return inner_.evaluate(group, state, worker, cost);
   }
-  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                 Cost& cost) const override {
     return inner_.linearise(group, state, worker, to, cost);
   }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return inner_.square_root(group, state, worker, rows);
   }
-  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
+  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own,
+               VectorXd& moved) const override {
     ++trials;
     inner_.retract(state, shared, own, moved);
   }
@@ -176,13 +182,15 @@ class Wrapped : public Kind {
 class WrappedRanges final : public Wrapped<RangeProblem> {
  public:
   using Wrapped::Wrapped;
-  bool evaluate_range(int first, int last, const VectorXd& state, int worker, Cost& cost) const override {
+  bool evaluate_range(int first, int last, const VectorXd& state, int worker,
+                      Cost& cost) const override {
     return inner_.evaluate_range(first, last, state, worker, cost);
   }
   void prepare_range(int first, int last, const VectorXd& state, int worker) const override {
     inner_.prepare_range(first, last, state, worker);
   }
-  void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& step, int worker, double* rows) const override {
+  void recompute_rows(int first, int last, const VectorXd& state, const VectorXd& step, int worker,
+                      double* rows) const override {
     inner_.recompute_rows(first, last, state, step, worker, rows);
   }
 };
@@ -194,9 +202,11 @@ struct Found {
   Outcome outcome = Outcome::not_converged;
 };
 
-/// Solves three times from `start`; the second and third may not allocate. `in_renew`: what renew() allocates does not count.
+/// Solves three times from `start`; the second and third may not allocate. `in_renew`: what renew()
+/// allocates does not count.
 template <class Wrapper, class Kind>
-Found solve_thrice_as(Kind& problem, const VectorXd& start, const SolverOptions& options, bool in_renew) {
+Found solve_thrice_as(Kind& problem, const VectorXd& start, const SolverOptions& options,
+                      bool in_renew) {
   Wrapper wrapped(problem);
   LevenbergMarquardt solver(wrapped, options);
   VectorXd state = start;
@@ -213,7 +223,8 @@ Found solve_thrice_as(Kind& problem, const VectorXd& start, const SolverOptions&
     if (count > 0) UNSCOPED_INFO("solve " << again + 2 << ": " << origins(count));
     CHECK(count == 0);
     if (!in_renew) {
-      if (wrapped.in_renewals > 0) UNSCOPED_INFO("in " << wrapped.renewals << " renewals, first " << wrapped.where);
+      if (wrapped.in_renewals > 0)
+        UNSCOPED_INFO("in " << wrapped.renewals << " renewals, first " << wrapped.where);
       CHECK(wrapped.in_renewals == 0);
     }
     CHECK(state == first);
@@ -225,14 +236,17 @@ Found solve_thrice_as(Kind& problem, const VectorXd& start, const SolverOptions&
   }
   return found;
 }
-Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
+Found solve_thrice(Problem& problem, const VectorXd& start, const SolverOptions& options,
+                   bool in_renew = false) {
   return solve_thrice_as<Wrapped<Problem>>(problem, start, options, in_renew);
 }
-Found solve_thrice(RangeProblem& problem, const VectorXd& start, const SolverOptions& options, bool in_renew = false) {
+Found solve_thrice(RangeProblem& problem, const VectorXd& start, const SolverOptions& options,
+                   bool in_renew = false) {
   return solve_thrice_as<WrappedRanges>(problem, start, options, in_renew);
 }
 
-const std::vector<Loss> kLosses = {{LossKind::none, 1}, {LossKind::huber, 2}, {LossKind::cauchy, 2}, {LossKind::tukey, 20}};
+const std::vector<Loss> kLosses = {
+    {LossKind::none, 1}, {LossKind::huber, 2}, {LossKind::cauchy, 2}, {LossKind::tukey, 20}};
 
 }  // namespace
 
@@ -275,13 +289,15 @@ TEST_CASE("allocations: a PR2-like robot solved again allocates nothing") {
             Estimation problem(p, p.training(), setup);
             Values values = p.start;
             if (far)
-              for (auto& [key, pose] : values.targets) pose = to_pose(isometry(pose) * exponential(random.twist(0.1, 0.4)));
+              for (auto& [key, pose] : values.targets)
+                pose = to_pose(isometry(pose) * exponential(random.twist(0.1, 0.4)));
             SolverOptions options;
             options.threads = threads;
             options.relative_decrease = decrease;
             options.max_iterations = 60;
-            INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", " << threads << " threads, far " << far
-                         << ", relative decrease " << decrease);
+            INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind)
+                         << ", " << threads << " threads, far " << far << ", relative decrease "
+                         << decrease);
             const Found found = solve_thrice(problem, problem.pack(values), options);
             if (!far && loss.kind == LossKind::none) CHECK(found.outcome == Outcome::converged);
             rejected += found.rejected;
@@ -291,9 +307,12 @@ TEST_CASE("allocations: a PR2-like robot solved again allocates nothing") {
   CHECK(undamped > 20);
 }
 
-TEST_CASE("allocations: a robot with every type of sensor solved again allocates nothing, but for covariances that are renewed") {
+TEST_CASE(
+    "allocations: a robot with every type of sensor solved again allocates nothing, but for "
+    "covariances that are renewed") {
   long rejected = 0, undamped = 0;
-  for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent, NoiseMode::marginal, NoiseMode::point}) {
+  for (const NoiseMode mode :
+       {NoiseMode::none, NoiseMode::latent, NoiseMode::marginal, NoiseMode::point}) {
     long in_renewals = 0;
     for (const Loss& loss : kLosses)
       for (const double off : {5e-3, 0.05})
@@ -307,14 +326,16 @@ TEST_CASE("allocations: a robot with every type of sensor solved again allocates
           options.threads = threads;
           options.max_iterations = 60;
           options.linear_solver = LinearSolver::dense;
-          INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", " << threads << " threads, off " << off);
+          INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss.kind) << ", "
+                       << threads << " threads, off " << off);
           const bool may = mode == NoiseMode::marginal || mode == NoiseMode::point;
           const Found found = solve_thrice(*s.problem, s.start(), options, may);
           rejected += found.rejected;
           undamped += found.undamped;
           in_renewals += found.in_renewals;
         }
-    if (in_renewals > 0) WARN("mode " << static_cast<int>(mode) << ": " << in_renewals << " allocations in renewals");
+    if (in_renewals > 0)
+      WARN("mode " << static_cast<int>(mode) << ": " << in_renewals << " allocations in renewals");
   }
   CHECK(rejected > 0);
   CHECK(undamped > 20);
@@ -364,7 +385,8 @@ TEST_CASE("allocations: a calibration whose samples are replaced solves again wi
             for (double& z : v.z) z *= 1 + 1e-6;
         }
         Watch watch;
-        for (size_t i = 0; i < s.samples.size(); ++i) calibration.replace(static_cast<int>(i), s.samples[i]);
+        for (size_t i = 0; i < s.samples.size(); ++i)
+          calibration.replace(static_cast<int>(i), s.samples[i]);
         const Solution& solution = calibration.solve();
         const long count = watch.stop();
         if (count > 0) UNSCOPED_INFO(origins(count));
@@ -379,8 +401,9 @@ TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
   BundleAdjustmentData d;
   for (int c = 0; c < 10; ++c) {
     const Vector3d w = random.vector(1);
-    d.cameras.insert(d.cameras.end(), {w.x(), w.y(), w.z(), random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(-7, -5),
-                                       random.uniform(400, 600), 0.02, 0.001});
+    d.cameras.insert(d.cameras.end(),
+                     {w.x(), w.y(), w.z(), random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3),
+                      random.uniform(-7, -5), random.uniform(400, 600), 0.02, 0.001});
   }
   for (int p = 0; p < 200; ++p) {
     const Vector3d at = random.vector(1);
@@ -389,7 +412,8 @@ TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
       if ((c + p) % 10 >= 6) continue;
       const double* k = &d.cameras[9 * c];
       const Vector3d w(k[0], k[1], k[2]),
-          q = Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix() * at + Vector3d(k[3], k[4], k[5]);
+          q = Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix() * at +
+              Vector3d(k[3], k[4], k[5]);
       d.camera_of.push_back(c);
       d.point_of.push_back(p);
       for (int i = 0; i < 2; ++i) d.pixels.push_back(-k[6] * q(i) / q.z() + random.normal());
@@ -399,7 +423,8 @@ TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
   for (const double off : {0.01, 0.8}) {
     BundleAdjustmentData start = d;
     for (double& x : start.points) x += off * random.normal();
-    for (size_t i = 0; i < start.cameras.size(); ++i) start.cameras[i] += (i % 9 < 6 ? off : 0) * random.normal();
+    for (size_t i = 0; i < start.cameras.size(); ++i)
+      start.cameras[i] += (i % 9 < 6 ? off : 0) * random.normal();
     for (const int threads : {1, 2})
       for (const double decrease : {0.0, 1e-6}) {
         BundleAdjustment problem(start);

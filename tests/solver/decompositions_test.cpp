@@ -1,9 +1,11 @@
 // solver/decompositions.h: dense algebra behind plain functions.
 //
-// Proves: each function does what its definition says, on random matrices of several shapes, rank-deficient ones where that is allowed:
-// factors multiplied give the matrix back and are orthogonal; residuals of least squares are orthogonal to the columns, the shortest
-// solution is orthogonal to the null space; eliminated columns have nothing left and what is left keeps its Gram matrix.
-// Does not prove: which of several right answers is given (signs of vectors, order of pivots), nor anything about speed.
+// Proves: each function does what its definition says, on random matrices of several shapes,
+// rank-deficient ones where that is allowed: factors multiplied give the matrix back and are
+// orthogonal; residuals of least squares are orthogonal to the columns, the shortest solution is
+// orthogonal to the null space; eliminated columns have nothing left and what is left keeps its
+// Gram matrix. Does not prove: which of several right answers is given (signs of vectors, order of
+// pivots), nor anything about speed.
 #include "../../solver/decompositions.h"
 
 #include <Eigen/LU>
@@ -34,10 +36,13 @@ MatrixXd positive(Random& random, Eigen::Index n) {
 template <class Parts>
 void check_singular(const Parts& s, const MatrixXd& m) {
   const Eigen::Index n = s.values.size();
-  CHECK(largest(MatrixXd(s.u.leftCols(n)) * VectorXd(s.values).asDiagonal() * MatrixXd(s.v.leftCols(n)).transpose() - m) < 1e-13 * m.norm());
+  CHECK(largest(MatrixXd(s.u.leftCols(n)) * VectorXd(s.values).asDiagonal() *
+                    MatrixXd(s.v.leftCols(n)).transpose() -
+                m) < 1e-13 * m.norm());
   CHECK(largest(s.u.transpose() * s.u - MatrixXd::Identity(s.u.cols(), s.u.cols())) < 1e-13);
   CHECK(largest(s.v.transpose() * s.v - MatrixXd::Identity(s.v.cols(), s.v.cols())) < 1e-13);
-  for (Eigen::Index i = 0; i < n; ++i) CHECK((s.values(i) >= 0 && (i == 0 || s.values(i) <= s.values(i - 1))));
+  for (Eigen::Index i = 0; i < n; ++i)
+    CHECK((s.values(i) >= 0 && (i == 0 || s.values(i) <= s.values(i - 1))));
 }
 
 }  // namespace
@@ -47,14 +52,16 @@ TEST_CASE("decompositions: eigenvalues of symmetric matrices, of which the lower
   for (const Eigen::Index n : {1, 2, 5, 12}) {
     const MatrixXd m = random_matrix(random, n, n), a = m.selfadjointView<Eigen::Lower>();
     const SymmetricEigen eigen = symmetric_eigen(m);
-    CHECK(largest(a * eigen.vectors - eigen.vectors * eigen.values.asDiagonal()) < 1e-13 * a.norm());
+    CHECK(largest(a * eigen.vectors - eigen.vectors * eigen.values.asDiagonal()) <
+          1e-13 * a.norm());
     CHECK(largest(eigen.vectors.transpose() * eigen.vectors - MatrixXd::Identity(n, n)) < 1e-13);
     for (Eigen::Index i = 1; i < n; ++i) CHECK(eigen.values(i) >= eigen.values(i - 1));
   }
   const Eigen::Matrix3d m = random_matrix(random, 3, 3), a = m.selfadjointView<Eigen::Lower>();
   const Eigen::Vector3d values = symmetric_eigenvalues(m);
   CHECK((values(0) <= values(1) && values(1) <= values(2)));
-  for (const double value : values) CHECK(std::abs((a - value * Eigen::Matrix3d::Identity()).determinant()) < 1e-12);
+  for (const double value : values)
+    CHECK(std::abs((a - value * Eigen::Matrix3d::Identity()).determinant()) < 1e-12);
 }
 
 TEST_CASE("decompositions: singular values") {
@@ -62,16 +69,19 @@ TEST_CASE("decompositions: singular values") {
   for (const auto& [rows, columns] : std::vector<Shape>{{1, 1}, {4, 4}, {9, 3}, {3, 9}}) {
     const MatrixXd m = random_matrix(random, rows, columns);
     const SingularValues thin = singular_values(m, Eigen::ComputeThinU | Eigen::ComputeThinV),
-                         full = singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV), bare = singular_values(m);
+                         full = singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV),
+                         bare = singular_values(m);
     check_singular(thin, m);
     check_singular(full, m);
-    CHECK((thin.u.cols() == bare.values.size() && full.u.cols() == rows && full.v.cols() == columns));
+    CHECK(
+        (thin.u.cols() == bare.values.size() && full.u.cols() == rows && full.v.cols() == columns));
     CHECK((bare.u.size() == 0 && bare.v.size() == 0));
     CHECK(largest(bare.values - full.values) < 1e-13);
   }
   for (const int n : {5, 60}) {
     const MatrixXd m = random_matrix(random, n, n);
-    const SingularValues large = large_singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    const SingularValues large =
+        large_singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
     check_singular(large, m);
     CHECK(largest(large.values - singular_values(m).values) < 1e-12);
   }
@@ -92,9 +102,11 @@ TEST_CASE("decompositions: least squares") {
     REQUIRE(least_squares(a, b, 1e-9, checked));
     CHECK(largest(checked - x) < 1e-12);
   }
-  // Not of full rank: the plain one solves with some unknowns at 0, the checked one refuses and leaves x alone, the shortest is shortest.
+  // Not of full rank: the plain one solves with some unknowns at 0, the checked one refuses and
+  // leaves x alone, the shortest is shortest.
   const MatrixXd a = with_rank(random, 12, 6, 4);
-  const VectorXd b = random_matrix(random, 12, 1), plain = least_squares(a, b), shortest = shortest_least_squares(a, b);
+  const VectorXd b = random_matrix(random, 12, 1), plain = least_squares(a, b),
+                 shortest = shortest_least_squares(a, b);
   CHECK(largest(a.transpose() * (a * plain - b)) < 1e-11);
   CHECK((plain.array() == 0).count() == 2);
   CHECK(largest(a.transpose() * (a * shortest - b)) < 1e-11);
@@ -112,7 +124,8 @@ TEST_CASE("decompositions: the shortest least squares are the pseudo-inverse") {
     const MatrixXd a = with_rank(random, 5, 5, rank);
     MatrixXd p(5, 5);
     long found = 0;
-    for (Eigen::Index i = 0; i < 5; ++i) p.col(i) = shortest_least_squares(a, VectorXd::Unit(5, i), &found);
+    for (Eigen::Index i = 0; i < 5; ++i)
+      p.col(i) = shortest_least_squares(a, VectorXd::Unit(5, i), &found);
     CHECK(found == rank);
     const double bound = 1e-12 * p.norm() * a.norm();  // Penrose's four equations
     CHECK(largest(a * p * a - a) < bound * a.norm());
@@ -140,7 +153,8 @@ TEST_CASE("decompositions: symmetric systems and inverses") {
     CHECK_FALSE(Cholesky(indefinite).good());
     CHECK(largest(a * solve_symmetric(a, b) - b) < 1e-12);
     CHECK(largest(a * inverse_of_symmetric(a) - MatrixXd::Identity(n, n)) < 1e-12);
-    CHECK(largest(indefinite * inverse_of_symmetric(indefinite) - MatrixXd::Identity(n, n)) < 1e-12);
+    CHECK(largest(indefinite * inverse_of_symmetric(indefinite) - MatrixXd::Identity(n, n)) <
+          1e-12);
   }
 }
 
@@ -157,13 +171,16 @@ TEST_CASE("decompositions: triangles and roots keep the Gram matrix") {
   const MatrixXd l = with_rank(random, 5, 3, 3);
   VectorXd unit(5);
   unit << 1, 1e-8, 1e3, 0, 1e-4;
-  const MatrixXd c = unit.asDiagonal() * (l * l.transpose()) * unit.asDiagonal(), w = root_of_covariance(c), back = w * w.transpose();
+  const MatrixXd c = unit.asDiagonal() * (l * l.transpose()) * unit.asDiagonal(),
+                 w = root_of_covariance(c), back = w * w.transpose();
   for (Eigen::Index i = 0; i < 5; ++i)
-    for (Eigen::Index j = 0; j < 5; ++j) CHECK(std::abs(back(i, j) - c(i, j)) <= 1e-13 * std::sqrt(c(i, i) * c(j, j)));
+    for (Eigen::Index j = 0; j < 5; ++j)
+      CHECK(std::abs(back(i, j) - c(i, j)) <= 1e-13 * std::sqrt(c(i, i) * c(j, j)));
   CHECK(largest(root_of_covariance(-1e-20 * MatrixXd::Identity(2, 2))) == 0);
 }
 
-TEST_CASE("decompositions: elimination takes out what a block determines, by rank, and nothing else") {
+TEST_CASE(
+    "decompositions: elimination takes out what a block determines, by rank, and nothing else") {
   Random random(7);
   for (const Eigen::Index rank : {4, 2, 0}) {
     INFO("rank " << rank);

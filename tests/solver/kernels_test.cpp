@@ -1,5 +1,6 @@
-// The dense kernels against Eigen, for every instruction set that this processor has and all small sizes; what they may not touch stays
-// untouched. Not proved: speed, and sets that this processor lacks.
+// The dense kernels against Eigen, for every instruction set that this processor has and all small
+// sizes; what they may not touch stays untouched. Not proved: speed, and sets that this processor
+// lacks.
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
@@ -61,9 +62,11 @@ TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
       const MatrixXd a = random(engine, n, depth), c = random(engine, n, n);
       const MatrixXd slack_a = with_slack(a);
       MatrixXd slack_c = with_slack(c);
-      k->subtract_product(slack_c.data(), n, static_cast<int>(slack_c.rows()), slack_a.data(), depth, slack_a.rows());
+      k->subtract_product(slack_c.data(), n, static_cast<int>(slack_c.rows()), slack_a.data(),
+                          depth, slack_a.rows());
       const MatrixXd expected = c - a * a.transpose();
-      CHECK((MatrixXd(slack_c.topLeftCorner(n, n).triangularView<Eigen::Lower>()) - MatrixXd(expected.triangularView<Eigen::Lower>()))
+      CHECK((MatrixXd(slack_c.topLeftCorner(n, n).triangularView<Eigen::Lower>()) -
+             MatrixXd(expected.triangularView<Eigen::Lower>()))
                 .cwiseAbs()
                 .maxCoeff() < 1e-13 * depth);
 
@@ -73,7 +76,8 @@ TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
       const MatrixXd l = spd.llt().matrixL();
       for (int j = 0; j < n; ++j) {
         CHECK(1 / factor(j, j) == Approx(l(j, j)).epsilon(1e-10));
-        for (int i = j + 1; i < n; ++i) REQUIRE(factor(i, j) == Approx(l(i, j)).epsilon(1e-9).margin(1e-9));
+        for (int i = j + 1; i < n; ++i)
+          REQUIRE(factor(i, j) == Approx(l(i, j)).epsilon(1e-9).margin(1e-9));
       }
       const VectorXd b = random(engine, n, 1);
       VectorXd x(n + kSlack);
@@ -81,14 +85,17 @@ TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
       k->solve_lower(factor.data(), n, static_cast<int>(factor.rows()), x.data());
       CHECK((l.triangularView<Eigen::Lower>() * x.head(n) - b).norm() < 1e-9 * b.norm());
       k->solve_lower_transposed(factor.data(), n, static_cast<int>(factor.rows()), x.data());
-      CHECK((spd * x.head(n) - b).norm() < 1e-7 * (1 + spd.norm() * x.head(n).norm()) * 1e-6 + 1e-9 * b.norm());
+      CHECK((spd * x.head(n) - b).norm() <
+            1e-7 * (1 + spd.norm() * x.head(n).norm()) * 1e-6 + 1e-9 * b.norm());
 
       for (int width : {1, 7, 8, 9, 40}) {
         RowMajor rows = RowMajor::Constant(n + 1, padded(width) + 8, 3);
         const MatrixXd right = random(engine, n, width);
         rows.topLeftCorner(n, width) = right;
-        k->solve_rows(factor.data(), n, static_cast<int>(factor.rows()), rows.data(), width, rows.cols());
-        CHECK((l.triangularView<Eigen::Lower>() * MatrixXd(rows.topLeftCorner(n, width)) - right).norm() < 1e-9 * right.norm());
+        k->solve_rows(factor.data(), n, static_cast<int>(factor.rows()), rows.data(), width,
+                      rows.cols());
+        CHECK((l.triangularView<Eigen::Lower>() * MatrixXd(rows.topLeftCorner(n, width)) - right)
+                  .norm() < 1e-9 * right.norm());
         CHECK(rows.rightCols(8) == RowMajor::Constant(n + 1, 8, 3));
         CHECK(rows.bottomRows(1) == RowMajor::Constant(1, rows.cols(), 3));
       }
@@ -112,8 +119,10 @@ TEST_CASE("kernels: subtract_block and add") {
           const MatrixXd before = d;
           std::vector<std::ptrdiff_t> step;
           for (int q = 0; q < columns; ++q) step.push_back(q * d.rows());
-          k->subtract_block(d.data(), step.data(), ab.data(), rows, ab.data() + rows, columns, depth, stride);
-          const MatrixXd expected = before.topRows(rows) - ab.leftCols(rows).transpose() * ab.middleCols(rows, columns);
+          k->subtract_block(d.data(), step.data(), ab.data(), rows, ab.data() + rows, columns,
+                            depth, stride);
+          const MatrixXd expected =
+              before.topRows(rows) - ab.leftCols(rows).transpose() * ab.middleCols(rows, columns);
           CHECK((d.topRows(rows) - expected).cwiseAbs().maxCoeff() < 1e-12);
           CHECK(d.bottomRows(2) == before.bottomRows(2));
         }
@@ -138,14 +147,19 @@ TEST_CASE("kernels: expand") {
           const MatrixXd root = random(engine, 40, width), m = random(engine, depth, columns);
           const MatrixXd g = root.transpose() * root;
           const int ldp = padded(columns) + 8;
-          RowMajor product = RowMajor::Constant(width + 1, ldp, 5), out = RowMajor::Constant(columns + 1, ldp, 5);
+          RowMajor product = RowMajor::Constant(width + 1, ldp, 5),
+                   out = RowMajor::Constant(columns + 1, ldp, 5);
           RowMajor m_rows = RowMajor::Constant(depth, ldp, std::nan(""));
           m_rows.leftCols(columns) = m;
-          k->expand(g.data(), width, width, m_rows.data(), ldp, depth, columns, product.data(), out.data(), ldp);
-          const MatrixXd expected = g.leftCols(depth) * m, block = m.transpose() * expected.topRows(depth);
-          CHECK((product.topLeftCorner(width, columns) - expected).norm() <= 1e-12 * expected.norm());
+          k->expand(g.data(), width, width, m_rows.data(), ldp, depth, columns, product.data(),
+                    out.data(), ldp);
+          const MatrixXd expected = g.leftCols(depth) * m,
+                         block = m.transpose() * expected.topRows(depth);
+          CHECK((product.topLeftCorner(width, columns) - expected).norm() <=
+                1e-12 * expected.norm());
           for (int i = 0; i < columns; ++i)
-            for (int j = 0; j < columns; ++j) REQUIRE(out(i, j) == Approx(block(i, j)).epsilon(1e-11).margin(1e-11));
+            for (int j = 0; j < columns; ++j)
+              REQUIRE(out(i, j) == Approx(block(i, j)).epsilon(1e-11).margin(1e-11));
           CHECK(product.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
           CHECK(out.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
         }
@@ -162,9 +176,11 @@ TEST_CASE("kernels: subtract_products_9x9") {
       for (int i = 0; i < runs; ++i) first.push_back(9 * (i + (i > 3)));
       for (int i = 0; i < pairs; ++i) block[i] = i + i / 5;  // some blocks are others'
       std::shuffle(block.begin(), block.end(), engine);
-      const VectorXd blocks = random(engine, kBlockStorage9x9 * (pairs + pairs / 5 + 1), 1), gradient = random(engine, 9 * all + 8, 1);
+      const VectorXd blocks = random(engine, kBlockStorage9x9 * (pairs + pairs / 5 + 1), 1),
+                     gradient = random(engine, 9 * all + 8, 1);
       VectorXd to = blocks, g = gradient, expected = blocks, expected_g = gradient;
-      k->subtract_products_9x9(to.data(), block.data(), first.data(), runs, b.data(), stride, g.data());
+      k->subtract_products_9x9(to.data(), block.data(), first.data(), runs, b.data(), stride,
+                               g.data());
       for (int i = 0, pair = 0; i < runs; ++i) {
         const MatrixXd bi = b.middleCols(9 * i, 9);
         expected_g.segment(first[i], 9) -= bi.transpose() * b.col(9 * runs);

@@ -1,10 +1,13 @@
-// solver/reduced_system.h: where numbers stand, elimination into it and factorisation, dense and CHOLMOD, against plain dense matrices.
+// solver/reduced_system.h: where numbers stand, elimination into it and factorisation, dense and
+// CHOLMOD, against plain dense matrices.
 //
-// Proves, for random groups over runs of different sizes (groups that share runs, that have no privates, that touch nothing; columns that
-// nobody touches; runs of 9 throughout): add(), subtract() with and without an array of diagonal blocks, origin(), diagonal_origin(),
-// add_diagonal_blocks(), accumulate(), clear() and add_to_diagonal() mean the same matrix; nothing is written behind the arrays; the solution
-// is that of a plain Cholesky; an indefinite matrix is refused and does no harm to the next; what `automatic` chooses.
-// Does not prove: anything about time or fill.
+// Proves, for random groups over runs of different sizes (groups that share runs, that have no
+// privates, that touch nothing; columns that nobody touches; runs of 9 throughout): add(),
+// subtract() with and without an array of diagonal blocks, origin(), diagonal_origin(),
+// add_diagonal_blocks(), accumulate(), clear() and add_to_diagonal() mean the same matrix; nothing
+// is written behind the arrays; the solution is that of a plain Cholesky; an indefinite matrix is
+// refused and does no harm to the next; what `automatic` chooses. Does not prove: anything about
+// time or fill.
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -25,11 +28,13 @@ constexpr double kGuard = 777.25;
 struct Structure {
   int n = 0;
   std::vector<GroupShape> groups;
-  std::vector<int> run_first;  // by column: first column of the columns around it that the same groups touch
+  std::vector<int>
+      run_first;  // by column: first column of the columns around it that the same groups touch
   std::vector<int> run_size;
 };
 
-/// `sizes`: blocks of columns that groups touch as a whole; blocks may turn out to have the same groups, so that runs are longer.
+/// `sizes`: blocks of columns that groups touch as a whole; blocks may turn out to have the same
+/// groups, so that runs are longer.
 Structure make(const std::vector<int>& sizes, int groups, int most, int depth, Random& random) {
   Structure s;
   std::vector<int> start;
@@ -44,7 +49,8 @@ Structure make(const std::vector<int>& sizes, int groups, int most, int depth, R
     std::set<int> touched;
     const int count = static_cast<int>(random.uniform() * (most + 1));
     const int first = static_cast<int>(random.uniform() * blocks);
-    for (int k = 0; k < count; ++k) touched.insert((first + static_cast<int>(random.uniform() * 2 * most)) % blocks);
+    for (int k = 0; k < count; ++k)
+      touched.insert((first + static_cast<int>(random.uniform() * 2 * most)) % blocks);
     if (g % 5 == 4) s.groups.push_back(s.groups[g - 1]);  // sees exactly what the one before sees
     if (g % 5 == 4) continue;
     for (const int b : touched)
@@ -55,8 +61,11 @@ Structure make(const std::vector<int>& sizes, int groups, int most, int depth, R
   std::vector<std::vector<int>> touching(s.n);
   for (int g = 0; g < groups; ++g)
     for (const int c : s.groups[g].columns) touching[c].push_back(g);
-  for (int c = 0; c < s.n; ++c) s.run_first.push_back(c > 0 && touching[c] == touching[c - 1] ? s.run_first[c - 1] : c);
-  for (int c = 0; c < s.n; ++c) s.run_size.push_back(static_cast<int>(std::count(s.run_first.begin(), s.run_first.end(), s.run_first[c])));
+  for (int c = 0; c < s.n; ++c)
+    s.run_first.push_back(c > 0 && touching[c] == touching[c - 1] ? s.run_first[c - 1] : c);
+  for (int c = 0; c < s.n; ++c)
+    s.run_size.push_back(
+        static_cast<int>(std::count(s.run_first.begin(), s.run_first.end(), s.run_first[c])));
   return s;
 }
 
@@ -66,11 +75,14 @@ struct Array {
   explicit Array(size_t n) : all(n + 16, kGuard), size(n) { std::fill_n(all.begin(), n, 0.0); }
   double* data() { return all.data(); }
   bool untouched() const {
-    return std::all_of(all.begin() + static_cast<std::ptrdiff_t>(size), all.end(), [](double x) { return x == kGuard; });
+    return std::all_of(all.begin() + static_cast<std::ptrdiff_t>(size), all.end(),
+                       [](double x) { return x == kGuard; });
   }
 };
 
-double difference(const MatrixXd& a, const MatrixXd& b) { return a.size() ? (a - b).cwiseAbs().maxCoeff() : 0; }
+double difference(const MatrixXd& a, const MatrixXd& b) {
+  return a.size() ? (a - b).cwiseAbs().maxCoeff() : 0;
+}
 
 void check(const Structure& s, int depth, bool light, Random& random) {
   const int n = s.n;
@@ -81,7 +93,8 @@ void check(const Structure& s, int depth, bool light, Random& random) {
     const Eigen::Index m = static_cast<Eigen::Index>(g.columns.size());
     const MatrixXd root = MatrixXd::NullaryExpr(m + 2, m, [&] { return random.normal(); });
     c.push_back(root.transpose() * root);
-    b.push_back(MatrixXd::NullaryExpr(g.private_size ? depth : 0, m + 1, [&] { return 0.3 * random.normal(); }));
+    b.push_back(MatrixXd::NullaryExpr(g.private_size ? depth : 0, m + 1,
+                                      [&] { return 0.3 * random.normal(); }));
     const MatrixXd away = b.back().transpose() * b.back();
     for (Eigen::Index i = 0; i < m; ++i) {
       expected_gradient(g.columns[i]) -= away(i, m);
@@ -93,11 +106,13 @@ void check(const Structure& s, int depth, bool light, Random& random) {
   }
   VectorXd solution[2];
   for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-    INFO((choice == LinearSolver::dense ? "dense" : "cholmod") << ", " << n << " columns, depth " << depth << ", light " << light);
+    INFO((choice == LinearSolver::dense ? "dense" : "cholmod")
+         << ", " << n << " columns, depth " << depth << ", light " << light);
     ReducedSystem system(n, s.groups, choice, light);
     CHECK(system.dense() == (choice == LinearSolver::dense || n == 0));
     CHECK(std::string(system.name()) == (system.dense() ? "dense" : "cholmod"));
-    Array values(system.storage()), other(system.storage()), in_blocks(system.in_blocks() ? system.block_storage() : 0), gradient(n);
+    Array values(system.storage()), other(system.storage()),
+        in_blocks(system.in_blocks() ? system.block_storage() : 0), gradient(n);
 
     // C.
     for (size_t g = 0; g < s.groups.size(); ++g) {
@@ -105,7 +120,8 @@ void check(const Structure& s, int depth, bool light, Random& random) {
       const int m = static_cast<int>(columns.size()), ld = m + 3;
       if (system.dense()) {
         for (int j = 0; j < m; ++j)
-          for (int i = j; i < m; ++i) values.data()[system.origin()[columns[j]] + columns[i]] += c[g](i, j);
+          for (int i = j; i < m; ++i)
+            values.data()[system.origin()[columns[j]] + columns[i]] += c[g](i, j);
         continue;
       }
       MatrixXd block = MatrixXd::Constant(ld, m + 1, std::nan(""));
@@ -123,16 +139,19 @@ void check(const Structure& s, int depth, bool light, Random& random) {
       RowMatrix rows = RowMatrix::Constant(depth + 1, stride, 3.5);
       rows.topLeftCorner(depth, m + 1) = b[g];
       if (system.in_blocks())
-        system.subtract_blocks(static_cast<int>(g), rows.data(), stride, in_blocks.data(), gradient.data());
+        system.subtract_blocks(static_cast<int>(g), rows.data(), stride, in_blocks.data(),
+                               gradient.data());
       else
-        system.subtract(static_cast<int>(g), rows.data(), depth, stride, other.data(), gradient.data());
+        system.subtract(static_cast<int>(g), rows.data(), depth, stride, other.data(),
+                        gradient.data());
     }
     if (system.in_blocks()) system.add_blocks(other.data(), in_blocks.data());
     CHECK(difference(system.full(other.data()), eliminated) < 1e-11);
     for (int i = 0; i < n; ++i) CHECK(std::abs(gradient.data()[i] - expected_gradient(i)) < 1e-11);
     system.accumulate(values.data(), other.data());
     CHECK(difference(system.full(values.data()), expected + eliminated) < 1e-11);
-    const double lift = !system.dense() && system.in_blocks() ? 100 : 0.5;  // without C the rest is negative
+    const double lift =
+        !system.dense() && system.in_blocks() ? 100 : 0.5;  // without C the rest is negative
     for (int i = 0; i < n; ++i) system.add_to_diagonal(values.data(), i, lift + i);
     MatrixXd whole = expected + eliminated;
     for (int i = 0; i < n; ++i) whole(i, i) += lift + i;
@@ -147,9 +166,11 @@ void check(const Structure& s, int depth, bool light, Random& random) {
       squares += s.run_size[j];
       for (int i = j; i < s.run_first[j] + s.run_size[j]; ++i) {
         entries(i, j) = entries(j, i) = 1 + i + 1000 * j;
-        const std::ptrdiff_t at = system.origin()[j] + i, in_block = system.diagonal_origin()[j] + i;
+        const std::ptrdiff_t at = system.origin()[j] + i,
+                             in_block = system.diagonal_origin()[j] + i;
         REQUIRE((at >= 0 && at < static_cast<std::ptrdiff_t>(system.storage())));
-        REQUIRE((in_block >= 0 && in_block < static_cast<std::ptrdiff_t>(system.diagonal_storage())));
+        REQUIRE(
+            (in_block >= 0 && in_block < static_cast<std::ptrdiff_t>(system.diagonal_storage())));
         places.insert(at);
         block_places.insert(in_block);
         single.data()[at] = 1 + i + 1000 * j;
@@ -180,7 +201,9 @@ void check(const Structure& s, int depth, bool light, Random& random) {
       x.resize(n + kSlack, 0.0);
       system.solve(factored.data(), x.data());
       const VectorXd found = Eigen::Map<VectorXd>(x.data(), n);
-      if (n > 0) CHECK((whole * found - right).norm() < 1e-10 * (right.norm() + whole.norm() * found.norm()) * 1e-3 + 1e-12 * right.norm());
+      if (n > 0)
+        CHECK((whole * found - right).norm() <
+              1e-10 * (right.norm() + whole.norm() * found.norm()) * 1e-3 + 1e-12 * right.norm());
       if (n > 0) CHECK((found - llt.solve(right)).norm() < 1e-9 * found.norm());
     }
     CHECK(values.untouched());
@@ -198,9 +221,11 @@ TEST_CASE("reduced system: random groups over runs of different sizes") {
     INFO("trial " << trial);
     std::vector<int> sizes;
     const int blocks = 1 + static_cast<int>(random.uniform() * 12);
-    for (int k = 0; k < blocks; ++k) sizes.push_back(1 + static_cast<int>(random.uniform() * (trial % 3 == 0 ? 3 : 14)));
+    for (int k = 0; k < blocks; ++k)
+      sizes.push_back(1 + static_cast<int>(random.uniform() * (trial % 3 == 0 ? 3 : 14)));
     const int depth = trial % 4 == 0 ? 3 : 1 + static_cast<int>(random.uniform() * 17);
-    const Structure s = make(sizes, 1 + static_cast<int>(random.uniform() * 25), 1 + trial % 7, depth, random);
+    const Structure s =
+        make(sizes, 1 + static_cast<int>(random.uniform() * 25), 1 + trial % 7, depth, random);
     check(s, depth, false, random);
     check(s, depth, true, random);
   }
@@ -252,7 +277,8 @@ TEST_CASE("reduced system: nothing, nobody, and one column") {
   check(one, 5, true, random);
 }
 
-TEST_CASE("reduced system: automatic is dense up to 400 unknowns or with more than 30 % of the entries") {
+TEST_CASE(
+    "reduced system: automatic is dense up to 400 unknowns or with more than 30 % of the entries") {
   const auto banded = [](int runs, int width, int size) {
     std::vector<GroupShape> groups;
     for (int r = 0; r + width <= runs; ++r) {

@@ -1,11 +1,12 @@
 // solver/: observability, planted gauges, Levenberg-Marquardt, threads, dense against CHOLMOD.
 //
-// Proves: observe() gives the inverse of the dense normal matrix, the rank and the degrees of freedom of the stacked Jacobian, also
-// where a sample does not determine its own unknowns; every planted gauge is found, no other one is, named with the right coefficients,
-// independent gauges apart, and nothing is found once the gauge is held; the estimate moves orthogonally to a gauge; noise-free truth is
-// recovered; dense and sparse agree; any number of threads gives the same bits; all outcomes.
-// Does not prove: that sigmas are honest over many seeds (statistics are tested on the example), nor rows and derivatives
-// (models/estimation/estimation_test.cpp).
+// Proves: observe() gives the inverse of the dense normal matrix, the rank and the degrees of
+// freedom of the stacked Jacobian, also where a sample does not determine its own unknowns; every
+// planted gauge is found, no other one is, named with the right coefficients, independent gauges
+// apart, and nothing is found once the gauge is held; the estimate moves orthogonally to a gauge;
+// noise-free truth is recovered; dense and sparse agree; any number of threads gives the same bits;
+// all outcomes. Does not prove: that sigmas are honest over many seeds (statistics are tested on
+// the example), nor rows and derivatives (models/estimation/estimation_test.cpp).
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
@@ -33,7 +34,8 @@ namespace {
 
 using Names = std::vector<std::pair<std::string, double>>;
 
-SolveSummary solve(Setting& s, VectorXd& state, int threads = 1, LinearSolver choice = LinearSolver::automatic) {
+SolveSummary solve(Setting& s, VectorXd& state, int threads = 1,
+                   LinearSolver choice = LinearSolver::automatic) {
   SolverOptions options;
   options.threads = threads;
   options.linear_solver = choice;
@@ -46,7 +48,8 @@ std::vector<Names> directions(const Setting& s, const Observability& o) {
   std::vector<Names> out;
   for (const auto& d : o.directions) {
     Names names;
-    for (const auto& [column, coefficient] : d) names.push_back({s.problem->column_name(column), coefficient});
+    for (const auto& [column, coefficient] : d)
+      names.push_back({s.problem->column_name(column), coefficient});
     out.push_back(names);
   }
   return out;
@@ -89,7 +92,8 @@ bool in_span(const Names& direction, const std::vector<Names>& basis) {
   for (const Names& d : basis)
     for (const auto& [name, c] : d) row.insert({name, static_cast<int>(row.size())});
   for (const auto& [name, c] : direction) row.insert({name, static_cast<int>(row.size())});
-  MatrixXd a = MatrixXd::Zero(static_cast<Eigen::Index>(row.size()), static_cast<Eigen::Index>(basis.size()));
+  MatrixXd a = MatrixXd::Zero(static_cast<Eigen::Index>(row.size()),
+                              static_cast<Eigen::Index>(basis.size()));
   VectorXd b = VectorXd::Zero(a.rows());
   for (size_t k = 0; k < basis.size(); ++k)
     for (const auto& [name, c] : basis[k]) a(row[name], static_cast<Eigen::Index>(k)) = c;
@@ -102,26 +106,30 @@ bool in_span(const Names& direction, const std::vector<Names>& basis) {
 constexpr double kSquare = 0.2;
 
 /// base -pan- neck -tilt- head -mount1- cam1, head -mount2- cam2;  base -scan- laser
-/// base -j1- -j2- -j3- -j4- -roll- wrist -tool- tool;  base -px py pz rz ry rx- flange (a robot known by its flange)
-/// `change` may bend it before anything is made.
+/// base -j1- -j2- -j3- -j4- -roll- wrist -tool- tool;  base -px py pz rz ry rx- flange (a robot
+/// known by its flange) `change` may bend it before anything is made.
 Rig gauge_rig() {
   Rig rig;
   add_link(rig, "base");
   add_joint(rig, JointType::revolute, "pan", "base", "neck", {0, 0, 1}, at({0.1, 0.05, 0.9}));
   add_joint(rig, JointType::revolute, "tilt", "neck", "head", {0, 1, 0}, at({0.05, 0, 0.1}));
-  add_joint(rig, JointType::fixed, "mount1", "head", "cam1", {1, 0, 0}, at({0.3, 0.2, 0.1}, {-kPi / 2, 0, -kPi / 2}));
-  add_joint(rig, JointType::fixed, "mount2", "head", "cam2", {1, 0, 0}, at({0.25, -0.25, 0.15}, {-kPi / 2, 0, -kPi / 2}));
+  add_joint(rig, JointType::fixed, "mount1", "head", "cam1", {1, 0, 0},
+            at({0.3, 0.2, 0.1}, {-kPi / 2, 0, -kPi / 2}));
+  add_joint(rig, JointType::fixed, "mount2", "head", "cam2", {1, 0, 0},
+            at({0.25, -0.25, 0.15}, {-kPi / 2, 0, -kPi / 2}));
   add_joint(rig, JointType::revolute, "scan", "base", "laser", {0, 1, 0}, at({0.1, 0, 0.6}));
   add_joint(rig, JointType::revolute, "j1", "base", "l1", {0, 0, 1}, at({0, 0, 0.3}));
   add_joint(rig, JointType::revolute, "j2", "l1", "l2", {0, 1, 0}, at({0.1, 0, 0.2}));
   add_joint(rig, JointType::revolute, "j3", "l2", "l3", {0, 1, 0}, at({0.4, 0, 0.1}));
   add_joint(rig, JointType::revolute, "j4", "l3", "l4", {0.6, 0, 0.8}, at({0.3, 0, 0}));
-  add_joint(rig, JointType::revolute, "roll", "l4", "wrist", {1, 0, 0}, at({0.1, 0, 0.05}, {0, 0.7, 0.4}));
+  add_joint(rig, JointType::revolute, "roll", "l4", "wrist", {1, 0, 0},
+            at({0.1, 0, 0.05}, {0, 0.7, 0.4}));
   add_joint(rig, JointType::fixed, "tool", "wrist", "tool", {1, 0, 0}, at({0.1, 0, 0}));
   std::string parent = "base";
   for (const char* name : {"px", "py", "pz", "rz", "ry", "rx"}) {
     const char axis = name[1];
-    add_joint(rig, name[0] == 'p' ? JointType::prismatic : JointType::revolute, name, parent, std::string("flange_") + name,
+    add_joint(rig, name[0] == 'p' ? JointType::prismatic : JointType::revolute, name, parent,
+              std::string("flange_") + name,
               {axis == 'x' ? 1.0 : 0, axis == 'y' ? 1.0 : 0, axis == 'z' ? 1.0 : 0}, Pose());
     parent = std::string("flange_") + name;
   }
@@ -137,24 +145,28 @@ void equip(Rig& rig) {
   add_tracker(rig, "tracker", "base", Pose(), {0.001, 0.001, 0.001});
   add_tracker(rig, "hand_tracker", "base", Pose(), {0.001, 0.001, 0.001});
   add_tracker(rig, "touch", "tool", at({0.05, 0.02, 0.1}), {0.001, 0.001, 0.001});
-  add_chain(rig, "hand", "tool", at({0.2, 0, 0}, {0, kPi / 2, 0}), 0.001, 0.002);  // its z is the axis of `roll`, which it meets
+  add_chain(rig, "hand", "tool", at({0.2, 0, 0}, {0, kPi / 2, 0}), 0.001,
+            0.002);  // its z is the axis of `roll`, which it meets
   add_chain(rig, "flange", "flange_rx", at({0.1, 0.2, 0.05}, {0.2, 0.4, 0.1}), 0.001, 0.002);
   add_laser(rig, "laser", "laser", Pose(), "scan", {0.001, 0.001, 0.002});
 
-  add_grid(rig, "wall", 5, 6, kSquare, "base", at({2.5, 0.5, 1.4}, {-kPi / 2 - 0.4, 0, -kPi / 2 + 0.3}));
+  add_grid(rig, "wall", 5, 6, kSquare, "base",
+           at({2.5, 0.5, 1.4}, {-kPi / 2 - 0.4, 0, -kPi / 2 + 0.3}));
   Eigen::Matrix3Xd marks(3, 5);
   marks << 0, 0.3, 0.05, -0.1, 0.1, 0, 0.05, 0.3, 0.1, -0.2, 0, 0.1, -0.05, 0.3, 0.1;
   add_points(rig, "marks", marks, "tool", at({0.05, 0.1, 0.1}, {0.3, 0.2, 0.1}));
   add_grid(rig, "board", 4, 5, 0.05);
   add_grid(rig, "loose", 4, 5, 0.1);
   add_points(rig, "probe", marks);
-  add_points(rig, "pin", Eigen::Matrix3Xd::Zero(3, 1), "base", at({0.5, 0.2, 0.4}, {0.2, 0.1, 0.4}));
+  add_points(rig, "pin", Eigen::Matrix3Xd::Zero(3, 1), "base",
+             at({0.5, 0.2, 0.4}, {0.2, 0.1, 0.4}));
 }
 
-/// Exact samples of it: the cameras and the laser see the wall, the tracker the marks on the tool; hand_tracker the board in the hand,
-/// that the flange holds as well; loose_cam the loose board; touch the pin. `stand` fixes readings.
-void take_samples(Setting& s, const Rig& truth, int count, unsigned long seed, const std::map<std::string, double>& stand = {},
-                  bool noise = false) {
+/// Exact samples of it: the cameras and the laser see the wall, the tracker the marks on the tool;
+/// hand_tracker the board in the hand, that the flange holds as well; loose_cam the loose board;
+/// touch the pin. `stand` fixes readings.
+void take_samples(Setting& s, const Rig& truth, int count, unsigned long seed,
+                  const std::map<std::string, double>& stand = {}, bool noise = false) {
   Random random(seed);
   s.samples.clear();
   s.boards.clear();
@@ -167,13 +179,16 @@ void take_samples(Setting& s, const Rig& truth, int count, unsigned long seed, c
       p = random_posture(truth, random, 1.3, noise);
       for (const char* joint : {"pan", "tilt"}) p.readings[joint_index(truth, joint)] *= 0.4;
       for (const auto& [joint, reading] : stand) p.readings[joint_index(truth, joint)] = reading;
-      seen = see(truth, sensor("cam1"), target("wall"), p) && see(truth, sensor("cam2"), target("wall"), p);
+      seen = see(truth, sensor("cam1"), target("wall"), p) &&
+             see(truth, sensor("cam2"), target("wall"), p);
     }
     p.boards[target("board")] = in_hand(truth, sensor("hand"), p, r);
-    p.boards[target("loose")] = in_front(truth, sensor("loose_cam"), target("loose"), p, 1.2, 0.7, random);
+    p.boards[target("loose")] =
+        in_front(truth, sensor("loose_cam"), target("loose"), p, 1.2, 0.7, random);
     p.boards[target("probe")] = in_front(truth, sensor("cam1"), target("probe"), p, 1.5, 1, random);
     // The flange goes where the board is.
-    const Isometry3d flange = p.boards[target("board")] * isometry(truth.sensors[sensor("flange")].link_T_sensor).inverse();
+    const Isometry3d flange = p.boards[target("board")] *
+                              isometry(truth.sensors[sensor("flange")].link_T_sensor).inverse();
     const Vector3d angles = rpy_from_rotation(flange.linear());
     const char* names[] = {"px", "py", "pz", "rx", "ry", "rz"};
     Matrix3d axes;
@@ -185,15 +200,17 @@ void take_samples(Setting& s, const Rig& truth, int count, unsigned long seed, c
     }
     Sample sample = make_sample(truth, p, "s" + std::to_string(k));
     const std::pair<const char*, const char*> pairs[] = {
-        {"cam1", "wall"},          {"cam2", "wall"},       {"laser", "wall"}, {"tracker", "marks"}, {"hand", "board"}, {"flange", "board"},
-        {"hand_tracker", "board"}, {"loose_cam", "loose"}, {"touch", "pin"},  {"cam1", "probe"},    {"cam2", "probe"}};
+        {"cam1", "wall"},  {"cam2", "wall"},    {"laser", "wall"},         {"tracker", "marks"},
+        {"hand", "board"}, {"flange", "board"}, {"hand_tracker", "board"}, {"loose_cam", "loose"},
+        {"touch", "pin"},  {"cam1", "probe"},   {"cam2", "probe"}};
     for (const auto& [a, b] : pairs) add_view(sample, truth, sensor(a), target(b), p, r);
     s.samples.push_back(sample);
     s.boards.push_back(p.boards);
   }
 }
 
-std::vector<std::string> without(const std::vector<std::string>& all, const std::set<std::string>& held) {
+std::vector<std::string> without(const std::vector<std::string>& all,
+                                 const std::set<std::string>& held) {
   std::vector<std::string> out;
   for (const std::string& name : all) {
     bool part = false;
@@ -218,13 +235,16 @@ struct Planted {
   bool shared_only = true;                   // no pose of a free target takes part
   std::function<void(Rig&)> bend = {};       // changes the robot first
   bool span = false;                         // several bases are as good: the subspace is compared
-  std::set<std::string> small = {};          // take part with less than the 0.02 of the scaled unit vector that is named
+  std::set<std::string> small =
+      {};  // take part with less than the 0.02 of the scaled unit vector that is named
 };
 
-/// [v | w] of a rotation about `axis` through the parent's origin, as an increment on the right of a frame at `pose` undoes it.
+/// [v | w] of a rotation about `axis` through the parent's origin, as an increment on the right of
+/// a frame at `pose` undoes it.
 Vector6d undoing(const Pose& pose, const Vector3d& axis) {
   Vector6d out;
-  const Vector3d v = -(pose.rotation.transpose() * axis.cross(pose.translation)), w = -(pose.rotation.transpose() * axis);
+  const Vector3d v = -(pose.rotation.transpose() * axis.cross(pose.translation)),
+                 w = -(pose.rotation.transpose() * axis);
   out << v, w;
   return out;
 }
@@ -239,7 +259,9 @@ const char* kComponents[] = {"x", "y", "z", "rx", "ry", "rz"};
 std::vector<Planted> planted_gauges() {
   std::vector<Planted> all;
   const Rig plain = gauge_rig();
-  const auto origin = [&](const char* joint) { return plain.tree.joints[joint_index(plain, joint)].parent_T_joint; };
+  const auto origin = [&](const char* joint) {
+    return plain.tree.joints[joint_index(plain, joint)].parent_T_joint;
+  };
 
   all.push_back({"wrist roll and the board's roll in the hand",
                  {"hand", "hand_tracker"},
@@ -247,14 +269,24 @@ std::vector<Planted> planted_gauges() {
                  {{{"joint/roll/offset", 1}, {"sensor/hand/pose.rz", -1}}},
                  {"sensor/hand/pose.rz"}});
   {
-    Planted p{"a camera's pose and its mount", {"cam1"}, {"joint/mount1/origin", "sensor/cam1/pose"}, {}, {"joint/mount1/origin"}};
+    Planted p{"a camera's pose and its mount",
+              {"cam1"},
+              {"joint/mount1/origin", "sensor/cam1/pose"},
+              {},
+              {"joint/mount1/origin"}};
     for (const char* c : kComponents)
-      p.expected.push_back({{std::string("joint/mount1/origin.") + c, 1}, {std::string("sensor/cam1/pose.") + c, -1}});
+      p.expected.push_back({{std::string("joint/mount1/origin.") + c, 1},
+                            {std::string("sensor/cam1/pose.") + c, -1}});
     all.push_back(p);
   }
   {
-    // The fixed joint behind the wrist, turned by 90 degrees against the marks' frame: x y z of one are z x y of the other.
-    Planted p{"two rigid poses in a row, turned", {"tracker"}, {"joint/tool/origin", "target/marks/pose"}, {}, {"joint/tool/origin"}};
+    // The fixed joint behind the wrist, turned by 90 degrees against the marks' frame: x y z of one
+    // are z x y of the other.
+    Planted p{"two rigid poses in a row, turned",
+              {"tracker"},
+              {"joint/tool/origin", "target/marks/pose"},
+              {},
+              {"joint/tool/origin"}};
     p.bend = [](Rig& rig) {
       Matrix3d r;
       r << 0, 1, 0, 0, 0, 1, 1, 0, 0;
@@ -263,8 +295,9 @@ std::vector<Planted> planted_gauges() {
     const int turned[] = {1, 2, 0};  // column of r in which row i has its 1
     for (int i = 0; i < 3; ++i)
       for (int part : {0, 3})
-        p.expected.push_back({{std::string("joint/tool/origin.") + kComponents[part + i], 1},
-                              {std::string("target/marks/pose.") + kComponents[part + turned[i]], -1}});
+        p.expected.push_back(
+            {{std::string("joint/tool/origin.") + kComponents[part + i], 1},
+             {std::string("target/marks/pose.") + kComponents[part + turned[i]], -1}});
     all.push_back(p);
   }
   all.push_back({"offset and origin about the same axis",
@@ -280,19 +313,21 @@ std::vector<Planted> planted_gauges() {
                  {},
                  true,
                  [](Rig& rig) { rig.tree.joints[joint_index(rig, "tilt")].axis *= -1; }});
-  all.push_back({"the same about an oblique axis",
-                 {"tracker"},
-                 {"joint/j4/offset", "joint/j4/origin"},
-                 {{{"joint/j4/offset", 1}, {"joint/j4/origin.rx", -0.6}, {"joint/j4/origin.rz", -0.8}}},
-                 {"joint/j4/offset"}});
-  all.push_back({"a prismatic joint's offset and its origin",
-                 {"flange", "hand_tracker"},
-                 {"joint/py/offset", "joint/py/origin"},
-                 {{{"joint/py/offset", 1}, {"joint/py/origin.y", -0.6}, {"joint/py/origin.z", -0.8}}},
-                 {"joint/py/offset"},
-                 {},
-                 true,
-                 [](Rig& rig) { rig.tree.joints[joint_index(rig, "py")].axis << 0, 0.6, 0.8; }});
+  all.push_back(
+      {"the same about an oblique axis",
+       {"tracker"},
+       {"joint/j4/offset", "joint/j4/origin"},
+       {{{"joint/j4/offset", 1}, {"joint/j4/origin.rx", -0.6}, {"joint/j4/origin.rz", -0.8}}},
+       {"joint/j4/offset"}});
+  all.push_back(
+      {"a prismatic joint's offset and its origin",
+       {"flange", "hand_tracker"},
+       {"joint/py/offset", "joint/py/origin"},
+       {{{"joint/py/offset", 1}, {"joint/py/origin.y", -0.6}, {"joint/py/origin.z", -0.8}}},
+       {"joint/py/offset"},
+       {},
+       true,
+       [](Rig& rig) { rig.tree.joints[joint_index(rig, "py")].axis << 0, 0.6, 0.8; }});
   all.push_back({"offset and scale of a joint that stands still",
                  {"tracker"},
                  {"joint/j3/offset", "joint/j3/scale", "joint/j4/offset"},
@@ -306,14 +341,19 @@ std::vector<Planted> planted_gauges() {
                  {"joint/j3/scale"},
                  {{"j3", 0}}});
   {
-    Planted p{"two fixed joints in a row", {"tracker"}, {"joint/tool/origin", "joint/again/origin"}, {}, {"joint/again/origin"}};
+    Planted p{"two fixed joints in a row",
+              {"tracker"},
+              {"joint/tool/origin", "joint/again/origin"},
+              {},
+              {"joint/again/origin"}};
     p.bend = [](Rig& rig) {
       add_joint(rig, JointType::fixed, "again", "tool", "tool2", {1, 0, 0}, Pose());
       finish_tree(rig.tree);
       rig.targets[target_index(rig, "marks")].link = link_index(rig, "tool2");
     };
     for (const char* c : kComponents)
-      p.expected.push_back({{std::string("joint/tool/origin.") + c, 1}, {std::string("joint/again/origin.") + c, -1}});
+      p.expected.push_back({{std::string("joint/tool/origin.") + c, 1},
+                            {std::string("joint/again/origin.") + c, -1}});
     all.push_back(p);
   }
   {
@@ -322,7 +362,8 @@ std::vector<Planted> planted_gauges() {
               {"sensor/loose_cam/pose", "sensor/loose_cam/intrinsics"},
               {},
               {"sensor/loose_cam/pose"}};
-    for (const char* c : kComponents) p.expected.push_back({{std::string("sensor/loose_cam/pose.") + c, 1}});
+    for (const char* c : kComponents)
+      p.expected.push_back({{std::string("sensor/loose_cam/pose.") + c, 1}});
     p.shared_only = false;
     all.push_back(p);
   }
@@ -347,7 +388,8 @@ std::vector<Planted> planted_gauges() {
               {"target/marks/pose.x", "target/marks/pose.y"}};
     for (int axis : {0, 1}) {
       Names d = {{std::string("target/marks/pose.") + kComponents[axis], 1}};
-      for (int i = 0; i < 5; ++i) d.push_back({"target/marks/points." + std::to_string(i) + "." + kComponents[axis], -1});
+      for (int i = 0; i < 5; ++i)
+        d.push_back({"target/marks/points." + std::to_string(i) + "." + kComponents[axis], -1});
       p.expected.push_back(d);
     }
     all.push_back(p);
@@ -367,7 +409,8 @@ std::vector<Planted> planted_gauges() {
     all.push_back(p);
   }
   {
-    // Two followers of one master about the same axis that cancel: neither its offset nor its scale shows.
+    // Two followers of one master about the same axis that cancel: neither its offset nor its scale
+    // shows.
     Planted p{"a chain of mimics that cancels",
               {"tracker"},
               {"joint/master/offset", "joint/master/scale", "joint/j1/offset"},
@@ -392,7 +435,9 @@ std::vector<Planted> planted_gauges() {
     append(d, "joint/mount1/origin", undoing(origin("mount1"), Vector3d::UnitY()));
     append(d, "joint/mount2/origin", undoing(origin("mount2"), Vector3d::UnitY()));
     p.small = {"joint/mount1/origin.z", "joint/mount2/origin.z"};  // along the line of sight
-    d.erase(std::remove_if(d.begin(), d.end(), [&](const auto& c) { return p.small.count(c.first) > 0; }), d.end());
+    d.erase(std::remove_if(d.begin(), d.end(),
+                           [&](const auto& c) { return p.small.count(c.first) > 0; }),
+            d.end());
     p.expected = {d};
     all.push_back(p);
   }
@@ -413,24 +458,27 @@ std::vector<Planted> planted_gauges() {
               {},
               {"sensor/hand/pose"}};
     for (const char* c : kComponents)
-      p.expected.push_back({{std::string("sensor/hand/pose.") + c, 1}, {std::string("sensor/flange/pose.") + c, 1}});
+      p.expected.push_back(
+          {{std::string("sensor/hand/pose.") + c, 1}, {std::string("sensor/flange/pose.") + c, 1}});
     p.shared_only = false;
     all.push_back(p);
   }
-  all.push_back({"rotation of a single mounted point",
-                 {"touch"},
-                 {"target/pin/pose"},
-                 {{{"target/pin/pose.rx", 1}}, {{"target/pin/pose.ry", 1}}, {{"target/pin/pose.rz", 1}}},
-                 {"target/pin/pose.rx", "target/pin/pose.ry", "target/pin/pose.rz"}});
+  all.push_back(
+      {"rotation of a single mounted point",
+       {"touch"},
+       {"target/pin/pose"},
+       {{{"target/pin/pose.rx", 1}}, {{"target/pin/pose.ry", 1}}, {{"target/pin/pose.rz", 1}}},
+       {"target/pin/pose.rx", "target/pin/pose.ry", "target/pin/pose.rz"}});
   {
     // Moved by v = p x w while it turns by w.
-    Planted p{"rotation about a single mounted point beside its frame",
-              {"touch"},
-              {"target/pin/pose"},
-              {{{"target/pin/pose.rx", 1}, {"target/pin/pose.z", -0.2}},
-               {{"target/pin/pose.ry", 1}, {"target/pin/pose.z", 0.3}},
-               {{"target/pin/pose.rz", 1}, {"target/pin/pose.x", 0.2}, {"target/pin/pose.y", -0.3}}},
-              {"target/pin/pose.rx", "target/pin/pose.ry", "target/pin/pose.rz"}};
+    Planted p{
+        "rotation about a single mounted point beside its frame",
+        {"touch"},
+        {"target/pin/pose"},
+        {{{"target/pin/pose.rx", 1}, {"target/pin/pose.z", -0.2}},
+         {{"target/pin/pose.ry", 1}, {"target/pin/pose.z", 0.3}},
+         {{"target/pin/pose.rz", 1}, {"target/pin/pose.x", 0.2}, {"target/pin/pose.y", -0.3}}},
+        {"target/pin/pose.rx", "target/pin/pose.ry", "target/pin/pose.rz"}};
     p.bend = [](Rig& rig) { rig.targets[target_index(rig, "pin")].points << 0.3, 0.2, 0; };
     p.span = true;
     all.push_back(p);
@@ -448,16 +496,18 @@ std::vector<Planted> planted_gauges() {
     all.push_back(p);
   }
   {
-    Planted p{"four independent gauges in one problem",
-              {"cam1", "tracker", "laser", "hand", "hand_tracker"},
-              {"joint/roll/offset", "sensor/hand/pose", "joint/tilt/offset", "joint/tilt/origin", "joint/j3/scale", "joint/j3/offset",
-               "joint/scan/offset", "sensor/laser/pose", "joint/j4/offset"},
-              {{{"joint/roll/offset", 1}, {"sensor/hand/pose.rz", -1}},
-               {{"joint/tilt/offset", 1}, {"joint/tilt/origin.ry", -1}},
-               {{"joint/j3/offset", -0.5}, {"joint/j3/scale", 1}},
-               {{"joint/scan/offset", 1}, {"sensor/laser/pose.ry", -1}}},
-              {"sensor/hand/pose.rz", "joint/tilt/origin.ry", "joint/j3/scale", "joint/scan/offset"},
-              {{"j3", 0.5}}};
+    Planted p{
+        "four independent gauges in one problem",
+        {"cam1", "tracker", "laser", "hand", "hand_tracker"},
+        {"joint/roll/offset", "sensor/hand/pose", "joint/tilt/offset", "joint/tilt/origin",
+         "joint/j3/scale", "joint/j3/offset", "joint/scan/offset", "sensor/laser/pose",
+         "joint/j4/offset"},
+        {{{"joint/roll/offset", 1}, {"sensor/hand/pose.rz", -1}},
+         {{"joint/tilt/offset", 1}, {"joint/tilt/origin.ry", -1}},
+         {{"joint/j3/offset", -0.5}, {"joint/j3/scale", 1}},
+         {{"joint/scan/offset", 1}, {"sensor/laser/pose.ry", -1}}},
+        {"sensor/hand/pose.rz", "joint/tilt/origin.ry", "joint/j3/scale", "joint/scan/offset"},
+        {{"j3", 0.5}}};
     // The marks would see the roll without the hand: they sit before it.
     p.bend = [](Rig& rig) { rig.targets[target_index(rig, "marks")].link = link_index(rig, "l4"); };
     all.push_back(p);
@@ -489,12 +539,14 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
         if (p.span)
           CHECK(in_span(e, found));
         else
-          CHECK(std::any_of(found.begin(), found.end(), [&](const Names& f) { return same_direction(f, e, 1e-5); }));
+          CHECK(std::any_of(found.begin(), found.end(),
+                            [&](const Names& f) { return same_direction(f, e, 1e-5); }));
         for (const auto& [name, c] : e) involved.insert(name);
       }
       for (int c = 0; c < s.problem->shared_size(); ++c) {
         INFO(s.problem->column_name(c));
-        CHECK(static_cast<bool>(o.unobservable[c]) == (involved.count(s.problem->column_name(c)) > 0));
+        CHECK(static_cast<bool>(o.unobservable[c]) ==
+              (involved.count(s.problem->column_name(c)) > 0));
       }
       CHECK(o.covariance.allFinite());
       CHECK(o.dof() == o.rows - o.rank);
@@ -503,7 +555,8 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
       CHECK(o.rank == stacked.j.cols() - static_cast<long>(p.expected.size()));
     }
 
-    // A robot that differs a little: the minimum is found, and lies, to first order, nearest to the start along each gauge.
+    // A robot that differs a little: the minimum is found, and lies, to first order, nearest to the
+    // start along each gauge.
     Random random(7);
     const double kMove = 1e-3;
     Rig start = moved(truth, p.free, random, kMove, kMove, 0.1, kMove);
@@ -517,7 +570,8 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
     INFO("after solving:\n" << text(directions(s, o)));
     CHECK(o.directions.size() == p.expected.size());
     if (p.shared_only) {
-      // Increments as unknowns are: log(T0^-1 T) for poses, differences else; metric: squared column norms, as the format's scaling.
+      // Increments as unknowns are: log(T0^-1 T) for poses, differences else; metric: squared
+      // column norms, as the format's scaling.
       Values after;
       after.shared = s.table.initial;
       s.problem->unpack(state, after);
@@ -526,10 +580,10 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
       for (int c = 0; c < s.problem->shared_size(); ++c) {
         const auto [index, component] = s.problem->columns()[c];
         const Parameter& parameter = s.table.all[index];
-        moved_by(c) =
-            parameter.pose
-                ? log_se3(inverse(get_pose(s.table.initial, parameter.start)) * get_pose(after.shared, parameter.start))(component)
-                : after.shared(parameter.start + component) - s.table.initial(parameter.start + component);
+        moved_by(c) = parameter.pose ? log_se3(inverse(get_pose(s.table.initial, parameter.start)) *
+                                               get_pose(after.shared, parameter.start))(component)
+                                     : after.shared(parameter.start + component) -
+                                           s.table.initial(parameter.start + component);
       }
       const VectorXd norm = stacked.j.rightCols(s.problem->shared_size()).colwise().norm();
       const VectorXd scaled = norm.cwiseProduct(moved_by);
@@ -542,7 +596,8 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
         CHECK(std::abs(n.dot(scaled)) / n.norm() < 0.03 * std::sqrt(part) + 1e-9);
       }
       for (int c = 0; c < scaled.size(); ++c)
-        if (norm(c) == 0) CHECK(std::abs(moved_by(c)) < 1e-15);  // exp and log of the rest of the pose leave 1e-17
+        if (norm(c) == 0)
+          CHECK(std::abs(moved_by(c)) < 1e-15);  // exp and log of the rest of the pose leave 1e-17
     }
 
     // Held, it is gone, and what was freed beside it is found exactly.
@@ -557,7 +612,8 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
     const Observability cured = observe_at(s, state);
     INFO("held:\n" << text(directions(s, cured)));
     CHECK(cured.directions.empty());
-    CHECK(std::count(cured.unobservable.begin(), cured.unobservable.end(), 0) == s.problem->shared_size());
+    CHECK(std::count(cured.unobservable.begin(), cured.unobservable.end(), 0) ==
+          s.problem->shared_size());
     Values found;
     found.shared = s.table.initial;
     s.problem->unpack(state, found);
@@ -565,18 +621,22 @@ TEST_CASE("gauges: each is found, alone, named with its coefficients, and gone w
   }
 }
 
-TEST_CASE("gauges: with noise the minimum is found, the same one as with the gauge held, in every mode") {
+TEST_CASE(
+    "gauges: with noise the minimum is found, the same one as with the gauge held, in every mode") {
   for (const Planted& p : planted_gauges())
-    for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
-      // Two grips of a board that nothing else sees are free together only where the grips' residuals are nothing: with noise the
-      // estimate may trade one grip's translation against its rotation.
+    for (const NoiseMode mode :
+         {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+      // Two grips of a board that nothing else sees are free together only where the grips'
+      // residuals are nothing: with noise the estimate may trade one grip's translation against its
+      // rotation.
       if (p.what.find("two grips") == 0) continue;
       INFO(p.what << ", mode " << static_cast<int>(mode));
       Setting s;
       s.rig = gauge_rig();
       equip(s.rig);
       if (p.bend) p.bend(s.rig);
-      for (const char* joint : {"pan", "tilt", "j1", "j2", "j4", "roll"}) s.rig.joints[joint_index(s.rig, joint)].sigma = 0.001;
+      for (const char* joint : {"pan", "tilt", "j1", "j2", "j4", "roll"})
+        s.rig.joints[joint_index(s.rig, joint)].sigma = 0.001;
       take_samples(s, s.rig, 14, 200, p.stand, true);
       const Rig truth = s.rig;
       const std::vector<std::string> rest = without(p.free, p.hold);
@@ -598,11 +658,13 @@ TEST_CASE("gauges: with noise the minimum is found, the same one as with the gau
         dof[held] = o.dof();
         CHECK(o.dof() > 20);
         if (mode != NoiseMode::none && mode != NoiseMode::point)
-          CHECK(std::abs(summary.cost.chi2 / static_cast<double>(o.dof()) - 1) < 6 / std::sqrt(o.dof() / 2.0));
+          CHECK(std::abs(summary.cost.chi2 / static_cast<double>(o.dof()) - 1) <
+                6 / std::sqrt(o.dof() / 2.0));
       }
       if (rest.empty()) continue;
       // The covariances of marginal and point depend on where along the gauge the estimate lies.
-      CHECK(std::abs(chi2[0] / chi2[1] - 1) < (mode == NoiseMode::latent || mode == NoiseMode::none ? 1e-9 : 0.02));
+      CHECK(std::abs(chi2[0] / chi2[1] - 1) <
+            (mode == NoiseMode::latent || mode == NoiseMode::none ? 1e-9 : 0.02));
       CHECK(dof[0] == dof[1]);
     }
 }
@@ -623,14 +685,18 @@ MatrixXd dense_covariance(const Stacked& stacked, int shared) {
   const Eigen::HouseholderQR<MatrixXd> qr(scaled);
   const Eigen::Index n = stacked.j.cols();
   const MatrixXd r = qr.matrixQR().topRows(n).triangularView<Eigen::Upper>();
-  const MatrixXd inverse_r = norm.cwiseInverse().asDiagonal() * MatrixXd(r.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(n, n)));
+  const MatrixXd inverse_r =
+      norm.cwiseInverse().asDiagonal() *
+      MatrixXd(r.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(n, n)));
   return (inverse_r * inverse_r.transpose()).bottomRightCorner(shared, shared);
 }
 
 }  // namespace
 
-TEST_CASE("observability: covariance, rank and degrees of freedom are those of the stacked Jacobian") {
-  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+TEST_CASE(
+    "observability: covariance, rank and degrees of freedom are those of the stacked Jacobian") {
+  for (const NoiseMode mode :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
     Setting s = nasty_in(mode, {LossKind::huber, 2}, 8, 61, 1e-3);
     const VectorXd state = s.start();
     const Observability o = observe_at(s, state);
@@ -641,7 +707,9 @@ TEST_CASE("observability: covariance, rank and degrees of freedom are those of t
     const MatrixXd expected = dense_covariance(stacked, n);
     REQUIRE(o.covariance.rows() == n);
     for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) CHECK(std::abs(o.covariance(i, j) - expected(i, j)) < 1e-8 * std::sqrt(expected(i, i) * expected(j, j)));
+      for (int j = 0; j < n; ++j)
+        CHECK(std::abs(o.covariance(i, j) - expected(i, j)) <
+              1e-8 * std::sqrt(expected(i, i) * expected(j, j)));
     CHECK(o.rows == stacked.j.rows());
     CHECK(o.rank == stacked.j.cols());
     CHECK(o.dof() == stacked.j.rows() - stacked.j.cols());
@@ -649,22 +717,25 @@ TEST_CASE("observability: covariance, rank and degrees of freedom are those of t
 }
 
 TEST_CASE("observability: a free target that its sample does not determine is eliminated by rank") {
-  // One reflector (rank 3 of 6), three points on a line (rank 5), two samples of each and one of a board that is whole; seen by a camera and
-  // a tracker whose poses are asked for: enough in common to tie the one to the other, up to nothing at all.
+  // One reflector (rank 3 of 6), three points on a line (rank 5), two samples of each and one of a
+  // board that is whole; seen by a camera and a tracker whose poses are asked for: enough in common
+  // to tie the one to the other, up to nothing at all.
   Random random(71);
   Rig rig;
   add_link(rig, "base");
-  add_joint(rig, JointType::fixed, "mast", "base", "mast", {1, 0, 0}, at({0.1, 0.2, 0.3}, {0.1, 0.2, 0.3}));
+  add_joint(rig, JointType::fixed, "mast", "base", "mast", {1, 0, 0},
+            at({0.1, 0.2, 0.3}, {0.1, 0.2, 0.3}));
   add_camera(rig, "camera", "mast", at({0.2, 0, 0}, {0.3, 0.1, 0.2}));
   add_tracker(rig, "tracker", "base", at({0, 0.5, 0.1}), {0.001, 0.002, 0.001});
   Eigen::Matrix3Xd line(3, 3);
   line << 0.1, 0.2, 0.4, 0, 0, 0, 0.05, 0.1, 0.2;
-  const int reflector = add_points(rig, "reflector", Eigen::Vector3d(0.02, 0.01, 0)), rod = add_points(rig, "rod", line),
-            board = add_grid(rig, "board", 3, 3, 0.1);
+  const int reflector = add_points(rig, "reflector", Eigen::Vector3d(0.02, 0.01, 0)),
+            rod = add_points(rig, "rod", line), board = add_grid(rig, "board", 3, 3, 0.1);
   finish_tree(rig.tree);
   Setting s;
   s.rig = rig;
-  const std::vector<std::vector<int>> shown = {{reflector}, {rod}, {reflector, rod}, {board}, {rod}, {reflector}, {reflector}};
+  const std::vector<std::vector<int>> shown = {{reflector}, {rod},       {reflector, rod}, {board},
+                                               {rod},       {reflector}, {reflector}};
   for (const std::vector<int>& targets : shown) {
     TruePosture p = empty_posture(rig);
     Sample sample = make_sample(rig, p, "s" + std::to_string(s.samples.size()));
@@ -685,7 +756,8 @@ TEST_CASE("observability: a free target that its sample does not determine is el
     const Observability o = observe_at(s, state);
     INFO(text(directions(s, o)));
     CHECK(o.directions.empty());
-    // By hand: what the shared unknowns keep when the privates' range is projected away, by singular values.
+    // By hand: what the shared unknowns keep when the privates' range is projected away, by
+    // singular values.
     const Stacked stacked = stack(*s.problem, state);
     const MatrixXd own = stacked.j.leftCols(stacked.privates), shared = stacked.j.rightCols(6);
     Eigen::JacobiSVD<MatrixXd> svd(own, Eigen::ComputeThinU);
@@ -695,7 +767,9 @@ TEST_CASE("observability: a free target that its sample does not determine is el
     const MatrixXd rest = shared - range * (range.transpose() * shared);
     const MatrixXd expected = (rest.transpose() * rest).inverse();
     for (int i = 0; i < 6; ++i)
-      for (int j = 0; j < 6; ++j) CHECK(std::abs(o.covariance(i, j) - expected(i, j)) < 1e-7 * std::sqrt(expected(i, i) * expected(j, j)));
+      for (int j = 0; j < 6; ++j)
+        CHECK(std::abs(o.covariance(i, j) - expected(i, j)) <
+              1e-7 * std::sqrt(expected(i, i) * expected(j, j)));
     CHECK(o.rank == rank + 6);
     CHECK(o.rows == stacked.j.rows());
     CHECK(o.dof() == stacked.j.rows() - rank - 6);
@@ -707,13 +781,16 @@ TEST_CASE("observability: what has no influence at all is a direction of its own
   s.rig = gauge_rig();
   equip(s.rig);
   take_samples(s, s.rig, 6, 3);
-  s.make({"cam1"}, {"joint/pan/offset", "joint/j1/offset", "sensor/cam2/baseline", "joint/scan/origin.x"});
+  s.make({"cam1"},
+         {"joint/pan/offset", "joint/j1/offset", "sensor/cam2/baseline", "joint/scan/origin.x"});
   const Observability o = observe_at(s, s.start());
   const std::vector<Names> found = directions(s, o);
   INFO(text(found));
   CHECK(found.size() == 3);
   for (const char* name : {"joint/j1/offset", "sensor/cam2/baseline", "joint/scan/origin.x"})
-    CHECK(std::any_of(found.begin(), found.end(), [&](const Names& f) { return same_direction(f, {{name, 1}}, 1e-9); }));
+    CHECK(std::any_of(found.begin(), found.end(), [&](const Names& f) {
+      return same_direction(f, {{name, 1}}, 1e-9);
+    }));
 }
 
 TEST_CASE("observability: priors count as rows and hold a gauge") {
@@ -732,8 +809,11 @@ TEST_CASE("observability: priors count as rows and hold a gauge") {
   CHECK(std::sqrt(o.covariance(0, 0)) == Approx(0.01).epsilon(1e-3));
 }
 
-TEST_CASE("levenberg-marquardt: truth without noise is recovered to 1e-8, in every mode and from a perturbed start") {
-  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+TEST_CASE(
+    "levenberg-marquardt: truth without noise is recovered to 1e-8, in every mode and from a "
+    "perturbed start") {
+  for (const NoiseMode mode :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
     Rig truth;
     Setting s = nasty(10, 81, false, kDetermined, 0.02, &truth);
     const Values values = s.values;
@@ -741,7 +821,8 @@ TEST_CASE("levenberg-marquardt: truth without noise is recovered to 1e-8, in eve
     s.values = values;
     VectorXd state = s.start();
     const SolveSummary summary = solve(s, state);
-    INFO("mode " << static_cast<int>(mode) << ", " << summary.iterations << " iterations, chi2 " << summary.cost.chi2);
+    INFO("mode " << static_cast<int>(mode) << ", " << summary.iterations << " iterations, chi2 "
+                 << summary.cost.chi2);
     CHECK(summary.outcome == Outcome::converged);
     CHECK(summary.cost.chi2 < 1e-10);
     CHECK(summary.history.size() == static_cast<size_t>(summary.iterations) + 1);
@@ -754,14 +835,18 @@ TEST_CASE("levenberg-marquardt: truth without noise is recovered to 1e-8, in eve
     for (size_t k = 0; k < s.boards.size(); ++k)
       for (const auto& [target, board] : s.boards[k]) {
         const auto it = found.targets.find({static_cast<int>(k), target});
-        if (it != found.targets.end()) CHECK((isometry(it->second).matrix() - board.matrix()).cwiseAbs().maxCoeff() < 1e-7);
+        if (it != found.targets.end())
+          CHECK((isometry(it->second).matrix() - board.matrix()).cwiseAbs().maxCoeff() < 1e-7);
       }
   }
 }
 
-TEST_CASE("levenberg-marquardt: at the minimum the gradient vanishes, with noise, every mode and loss") {
-  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none})
-    for (const LossKind loss : {LossKind::none, LossKind::huber, LossKind::soft_l1, LossKind::cauchy, LossKind::tukey}) {
+TEST_CASE(
+    "levenberg-marquardt: at the minimum the gradient vanishes, with noise, every mode and loss") {
+  for (const NoiseMode mode :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none})
+    for (const LossKind loss :
+         {LossKind::none, LossKind::huber, LossKind::soft_l1, LossKind::cauchy, LossKind::tukey}) {
       Setting s = nasty_in(mode, {}, 6, 91, 5e-3);
       VectorXd state = s.start();
       REQUIRE(solve(s, state).outcome == Outcome::converged);
@@ -769,12 +854,14 @@ TEST_CASE("levenberg-marquardt: at the minimum the gradient vanishes, with noise
         Values there;
         there.shared = s.table.initial;
         s.problem->unpack(state, there);
-        s.make(sensor_names(s.rig), kDetermined, mode, {loss, loss == LossKind::tukey ? 20.0 : 2.0});
+        s.make(sensor_names(s.rig), kDetermined, mode,
+               {loss, loss == LossKind::tukey ? 20.0 : 2.0});
         s.values = there;
         state = s.start();
       }
       const SolveSummary summary = solve(s, state);
-      INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss) << ", " << summary.iterations << " iterations");
+      INFO("mode " << static_cast<int>(mode) << ", loss " << static_cast<int>(loss) << ", "
+                   << summary.iterations << " iterations");
       CHECK(summary.outcome == Outcome::converged);
       // J'r = 0 with covariances evaluated here: steps of what is left are below 1e-6 sigma.
       s.problem->renew(state);
@@ -812,13 +899,15 @@ TEST_CASE("levenberg-marquardt: dense and CHOLMOD agree") {
       REQUIRE(summary.outcome == Outcome::converged);
       chi2[k] = summary.cost.chi2;
       const Observability o = observe_at(s, state);
-      // Unknowns as increments: compared where they are plain numbers or, for poses, through a tangent.
+      // Unknowns as increments: compared where they are plain numbers or, for poses, through a
+      // tangent.
       const VectorXd values_now = shared_of(s, state);
       shared[k].resize(s.problem->shared_size());
       for (int c = 0; c < s.problem->shared_size(); ++c) {
         const auto [index, component] = s.problem->columns()[c];
         const Parameter& p = s.table.all[index];
-        shared[k](c) = p.pose ? log_se3(inverse(get_pose(s.table.initial, p.start)) * get_pose(values_now, p.start))(component)
+        shared[k](c) = p.pose ? log_se3(inverse(get_pose(s.table.initial, p.start)) *
+                                        get_pose(values_now, p.start))(component)
                               : values_now(p.start + component);
       }
       sigma = o.covariance.diagonal().cwiseSqrt();
@@ -845,7 +934,8 @@ TEST_CASE("levenberg-marquardt: the same bits with any number of threads") {
         }
         INFO(threads << " threads");
         REQUIRE(state.size() == first.size());
-        CHECK(std::memcmp(state.data(), first.data(), sizeof(double) * static_cast<size_t>(state.size())) == 0);
+        CHECK(std::memcmp(state.data(), first.data(),
+                          sizeof(double) * static_cast<size_t>(state.size())) == 0);
         CHECK(summary.cost.chi2 == one.cost.chi2);
         CHECK(summary.history == one.history);
       }
@@ -925,13 +1015,15 @@ class Watched final : public Problem {
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override {
     return count(inner_.evaluate(group, state, worker, cost));
   }
-  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                 Cost& cost) const override {
     return count(inner_.linearise(group, state, worker, to, cost));
   }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return inner_.square_root(group, state, worker, rows);
   }
-  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
+  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own,
+               VectorXd& moved) const override {
     inner_.retract(state, shared, own, moved);
   }
   bool renew(const VectorXd& state) override { return inner_.renew(state); }
@@ -946,7 +1038,9 @@ class Watched final : public Problem {
 
 }  // namespace
 
-TEST_CASE("levenberg-marquardt: a trial that puts a point behind its camera is rejected, and the minimum found all the same") {
+TEST_CASE(
+    "levenberg-marquardt: a trial that puts a point behind its camera is rejected, and the minimum "
+    "found all the same") {
   Rig rig;
   add_link(rig, "base");
   add_camera(rig, "camera", "base", Pose());
@@ -966,7 +1060,8 @@ TEST_CASE("levenberg-marquardt: a trial that puts a point behind its camera is r
     s.make({"camera"}, {});
     // Far too far away and turned: the first full step overshoots.
     Pose& start = s.values.targets[{0, board}];
-    start.translation += Vector3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(1, 4));
+    start.translation +=
+        Vector3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(1, 4));
     start.rotation = (start.rotation * random.rotation(0.7)).eval();
     VectorXd state = s.start();
     Watched watched(*s.problem);
@@ -976,11 +1071,14 @@ TEST_CASE("levenberg-marquardt: a trial that puts a point behind its camera is r
     if (summary.outcome != Outcome::converged || summary.cost.chi2 > 100)
       continue;  // another minimum (the mirrored board): not the point here
     met += watched.undefined > 0;
-    for (size_t i = 1; i < summary.history.size(); ++i) CHECK(summary.history[i].first <= summary.history[i - 1].first * (1 + 1e-12));
+    for (size_t i = 1; i < summary.history.size(); ++i)
+      CHECK(summary.history[i].first <= summary.history[i - 1].first * (1 + 1e-12));
     Values found;
     found.shared = s.table.initial;
     s.problem->unpack(state, found);
-    CHECK((isometry(found.targets.at({0, board})).matrix() - p.boards.at(board).matrix()).cwiseAbs().maxCoeff() < 0.05);
+    CHECK((isometry(found.targets.at({0, board})).matrix() - p.boards.at(board).matrix())
+              .cwiseAbs()
+              .maxCoeff() < 0.05);
   }
   INFO("trials that met it: " << met);
   CHECK(met >= 1);
@@ -988,7 +1086,8 @@ TEST_CASE("levenberg-marquardt: a trial that puts a point behind its camera is r
 
 namespace {
 
-/// A bundle adjustment in small, nothing of kincal's models: y_k = exp(a t) p_k with one shared rate a and private amplitudes p.
+/// A bundle adjustment in small, nothing of kincal's models: y_k = exp(a t) p_k with one shared
+/// rate a and private amplitudes p.
 class Curves final : public Problem {
  public:
   explicit Curves(int count) {
@@ -1008,7 +1107,8 @@ class Curves final : public Problem {
     cost.doubled = cost.chi2;
     return std::isfinite(cost.chi2);
   }
-  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to, Cost& cost) const override {
+  bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
+                 Cost& cost) const override {
     MatrixXd rows;
     square_root(group, state, worker, rows);
     const MatrixXd gram = rows.transpose() * rows;
@@ -1025,7 +1125,8 @@ class Curves final : public Problem {
     }
     return true;
   }
-  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own, VectorXd& moved) const override {
+  void retract(const VectorXd& state, const VectorXd& shared, const VectorXd& own,
+               VectorXd& moved) const override {
     moved = state;
     moved(0) += shared(0);
     moved.tail(own.size()) += own;

@@ -1,8 +1,9 @@
 // solver/threads.h, and that results do not depend on the number of threads.
 //
-// Proves: a Crew does every piece exactly once, with workers in range, over very many short runs and pieces of any number; the estimation of
-// a PR2-like robot and of the nasty one ends in the same bits for 1, 2, 3 and 5 threads, dense and CHOLMOD, with and without joint noise.
-// Does not prove: that there are no data races (run this under a thread sanitizer), nor speed.
+// Proves: a Crew does every piece exactly once, with workers in range, over very many short runs
+// and pieces of any number; the estimation of a PR2-like robot and of the nasty one ends in the
+// same bits for 1, 2, 3 and 5 threads, dense and CHOLMOD, with and without joint noise. Does not
+// prove: that there are no data races (run this under a thread sanitizer), nor speed.
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <cstring>
@@ -92,7 +93,8 @@ void same_bits(const Make& make, LinearSolver choice) {
       }
       INFO(threads << " threads, solve " << again);
       REQUIRE(state.size() == first.size());
-      CHECK(std::memcmp(state.data(), first.data(), sizeof(double) * static_cast<size_t>(state.size())) == 0);
+      CHECK(std::memcmp(state.data(), first.data(),
+                        sizeof(double) * static_cast<size_t>(state.size())) == 0);
       CHECK(summary.history == history);
     }
   }
@@ -105,7 +107,8 @@ TEST_CASE("threads: a PR2-like robot, the same bits") {
   for (JointSettings& j : robot->rig.joints) j.sigma = 0.001;
   for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
     for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-      INFO("mode " << static_cast<int>(mode) << ", " << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+      INFO("mode " << static_cast<int>(mode) << ", "
+                   << (choice == LinearSolver::dense ? "dense" : "cholmod"));
       same_bits(
           [&] {
             EstimationSetup setup = robot->setup;
@@ -122,10 +125,12 @@ TEST_CASE("threads: a robot with every type of sensor, the same bits") {
   for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
     for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod})
       for (const Loss& loss : {Loss{LossKind::none, 1}, Loss{LossKind::cauchy, 2}}) {
-        INFO("mode " << static_cast<int>(mode) << ", " << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+        INFO("mode " << static_cast<int>(mode) << ", "
+                     << (choice == LinearSolver::dense ? "dense" : "cholmod"));
         same_bits(
             [&] {
-              const std::shared_ptr<Setting> s(new Setting(nasty_in(mode, loss, 9, 961, 1e-2)));  // in place: problems refer to its parts
+              const std::shared_ptr<Setting> s(new Setting(
+                  nasty_in(mode, loss, 9, 961, 1e-2)));  // in place: problems refer to its parts
               const VectorXd start = s->start();
               Estimation* problem = s->problem.get();
               return std::make_tuple(s, problem, start);

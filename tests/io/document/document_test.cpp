@@ -1,6 +1,6 @@
 // The strict reader of YAML and JSON: values, places, refusals, and writing.
-// Proven: what kincal's own files need, under a decimal comma too. Not proven: conformance of yaml-cpp and nlohmann to their
-// standards.
+// Proven: what kincal's own files need, under a decimal comma too. Not proven: conformance of
+// yaml-cpp and nlohmann to their standards.
 #include "../../../io/document/document.h"
 #include "../../../io/document/files.h"
 #include "../../../io/document/json.h"
@@ -45,11 +45,13 @@ bool same(const Node& a, const Node& b) {
   for (size_t i = 0; i < a.items.size(); ++i)
     if (!same(a.items[i], b.items[i])) return false;
   for (size_t i = 0; i < a.members.size(); ++i)
-    if (a.members[i].first != b.members[i].first || !same(a.members[i].second, b.members[i].second)) return false;
+    if (a.members[i].first != b.members[i].first || !same(a.members[i].second, b.members[i].second))
+      return false;
   return true;
 }
 
-/// What a tree of JSON says, whichever of the two readers made it: numbers to the last bit, texts, lines; columns aside.
+/// What a tree of JSON says, whichever of the two readers made it: numbers to the last bit, texts,
+/// lines; columns aside.
 std::string meaning(const Node& node) {
   const auto number = [](double value) {
     char hex[40];
@@ -58,7 +60,8 @@ std::string meaning(const Node& node) {
   };
   std::string out = std::to_string(node.line) + ":";
   switch (node.kind) {
-    case Node::Kind::null: return out + "null";
+    case Node::Kind::null:
+      return out + "null";
     case Node::Kind::scalar: {
       if (node.quoted) return out + "\"" + node.text + "\"";
       const std::string path = "f.json";
@@ -68,7 +71,8 @@ std::string meaning(const Node& node) {
     case Node::Kind::mapping:
       for (const auto& [key, value] : node.members) out += key + "=" + meaning(value) + " ";
       return out + "}";
-    default: break;
+    default:
+      break;
   }
   const std::string head = out;
   for (const Node& item : node.items) out += meaning(item) + " ";
@@ -87,7 +91,8 @@ double yaml_number(const std::string& scalar) {
   return top(node, path)["x"].number();
 }
 
-/// A decimal comma and dots between thousands, for C++ streams and, where the machine has such a locale, for C as well.
+/// A decimal comma and dots between thousands, for C++ streams and, where the machine has such a
+/// locale, for C as well.
 class DecimalComma {
  public:
   DecimalComma() : before_c_(setlocale(LC_ALL, nullptr)), before_(std::locale()) {
@@ -114,7 +119,8 @@ class DecimalComma {
 }  // namespace
 
 TEST_CASE("YAML becomes a tree with places, order and quoting", "[document]") {
-  const Node node = parse_yaml("# comment\nb: [1, \"2\", three]\na:\n  x: ~\n  'y z': &p {k: v}\n  w: *p\n\n", "f.yaml");
+  const Node node = parse_yaml(
+      "# comment\nb: [1, \"2\", three]\na:\n  x: ~\n  'y z': &p {k: v}\n  w: *p\n\n", "f.yaml");
   REQUIRE(node.kind == Node::Kind::mapping);
   REQUIRE(node.members.size() == 2);
   CHECK(node.members[0].first == "b");
@@ -136,11 +142,14 @@ TEST_CASE("YAML becomes a tree with places, order and quoting", "[document]") {
 }
 
 TEST_CASE("malformed YAML is refused with its place", "[document]") {
-  CHECK_THAT(yaml_error("a: 1\nb: [1, 2\n"), Contains("f.yaml:3:1: end of sequence flow not found"));
+  CHECK_THAT(yaml_error("a: 1\nb: [1, 2\n"),
+             Contains("f.yaml:3:1: end of sequence flow not found"));
   CHECK_THAT(yaml_error("a: b: c\n"), Contains("f.yaml:1:5: "));
   CHECK_THAT(yaml_error("a: *b\n"), Contains("f.yaml:1:4: "));
-  CHECK_THAT(yaml_error("a: \"open\n"), Contains("a quoted text is not closed"));  // yaml-cpp by itself takes this
-  CHECK_THAT(yaml_error("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3\n"), Contains("f.yaml:5:6: key 'c' stands twice"));
+  CHECK_THAT(yaml_error("a: \"open\n"),
+             Contains("a quoted text is not closed"));  // yaml-cpp by itself takes this
+  CHECK_THAT(yaml_error("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3\n"),
+             Contains("f.yaml:5:6: key 'c' stands twice"));
   CHECK_THAT(yaml_error("a: 1\n\"a\": 2\n"), Contains("f.yaml:2:6: key 'a' stands twice"));
   CHECK_THAT(yaml_error("--- a\n--- b\n"), Contains("f.yaml:2:5: a second document"));
   CHECK_THAT(yaml_error("a: !!binary xyz\n"), Contains("f.yaml:1:4: the tag"));
@@ -157,7 +166,8 @@ TEST_CASE("hostile YAML and JSON end in an error, not in the memory", "[document
     laughs += "]\n";
   }
   CHECK_THAT(yaml_error(laughs), Contains("f.yaml:5:5: anchors and aliases hold more than"));
-  CHECK_THAT(yaml_error("a: &x [*x]\n"), Contains("f.yaml:1:8: an alias to something that contains it"));
+  CHECK_THAT(yaml_error("a: &x [*x]\n"),
+             Contains("f.yaml:1:8: an alias to something that contains it"));
   std::string deep;
   for (int i = 0; i < 2000; ++i) deep += std::string(i, ' ') + "a:\n";
   CHECK_THAT(yaml_error(deep), Contains("nested more than"));
@@ -167,8 +177,11 @@ TEST_CASE("hostile YAML and JSON end in an error, not in the memory", "[document
 }
 
 TEST_CASE("JSON becomes a tree with places, its numbers keep their value", "[document]") {
-  const Node node = parse_json("{\"s\": \"a\\\"\\n\\u00e9\",\n \"n\": [1, -2.50, 1e-5,\n 18446744073709551615],\n\"t\": true, "
-                               "\"o\": {\n\"z\": null}}", "f.json", 10);
+  const Node node = parse_json(
+      "{\"s\": \"a\\\"\\n\\u00e9\",\n \"n\": [1, -2.50, 1e-5,\n 18446744073709551615],\n\"t\": "
+      "true, "
+      "\"o\": {\n\"z\": null}}",
+      "f.json", 10);
   CHECK(node.find("s")->text == "a\"\n\xc3\xa9");
   CHECK(node.find("s")->quoted);
   const Node& n = *node.find("n");
@@ -181,7 +194,8 @@ TEST_CASE("JSON becomes a tree with places, its numbers keep their value", "[doc
   CHECK_FALSE(node.find("t")->quoted);
   CHECK(node.find("o")->find("z")->line == 14);
   CHECK(node.find("o")->find("z")->column == 6);
-  for (double value : {0.1, 1 / 3.0, 5e-324, 1.7976931348623157e308, -123456789.123456789, 4503599627370497.5}) {
+  for (double value :
+       {0.1, 1 / 3.0, 5e-324, 1.7976931348623157e308, -123456789.123456789, 4503599627370497.5}) {
     char text[64];
     std::snprintf(text, sizeof text, "[%.17g]", value);
     const std::string read = parse_json(text, "f.json").items[0].text;
@@ -198,13 +212,20 @@ TEST_CASE("plain JSON means what JSON means, or is refused", "[document]") {
   };
   const std::string digits(5000, '7'), deep = std::string(15, '[') + "1" + std::string(15, ']');
   const std::vector<Line> lines = {
-      {R"({"id": "a", "n": [1, -2.5, 3e2], "m": [[1, 2], [3, 4]], "t": true, "f": false, "z": null, "e": [], "o": {}})", true},
-      {"\t{ \"a\" :\r1 , \"b\":[ 1 ,2 ] , \"c\":[ [ 1 ] , [ 2 ] ] , \"d\" : [ ] , \"e\" : [ [ ] ] } \r", true},
-      {"[0, -0, -0.0, 0e5, 1E+3, 1e-3, 100000, 123456789012345678, 12345678901234567890, 3.0]", true},
-      {"[4.9406564584124654e-324, 1.7976931348623157e308, 0.1, 2.2250738585072011e-308, 9007199254740993, 0.3e1, 1e22, 1e23]", true},
+      {R"({"id": "a", "n": [1, -2.5, 3e2], "m": [[1, 2], [3, 4]], "t": true, "f": false, "z": null, "e": [], "o": {}})",
+       true},
+      {"\t{ \"a\" :\r1 , \"b\":[ 1 ,2 ] , \"c\":[ [ 1 ] , [ 2 ] ] , \"d\" : [ ] , \"e\" : [ [ ] ] "
+       "} \r",
+       true},
+      {"[0, -0, -0.0, 0e5, 1E+3, 1e-3, 100000, 123456789012345678, 12345678901234567890, 3.0]",
+       true},
+      {"[4.9406564584124654e-324, 1.7976931348623157e308, 0.1, 2.2250738585072011e-308, "
+       "9007199254740993, 0.3e1, 1e22, 1e23]",
+       true},
       {"[[[1, 2], [3, 4]], [[5, 6], [7, 8]]]", true},
       {"[\"a\", \"\", {\"a\": [1]}, [\"b\"], null]", true},
-      {"[{\"a\": -0}, {\"a\": -0.0}, {\"a\": 12345678901234567890123}, {\"a\": 1e5}, {\"a\": 3.0}]", true},
+      {"[{\"a\": -0}, {\"a\": -0.0}, {\"a\": 12345678901234567890123}, {\"a\": 1e5}, {\"a\": 3.0}]",
+       true},
       {"0." + digits, true},
       {deep, true},
       {"[\"" + std::string(100'000, 'x') + "\"]", true},
@@ -271,8 +292,9 @@ TEST_CASE("plain JSON means what JSON means, or is refused", "[document]") {
 }
 
 TEST_CASE("plain JSON with a mistake somewhere: nothing is taken that JSON refuses", "[document]") {
-  const std::string good = R"({"id": "a_1", "t": 12.25, "j": {"b": -0.5, "c": 1e-3}, "v": [{"s": "x", "p": [[1, 2.5], [-3, 4]], "i": [0, 12]}], )"
-                           R"("c": [[[2, 1], [1, 2]]], "f": false, "n": null})";
+  const std::string good =
+      R"({"id": "a_1", "t": 12.25, "j": {"b": -0.5, "c": 1e-3}, "v": [{"s": "x", "p": [[1, 2.5], [-3, 4]], "i": [0, 12]}], )"
+      R"("c": [[[2, 1], [1, 2]]], "f": false, "n": null})";
   const std::string odd = "\"\\{}[],:.-+eE0129 \t\r\n\x01\x80truefalsn";
   const char* more = std::getenv("KINCAL_MUTATIONS");  // scripts/test-all asks for more
   const int trials = more ? std::atoi(more) : 30'000;
@@ -284,9 +306,14 @@ TEST_CASE("plain JSON with a mistake somewhere: nothing is taken that JSON refus
       const size_t at = random() % text.size();
       const char c = odd[random() % odd.size()];
       switch (random() % 3) {
-        case 0: text[at] = c; break;
-        case 1: text.insert(at, 1, c); break;
-        default: text.erase(at, 1 + random() % 3);
+        case 0:
+          text[at] = c;
+          break;
+        case 1:
+          text.insert(at, 1, c);
+          break;
+        default:
+          text.erase(at, 1 + random() % 3);
       }
     }
     Node node;
@@ -301,12 +328,16 @@ TEST_CASE("plain JSON with a mistake somewhere: nothing is taken that JSON refus
 }
 
 TEST_CASE("malformed JSON is refused with its place", "[document]") {
-  CHECK_THAT(json_error("{\"a\": [1,2}", 7), Contains("f.json:7:11: syntax error while parsing array - unexpected '}'"));
-  CHECK_THAT(json_error("{\"a\": 1,\n \"b\": NaN}", 7), Contains("f.json:8:7: ") && Contains("finite numbers only"));
+  CHECK_THAT(json_error("{\"a\": [1,2}", 7),
+             Contains("f.json:7:11: syntax error while parsing array - unexpected '}'"));
+  CHECK_THAT(json_error("{\"a\": 1,\n \"b\": NaN}", 7),
+             Contains("f.json:8:7: ") && Contains("finite numbers only"));
   CHECK_THAT(json_error("[Infinity]"), Contains("f.json:1:2: ") && Contains("finite numbers only"));
-  CHECK_THAT(json_error("[-Infinity]"), Contains("f.json:1:3: ") && Contains("finite numbers only"));
+  CHECK_THAT(json_error("[-Infinity]"),
+             Contains("f.json:1:3: ") && Contains("finite numbers only"));
   CHECK_THAT(json_error("[1e400]"), Contains("f.json:1:6: number overflow parsing '1e400'"));
-  CHECK_THAT(json_error("{\"a\": 1, \"b\": 2, \"a\": 3}"), Contains("f.json:1:23: key 'a' stands twice"));
+  CHECK_THAT(json_error("{\"a\": 1, \"b\": 2, \"a\": 3}"),
+             Contains("f.json:1:23: key 'a' stands twice"));
   CHECK_THAT(json_error("{\"a\": 1} x"), Contains("expected end of input"));
   CHECK_THAT(json_error("[\"\xff\"]"), Contains("UTF-8"));
   CHECK_FALSE(json_error("").empty());
@@ -318,10 +349,11 @@ TEST_CASE("numbers: what is taken and what is not", "[document]") {
   CHECK(yaml_number("+5.") == 5);
   CHECK(yaml_number("-0.25E+2") == -25);
   CHECK(yaml_number("0") == 0);
-  for (const char* bad : {"nan", ".nan", "inf", "-.inf", "0x10", "010", "0o17", "1_000", "1:30", "1,5", "1 2", "1e400", "abc",
-                          "true", "\"1.5\"", "+-1", "''", "1.5m"}) {
+  for (const char* bad : {"nan", ".nan", "inf", "-.inf", "0x10", "010", "0o17", "1_000", "1:30",
+                          "1,5", "1 2", "1e400", "abc", "true", "\"1.5\"", "+-1", "''", "1.5m"}) {
     INFO(bad);
-    CHECK_THAT(error_of([&] { yaml_number(bad); }), Contains("f.yaml:1: x: a finite number is expected, not '"));
+    CHECK_THAT(error_of([&] { yaml_number(bad); }),
+               Contains("f.yaml:1: x: a finite number is expected, not '"));
   }
   CHECK_THAT(error_of([] { yaml_number("abc"); }), Contains("not 'abc'"));
   CHECK_THAT(error_of([] { yaml_number("[1]"); }), Contains("not a list"));
@@ -331,30 +363,44 @@ TEST_CASE("numbers: what is taken and what is not", "[document]") {
 
 TEST_CASE("fields check types and tell where", "[document]") {
   const std::string path = "rig.yaml";
-  const Node node = parse_yaml("camera:\n  sigma: -1\n  size: [640, 480.5]\n  on: yes\n  ok: true\n  names: [a, [b]]\n"
-                               "  flat: [1, 2]\n  rows: [[1, 2], [3]]\n  table: [[1, 2], [3, 4]]\n  big: 12\n  id: 007\n", path);
+  const Node node = parse_yaml(
+      "camera:\n  sigma: -1\n  size: [640, 480.5]\n  on: yes\n  ok: true\n  names: [a, [b]]\n"
+      "  flat: [1, 2]\n  rows: [[1, 2], [3]]\n  table: [[1, 2], [3, 4]]\n  big: 12\n  id: 007\n",
+      path);
   const Field all = top(node, path), camera = all["camera"];
-  const auto fails = [](const std::function<void()>& f, const std::string& text) { CHECK_THAT(error_of(f), Contains(text)); };
+  const auto fails = [](const std::function<void()>& f, const std::string& text) {
+    CHECK_THAT(error_of(f), Contains(text));
+  };
   CHECK(camera.where() == "rig.yaml:1: camera");
-  fails([&] { camera["sigma"].positive(); }, "rig.yaml:2: camera.sigma: a number greater than 0 is expected, not '-1'");
-  fails([&] { camera["sigma"].number_at_least(0); }, "rig.yaml:2: camera.sigma: a number of at least 0 is expected");
+  fails([&] { camera["sigma"].positive(); },
+        "rig.yaml:2: camera.sigma: a number greater than 0 is expected, not '-1'");
+  fails([&] { camera["sigma"].number_at_least(0); },
+        "rig.yaml:2: camera.sigma: a number of at least 0 is expected");
   fails([&] { camera["size"].item(1).integer(1, 9999); },
         "rig.yaml:3: camera.size[1]: an integer in 1 .. 9999 is expected, not '480.5'");
-  fails([&] { camera["on"].boolean(); }, "rig.yaml:4: camera.on: true or false is expected, not 'yes'");
+  fails([&] { camera["on"].boolean(); },
+        "rig.yaml:4: camera.on: true or false is expected, not 'yes'");
   CHECK(camera["ok"].boolean());
-  fails([&] { camera["names"].strings(); }, "rig.yaml:6: camera.names[1]: a text is expected, not a list");
-  fails([&] { camera["flat"].vector(3); }, "rig.yaml:7: camera.flat: a list of 3 numbers is expected, not a list of 2");
-  fails([&] { camera["flat"].table(2); }, "rig.yaml:7: camera.flat[0]: a list of 2 numbers is expected, not '1'");
-  fails([&] { camera["rows"].table(2); }, "rig.yaml:8: camera.rows[1]: a list of 2 numbers is expected, not a list of 1");
+  fails([&] { camera["names"].strings(); },
+        "rig.yaml:6: camera.names[1]: a text is expected, not a list");
+  fails([&] { camera["flat"].vector(3); },
+        "rig.yaml:7: camera.flat: a list of 3 numbers is expected, not a list of 2");
+  fails([&] { camera["flat"].table(2); },
+        "rig.yaml:7: camera.flat[0]: a list of 2 numbers is expected, not '1'");
+  fails([&] { camera["rows"].table(2); },
+        "rig.yaml:8: camera.rows[1]: a list of 2 numbers is expected, not a list of 1");
   CHECK(camera["table"].table(2) == std::vector<double>{1, 2, 3, 4});
   CHECK(camera["big"].integer(12, 12) == 12);
-  fails([&] { camera["id"].integer(0, 9); }, "camera.id: an integer in 0 .. 9 is expected, not '007'");
+  fails([&] { camera["id"].integer(0, 9); },
+        "camera.id: an integer in 0 .. 9 is expected, not '007'");
   CHECK(camera["id"].string() == "007");
   fails([&] { camera["missing"]; }, "rig.yaml:1: camera: key 'missing' is missing");
   fails([&] { all.check_keys({"camera", "robot"}); }, "rig.yaml:1: key 'robot' is missing");
   fails([&] { all.check_keys({"cameras"}); }, "rig.yaml:1: unknown key 'camera'; nearest: cameras");
-  fails([&] { all.check_keys({"xyz"}, {"rpy"}); }, "rig.yaml:1: unknown key 'camera'; valid: xyz, rpy");
-  fails([&] { camera["flat"].check_keys({}); }, "rig.yaml:7: camera.flat: a mapping is expected, not a list");
+  fails([&] { all.check_keys({"xyz"}, {"rpy"}); },
+        "rig.yaml:1: unknown key 'camera'; valid: xyz, rpy");
+  fails([&] { camera["flat"].check_keys({}); },
+        "rig.yaml:7: camera.flat: a mapping is expected, not a list");
 }
 
 TEST_CASE("poses are xyz with rpy or a unit quaternion", "[document]") {
@@ -366,27 +412,39 @@ TEST_CASE("poses are xyz with rpy or a unit quaternion", "[document]") {
   CHECK(pose("{}").rotation == Matrix3d::Identity());
   CHECK(pose("{xyz: [1, 2, 3]}").translation == Vector3d(1, 2, 3));
   // a quarter turn about z takes x to y; quaternions are x y z w
-  CHECK((pose("{rpy: [0, 0, 1.5707963267948966]}") * Vector3d::UnitX() - Vector3d::UnitY()).norm() < 1e-15);
-  CHECK((pose("{quat: [0, 0, 0.70710678118654752, 0.70710678118654752]}") * Vector3d::UnitX() - Vector3d::UnitY()).norm() < 1e-15);
-  CHECK_THAT(error_of([&] { pose("{quat: [0, 0, 0, 1.01]}"); }), Contains("p.yaml:1: pose.quat: a unit quaternion"));
-  CHECK_THAT(error_of([&] { pose("{quat: [0, 0, 1]}"); }), Contains("p.yaml:1: pose.quat: a list of 4 numbers"));
-  CHECK_THAT(error_of([&] { pose("{rpy: [0, 0, 0], quat: [0, 0, 0, 1]}"); }), Contains("p.yaml:1: pose: either rpy or quat"));
-  CHECK_THAT(error_of([&] { pose("{xzy: [0, 0, 0]}"); }), Contains("p.yaml:1: pose: unknown key 'xzy'; nearest: xyz"));
+  CHECK((pose("{rpy: [0, 0, 1.5707963267948966]}") * Vector3d::UnitX() - Vector3d::UnitY()).norm() <
+        1e-15);
+  CHECK((pose("{quat: [0, 0, 0.70710678118654752, 0.70710678118654752]}") * Vector3d::UnitX() -
+         Vector3d::UnitY())
+            .norm() < 1e-15);
+  CHECK_THAT(error_of([&] { pose("{quat: [0, 0, 0, 1.01]}"); }),
+             Contains("p.yaml:1: pose.quat: a unit quaternion"));
+  CHECK_THAT(error_of([&] { pose("{quat: [0, 0, 1]}"); }),
+             Contains("p.yaml:1: pose.quat: a list of 4 numbers"));
+  CHECK_THAT(error_of([&] { pose("{rpy: [0, 0, 0], quat: [0, 0, 0, 1]}"); }),
+             Contains("p.yaml:1: pose: either rpy or quat"));
+  CHECK_THAT(error_of([&] { pose("{xzy: [0, 0, 0]}"); }),
+             Contains("p.yaml:1: pose: unknown key 'xzy'; nearest: xyz"));
 }
 
 TEST_CASE("the nearest names are those meant", "[document]") {
-  const std::vector<std::string> names = {"shoulder_pan_joint", "shoulder_lift_joint", "l_elbow_flex_joint", "head_pan_joint",
-                                          "head_tilt_joint",    "l_wrist_roll_joint",  "r_wrist_roll_joint", "a"};
-  CHECK_THAT(nearest_names("shoulder_pan_jiont", names), Catch::StartsWith("; nearest: shoulder_pan_joint"));
-  CHECK(nearest_names("l_elbw_*", names) == "; nearest: l_elbow_flex_joint");  // a glob by its letters
+  const std::vector<std::string> names = {
+      "shoulder_pan_joint", "shoulder_lift_joint", "l_elbow_flex_joint", "head_pan_joint",
+      "head_tilt_joint",    "l_wrist_roll_joint",  "r_wrist_roll_joint", "a"};
+  CHECK_THAT(nearest_names("shoulder_pan_jiont", names),
+             Catch::StartsWith("; nearest: shoulder_pan_joint"));
+  CHECK(nearest_names("l_elbw_*", names) ==
+        "; nearest: l_elbow_flex_joint");  // a glob by its letters
   CHECK(nearest_names("*_wrst_*", names) == "; nearest: l_wrist_roll_joint, r_wrist_roll_joint");
   CHECK(nearest_names("head_pan", names) == "; nearest: head_pan_joint");
-  CHECK_THAT(nearest_names("Head_Tilt_Joint", names), Catch::StartsWith("; nearest: head_tilt_joint"));
+  CHECK_THAT(nearest_names("Head_Tilt_Joint", names),
+             Catch::StartsWith("; nearest: head_tilt_joint"));
   CHECK(nearest_names("camera", names).empty());
   CHECK(nearest_names("b", names).empty());
   CHECK(nearest_names("", names).empty());
   CHECK(nearest_names(std::string(100'000, 'x'), names).empty());
-  CHECK(nearest_names("j1", {"j11", "j12", "j13", "j14", "j15"}) == "; nearest: j11, j12, j13, j14");
+  CHECK(nearest_names("j1", {"j11", "j12", "j13", "j14", "j15"}) ==
+        "; nearest: j11, j12, j13, j14");
 }
 
 TEST_CASE("shortest is exact and short", "[document]") {
@@ -426,11 +484,14 @@ steps:
   INFO(written);
   CHECK(same(node, parse_yaml(written, "g.yaml")));
   CHECK(to_yaml(parse_yaml(written, "g.yaml")) == written);
-  CHECK_THAT(written, Contains("small: {a: 1, b: [1, 2], c: x}\n") && Contains("points:\n  - [0, 0, 0]\n  - [0.05, 1e-9, -3]\n") &&
+  CHECK_THAT(written, Contains("small: {a: 1, b: [1, 2], c: x}\n") &&
+                          Contains("points:\n  - [0, 0, 0]\n  - [0.05, 1e-9, -3]\n") &&
                           Contains("  - step: one\n    free:\n      - aaaaa"));
-  // trees that no YAML file gave: strings of a program that would mean something else without quotes
-  for (const char* odd : {"", "~", "null", "# x", "a: b", "a:", "- x", "-", "[x", " x", "x ", "&x", "*x", "!x", "%x", "@x", "...",
-                          "---", "?", "a #b", "\"", "'", "\\", "a\nb", "\x7f"}) {
+  // trees that no YAML file gave: strings of a program that would mean something else without
+  // quotes
+  for (const char* odd :
+       {"",   "~",  "null", "# x", "a: b", "a:", "- x",  "-",  "[x", " x", "x ",   "&x",  "*x",
+        "!x", "%x", "@x",   "...", "---",  "?",  "a #b", "\"", "'",  "\\", "a\nb", "\x7f"}) {
     INFO(odd);
     Node scalar, list;
     scalar.kind = Node::Kind::scalar;
@@ -451,7 +512,8 @@ TEST_CASE("a decimal comma of the user's locale changes nothing", "[document]") 
   const DecimalComma comma;
   if (!comma.c_too) WARN("no locale with a decimal comma for C on this machine: C++ streams only");
   CHECK(yaml_number("1.5") == 1.5);
-  CHECK_THAT(error_of([] { yaml_number("1,5"); }), Contains("a finite number is expected, not '1,5'"));
+  CHECK_THAT(error_of([] { yaml_number("1,5"); }),
+             Contains("a finite number is expected, not '1,5'"));
   CHECK(parse_json("[1.5, 1234567.25]", "f.json").items[1].text == "1234567.25");
   CHECK(shortest(1234567.25) == "1234567.25");
   CHECK(to_yaml(parse_yaml("a: [1.5]", "f.yaml")) == "a: [1.5]\n");
@@ -460,6 +522,7 @@ TEST_CASE("a decimal comma of the user's locale changes nothing", "[document]") 
 }
 
 TEST_CASE("files that cannot be read say why", "[document]") {
-  CHECK_THAT(error_of([] { read_file("no/such/file.yaml"); }), Contains("no/such/file.yaml: cannot be read: No such file"));
+  CHECK_THAT(error_of([] { read_file("no/such/file.yaml"); }),
+             Contains("no/such/file.yaml: cannot be read: No such file"));
   CHECK_THAT(error_of([] { read_file("."); }), Contains(".: cannot be read: is a directory"));
 }

@@ -1,10 +1,13 @@
-// A joint model that no URDF can express, through the files: from a rig.yaml that names it to the result and back.
+// A joint model that no URDF can express, through the files: from a rig.yaml that names it to the
+// result and back.
 //
-// Proves, with a quadratic model of the test's own: simulated samples of a robot with a planted bend are calibrated to it; the result's
-// rig.yaml has the number and reads back; changes.yaml and result.json have it; the URDF is proved to hold the rest, its gear's reduction
-// is left alone, and a warning says what it lacks; applying the result says so too; a rig without such a joint says nothing of models.
-// Staging has a group for the numbers, and a joint that never moves is named with them.
-// Does not prove: the estimate's sigma (tests/models/joints/joint_model_test.cpp), nor what the program prints.
+// Proves, with a quadratic model of the test's own: simulated samples of a robot with a planted
+// bend are calibrated to it; the result's rig.yaml has the number and reads back; changes.yaml and
+// result.json have it; the URDF is proved to hold the rest, its gear's reduction is left alone, and
+// a warning says what it lacks; applying the result says so too; a rig without such a joint says
+// nothing of models. Staging has a group for the numbers, and a joint that never moves is named
+// with them. Does not prove: the estimate's sigma (tests/models/joints/joint_model_test.cpp), nor
+// what the program prints.
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -27,7 +30,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const char* kRobot = R"(<robot name="arm"><link name="base"/><link name="upper"/><link name="fore"/><link name="tool"/>
+const char* kRobot =
+    R"(<robot name="arm"><link name="base"/><link name="upper"/><link name="fore"/><link name="tool"/>
 <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0.1 0 0.3"/><axis xyz="0 0 1"/>
 <limit lower="-1.2" upper="1.2" effort="1" velocity="1"/></joint>
 <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
@@ -53,7 +57,8 @@ estimate:
 )";
 
 struct Place {
-  fs::path directory = fs::temp_directory_path() / ("kincal_joint_model_test_" + std::to_string(getpid()));
+  fs::path directory =
+      fs::temp_directory_path() / ("kincal_joint_model_test_" + std::to_string(getpid()));
   Place() { fs::create_directories(directory); }
   ~Place() { fs::remove_all(directory); }
   std::string path(const std::string& name) const { return (directory / name).string(); }
@@ -64,7 +69,8 @@ struct Place {
 };
 
 std::string without_bend(std::string text) {
-  for (const std::string part : {"  elbow: {model: quadratic, bend: 0.01}\n", " joint/elbow/bend,"}) text.erase(text.find(part), part.size());
+  for (const std::string part : {"  elbow: {model: quadratic, bend: 0.01}\n", " joint/elbow/bend,"})
+    text.erase(text.find(part), part.size());
   return text;
 }
 
@@ -75,7 +81,8 @@ std::vector<Sample> samples_of(const Rig& rig, double bend) {
   const int offset = table.joint_offset[joint_index(rig, "elbow")];
   truth(table.all[offset].start) = 0.02;
   truth(table.all[offset].start + 1) = 1.01;
-  if (rig.joints[joint_index(rig, "elbow")].model->size() > 2) truth(table.all[offset].start + 2) = bend;
+  if (rig.joints[joint_index(rig, "elbow")].model->size() > 2)
+    truth(table.all[offset].start + 2) = bend;
   SimulationOptions options;
   options.samples = 30;
   options.seed = 3;
@@ -106,31 +113,40 @@ TEST_CASE("joint models through the files: what a URDF cannot express is not los
 
   const Warning* lost = warning(report, "joint_model");
   REQUIRE(lost);
-  CHECK_THAT(lost->text, Contains("joint 'elbow': a URDF cannot express its joint model (joint/elbow/bend = 0.0") &&
-                             Contains("off by up to 0.0") && Contains(" rad in these samples"));
+  CHECK_THAT(
+      lost->text,
+      Contains("joint 'elbow': a URDF cannot express its joint model (joint/elbow/bend = 0.0") &&
+          Contains("off by up to 0.0") && Contains(" rad in these samples"));
   CHECK(files.reductions.empty());
-  CHECK(files.not_in_urdf == std::vector<std::string>{"joint/elbow/scale", "joint/elbow/bend", "sensor/tracker/pose"});
+  CHECK(files.not_in_urdf ==
+        std::vector<std::string>{"joint/elbow/scale", "joint/elbow/bend", "sensor/tracker/pose"});
   CHECK_THAT(files.changes_yaml, Contains("joint_models:  # robot.urdf has their offsets only\n") &&
-                                     Contains("elbow\": {model: quadratic, scale: 1.0") && Contains(", bend: 0.0"));
-  CHECK_THAT(files.result_json, Contains("\"joint_models\"") && Contains("\"model\": \"quadratic\""));
+                                     Contains("elbow\": {model: quadratic, scale: 1.0") &&
+                                     Contains(", bend: 0.0"));
+  CHECK_THAT(files.result_json,
+             Contains("\"joint_models\"") && Contains("\"model\": \"quadratic\""));
 
   place.write("robot.urdf", files.robot_urdf);
   const RigFile calibrated = read_rig(place.write("calibrated.yaml", files.rig_yaml), "", models);
   const JointSettings& elbow = calibrated.rig.joints[joint_index(calibrated.rig, "elbow")];
   const int offset = report.solution.table().joint_offset[joint_index(rig.rig, "elbow")];
-  const double* own = report.solution.values.shared.data() + report.solution.table().all[offset].start;
+  const double* own =
+      report.solution.values.shared.data() + report.solution.table().all[offset].start;
   CHECK(elbow.model == models[1]);
   CHECK(elbow.offset == 0);
   CHECK(elbow.scale == own[1]);
   CHECK(elbow.further == std::vector<double>{own[2]});
   CHECK(own[2] == Approx(0.04).margin(0.002));
   for (const SensorResult& sensor : study_of(calibrated.rig, samples).residuals.sensors)
-    CHECK(sensor.train.rms_before == Approx(report.residuals.sensors[0].train.rms_as_read).epsilon(1e-9));
+    CHECK(sensor.train.rms_before ==
+          Approx(report.residuals.sensors[0].train.rms_as_read).epsilon(1e-9));
 
-  const AppliedResult applied = apply_result(place.write("result.json", files.result_json), parse_urdf(kRobot, "copy.urdf"), false);
+  const AppliedResult applied = apply_result(place.write("result.json", files.result_json),
+                                             parse_urdf(kRobot, "copy.urdf"), false);
   CHECK(applied.urdf == files.robot_urdf);
   REQUIRE(applied.notes.size() == 1);
-  CHECK_THAT(applied.notes[0], Contains("joint 'elbow'") && Contains("(quadratic, scale = 1.0") && Contains(", bend = 0.0"));
+  CHECK_THAT(applied.notes[0], Contains("joint 'elbow'") && Contains("(quadratic, scale = 1.0") &&
+                                   Contains(", bend = 0.0"));
 }
 
 TEST_CASE("joint models through the files: nothing is said where all joints are linear") {
@@ -144,18 +160,23 @@ TEST_CASE("joint models through the files: nothing is said where all joints are 
   const ResultFiles files = make_results(rig, report, options);
   CHECK_FALSE(warning(report, "joint_model"));
   CHECK(files.reductions.size() == 1);
-  CHECK_THAT(files.changes_yaml + files.result_json + files.rig_yaml, !Contains("joint_models") && !Contains("model"));
-  CHECK(apply_result(place.write("result.json", files.result_json), parse_urdf(kRobot, "copy.urdf"), false).notes.empty());
+  CHECK_THAT(files.changes_yaml + files.result_json + files.rig_yaml,
+             !Contains("joint_models") && !Contains("model"));
+  CHECK(apply_result(place.write("result.json", files.result_json), parse_urdf(kRobot, "copy.urdf"),
+                     false)
+            .notes.empty());
 }
 
-TEST_CASE("joint models: staging has a group for their numbers, and a still joint is named with them") {
+TEST_CASE(
+    "joint models: staging has a group for their numbers, and a still joint is named with them") {
   const Place place;
   const JointModels models = {linear_joint(), std::make_shared<QuadraticJoint>(0)};
   place.write("robot.urdf", kRobot);
   const RigFile rig = read_rig(place.write("rig.yaml", kRig), "", models);
   std::vector<Sample> samples = samples_of(rig.rig, 0.04);
   const auto groups = staging_groups(rig.rig, samples);
-  const auto shapes = std::find_if(groups.begin(), groups.end(), [](const auto& group) { return group.first == "joint shapes"; });
+  const auto shapes = std::find_if(groups.begin(), groups.end(),
+                                   [](const auto& group) { return group.first == "joint shapes"; });
   REQUIRE(shapes != groups.end());
   CHECK(shapes->second == std::vector<std::string>{"joint/elbow/bend"});
 
@@ -164,6 +185,7 @@ TEST_CASE("joint models: staging has a group for their numbers, and a still join
   const std::optional<Diagnosis> diagnosis = diagnose(rig.rig, samples, {});
   REQUIRE(diagnosis);
   for (const Finding& finding : diagnosis->findings)
-    named = named || (finding.id == "still-joint" && finding.text.find("joint/elbow/bend") != std::string::npos);
+    named = named || (finding.id == "still-joint" &&
+                      finding.text.find("joint/elbow/bend") != std::string::npos);
   CHECK(named);
 }

@@ -1,9 +1,10 @@
-// Rigs and samples: what is read, what is refused and with which words, and that what is written reads back as the same numbers.
-// Proven for the grammar of rig.yaml and samples.jsonl and, where present, for the real data. Not proven: that the numbers are
-// used rightly afterwards (tests of the models), and names of parameters (resolved there, too).
+// Rigs and samples: what is read, what is refused and with which words, and that what is written
+// reads back as the same numbers. Proven for the grammar of rig.yaml and samples.jsonl and, where
+// present, for the real data. Not proven: that the numbers are used rightly afterwards (tests of
+// the models), and names of parameters (resolved there, too).
+#include "../../../io/rig/rig_file.h"
 #include "../../../io/document/json.h"
 #include "../../../io/document/yaml.h"
-#include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/rig_text.h"
 #include "../../../io/rig/samples_file.h"
 #include "../../../models/rig/parameters.h"
@@ -156,14 +157,17 @@ std::string error_of(const std::function<void()>& f) {
 /// A directory of its own with a robot and a rig, removed at the end.
 struct Place {
   fs::path directory = fs::temp_directory_path() / ("kincal_rig_test_" + std::to_string(getpid()));
-  std::string rig = (directory / "rig.yaml").string(), samples = (directory / "samples.jsonl").string();
+  std::string rig = (directory / "rig.yaml").string(),
+              samples = (directory / "samples.jsonl").string();
   Place() {
     fs::create_directories(directory);
     write("robot.urdf", kRobot);
     write("rig.yaml", kRig);
   }
   ~Place() { fs::remove_all(directory); }
-  void write(const std::string& name, const std::string& text) const { std::ofstream(directory / name, std::ios::binary) << text; }
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(directory / name, std::ios::binary) << text;
+  }
 };
 
 struct Mistake {
@@ -173,14 +177,16 @@ struct Mistake {
 std::string edited(std::string text, const Mistake& mistake, std::string& message) {
   const size_t at = text.find(mistake.from);
   REQUIRE(at != std::string::npos);
-  const std::string line = std::to_string(1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
+  const std::string line = std::to_string(
+      1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
   message = mistake.message;
   if (message.find('@') != std::string::npos) message.replace(message.find('@'), 1, line);
   return text.replace(at, mistake.from.size(), mistake.to);
 }
 
 bool same_pose(const Pose& a, const Pose& b, double tolerance) {
-  return a.translation == b.translation && (a.rotation - b.rotation).cwiseAbs().maxCoeff() <= tolerance;
+  return a.translation == b.translation &&
+         (a.rotation - b.rotation).cwiseAbs().maxCoeff() <= tolerance;
 }
 
 /// The numbers of two rigs: all bit for bit, rotations to `tolerance`.
@@ -239,7 +245,8 @@ TEST_CASE("a rig's values", "[rig]") {
   CHECK(reflector.pose_given);
   CHECK(reflector.link_T_target.rotation == rotation_from_rpy({0.1, 0.2, 0.3}));
   CHECK(coded.count() == 6);
-  CHECK(coded.layout.col(0) == Vector3d(1, 1, 0));  // charuco: rows x columns squares, inner corners
+  CHECK(coded.layout.col(0) ==
+        Vector3d(1, 1, 0));  // charuco: rows x columns squares, inner corners
   CHECK(coded.layout.col(4) == Vector3d(2, 2, 0));
   CHECK_FALSE(coded.pose_given);
   CHECK(rig.tree.links[coded.link] == "finger2_link");
@@ -291,91 +298,139 @@ TEST_CASE("every mistake in a rig is refused with file, line, field and what is 
   const std::vector<Mistake> mistakes = {
       // the file
       {"rows: 2", "rows: [2", "rig.yaml:"},
-      {"base: base_link", "base: base_link\nbase: base_link", "rig.yaml:4:7: key 'base' stands twice"},
+      {"base: base_link", "base: base_link\nbase: base_link",
+       "rig.yaml:4:7: key 'base' stands twice"},
       {"    rows: 2", "    rows: 2\n    rows: 3", "rig.yaml:12:11: key 'rows' stands twice"},
       {"base: base_link", "bases: base_link", "rig.yaml:@: unknown key 'bases'; nearest: base"},
       {"format: kincal/1", "format: kincal/2", "rig.yaml:@: format: 'kincal/2' is not kincal/1"},
       {"format: kincal/1\n", "", "rig.yaml:1: key 'format' is missing"},
       {"robot: robot.urdf", "robot: robo.urdf", "rig.yaml:@: robot: file '"},
-      {"base: base_link", "base: base_lnk", "rig.yaml:@: base: unknown link 'base_lnk'; nearest: base_link"},
+      {"base: base_link", "base: base_lnk",
+       "rig.yaml:@: base: unknown link 'base_lnk'; nearest: base_link"},
       {"base: base_link", "base: [base_link]", "rig.yaml:@: base: a text is expected, not a list"},
       // joints
       {"elbow_flex_joint:", "elbow_flx_joint:",
-       "rig.yaml:@: joints.elbow_flx_joint: 'elbow_flx_joint' matches nothing; nearest: elbow_flex_joint"},
-      {"\"sl*\"", "\"slode_*\"", "rig.yaml:@: joints.slode_*: 'slode_*' matches nothing; nearest: slide_joint"},
-      {"\"sl*\"", "tool_joint", "rig.yaml:@: joints.tool_joint: a fixed joint has no reading of its own"},
-      {"\"sl*\"", "finger2_joint", "rig.yaml:@: joints.finger2_joint: a mimic joint has no reading of its own"},
-      {"scale: 1.5", "scael: 1.5", "rig.yaml:@: joints.elbow_flex_joint: unknown key 'scael'; nearest: scale"},
+       "rig.yaml:@: joints.elbow_flx_joint: 'elbow_flx_joint' matches nothing; nearest: "
+       "elbow_flex_joint"},
+      {"\"sl*\"", "\"slode_*\"",
+       "rig.yaml:@: joints.slode_*: 'slode_*' matches nothing; nearest: slide_joint"},
+      {"\"sl*\"", "tool_joint",
+       "rig.yaml:@: joints.tool_joint: a fixed joint has no reading of its own"},
+      {"\"sl*\"", "finger2_joint",
+       "rig.yaml:@: joints.finger2_joint: a mimic joint has no reading of its own"},
+      {"scale: 1.5", "scael: 1.5",
+       "rig.yaml:@: joints.elbow_flex_joint: unknown key 'scael'; nearest: scale"},
       {"sigma: 0.002", "sigma: -0.002",
-       "rig.yaml:@: joints.elbow_flex_joint.sigma: a number of at least 0 is expected, not '-0.002'"},
-      {"offset: 0.01", "offset: .inf", "rig.yaml:@: joints.elbow_flex_joint.offset: a finite number is expected, not '.inf'"},
-      {"offset: 0.01", "offset: nan", "rig.yaml:@: joints.elbow_flex_joint.offset: a finite number is expected, not 'nan'"},
+       "rig.yaml:@: joints.elbow_flex_joint.sigma: a number of at least 0 is expected, not "
+       "'-0.002'"},
+      {"offset: 0.01", "offset: .inf",
+       "rig.yaml:@: joints.elbow_flex_joint.offset: a finite number is expected, not '.inf'"},
+      {"offset: 0.01", "offset: nan",
+       "rig.yaml:@: joints.elbow_flex_joint.offset: a finite number is expected, not 'nan'"},
       {"scale: 1.5", "scale: 0", "rig.yaml:@: joints.elbow_flex_joint.scale: a scale is not 0"},
       // targets
-      {"type: chessboard", "type: chesboard", "rig.yaml:@: targets.board.type: unknown type 'chesboard'; nearest: chessboard"},
+      {"type: chessboard", "type: chesboard",
+       "rig.yaml:@: targets.board.type: unknown type 'chesboard'; nearest: chessboard"},
       {"    type: chessboard\n", "", "targets.board: key 'type' is missing"},
-      {"rows: 2", "rows: 2.5", "rig.yaml:@: targets.board.rows: an integer in 1 .. 10000 is expected, not '2.5'"},
-      {"rows: 2", "rows: 0", "rig.yaml:@: targets.board.rows: an integer in 1 .. 10000 is expected, not '0'"},
-      {"square: 0.05", "sqare: 0.05", "rig.yaml:@: targets.board: unknown key 'sqare'; nearest: square"},
-      {"square: 0.05", "square: 0", "rig.yaml:@: targets.board.square: a number greater than 0 is expected, not '0'"},
+      {"rows: 2", "rows: 2.5",
+       "rig.yaml:@: targets.board.rows: an integer in 1 .. 10000 is expected, not '2.5'"},
+      {"rows: 2", "rows: 0",
+       "rig.yaml:@: targets.board.rows: an integer in 1 .. 10000 is expected, not '0'"},
+      {"square: 0.05", "sqare: 0.05",
+       "rig.yaml:@: targets.board: unknown key 'sqare'; nearest: square"},
+      {"square: 0.05", "square: 0",
+       "rig.yaml:@: targets.board.square: a number greater than 0 is expected, not '0'"},
       {"    square: 0.05\n", "", "rig.yaml:9: targets.board: key 'square' is missing"},
-      {"mount: free", "mount: fre", "rig.yaml:@: targets.board.mount: 'free' or {link, pose} is expected, not 'fre'"},
-      {"{link: finger2_link}", "{lnk: finger2_link}", "rig.yaml:@: targets.coded.mount: unknown key 'lnk'; nearest: link"},
+      {"mount: free", "mount: fre",
+       "rig.yaml:@: targets.board.mount: 'free' or {link, pose} is expected, not 'fre'"},
+      {"{link: finger2_link}", "{lnk: finger2_link}",
+       "rig.yaml:@: targets.coded.mount: unknown key 'lnk'; nearest: link"},
       {"{link: finger2_link}", "{link: finger3_link}",
        "rig.yaml:@: targets.coded.mount.link: unknown link 'finger3_link'; nearest: finger"},
-      {"{link: finger2_link}", "{link: cart_link}", "rig.yaml:@: targets.coded.mount.link: joint 'cart_joint' between"},
-      {"[[0, 0, 0.125]]", "[[0, 0]]", "rig.yaml:@: targets.reflector.points[0]: a list of 3 numbers is expected, not a list of 2"},
+      {"{link: finger2_link}", "{link: cart_link}",
+       "rig.yaml:@: targets.coded.mount.link: joint 'cart_joint' between"},
+      {"[[0, 0, 0.125]]", "[[0, 0]]",
+       "rig.yaml:@: targets.reflector.points[0]: a list of 3 numbers is expected, not a list of 2"},
       {"[[0, 0, 0.125]]", "[]", "rig.yaml:@: targets.reflector.points: at least one point"},
-      {"xyz: [0.1, 0.2, 0.3]", "xyz: [0.1, 0.2]", "rig.yaml:@: targets.reflector.mount.pose.xyz: a list of 3 numbers"},
-      {"marker: 0.02", "marker: -1", "rig.yaml:@: targets.coded.marker: a number greater than 0 is expected, not '-1'"},
-      {"asymmetric: true", "asymmetric: 1", "rig.yaml:@: targets.dots.asymmetric: true or false is expected, not '1'"},
+      {"xyz: [0.1, 0.2, 0.3]", "xyz: [0.1, 0.2]",
+       "rig.yaml:@: targets.reflector.mount.pose.xyz: a list of 3 numbers"},
+      {"marker: 0.02", "marker: -1",
+       "rig.yaml:@: targets.coded.marker: a number greater than 0 is expected, not '-1'"},
+      {"asymmetric: true", "asymmetric: 1",
+       "rig.yaml:@: targets.dots.asymmetric: true or false is expected, not '1'"},
       {"spacing: 0.25", "spacing: -1", "rig.yaml:@: targets.tags.spacing: a number of at least 0"},
       // sensors
-      {"link: tool0\n    model", "link: tol0\n    model", "rig.yaml:@: sensors.plain.link: unknown link 'tol0'; nearest: tool0"},
-      {"link: tool0\n    model", "link: cart_link\n    model", "rig.yaml:@: sensors.plain.link: joint 'cart_joint' between"},
+      {"link: tool0\n    model", "link: tol0\n    model",
+       "rig.yaml:@: sensors.plain.link: unknown link 'tol0'; nearest: tool0"},
+      {"link: tool0\n    model", "link: cart_link\n    model",
+       "rig.yaml:@: sensors.plain.link: joint 'cart_joint' between"},
       {"type: tilting_laser", "type: tiltinglaser",
        "rig.yaml:@: sensors.laser.type: unknown type 'tiltinglaser'; nearest: tilting_laser"},
-      {"model: pinhole", "model: pinhol", "rig.yaml:@: sensors.plain.model: unknown model 'pinhol'; nearest: pinhole"},
+      {"model: pinhole", "model: pinhol",
+       "rig.yaml:@: sensors.plain.model: unknown model 'pinhol'; nearest: pinhole"},
       {"intrinsics: [320.5, ", "intrinsics: [",
-       "rig.yaml:@: sensors.wide_left.intrinsics: a list of 4 numbers is expected, not a list of 3"},
-      {"intrinsics: [320.5, ", "intrinsics: [0, ", "rig.yaml:@: sensors.wide_left.intrinsics[0]: a number greater than 0"},
-      {"distortion: [0.1, ", "distortion: [", "rig.yaml:@: sensors.wide_left.distortion: brown_conrady: "},
-      {"model: pinhole", "model: pinhole\n    distortion: [0, 1]", "sensors.plain.distortion: pinhole: no distortion"},
+       "rig.yaml:@: sensors.wide_left.intrinsics: a list of 4 numbers is expected, not a list of "
+       "3"},
+      {"intrinsics: [320.5, ", "intrinsics: [0, ",
+       "rig.yaml:@: sensors.wide_left.intrinsics[0]: a number greater than 0"},
+      {"distortion: [0.1, ", "distortion: [",
+       "rig.yaml:@: sensors.wide_left.distortion: brown_conrady: "},
+      {"model: pinhole", "model: pinhole\n    distortion: [0, 1]",
+       "sensors.plain.distortion: pinhole: no distortion"},
       {"distortion: [0.1, 0.01", "distortion: [0.1, \"0.01\"",
        "sensors.wide_left.distortion[1]: a finite number is expected, not '0.01' (a string)"},
-      {"image_size: [640, 480]", "image_size: [640, 480, 3]", "rig.yaml:@: sensors.wide_left.image_size: a list of 2 numbers"},
-      {"baseline: 0.09", "baselin: 0.09", "rig.yaml:@: sensors.wide_left: unknown key 'baselin'; nearest: baseline"},
+      {"image_size: [640, 480]", "image_size: [640, 480, 3]",
+       "rig.yaml:@: sensors.wide_left.image_size: a list of 2 numbers"},
+      {"baseline: 0.09", "baselin: 0.09",
+       "rig.yaml:@: sensors.wide_left: unknown key 'baselin'; nearest: baseline"},
       {"    sigma: 0.125\n", "", "sensors.wide_left: key 'sigma' is missing"},
-      {"sigma: 0.125", "sigma: 0", "rig.yaml:@: sensors.wide_left.sigma: a number greater than 0 is expected, not '0'"},
-      {"sigma: 0.125", "sigma: [1, 1]", "rig.yaml:@: sensors.wide_left.sigma: a finite number is expected, not a list"},
+      {"sigma: 0.125", "sigma: 0",
+       "rig.yaml:@: sensors.wide_left.sigma: a number greater than 0 is expected, not '0'"},
+      {"sigma: 0.125", "sigma: [1, 1]",
+       "rig.yaml:@: sensors.wide_left.sigma: a finite number is expected, not a list"},
       {"sigma: [0.00001, ", "sigma: [", "rig.yaml:@: sensors.tracker.sigma: a list of 3 numbers"},
-      {"sigma: [0.00001, ", "sigma: [0, ", "rig.yaml:@: sensors.tracker.sigma[0]: a number greater than 0"},
-      {"sigma: {joint: 0.0005, ", "sigma: {", "rig.yaml:@: sensors.laser.sigma: key 'joint' is missing"},
+      {"sigma: [0.00001, ", "sigma: [0, ",
+       "rig.yaml:@: sensors.tracker.sigma[0]: a number greater than 0"},
+      {"sigma: {joint: 0.0005, ", "sigma: {",
+       "rig.yaml:@: sensors.laser.sigma: key 'joint' is missing"},
       {"sigma: {translation: 0.0005, rotation: 0.002}", "sigma: 0.1",
        "rig.yaml:@: sensors.arm.sigma: a chain takes {translation, rotation}"},
-      {"joint: tilt_joint", "joint: tlt_joint", "rig.yaml:@: sensors.laser.joint: unknown joint 'tlt_joint'; nearest: tilt_joint"},
-      {"joint: tilt_joint", "joint: tool_joint", "rig.yaml:@: sensors.laser.joint: joint 'tool_joint' has no reading of its own"},
+      {"joint: tilt_joint", "joint: tlt_joint",
+       "rig.yaml:@: sensors.laser.joint: unknown joint 'tlt_joint'; nearest: tilt_joint"},
+      {"joint: tilt_joint", "joint: tool_joint",
+       "rig.yaml:@: sensors.laser.joint: joint 'tool_joint' has no reading of its own"},
       {"joint: tilt_joint", "joint: slide_joint",
-       "rig.yaml:@: sensors.laser.joint: joint 'slide_joint' is not between the base 'base_link' and link 'tilt_link'; "
+       "rig.yaml:@: sensors.laser.joint: joint 'slide_joint' is not between the base 'base_link' "
+       "and link 'tilt_link'; "
        "valid: tilt_joint"},
-      {"quat: [0, 0, 0.6, 0.8]", "quat: [0, 0, 0.6, 0.9]", "rig.yaml:@: sensors.arm.pose.quat: a unit quaternion"},
-      {"quat: [0, 0, 0.6, 0.8]", "quat: [0, 0, 0.6, 0.8], rpy: [0, 0, 0]", "rig.yaml:@: sensors.arm.pose: either rpy or quat"},
+      {"quat: [0, 0, 0.6, 0.8]", "quat: [0, 0, 0.6, 0.9]",
+       "rig.yaml:@: sensors.arm.pose.quat: a unit quaternion"},
+      {"quat: [0, 0, 0.6, 0.8]", "quat: [0, 0, 0.6, 0.8], rpy: [0, 0, 0]",
+       "rig.yaml:@: sensors.arm.pose: either rpy or quat"},
       {"pose: {xyz: [0, 0, 1]", "pose: {xyz: [0, 0, a]",
        "rig.yaml:@: sensors.wide_left.pose.xyz[2]: a finite number is expected, not 'a'"},
       // steps
-      {"free: [target/board/square]", "free: []", "rig.yaml:@: estimate[1].free: the step frees nothing"},
+      {"free: [target/board/square]", "free: []",
+       "rig.yaml:@: estimate[1].free: the step frees nothing"},
       {"    free: [target/board/square]\n", "", "estimate[1]: key 'free' is missing"},
-      {"free: [target/board/square]", "free: target/board/square", "rig.yaml:@: estimate[1].free: a list of texts is expected"},
-      {"step: second", "step: first", "rig.yaml:@: estimate[1].step: a step 'first' stands already above"},
+      {"free: [target/board/square]", "free: target/board/square",
+       "rig.yaml:@: estimate[1].free: a list of texts is expected"},
+      {"step: second", "step: first",
+       "rig.yaml:@: estimate[1].step: a step 'first' stands already above"},
       {"[tracker, \"wide*\"", "[trackr, \"wide*\"",
        "rig.yaml:@: estimate[0].sensors[0]: 'trackr' matches nothing; nearest: tracker"},
-      {"[tracker, \"wide*\", wide_left]", "[]", "rig.yaml:@: estimate[0].sensors: the step uses no sensor"},
-      {"{cauchy: 3}", "{cauchi: 3}", "rig.yaml:@: estimate[0].loss: unknown key 'cauchi'; nearest: cauchy"},
+      {"[tracker, \"wide*\", wide_left]", "[]",
+       "rig.yaml:@: estimate[0].sensors: the step uses no sensor"},
+      {"{cauchy: 3}", "{cauchi: 3}",
+       "rig.yaml:@: estimate[0].loss: unknown key 'cauchi'; nearest: cauchy"},
       {"{cauchy: 3}", "{cauchy: 3, huber: 1}", "rig.yaml:@: estimate[0].loss: one of {"},
-      {"{cauchy: 3}", "{cauchy: 0}", "rig.yaml:@: estimate[0].loss.cauchy: a number greater than 0"},
-      {"offset\": 0.05", "offset\": -0.05", "rig.yaml:@: estimate[0].priors.joint/*/offset: a number greater than 0"},
+      {"{cauchy: 3}", "{cauchy: 0}",
+       "rig.yaml:@: estimate[0].loss.cauchy: a number greater than 0"},
+      {"offset\": 0.05", "offset\": -0.05",
+       "rig.yaml:@: estimate[0].priors.joint/*/offset: a number greater than 0"},
       {"rotation: 0.25}", "rotaton: 0.25}",
-       "rig.yaml:@: estimate[0].priors.sensor/tracker/pose: unknown key 'rotaton'; nearest: rotation"},
+       "rig.yaml:@: estimate[0].priors.sensor/tracker/pose: unknown key 'rotaton'; nearest: "
+       "rotation"},
   };
   for (const Mistake& mistake : mistakes) {
     std::string message;
@@ -384,9 +439,11 @@ TEST_CASE("every mistake in a rig is refused with file, line, field and what is 
     const std::string error = error_of([&] { read_rig(place.rig); });
     CHECK_THAT(error, Contains(message) && Catch::StartsWith(place.directory.string()));
   }
-  CHECK_THAT(error_of([] { read_rig("no/rig.yaml"); }), Contains("no/rig.yaml: cannot be read: No such file"));
+  CHECK_THAT(error_of([] { read_rig("no/rig.yaml"); }),
+             Contains("no/rig.yaml: cannot be read: No such file"));
   place.write("rig.yaml", "");
-  CHECK_THAT(error_of([&] { read_rig(place.rig); }), Contains("rig.yaml:1: a mapping is expected, not nothing"));
+  CHECK_THAT(error_of([&] { read_rig(place.rig); }),
+             Contains("rig.yaml:1: a mapping is expected, not nothing"));
   place.write("rig.yaml", "format: kincal/1\nrobot: robot.urdf\nsensors: {}\ntargets:\n");
   CHECK_THAT(error_of([&] { read_rig(place.rig); }),
              Contains("rig.yaml:4: targets: a mapping of targets is expected, at least one"));
@@ -394,8 +451,10 @@ TEST_CASE("every mistake in a rig is refused with file, line, field and what is 
 
 TEST_CASE("what a rig may leave away", "[rig]") {
   const Place place;
-  place.write("rig.yaml", "format: kincal/1\nrobot: robot.urdf\ntargets: {p: {type: points, points: [[0, 0, 0]], mount: free}}\n"
-                          "sensors: {t: {type: point, link: base_link, sigma: 1}}\njoints:\nestimate:\n");
+  place.write("rig.yaml",
+              "format: kincal/1\nrobot: robot.urdf\ntargets: {p: {type: points, points: [[0, 0, "
+              "0]], mount: free}}\n"
+              "sensors: {t: {type: point, link: base_link, sigma: 1}}\njoints:\nestimate:\n");
   const Rig rig = read_rig(place.rig).rig;
   CHECK(rig.base == rig.tree.root);
   CHECK(rig.joints.size() == rig.tree.joints.size());
@@ -450,7 +509,8 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
       for (double& value : block) value += 0.1 / 3;
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     values.target_squares[t] *= 1.0001;
-    if (rig.rig.targets[t].link >= 0) values.target_poses[t] = values.target_poses[t] * exp_se3(Vector6d::Constant(0.01));
+    if (rig.rig.targets[t].link >= 0)
+      values.target_poses[t] = values.target_poses[t] * exp_se3(Vector6d::Constant(0.01));
   }
   values.target_points[1](0, 0) = -0.0;
   values.target_points[1](1, 0) = 1e-300;
@@ -464,9 +524,12 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
   CHECK(written.rig.joints[pan].sigma == 0.001);
   CHECK_FALSE(written.rig.sensors[2].pose_given);
   CHECK(written.rig.sensors[1].pose_given);
-  CHECK_THAT(text, Contains("robot: new robot.urdf\n") && Contains("elbow_flex_joint: {sigma: 0.002, offset: 0, scale: 1.5}") &&
-                       Contains("  sl*: {sigma: 0.003}\n  shoulder_pan_joint: {scale: 1.0000000000000002}\n") &&
-                       Contains("rpy: [-1.5, 0, 0.25]") && Contains("type: chessboard"));
+  CHECK_THAT(
+      text,
+      Contains("robot: new robot.urdf\n") &&
+          Contains("elbow_flex_joint: {sigma: 0.002, offset: 0, scale: 1.5}") &&
+          Contains("  sl*: {sigma: 0.003}\n  shoulder_pan_joint: {scale: 1.0000000000000002}\n") &&
+          Contains("rpy: [-1.5, 0, 0.25]") && Contains("type: chessboard"));
   // a second writing of the same values changes nothing but rotations' last digits
   const std::string again = rig_text(written, values_of(written.rig), "new robot.urdf");
   CHECK(again == text);
@@ -475,7 +538,8 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
 TEST_CASE("joint values win over every glob when written", "[rig]") {
   const Place place;
   std::string text = kRig;  // the glob behind the joint's own entry sets the same
-  text.replace(text.find("\"sl*\": {sigma: 0.003}"), 21, "\"*_flex_*\": {offset: 0.5, sigma: 0.004}");
+  text.replace(text.find("\"sl*\": {sigma: 0.003}"), 21,
+               "\"*_flex_*\": {offset: 0.5, sigma: 0.004}");
   place.write("rig.yaml", text);
   const RigFile rig = read_rig(place.rig);
   const int elbow = rig.rig.tree.find_joint("elbow_flex_joint");
@@ -500,7 +564,8 @@ TEST_CASE("a rig without joints gets them only when needed", "[rig]") {
   RigValues values = values_of(rig.rig);
   CHECK_THAT(rig_text(rig, values, "robot.urdf"), !Contains("joints:"));
   values.joint_scales[rig.rig.tree.find_joint("slide_joint")] = 0.5;
-  CHECK_THAT(rig_text(rig, values, "robot.urdf"), Contains("base: base_link\njoints:\n  slide_joint: {scale: 0.5}\ntargets:"));
+  CHECK_THAT(rig_text(rig, values, "robot.urdf"),
+             Contains("base: base_link\njoints:\n  slide_joint: {scale: 0.5}\ntargets:"));
 }
 
 namespace {
@@ -509,16 +574,21 @@ struct Bend final : JointModel {
   std::string name() const override { return "quadratic"; }
   std::vector<JointNumber> further() const override { return {{"bend", "", 0.125}}; }
   int size() const override { return 3; }
-  double position(double q, const double* own) const override { return own[0] + q * (own[1] + q * own[2]); }
+  double position(double q, const double* own) const override {
+    return own[0] + q * (own[1] + q * own[2]);
+  }
   double by_reading(double q, const double* own) const override { return own[1] + 2 * own[2] * q; }
-  double by_own(int k, double q, const double*) const override { return k == 0 ? 1 : k == 1 ? q : q * q; }
+  double by_own(int k, double q, const double*) const override {
+    return k == 0 ? 1 : k == 1 ? q : q * q;
+  }
 };
 
 /// One number a point: its z in the sensor's frame.
 struct Height {
   static constexpr int kRows = 1, kNumbers = 1;
   int parameter_count() const { return 0; }
-  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p, double*) const {
+  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,
+                double*) const {
     r[0] = p.z() - z[0];
     if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
     return true;
@@ -542,10 +612,13 @@ TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
   const std::string elbow_joint = "elbow_flex_joint", pan_joint = "shoulder_pan_joint";
 
   // The model may stand behind the numbers, in a glob, and be taken back.
-  const RigFile rig = read("  elbow_flex_joint: {bend: -0.5, offset: 0.01}\n  \"*_flex_joint\": {model: quadratic}\n"
-                           "  shoulder_pan_joint: {model: quadratic}\n  slide_joint: {model: quadratic}\n  sl*: {model: linear}\n");
+  const RigFile rig = read(
+      "  elbow_flex_joint: {bend: -0.5, offset: 0.01}\n  \"*_flex_joint\": {model: quadratic}\n"
+      "  shoulder_pan_joint: {model: quadratic}\n  slide_joint: {model: quadratic}\n  sl*: {model: "
+      "linear}\n");
   const Tree& tree = rig.rig.tree;
-  const int elbow = tree.find_joint(elbow_joint), pan = tree.find_joint(pan_joint), slide = tree.find_joint("slide_joint");
+  const int elbow = tree.find_joint(elbow_joint), pan = tree.find_joint(pan_joint),
+            slide = tree.find_joint("slide_joint");
   CHECK(rig.rig.joints[elbow].model == models[1]);
   CHECK(rig.rig.joints[elbow].further == std::vector<double>{-0.5});
   CHECK(rig.rig.joints[pan].further == std::vector<double>{0.125});
@@ -568,8 +641,11 @@ TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
   CHECK(written.rig.joints[pan].further[0] == 0.75);
   CHECK(written.rig.joints[slide].further[0] == 2);
 
-  // Its own entry says linear before a glob of the others' numbers: it stays so when it moves behind the glob.
-  const RigFile kept = read("  \"*\": {model: quadratic}\n  elbow_flex_joint: {model: linear}\n  \"*_flex_*\": {offset: 0.5}\n");
+  // Its own entry says linear before a glob of the others' numbers: it stays so when it moves
+  // behind the glob.
+  const RigFile kept = read(
+      "  \"*\": {model: quadratic}\n  elbow_flex_joint: {model: linear}\n  \"*_flex_*\": {offset: "
+      "0.5}\n");
   RigValues moved = values_of(kept.rig);
   moved.joint_offsets[elbow] = 0;
   place.write("written.yaml", rig_text(kept, moved, "robot.urdf"));
@@ -580,23 +656,29 @@ TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
   moved.joint_models[pan] = linear_joint();
   moved.joint_further[pan].clear();
   place.write("written.yaml", rig_text(kept, moved, "robot.urdf"));
-  CHECK(read_rig((place.directory / "written.yaml").string(), "", models).rig.joints[pan].model == linear_joint());
+  CHECK(read_rig((place.directory / "written.yaml").string(), "", models).rig.joints[pan].model ==
+        linear_joint());
 
   const auto refused = [&](const std::string& joints) { return error_of([&] { read(joints); }); };
   CHECK_THAT(refused("  elbow_flex_joint: {model: quadratc}\n"),
-             Contains("rig.yaml:6: joints.elbow_flex_joint.model: unknown joint model 'quadratc'; nearest: quadratic; valid: linear, quadratic"));
+             Contains("rig.yaml:6: joints.elbow_flex_joint.model: unknown joint model 'quadratc'; "
+                      "nearest: quadratic; valid: linear, quadratic"));
   CHECK_THAT(refused("  elbow_flex_joint: {bend: 1}\n"),
-             Contains("joints.elbow_flex_joint.bend: joint 'elbow_flex_joint' has the model linear, which has no 'bend'"));
-  CHECK_THAT(refused("  elbow_flex_joint: {model: quadratic, bend: much}\n"), Contains("joints.elbow_flex_joint.bend: a finite number"));
+             Contains("joints.elbow_flex_joint.bend: joint 'elbow_flex_joint' has the model "
+                      "linear, which has no 'bend'"));
+  CHECK_THAT(refused("  elbow_flex_joint: {model: quadratic, bend: much}\n"),
+             Contains("joints.elbow_flex_joint.bend: a finite number"));
   place.write("rig.yaml", with("  elbow_flex_joint: {model: quadratic}\n"));
-  CHECK_THAT(error_of([&] { read_rig(place.rig); }), Contains("unknown joint model 'quadratic'") && Contains("valid: linear"));
+  CHECK_THAT(error_of([&] { read_rig(place.rig); }),
+             Contains("unknown joint model 'quadratic'") && Contains("valid: linear"));
   place.write("rig.yaml", with("  elbow_flex_joint: {model: linear, scale: 2}\n"));
   RigFile plain = read_rig(place.rig);
   CHECK(plain.rig.joints[elbow].scale == 2);
 
   // A model that a program has set and the rig cannot name is not lost in silence.
   plain.rig.joints[elbow].model = models[1];
-  CHECK_THAT(error_of([&] { rig_text(plain, values_of(plain.rig), "robot.urdf"); }), Contains("joints.elbow_flex_joint: has a joint model"));
+  CHECK_THAT(error_of([&] { rig_text(plain, values_of(plain.rig), "robot.urdf"); }),
+             Contains("joints.elbow_flex_joint: has a joint model"));
 }
 
 TEST_CASE("a sensor of one number a point is read and written as a plain list", "[samples]") {
@@ -609,8 +691,10 @@ TEST_CASE("a sensor of one number a point is read and written as a plain list", 
   gauge.model = std::make_shared<PointwiseSensor<Height>>();
   gauge.sigma = {0.001};
   rig.sensors.push_back(gauge);
-  place.write("samples.jsonl", R"({"id": "a", "joints": {}, "views": [)"
-                               R"({"sensor": "gauge", "target": "board", "ids": [2, 0], "points": [0.5, 0.25], "sigma": 0.002}]})");
+  place.write(
+      "samples.jsonl",
+      R"({"id": "a", "joints": {}, "views": [)"
+      R"({"sensor": "gauge", "target": "board", "ids": [2, 0], "points": [0.5, 0.25], "sigma": 0.002}]})");
   const std::vector<Sample> samples = read_samples(place.samples, rig);
   CHECK(samples[0].views[0].z == std::vector<double>{0.5, 0.25});
   CHECK(samples[0].views[0].sigma == std::vector<double>{0.002});
@@ -623,7 +707,9 @@ TEST_CASE("a sensor of one number a point is read and written as a plain list", 
 TEST_CASE("a sample's values", "[samples]") {
   const Place place;
   const Rig rig = read_rig(place.rig).rig;
-  place.write("samples.jsonl", std::string("\n") + kSample + "\r\n  \n{\"id\": \"1593701755\", \"joints\": {}, \"views\": []}");
+  place.write("samples.jsonl",
+              std::string("\n") + kSample +
+                  "\r\n  \n{\"id\": \"1593701755\", \"joints\": {}, \"views\": []}");
   const std::vector<Sample> samples = read_samples(place.samples, rig);
   REQUIRE(samples.size() == 2);
   const Sample& a = samples[0];
@@ -651,7 +737,8 @@ TEST_CASE("a sample's values", "[samples]") {
   CHECK(samples[1].views.empty());
 }
 
-TEST_CASE("every mistake in samples is refused with file, line, field and what is near", "[samples]") {
+TEST_CASE("every mistake in samples is refused with file, line, field and what is near",
+          "[samples]") {
   const Place place;
   const Rig rig = read_rig(place.rig).rig;
   const std::vector<Mistake> mistakes = {
@@ -663,77 +750,103 @@ TEST_CASE("every mistake in samples is refused with file, line, field and what i
       {"\"id\": \"a\"", "\"id\": 7", "samples.jsonl:2: id: a string is expected"},
       {"\"id\": \"a\", ", "", "samples.jsonl:2: key 'id' is missing"},
       {"\"id\": \"a\"", "\"id\": \"b\"", "samples.jsonl:3: id: 'b' stands already in line 2"},
-      {"12.25", "\"12\"", "samples.jsonl:2: time: a finite number is expected, not '12' (a string)"},
+      {"12.25", "\"12\"",
+       "samples.jsonl:2: time: a finite number is expected, not '12' (a string)"},
       {"\"test\"", "\"tset\"", "samples.jsonl:2: split: 'train' or 'test' is expected, not 'tset'"},
-      {"-0.25", "null", "samples.jsonl:2: joints.elbow_flex_joint: a finite number is expected, not nothing"},
+      {"-0.25", "null",
+       "samples.jsonl:2: joints.elbow_flex_joint: a finite number is expected, not nothing"},
       {"\"elbow_flex_joint\"", "\"elbow_flx_joint\"",
-       "samples.jsonl:2: views[1]: sensor 'arm' needs joint 'elbow_flex_joint', which the sample lacks; "
+       "samples.jsonl:2: views[1]: sensor 'arm' needs joint 'elbow_flex_joint', which the sample "
+       "lacks; "
        "the sample has 'elbow_flx_joint'"},
-      {"\"slide_joint\": 0.1, ", "", "samples.jsonl:2: views[1]: sensor 'arm' needs joint 'slide_joint', which the sample lacks"},
+      {"\"slide_joint\": 0.1, ", "",
+       "samples.jsonl:2: views[1]: sensor 'arm' needs joint 'slide_joint', which the sample lacks"},
       // the target on the finger that mimics another: that one's reading is needed
       {"\"finger_joint\": 0.2, ", "",
-       "samples.jsonl:2: views[4]: target 'coded' needs joint 'finger_joint', which the sample lacks"},
-      {"\"wide_left\"", "\"wide_lef\"", "samples.jsonl:2: views[0].sensor: unknown sensor 'wide_lef'; nearest: wide_left"},
+       "samples.jsonl:2: views[4]: target 'coded' needs joint 'finger_joint', which the sample "
+       "lacks"},
+      {"\"wide_left\"", "\"wide_lef\"",
+       "samples.jsonl:2: views[0].sensor: unknown sensor 'wide_lef'; nearest: wide_left"},
       {"\"wide_left\"", "\"x\"", "unknown sensor 'x'; the rig has: wide_left, plain"},
-      {"\"target\": \"board\"", "\"target\": \"bord\"", "samples.jsonl:2: views[0].target: unknown target 'bord'; nearest: board"},
-      {"\"ids\": [5, 0]", "\"ids\": [6, 0]", "samples.jsonl:2: views[0].ids[0]: an integer in 0 .. 5 is expected, not '6'"},
-      {"\"ids\": [5, 0]", "\"ids\": [-1, 0]", "samples.jsonl:2: views[0].ids[0]: an integer in 0 .. 5 is expected, not '-1'"},
-      {"\"ids\": [5, 0]", "\"ids\": [5, 5]", "samples.jsonl:2: views[0].ids[1]: point 5 stands twice"},
+      {"\"target\": \"board\"", "\"target\": \"bord\"",
+       "samples.jsonl:2: views[0].target: unknown target 'bord'; nearest: board"},
+      {"\"ids\": [5, 0]", "\"ids\": [6, 0]",
+       "samples.jsonl:2: views[0].ids[0]: an integer in 0 .. 5 is expected, not '6'"},
+      {"\"ids\": [5, 0]", "\"ids\": [-1, 0]",
+       "samples.jsonl:2: views[0].ids[0]: an integer in 0 .. 5 is expected, not '-1'"},
+      {"\"ids\": [5, 0]", "\"ids\": [5, 5]",
+       "samples.jsonl:2: views[0].ids[1]: point 5 stands twice"},
       {"\"ids\": [5, 0]", "\"ids\": [5, 0.5]", "samples.jsonl:2: views[0].ids[1]: an integer"},
       {"\"ids\": [5, 0]", "\"ids\": [5]", "samples.jsonl:2: views[0].ids: 1 ids for 2 points"},
       {"\"ids\": [5, 0], \"pixels\": [[1, 2], [3.5, 4]]", "\"ids\": [], \"pixels\": []",
        "samples.jsonl:2: views[0].pixels: at least one point"},
       {"\"rays\": [[0.1, 0.2, 3]]", "\"rays\": [[0.1, 0.2, 3], [0.1, 0.2, 3]]",
        "samples.jsonl:2: views[2].rays: 2 points, but target 'reflector' has 1"},
-      {"[3.5, 4]", "[3.5]", "samples.jsonl:2: views[0].pixels[1]: a list of 2 numbers is expected, not a list of 1"},
-      {"[3.5, 4]", "[3.5, \"4\"]", "samples.jsonl:2: views[0].pixels[1][1]: a finite number is expected, not '4' (a string)"},
+      {"[3.5, 4]", "[3.5]",
+       "samples.jsonl:2: views[0].pixels[1]: a list of 2 numbers is expected, not a list of 1"},
+      {"[3.5, 4]", "[3.5, \"4\"]",
+       "samples.jsonl:2: views[0].pixels[1][1]: a finite number is expected, not '4' (a string)"},
       {"\"pixels\": [[1, 2], [3.5, 4]]", "\"points\": [[1, 2], [3.5, 4]]",
        "samples.jsonl:2: views[0].points: a camera view has no 'points'; it needs 'pixels'"},
-      {", \"rays\": [[0.1, 0.2, 3]]", "", "samples.jsonl:2: views[2]: a tilting_laser view needs 'rays'"},
+      {", \"rays\": [[0.1, 0.2, 3]]", "",
+       "samples.jsonl:2: views[2]: a tilting_laser view needs 'rays'"},
       {"\"arm\", \"target\": \"board\"", "\"arm\", \"target\": \"board\", \"pose\": {}",
-       "samples.jsonl:2: views[1].pose: a chain view has no 'pose'; the joint readings are its measurement"},
+       "samples.jsonl:2: views[1].pose: a chain view has no 'pose'; the joint readings are its "
+       "measurement"},
       {"\"arm\", \"target\": \"board\"", "\"arm\", \"target\": \"board\", \"ids\": [0]",
        "samples.jsonl:2: views[1].ids: a chain view has no 'ids'"},
       {"\"arm\", \"target\": \"board\"", "\"arm\", \"target\": \"reflector\"",
-       "samples.jsonl:2: views[1]: a chain needs a target with three points not on a line, 'reflector' has none; "
+       "samples.jsonl:2: views[1]: a chain needs a target with three points not on a line, "
+       "'reflector' has none; "
        "for a single point use a sensor of type point on link 'hand_link'"},
       {"\"image\"", "\"img\"", "samples.jsonl:2: views[0]: unknown key 'img'; nearest: image"},
-      {"\"sigma\": 0.5", "\"sigma\": 0", "samples.jsonl:2: views[0].sigma: a number greater than 0"},
+      {"\"sigma\": 0.5", "\"sigma\": 0",
+       "samples.jsonl:2: views[0].sigma: a number greater than 0"},
       {"\"sigma\": 0.5", "\"covariance\": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
        "samples.jsonl:2: views[0].covariance: a camera view has no"},
       {"\"covariance\": [[2", "\"sigma\": 1, \"covariance\": [[2",
        "samples.jsonl:2: views[3].covariance: either sigma or covariance"},
-      {"[[2, 1, 0], [1, 2, 0]", "[[2, 1, 0], [1.1, 2, 0]", "samples.jsonl:2: views[3].covariance: a covariance is symmetric"},
+      {"[[2, 1, 0], [1, 2, 0]", "[[2, 1, 0], [1.1, 2, 0]",
+       "samples.jsonl:2: views[3].covariance: a covariance is symmetric"},
       {"[[2, 1, 0], [1, 2, 0]", "[[1, 2, 0], [2, 1, 0]",
        "samples.jsonl:2: views[3].covariance: a covariance is positive definite"},
-      {"[[2, 1, 0], [1, 2, 0], ", "[[2, 1, 0], ", "samples.jsonl:2: views[3].covariance: 3 rows of 3 numbers"},
-      {"[[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "[[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]]",
+      {"[[2, 1, 0], [1, 2, 0], ", "[[2, 1, 0], ",
+       "samples.jsonl:2: views[3].covariance: 3 rows of 3 numbers"},
+      {"[[2, 1, 0], [1, 2, 0], [0, 0, 1]]",
+       "[[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]]",
        "samples.jsonl:2: views[3].covariance: one 3 x 3 matrix, or one for each of the 1 points"},
-      {"[0, 0, -0.6, -0.8]", "[0, 0, -0.6, -0.7]", "samples.jsonl:2: views[4].pose.quat: a unit quaternion"},
-      {"\"views\": [", "\"views\": [3, ", "samples.jsonl:2: views[0]: a mapping is expected, not '3'"},
+      {"[0, 0, -0.6, -0.8]", "[0, 0, -0.6, -0.7]",
+       "samples.jsonl:2: views[4].pose.quat: a unit quaternion"},
+      {"\"views\": [", "\"views\": [3, ",
+       "samples.jsonl:2: views[0]: a mapping is expected, not '3'"},
   };
   for (const Mistake& mistake : mistakes) {
     std::string message;
-    place.write("samples.jsonl", "\n" + edited(kSample, mistake, message) + "\n{\"id\": \"b\", \"joints\": {}, \"views\": []}\n");
+    place.write("samples.jsonl", "\n" + edited(kSample, mistake, message) +
+                                     "\n{\"id\": \"b\", \"joints\": {}, \"views\": []}\n");
     INFO(mistake.from << " -> " << mistake.to);
     const std::string error = error_of([&] { read_samples(place.samples, rig); });
     CHECK_THAT(error, Contains(message) && Catch::StartsWith(place.samples + ":"));
   }
   place.write("samples.jsonl", " \n\n");
-  CHECK_THAT(error_of([&] { read_samples(place.samples, rig); }), Contains("samples.jsonl: no samples"));
-  CHECK_THAT(error_of([&] { read_samples("no/samples.jsonl", rig); }), Contains("no/samples.jsonl: cannot be read: No such file"));
+  CHECK_THAT(error_of([&] { read_samples(place.samples, rig); }),
+             Contains("samples.jsonl: no samples"));
+  CHECK_THAT(error_of([&] { read_samples("no/samples.jsonl", rig); }),
+             Contains("no/samples.jsonl: cannot be read: No such file"));
 }
 
-TEST_CASE("a line with something rare in it is read with the same result and the same words", "[samples]") {
+TEST_CASE("a line with something rare in it is read with the same result and the same words",
+          "[samples]") {
   const Place place;
   const Rig rig = read_rig(place.rig).rig;
   const auto read = [&](const std::string& line) {
     place.write("samples.jsonl", line + "\n");
     return read_samples(place.samples, rig);
   };
-  const auto rare = [](std::string line) {  // an escape: parse_plain_json() leaves the line to parse_json()
-    return line.replace(line.find("\"id\""), 4, "\"\\u0069d\"");
-  };
+  const auto rare =
+      [](std::string line) {  // an escape: parse_plain_json() leaves the line to parse_json()
+        return line.replace(line.find("\"id\""), 4, "\"\\u0069d\"");
+      };
   const std::string line = kSample;
   const std::vector<std::pair<std::string, std::string>> edits = {
       {"\"a\"", "\"a\""},
@@ -771,7 +884,8 @@ TEST_CASE("a line with something rare in it is read with the same result and the
       {"\"quat\": [0, 0, -0.6, -0.8]", "\"quat\": [[0, 0, -0.6, -0.8]]"},
       {"\"xyz\": [1, 2, 3]", "\"xyz\": 1"},
       {"\"pose\": {", "\"sigma\": [1, 2, 3], \"pose\": {"},
-      {"\"points\": [[1, 2, 3]], \"covariance\": [[2, 1, 0], [1, 2, 0], [0, 0, 1]]", "\"points\": [[1, 2, 3]], \"sigma\": [1, 2, 3]"}};
+      {"\"points\": [[1, 2, 3]], \"covariance\": [[2, 1, 0], [1, 2, 0], [0, 0, 1]]",
+       "\"points\": [[1, 2, 3]], \"sigma\": [1, 2, 3]"}};
   for (const auto& [from, to] : edits) {
     std::string plain = line;
     REQUIRE(plain.find(from) != std::string::npos);
@@ -781,9 +895,13 @@ TEST_CASE("a line with something rare in it is read with the same result and the
     CHECK(error == error_of([&] { read(rare(plain)); }));
     if (!error.empty()) continue;
     const std::vector<Sample> a = read(plain), b = read(rare(plain));
-    CHECK(samples_text(rig, a) == samples_text(rig, b));  // all that a sample has, in digits that tell any two numbers apart
-    for (size_t j = 0; j < rig.joints.size(); ++j) CHECK(std::signbit(a[0].readings[j]) == std::signbit(b[0].readings[j]));
-    for (size_t v = 0; v < a[0].views.size(); ++v) CHECK(a[0].views[v].where == b[0].views[v].where);
+    CHECK(
+        samples_text(rig, a) ==
+        samples_text(rig, b));  // all that a sample has, in digits that tell any two numbers apart
+    for (size_t j = 0; j < rig.joints.size(); ++j)
+      CHECK(std::signbit(a[0].readings[j]) == std::signbit(b[0].readings[j]));
+    for (size_t v = 0; v < a[0].views.size(); ++v)
+      CHECK(a[0].views[v].where == b[0].views[v].where);
   }
 }
 
@@ -800,7 +918,8 @@ TEST_CASE("samples written and read again are the same", "[samples]") {
   struct Comma : std::numpunct<char> {
     char do_decimal_point() const override { return ','; }
   };
-  const std::locale before = std::locale::global(std::locale(std::locale(), new Comma));  // no locale may change a file
+  const std::locale before =
+      std::locale::global(std::locale(std::locale(), new Comma));  // no locale may change a file
   std::ofstream(path) << samples_text(rig, samples);
   const std::vector<Sample> again = read_samples(path, rig);
   std::locale::global(before);
@@ -851,13 +970,15 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
         for (size_t s = 0; s < samples.size(); ++s) {
           REQUIRE(again[s].views.size() == samples[s].views.size());
           for (size_t v = 0; v < samples[s].views.size(); ++v)
-            if (again[s].views[v].z != samples[s].views[v].z || again[s].views[v].ids != samples[s].views[v].ids)
+            if (again[s].views[v].z != samples[s].views[v].z ||
+                again[s].views[v].ids != samples[s].views[v].ids)
               FAIL(samples[s].id);
         }
         ++files;
       });
       // of the robots with several rigs, not every rig has the sensors of every file of samples
-      if (!read_error.empty()) CHECK_THAT(read_error, Contains("unknown sensor") || Contains("unknown target"));
+      if (!read_error.empty())
+        CHECK_THAT(read_error, Contains("unknown sensor") || Contains("unknown target"));
     }
   }
   CHECK(rigs >= 11);

@@ -1,9 +1,12 @@
-// io/urdf/urdf.h: reading with places, writing by splices, folding offsets, and the proof of what was written.
+// io/urdf/urdf.h: reading with places, writing by splices, folding offsets, and the proof of what
+// was written.
 //
-// Proves: every kind of mistake is reported with its line and element; with no change the text is the same byte for byte, and with
-// changes only the numbers asked for differ; folded offsets written to a file mean the calibrated robot by urdfdom's reading (another
-// parser, other arithmetic); the proof fails if one number is off by 1e-6. With real files where they are present.
-// Does not prove: that a simulator or driver reads the file as urdfdom does (urdfdom is what ROS uses); files in UTF-16 (refused).
+// Proves: every kind of mistake is reported with its line and element; with no change the text is
+// the same byte for byte, and with changes only the numbers asked for differ; folded offsets
+// written to a file mean the calibrated robot by urdfdom's reading (another parser, other
+// arithmetic); the proof fails if one number is off by 1e-6. With real files where they are
+// present. Does not prove: that a simulator or driver reads the file as urdfdom does (urdfdom is
+// what ROS uses); files in UTF-16 (refused).
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdlib>
@@ -33,7 +36,8 @@ std::string replace(std::string text, const std::string& from, const std::string
 }
 
 std::string replace_all(std::string text, const std::string& from, const std::string& to) {
-  for (size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size()) text.replace(at, from.size(), to);
+  for (size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
+    text.replace(at, from.size(), to);
   return text;
 }
 
@@ -85,7 +89,8 @@ std::vector<Pose> random_origins(const Tree& tree, double size, unsigned seed) {
   std::vector<Pose> origins = origins_of(tree);
   for (Pose& origin : origins) {
     Vector6d xi;
-    for (int i = 0; i < 6; ++i) xi(i) = size * (2 * (static_cast<double>(engine() >> 11) * 0x1p-53) - 1);
+    for (int i = 0; i < 6; ++i)
+      xi(i) = size * (2 * (static_cast<double>(engine() >> 11) * 0x1p-53) - 1);
     origin = origin * exp_se3(xi);
   }
   return origins;
@@ -118,9 +123,10 @@ const std::string kSmall = R"(<?xml version="1.0"?>
 </robot>
 )";
 
-/// What makes writing hard: fixed joints above the base, single quotes, '>' in a value, joints without origin, origins of visuals and
-/// decoys named alike, xyz or rpy missing, numbers with blanks, a mimic of a mimic with negative multipliers, prismatic and oblique
-/// axes, mounts at the pole of rpy.
+/// What makes writing hard: fixed joints above the base, single quotes, '>' in a value, joints
+/// without origin, origins of visuals and decoys named alike, xyz or rpy missing, numbers with
+/// blanks, a mimic of a mimic with negative multipliers, prismatic and oblique axes, mounts at the
+/// pole of rpy.
 const std::string kHard = R"(<robot name='hard'>
   <!-- <joint name="lift" type="fixed"><origin xyz="9 9 9"/></joint> -->
   <link name="footprint"/>
@@ -206,44 +212,110 @@ TEST_CASE("a URDF is read: names, origins, axes, limits") {
 
 TEST_CASE("every mistake is reported with its line, its element and what is valid") {
   const std::vector<Mistake> mistakes{
-      {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0.1 0.2\"", "r.urdf:5: joint 'elbow': <origin>: ", {"xyz", "2 numbers", "3 are needed"}},
-      {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0.1 0.2 0.3 0.4\"", "r.urdf:5: joint 'elbow': <origin>: ", {"4 numbers"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz=\"0.1 0.2\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"xyz", "2 numbers", "3 are needed"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz=\"0.1 0.2 0.3 0.4\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"4 numbers"}},
       {"xyz=\"0.1 0.2 0.3\"", "xyz=\"\"", "r.urdf:5: joint 'elbow': <origin>: ", {"0 numbers"}},
-      {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0,1 0.2 0.3\"", "r.urdf:5: joint 'elbow': <origin>: ", {"'0,1'", "finite number"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz=\"0,1 0.2 0.3\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"'0,1'", "finite number"}},
       {"xyz=\"0.1 0.2 0.3\"", "xyz=\"nan 0 0\"", "r.urdf:5: joint 'elbow': <origin>: ", {"'nan'"}},
-      {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0 -inf 0\"", "r.urdf:5: joint 'elbow': <origin>: ", {"'-inf'"}},
-      {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0 1e999 0\"", "r.urdf:5: joint 'elbow': <origin>: ", {"'1e999'"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz=\"0 -inf 0\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"'-inf'"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz=\"0 1e999 0\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"'1e999'"}},
       {"xyz=\"0.1 0.2 0.3\"", "xyz=\"0 +-1 0\"", "r.urdf:5: joint 'elbow': <origin>: ", {"'+-1'"}},
-      {"rpy=\"0 0 0.5\"", "rpy=\"0 0 ${a}\"", "r.urdf:5: joint 'elbow': <origin>: ", {"rpy", "'${a}'", "xacro"}},
+      {"rpy=\"0 0 0.5\"",
+       "rpy=\"0 0 ${a}\"",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"rpy", "'${a}'", "xacro"}},
       {"rpy=\"0 0 0.5\"/>", "/><origin/>", "r.urdf:5: joint 'elbow': <origin>: ", {"twice"}},
-      {"xyz=\"0.1 0.2 0.3\"", "xyz='0 0 0' xyz='1 1 1'", "r.urdf:5: joint 'elbow': <origin>: ", {"'xyz'", "twice"}},
-      {"<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>", "r.urdf:8: joint 'elbow': <axis>: ", {"zero"}},
-      {"<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 1\"/>", "r.urdf:8: joint 'elbow': <axis>: ", {"2 numbers"}},
-      {"<axis xyz=\"0 0 1\"/>", "<axis/>", "r.urdf:8: joint 'elbow': <axis>: ", {"'xyz'", "missing"}},
+      {"xyz=\"0.1 0.2 0.3\"",
+       "xyz='0 0 0' xyz='1 1 1'",
+       "r.urdf:5: joint 'elbow': <origin>: ",
+       {"'xyz'", "twice"}},
+      {"<axis xyz=\"0 0 1\"/>",
+       "<axis xyz=\"0 0 0\"/>",
+       "r.urdf:8: joint 'elbow': <axis>: ",
+       {"zero"}},
+      {"<axis xyz=\"0 0 1\"/>",
+       "<axis xyz=\"0 1\"/>",
+       "r.urdf:8: joint 'elbow': <axis>: ",
+       {"2 numbers"}},
+      {"<axis xyz=\"0 0 1\"/>",
+       "<axis/>",
+       "r.urdf:8: joint 'elbow': <axis>: ",
+       {"'xyz'", "missing"}},
       {"lower=\"-1\"", "lower=\"low\"", "r.urdf:9: joint 'elbow': <limit>: ", {"lower", "'low'"}},
-      {"lower=\"-1\"", "lower=\"-1 1\"", "r.urdf:9: joint 'elbow': <limit>: ", {"2 numbers", "1 is needed"}},
-      {"type=\"revolute\"", "type=\"ball\"", "r.urdf:4: joint 'elbow': ", {"'ball'", "fixed, revolute, continuous, prismatic"}},
+      {"lower=\"-1\"",
+       "lower=\"-1 1\"",
+       "r.urdf:9: joint 'elbow': <limit>: ",
+       {"2 numbers", "1 is needed"}},
+      {"type=\"revolute\"",
+       "type=\"ball\"",
+       "r.urdf:4: joint 'elbow': ",
+       {"'ball'", "fixed, revolute, continuous, prismatic"}},
       {" type=\"revolute\"", "", "r.urdf:4: joint 'elbow': ", {"'type'", "missing"}},
       {" name=\"elbow\"", "", "r.urdf:4: <joint>: ", {"'name'", "missing"}},
       {"<link name=\"arm\"/>", "<link/>", "r.urdf:11: <link>: ", {"'name'", "missing"}},
-      {"    <parent link=\"base\"/>\n", "", "r.urdf:4: joint 'elbow': ", {"<parent link", "missing"}},
-      {"<child link=\"arm\"/>", "<child/>", "r.urdf:7: joint 'elbow': <child>: ", {"'link'", "missing"}},
+      {"    <parent link=\"base\"/>\n",
+       "",
+       "r.urdf:4: joint 'elbow': ",
+       {"<parent link", "missing"}},
+      {"<child link=\"arm\"/>",
+       "<child/>",
+       "r.urdf:7: joint 'elbow': <child>: ",
+       {"'link'", "missing"}},
       {"<parent link=\"base\"/>",
        "<parent link=\"bass\"/>",
        "r.urdf:6: joint 'elbow': <parent>: ",
        {"'bass'", "not defined", "nearest", "base"}},
-      {"<child link=\"arm\"/>", "<child link=\"arn\"/>", "r.urdf:7: joint 'elbow': <child>: ", {"'arn'", "not defined", "nearest", "arm"}},
+      {"<child link=\"arm\"/>",
+       "<child link=\"arn\"/>",
+       "r.urdf:7: joint 'elbow': <child>: ",
+       {"'arn'", "not defined", "nearest", "arm"}},
       {"name=\"mount\"", "name=\"elbow\"", "r.urdf:12: joint 'elbow': ", {"r.urdf:4"}},
       {"name=\"tool\"", "name=\"base\"", "r.urdf:17: link 'base': ", {"r.urdf:3"}},
-      {"<axis", "<mimic joint=\"elbo\"/><axis", "r.urdf:8: joint 'elbow': <mimic>: ", {"'elbo'", "not defined", "nearest", "elbow"}},
-      {"<axis", "<mimic joint=\"mount\" multiplier=\"x\"/><axis", "r.urdf:8: joint 'elbow': <mimic>: ", {"multiplier", "'x'"}},
+      {"<axis",
+       "<mimic joint=\"elbo\"/><axis",
+       "r.urdf:8: joint 'elbow': <mimic>: ",
+       {"'elbo'", "not defined", "nearest", "elbow"}},
+      {"<axis",
+       "<mimic joint=\"mount\" multiplier=\"x\"/><axis",
+       "r.urdf:8: joint 'elbow': <mimic>: ",
+       {"multiplier", "'x'"}},
       {"<axis", "<mimic joint=\"elbow\"/><axis", "r.urdf: ", {"mimics itself"}},
-      {"<link name=\"tool\"/>", "<link name=\"tool\"/><link name=\"spare\"/>", "r.urdf: ", {"roots", "'base'", "'spare'"}},
-      {"<child link=\"tool\"/>", "<child link=\"arm\"/>", "r.urdf: ", {"two parents", "'elbow'", "'mount'"}},
+      {"<link name=\"tool\"/>",
+       "<link name=\"tool\"/><link name=\"spare\"/>",
+       "r.urdf: ",
+       {"roots", "'base'", "'spare'"}},
+      {"<child link=\"tool\"/>",
+       "<child link=\"arm\"/>",
+       "r.urdf: ",
+       {"two parents", "'elbow'", "'mount'"}},
       {"<parent link=\"base\"/>", "<parent link=\"tool\"/>", "r.urdf: ", {"loop"}},
-      {"<link name=\"base\"/>", "<link name=\"base\"><gazebo><a:b/></gazebo></link>", "r.urdf:3: ", {"unbound prefix", "'a:b'", "xmlns:a"}},
-      {"<link name=\"base\"/>", "<link name=\"base\" a:b=\"1\"/>", "r.urdf:3: ", {"unbound prefix", "'a:b'"}},
-      {"    <parent link=\"arm\"/>", "    <parent link=\"arm\">", "r.urdf:16: ", {"not well-formed"}},
+      {"<link name=\"base\"/>",
+       "<link name=\"base\"><gazebo><a:b/></gazebo></link>",
+       "r.urdf:3: ",
+       {"unbound prefix", "'a:b'", "xmlns:a"}},
+      {"<link name=\"base\"/>",
+       "<link name=\"base\" a:b=\"1\"/>",
+       "r.urdf:3: ",
+       {"unbound prefix", "'a:b'"}},
+      {"    <parent link=\"arm\"/>",
+       "    <parent link=\"arm\">",
+       "r.urdf:16: ",
+       {"not well-formed"}},
       {"</robot>\n", "", "r.urdf:17: ", {"not well-formed"}},
       {"</robot>\n", "</robot>\n<robot/>\n", "r.urdf:19: ", {"not well-formed", "after the end"}},
       {"<robot name=\"small\">", "<robot name=\"small>", "r.urdf:", {"not well-formed"}},
@@ -266,11 +338,13 @@ TEST_CASE("every mistake is reported with its line, its element and what is vali
 }
 
 TEST_CASE("what is no URDF is refused") {
-  CHECK_THROWS_WITH(parse_urdf("<sdf/>", "r.urdf"), StartsWith("r.urdf:1: <sdf>") && Contains("<robot>"));
+  CHECK_THROWS_WITH(parse_urdf("<sdf/>", "r.urdf"),
+                    StartsWith("r.urdf:1: <sdf>") && Contains("<robot>"));
   CHECK_THROWS_WITH(parse_urdf("", "r.urdf"), StartsWith("r.urdf:1: "));
   CHECK_THROWS_WITH(parse_urdf("robot: yaml\n", "r.urdf"), StartsWith("r.urdf:"));
   CHECK_THROWS_WITH(parse_urdf(std::string("\xFF\xFE<\0r\0", 6), "r.urdf"), Contains("UTF-16"));
-  CHECK_THROWS_WITH(parse_urdf("\n<robot name='a'/>", "r.urdf"), StartsWith("r.urdf:2: ") && Contains("no links"));
+  CHECK_THROWS_WITH(parse_urdf("\n<robot name='a'/>", "r.urdf"),
+                    StartsWith("r.urdf:2: ") && Contains("no links"));
   CHECK_THROWS_WITH(parse_urdf("<robot xmlns:xacro='x'><xacro:arm/></robot>", "r.urdf"),
                     Contains("no links") && Contains("<xacro:arm>") && Contains("run xacro"));
   CHECK_THROWS_AS(read_urdf("there/is/no/such.urdf"), InputError);
@@ -280,23 +354,31 @@ TEST_CASE("an undefined root is accepted with a warning, if it can only be meant
   const std::string rootless = replace(kSmall, "<link name=\"base\"/>", "");
   const Urdf urdf = parse_urdf(rootless, "r.urdf");
   REQUIRE(urdf.warnings.size() == 1);
-  CHECK_THAT(urdf.warnings[0], StartsWith("r.urdf:6: joint 'elbow': <parent>: ") && Contains("'base'"));
+  CHECK_THAT(urdf.warnings[0],
+             StartsWith("r.urdf:6: joint 'elbow': <parent>: ") && Contains("'base'"));
   CHECK(urdf.tree.links[urdf.tree.root] == "base");
   CHECK(edit_urdf(urdf, {}) == rootless);
   // Two undefined names.
-  CHECK_THROWS_WITH(parse_urdf(replace(rootless, "<parent link=\"arm\"/>", "<parent link=\"world\"/>"), "r.urdf"), Contains("not defined"));
+  CHECK_THROWS_WITH(
+      parse_urdf(replace(rootless, "<parent link=\"arm\"/>", "<parent link=\"world\"/>"), "r.urdf"),
+      Contains("not defined"));
   // An undefined child as well.
-  CHECK_THROWS_WITH(parse_urdf(replace(rootless, "<link name=\"arm\"/>", ""), "r.urdf"), Contains("not defined"));
+  CHECK_THROWS_WITH(parse_urdf(replace(rootless, "<link name=\"arm\"/>", ""), "r.urdf"),
+                    Contains("not defined"));
 }
 
 TEST_CASE("what kinematics do not need does not stop the parser") {
   std::string text = replace(kSmall, "<link name=\"base\"/>",
-                             "<link name=\"base\"><visual><origin xyz=\"${x} 0\"/></visual><collision><origin rpy=\"$(arg y)\"/>"
-                             "</collision><joint name=\"elbow\"/></link><gazebo><link name=\"base\"/><joint name=\"q\"/></gazebo>");
-  text = replace(text, "<origin xyz=\"0 0 0.1\"/>",
-                 "<origin xyz=\"0 0 0.1\"/><axis xyz=\"0 0 0\"/><limit lower=\"${l}\"/><mimic joint=\"q\"/>");
-  text =
-      replace(text, "<robot name=\"small\">", "<robot name=\"small\" xmlns:x=\"http://x\" xml:lang=\"en\"><x:extra x:y=\"1\"/><x:joint/>");
+                             "<link name=\"base\"><visual><origin xyz=\"${x} "
+                             "0\"/></visual><collision><origin rpy=\"$(arg y)\"/>"
+                             "</collision><joint name=\"elbow\"/></link><gazebo><link "
+                             "name=\"base\"/><joint name=\"q\"/></gazebo>");
+  text = replace(
+      text, "<origin xyz=\"0 0 0.1\"/>",
+      "<origin xyz=\"0 0 0.1\"/><axis xyz=\"0 0 0\"/><limit lower=\"${l}\"/><mimic joint=\"q\"/>");
+  text = replace(
+      text, "<robot name=\"small\">",
+      "<robot name=\"small\" xmlns:x=\"http://x\" xml:lang=\"en\"><x:extra x:y=\"1\"/><x:joint/>");
   const Urdf urdf = parse_urdf(text, "r.urdf");
   CHECK(urdf.tree.joints.size() == 2);
   CHECK_FALSE(urdf.tree.joints[1].mimic);
@@ -304,14 +386,19 @@ TEST_CASE("what kinematics do not need does not stop the parser") {
 }
 
 TEST_CASE("defaults and odd numbers") {
-  const auto elbow = [](const char* from, const char* to) { return parse_urdf(replace(kSmall, from, to), "r.urdf").tree.joints[0]; };
+  const auto elbow = [](const char* from, const char* to) {
+    return parse_urdf(replace(kSmall, from, to), "r.urdf").tree.joints[0];
+  };
   CHECK(elbow("<axis xyz=\"0 0 1\"/>", "").axis == Vector3d::UnitX());
-  CHECK(elbow("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 -3 4\"/>").axis.isApprox(Vector3d(0, -0.6, 0.8), 1e-15));
+  CHECK(elbow("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 -3 4\"/>")
+            .axis.isApprox(Vector3d(0, -0.6, 0.8), 1e-15));
   CHECK(elbow("<limit lower=\"-1\" upper=\"2\"", "<limit upper=\"2\"").upper == 0);
-  CHECK(elbow("    <limit lower=\"-1\" upper=\"2\" effort=\"1\" velocity=\"1\"/>\n", "").upper == 0);
-  CHECK(elbow("xyz=\"0.1 0.2 0.3\"", "xyz=\" +1\t-2e-1\n  .5 \"").parent_T_joint.translation == Vector3d(1, -0.2, 0.5));
-  CHECK(elbow("xyz=\"0.1 0.2 0.3\"", "xyz=\"4.9e-324 -0 1.7976931348623157e308\"").parent_T_joint.translation.z() ==
-        1.7976931348623157e308);
+  CHECK(elbow("    <limit lower=\"-1\" upper=\"2\" effort=\"1\" velocity=\"1\"/>\n", "").upper ==
+        0);
+  CHECK(elbow("xyz=\"0.1 0.2 0.3\"", "xyz=\" +1\t-2e-1\n  .5 \"").parent_T_joint.translation ==
+        Vector3d(1, -0.2, 0.5));
+  CHECK(elbow("xyz=\"0.1 0.2 0.3\"", "xyz=\"4.9e-324 -0 1.7976931348623157e308\"")
+            .parent_T_joint.translation.z() == 1.7976931348623157e308);
   const Urdf inverted = parse_urdf(replace(kSmall, "lower=\"-1\"", "lower=\"3\""), "r.urdf");
   REQUIRE(inverted.warnings.size() == 1);
   CHECK_THAT(inverted.warnings[0], StartsWith("r.urdf:9: joint 'elbow': <limit>: "));
@@ -319,9 +406,12 @@ TEST_CASE("defaults and odd numbers") {
 }
 
 TEST_CASE("with no change the text is the same, byte for byte") {
-  for (const std::string& text : {kSmall, kHard, replace_all(kHard, "\n", "\r\n"), "\xEF\xBB\xBF" + kSmall,
-                                  "\xEF\xBB\xBF" + replace_all(kSmall, "\n", "\r\n"), "\n\n<!-- head -->" + kHard + "<!-- tail -->\n\n\n",
-                                  replace(kSmall, "version=\"1.0\"", "version=\"1.0\" encoding=\"ISO-8859-1\"") + "<!-- \xE4 -->"}) {
+  for (const std::string& text :
+       {kSmall, kHard, replace_all(kHard, "\n", "\r\n"), "\xEF\xBB\xBF" + kSmall,
+        "\xEF\xBB\xBF" + replace_all(kSmall, "\n", "\r\n"),
+        "\n\n<!-- head -->" + kHard + "<!-- tail -->\n\n\n",
+        replace(kSmall, "version=\"1.0\"", "version=\"1.0\" encoding=\"ISO-8859-1\"") +
+            "<!-- \xE4 -->"}) {
     const Urdf urdf = parse_urdf(text, "r.urdf");
     CHECK(edit_urdf(urdf, {}) == text);
     CHECK(write_origins(urdf, origins_of(urdf.tree)) == text);
@@ -338,12 +428,16 @@ TEST_CASE("only the lines of changed joints differ, and in them only the numbers
     UrdfChanges changes;
     changes.origins[0] = urdf.tree.joints[0].parent_T_joint;
     changes.origins[0].translation.y() = -0.0;
-    CHECK(edit_urdf(urdf, changes) == replace(text, "0.1 0.2 0.3", "0.1 0 0.3"));  // rpy untouched, "-0" not written
+    CHECK(edit_urdf(urdf, changes) ==
+          replace(text, "0.1 0.2 0.3", "0.1 0 0.3"));  // rpy untouched, "-0" not written
     changes.origins[0].rotation = rotation_from_rpy({0, 0, -0.25});
-    CHECK(edit_urdf(urdf, changes) == replace(replace(text, "0.1 0.2 0.3", "0.1 0 0.3"), "0 0 0.5", "0 0 -0.25"));
-    changes.origins = {{1, {rotation_from_rpy({0, 0, 1}), urdf.tree.joints[1].parent_T_joint.translation}}};
+    CHECK(edit_urdf(urdf, changes) ==
+          replace(replace(text, "0.1 0.2 0.3", "0.1 0 0.3"), "0 0 0.5", "0 0 -0.25"));
+    changes.origins = {
+        {1, {rotation_from_rpy({0, 0, 1}), urdf.tree.joints[1].parent_T_joint.translation}}};
     const std::string turned = edit_urdf(urdf, changes);
-    CHECK(turned == replace(text, "<origin xyz=\"0 0 0.1\"/>", "<origin rpy=\"0 0 1\" xyz=\"0 0 0.1\"/>"));
+    CHECK(turned ==
+          replace(text, "<origin xyz=\"0 0 0.1\"/>", "<origin rpy=\"0 0 1\" xyz=\"0 0 0.1\"/>"));
     CHECK(changed_lines(text, turned) == std::set<int>{13});
   }
 }
@@ -355,23 +449,28 @@ TEST_CASE("origins are written wherever they stand or do not stand") {
     UrdfChanges changes;
     changes.origins[joint_index(urdf, joint)] = to;
     const std::string text = edit_urdf(urdf, changes);
-    const Pose read = parse_urdf(text, "r.urdf").tree.joints[joint_index(urdf, joint)].parent_T_joint;
+    const Pose read =
+        parse_urdf(text, "r.urdf").tree.joints[joint_index(urdf, joint)].parent_T_joint;
     CHECK(read.translation == to.translation);
     CHECK(read.rotation == to.rotation);
     return text;
   };
-  CHECK(edit("base_fixed") == replace(kHard, "rpy='0.1 0 0' xyz='0 0 0.2'", "rpy='0 0 0.5' xyz='1 2 3'"));
-  CHECK(edit("lift") ==
-        replace(kHard, "<origin\n        xyz = \"  -0.05   0 0.7397 \" />", "<origin rpy=\"0 0 0.5\"\n        xyz = \"1 2 3\" />"));
-  CHECK(edit("pan") == replace(kHard, "type=\"continuous\">", "type=\"continuous\"><origin xyz=\"1 2 3\" rpy=\"0 0 0.5\"/>"));
-  CHECK(edit("pole") == replace(kHard, "<origin note='x=\"/>\"' rpy=\"0.3 1.5707963267948966 -0.2\"/>",
+  CHECK(edit("base_fixed") ==
+        replace(kHard, "rpy='0.1 0 0' xyz='0 0 0.2'", "rpy='0 0 0.5' xyz='1 2 3'"));
+  CHECK(edit("lift") == replace(kHard, "<origin\n        xyz = \"  -0.05   0 0.7397 \" />",
+                                "<origin rpy=\"0 0 0.5\"\n        xyz = \"1 2 3\" />"));
+  CHECK(edit("pan") == replace(kHard, "type=\"continuous\">",
+                               "type=\"continuous\"><origin xyz=\"1 2 3\" rpy=\"0 0 0.5\"/>"));
+  CHECK(edit("pole") == replace(kHard,
+                                "<origin note='x=\"/>\"' rpy=\"0.3 1.5707963267948966 -0.2\"/>",
                                 "<origin xyz=\"1 2 3\" note='x=\"/>\"' rpy=\"0 0 0.5\"/>"));
   CHECK(edit("nail") == replace(kHard, "<origin/>", "<origin xyz=\"1 2 3\" rpy=\"0 0 0.5\"/>"));
   CHECK(changed_lines(kHard, edit("thumb")).size() == 1);
 
-  const Urdf broken = parse_urdf(replace(kSmall, "0.1 0.2 0.3", "\n 0.1\t0.2\n0.3 "), "r.urdf");  // a value over three lines
-  CHECK(edit_urdf(broken, {{{0, {broken.tree.joints[0].parent_T_joint.rotation, to.translation}}}, {}}) ==
-        replace(kSmall, "0.1 0.2 0.3", "1 2 3"));
+  const Urdf broken = parse_urdf(replace(kSmall, "0.1 0.2 0.3", "\n 0.1\t0.2\n0.3 "),
+                                 "r.urdf");  // a value over three lines
+  CHECK(edit_urdf(broken, {{{0, {broken.tree.joints[0].parent_T_joint.rotation, to.translation}}},
+                           {}}) == replace(kSmall, "0.1 0.2 0.3", "1 2 3"));
 
   UrdfChanges bad;
   bad.origins[0].translation.x() = NAN;
@@ -381,7 +480,8 @@ TEST_CASE("origins are written wherever they stand or do not stand") {
 TEST_CASE("an origin's own digits are told") {
   const Urdf urdf = parse_urdf(kHard, "r.urdf");
   CHECK(urdf.origins.at(joint_index(urdf, "finger")).xyz == "0.1 0 +1e-1");
-  CHECK(urdf.origins.at(joint_index(urdf, "finger")).rpy == "-1.5707963267948966 -1.57079632679 3.141592653589793");
+  CHECK(urdf.origins.at(joint_index(urdf, "finger")).rpy ==
+        "-1.5707963267948966 -1.57079632679 3.141592653589793");
   CHECK(urdf.origins.at(joint_index(urdf, "pole")).xyz == "0 0 0");
   CHECK(urdf.origins.at(joint_index(urdf, "pan")).rpy == "0 0 0");
 }
@@ -397,7 +497,8 @@ TEST_CASE("mechanical reductions are read where they are beyond doubt, and writt
   CHECK(urdf.transmissions[2].joint == "lift");
   UrdfChanges changes;
   changes.reductions = {{"pan", 42.25}, {"pole", -7.125}, {"lift", 3}};
-  CHECK(edit_urdf(urdf, changes) == replace(replace(kHard, "> 42.5 <", "> 42.25 <"), ">-7<", ">-7.125<"));
+  CHECK(edit_urdf(urdf, changes) ==
+        replace(replace(kHard, "> 42.5 <", "> 42.25 <"), ">-7<", ">-7.125<"));
   changes.reductions = {{"finger", 2}};
   CHECK_THROWS_WITH(edit_urdf(urdf, changes), Contains("'finger'"));
 }
@@ -412,7 +513,11 @@ TEST_CASE("folded offsets go into the origins of joints and of their followers")
   const std::vector<Pose> folded = fold_offsets(tree, origins, offsets);
   for (size_t j = 0; j < folded.size(); ++j) {
     const std::string& name = tree.joints[j].name;
-    const double d = name == "finger" ? 0.1 : name == "thumb" ? -0.075 : name == "nail" ? 0.0075 : name == "lift" ? -0.02 : 0;
+    const double d = name == "finger"  ? 0.1
+                     : name == "thumb" ? -0.075
+                     : name == "nail"  ? 0.0075
+                     : name == "lift"  ? -0.02
+                                       : 0;
     const Pose expected = origins[j] * joint_motion(tree.joints[j], d);
     INFO(name);
     CHECK((folded[j].rotation - expected.rotation).cwiseAbs().maxCoeff() < 1e-16);
@@ -423,13 +528,16 @@ TEST_CASE("folded offsets go into the origins of joints and of their followers")
 TEST_CASE("fold, write, prove: the written file means the calibrated robot") {
   for (unsigned seed = 1; seed <= 10; ++seed) {
     const Urdf urdf = parse_urdf(kHard, "r.urdf");
-    const std::vector<Pose> origins = seed % 2 ? origins_of(urdf.tree) : random_origins(urdf.tree, 0.01, seed);
+    const std::vector<Pose> origins =
+        seed % 2 ? origins_of(urdf.tree) : random_origins(urdf.tree, 0.01, seed);
     const std::vector<double> offsets = random_offsets(urdf.tree, 0.2, seed);
     const std::string text = write_origins(urdf, fold_offsets(urdf.tree, origins, offsets));
     CHECK_NOTHROW(prove_urdf(text, urdf, origins, offsets));
-    CHECK_THROWS_AS(prove_urdf(text, urdf, origins, std::vector<double>(offsets.size(), 0)), std::runtime_error);
+    CHECK_THROWS_AS(prove_urdf(text, urdf, origins, std::vector<double>(offsets.size(), 0)),
+                    std::runtime_error);
     if (seed % 2) {  // offsets alone: fixed joints keep their bytes
-      CHECK_THAT(text, Contains("rpy='0.1 0 0' xyz='0 0 0.2'") && Contains("<joint name=\"eye\" type=\"fixed\"><parent"));
+      CHECK_THAT(text, Contains("rpy='0.1 0 0' xyz='0 0 0.2'") &&
+                           Contains("<joint name=\"eye\" type=\"fixed\"><parent"));
     }
   }
 }
@@ -448,16 +556,20 @@ TEST_CASE("the proof fails if any number of any origin or mimic is off by 1e-6")
       for (size_t begin = 0; begin < numbers.size();) {
         const size_t end = std::min(numbers.find(' ', begin), numbers.size());
         std::string off = numbers;
-        off.replace(begin, end - begin, shortest(std::stod(numbers.substr(begin, end - begin)) + 1e-6));
+        off.replace(begin, end - begin,
+                    shortest(std::stod(numbers.substr(begin, end - begin)) + 1e-6));
         INFO(joint.name << ": " << numbers << " -> " << off);
         CHECK_THROWS_WITH(prove_urdf(replace(text, numbers, off), urdf, origins, offsets),
                           Contains("'" + urdf.tree.links[joint.child] + "'") && Contains("e-0"));
         begin = end + 1;
       }
   }
-  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"-0.75\"", "\"-0.750001\""), urdf, origins, offsets), Contains("'thumb'"));
-  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"0.2\"", "\"0.200001\""), urdf, origins, offsets), Contains("'thumb'"));
-  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"1 2 -3\"", "\"1 2 3\""), urdf, origins, offsets), Contains("'head'"));
+  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"-0.75\"", "\"-0.750001\""), urdf, origins, offsets),
+                    Contains("'thumb'"));
+  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"0.2\"", "\"0.200001\""), urdf, origins, offsets),
+                    Contains("'thumb'"));
+  CHECK_THROWS_WITH(prove_urdf(replace(text, "\"1 2 -3\"", "\"1 2 3\""), urdf, origins, offsets),
+                    Contains("'head'"));
 }
 
 TEST_CASE("the proof refuses a text that holds another robot") {
@@ -466,18 +578,25 @@ TEST_CASE("the proof refuses a text that holds another robot") {
   const std::vector<double> zero(2, 0);
   CHECK_NOTHROW(prove_urdf(kSmall, urdf, origins, zero));
   CHECK_THROWS_WITH(prove_urdf(kHard, urdf, origins, zero), Contains("number of joints"));
-  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "\"mount\"", "\"mound\""), urdf, origins, zero), Contains("'mount'"));
-  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "<parent link=\"arm\"/>", "<parent link=\"base\"/>"), urdf, origins, zero),
+  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "\"mount\"", "\"mound\""), urdf, origins, zero),
                     Contains("'mount'"));
-  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "0.1 0.2 0.3", "0.1 0.2"), urdf, origins, zero), Contains("urdfdom"));
+  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "<parent link=\"arm\"/>", "<parent link=\"base\"/>"),
+                               urdf, origins, zero),
+                    Contains("'mount'"));
+  CHECK_THROWS_WITH(prove_urdf(replace(kSmall, "0.1 0.2 0.3", "0.1 0.2"), urdf, origins, zero),
+                    Contains("urdfdom"));
 }
 
 TEST_CASE("where urdfdom refuses the input, the proof reads with our parser") {
-  const Urdf urdf = parse_urdf(replace(kSmall, "<link name=\"base\"/>", ""), "r.urdf");  // an undefined root
+  const Urdf urdf =
+      parse_urdf(replace(kSmall, "<link name=\"base\"/>", ""), "r.urdf");  // an undefined root
   const std::vector<double> offsets{0.1, 0};
-  const std::string text = write_origins(urdf, fold_offsets(urdf.tree, origins_of(urdf.tree), offsets));
+  const std::string text =
+      write_origins(urdf, fold_offsets(urdf.tree, origins_of(urdf.tree), offsets));
   CHECK_NOTHROW(prove_urdf(text, urdf, origins_of(urdf.tree), offsets));
-  CHECK_THROWS_WITH(prove_urdf(replace(text, "0.1 0.2 0.3", "0.1 0.2 0.300001"), urdf, origins_of(urdf.tree), offsets), Contains("'arm'"));
+  CHECK_THROWS_WITH(prove_urdf(replace(text, "0.1 0.2 0.3", "0.1 0.2 0.300001"), urdf,
+                               origins_of(urdf.tree), offsets),
+                    Contains("'arm'"));
 }
 
 namespace {
@@ -525,10 +644,14 @@ const std::vector<RealFile> kRealFiles{
     {"gingerurdf.urdf", nullptr, 0},
     {"edge_link_joint_same_name.urdf", nullptr, 0},
     {"edge_unicode.urdf", nullptr, 1},
-    {"edge_drake_joint_parsing_test.urdf", ".urdf:91: joint 'fixed_joint': <parent>: link 'world' is not defined", 0},
-    {"edge_no_links.urdf", ".urdf:6: the robot has no links; <xacro:make_pelvis> is not expanded", 0},
-    {"edge_r2_left_gripper_dup_links.urdf", ": link 'r2/left_leg/ati': the name is taken already", 0},
-    {"edge_fetch_xml_error.urdf", ".urdf:655: not well-formed XML: unbound prefix in 'sensor:camera'", 0},
+    {"edge_drake_joint_parsing_test.urdf",
+     ".urdf:91: joint 'fixed_joint': <parent>: link 'world' is not defined", 0},
+    {"edge_no_links.urdf", ".urdf:6: the robot has no links; <xacro:make_pelvis> is not expanded",
+     0},
+    {"edge_r2_left_gripper_dup_links.urdf", ": link 'r2/left_leg/ati': the name is taken already",
+     0},
+    {"edge_fetch_xml_error.urdf",
+     ".urdf:655: not well-formed XML: unbound prefix in 'sensor:camera'", 0},
 };
 
 }  // namespace
@@ -542,7 +665,8 @@ TEST_CASE("real robots load or fail as they must, keep their bytes, and carry fo
   for (const RealFile& file : kRealFiles) {
     INFO(file.name);
     if (file.error) {
-      CHECK_THROWS_WITH(read_urdf(folder + file.name), StartsWith(folder + file.name) && Contains(file.error));
+      CHECK_THROWS_WITH(read_urdf(folder + file.name),
+                        StartsWith(folder + file.name) && Contains(file.error));
       continue;
     }
     const Urdf urdf = read_urdf(folder + file.name);
@@ -558,11 +682,14 @@ TEST_CASE("real robots load or fail as they must, keep their bytes, and carry fo
     CHECK_NOTHROW(prove_urdf(text, urdf, origins, offsets));
     std::set<int> moved;
     for (size_t j = 0; j < origins.size(); ++j)
-      if (folded[j].rotation != origins[j].rotation || folded[j].translation != origins[j].translation) moved.insert(static_cast<int>(j));
+      if (folded[j].rotation != origins[j].rotation ||
+          folded[j].translation != origins[j].translation)
+        moved.insert(static_cast<int>(j));
     CHECK(changed_lines(urdf.text, text).size() == moved.size());
 
     const std::vector<Pose> all = random_origins(urdf.tree, 0.01, 4);
-    CHECK_NOTHROW(prove_urdf(write_origins(urdf, fold_offsets(urdf.tree, all, offsets)), urdf, all, offsets));
+    CHECK_NOTHROW(
+        prove_urdf(write_origins(urdf, fold_offsets(urdf.tree, all, offsets)), urdf, all, offsets));
     if (!moved.empty()) {
       CHECK_THROWS_AS(prove_urdf(urdf.text, urdf, origins, offsets), std::runtime_error);
     }

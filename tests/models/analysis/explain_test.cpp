@@ -1,5 +1,5 @@
-// Reasons of weak directions on small rigs in which each is planted. Not proven: that every weak direction of any robot finds its reason
-// (some end as "unknown").
+// Reasons of weak directions on small rigs in which each is planted. Not proven: that every weak
+// direction of any robot finds its reason (some end as "unknown").
 #include "../../../models/analysis/weak_directions.h"
 
 #include <catch2/catch.hpp>
@@ -22,8 +22,10 @@ Rig small_arm() {
   Rig rig;
   add_link(rig, "base");
   add_joint(rig, JointType::revolute, "a", "base", "one", {0, 0, 1}, at({0.1, 0, 0.3}));
-  add_joint(rig, JointType::revolute, "b", "one", "two", {0, 1, 0}, at({0.05, 0, 0.2}, {0.1, 0, 0}));
-  add_joint(rig, JointType::revolute, "c", "two", "tool", {1, 0, 0}, at({0.3, 0.02, 0}, {0, 0.2, 0.1}));
+  add_joint(rig, JointType::revolute, "b", "one", "two", {0, 1, 0},
+            at({0.05, 0, 0.2}, {0.1, 0, 0}));
+  add_joint(rig, JointType::revolute, "c", "two", "tool", {1, 0, 0},
+            at({0.3, 0.02, 0}, {0, 0.2, 0.1}));
   add_joint(rig, JointType::revolute, "idle", "base", "away", {0, 0, 1}, at({0, 0.5, 0}));
   finish_tree(rig.tree);
   rig.base = rig.tree.root;
@@ -37,8 +39,11 @@ Eigen::Matrix3Xd four_points() {
   return p;
 }
 
-/// `count` samples of all pairs given; `edit` may change a posture. Noise-free, so the truth is the solution.
-std::vector<Sample> samples_of(const Rig& rig, const std::vector<std::pair<std::string, std::string>>& pairs, int count,
+/// `count` samples of all pairs given; `edit` may change a posture. Noise-free, so the truth is the
+/// solution.
+std::vector<Sample> samples_of(const Rig& rig,
+                               const std::vector<std::pair<std::string, std::string>>& pairs,
+                               int count,
                                const std::function<void(TruePosture&, Random&)>& edit = {}) {
   Random random(7);
   std::vector<Sample> out;
@@ -46,14 +51,15 @@ std::vector<Sample> samples_of(const Rig& rig, const std::vector<std::pair<std::
     TruePosture p = random_posture(rig, random, 1.0, false);
     if (edit) edit(p, random);
     Sample s = make_sample(rig, p, "s" + std::to_string(i));
-    for (const auto& pair : pairs) add_view(s, rig, sensor_index(rig, pair.first), target_index(rig, pair.second), p, &random);
+    for (const auto& pair : pairs)
+      add_view(s, rig, sensor_index(rig, pair.first), target_index(rig, pair.second), p, &random);
     out.push_back(s);
   }
   return out;
 }
 
 Report run(Rig rig, const std::vector<Sample>& samples, const std::vector<std::string>& free,
-                      const std::vector<PriorSetting>& priors = {}) {
+           const std::vector<PriorSetting>& priors = {}) {
   Step step;
   step.name = "all";
   for (size_t i = 0; i < rig.sensors.size(); ++i) step.sensors.push_back(static_cast<int>(i));
@@ -63,10 +69,13 @@ Report run(Rig rig, const std::vector<Sample>& samples, const std::vector<std::s
   return study_of(rig, samples);
 }
 
-bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool has(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 bool names(const WeakDirection& weak, const std::string& name) {
-  return std::any_of(weak.parameters.begin(), weak.parameters.end(), [&](const auto& p) { return p.first == name; });
+  return std::any_of(weak.parameters.begin(), weak.parameters.end(),
+                     [&](const auto& p) { return p.first == name; });
 }
 
 }  // namespace
@@ -74,8 +83,8 @@ bool names(const WeakDirection& weak, const std::string& name) {
 TEST_CASE("explain: the last joint's offset and the roll of what it holds") {
   Rig rig = small_arm();
   add_points(rig, "marks", four_points(), "tool", at({0.05, 0.02, 0.1}, {0.3, 0, 0}));
-  const Report r =
-      run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"joint/b/offset", "joint/c/offset", "target/marks/pose"});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12),
+                       {"joint/b/offset", "joint/c/offset", "target/marks/pose"});
   REQUIRE(r.solution.status == Status::unobservable);
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
@@ -87,7 +96,8 @@ TEST_CASE("explain: the last joint's offset and the roll of what it holds") {
   CHECK(names(w, "joint/c/offset"));
   CHECK(names(w, "target/marks/pose.rx"));
   CHECK(std::isnan(w.sigma));
-  const auto warning = std::find_if(r.warnings.begin(), r.warnings.end(), [](const Warning& x) { return x.id == "unobservable"; });
+  const auto warning = std::find_if(r.warnings.begin(), r.warnings.end(),
+                                    [](const Warning& x) { return x.id == "unobservable"; });
   REQUIRE(warning != r.warnings.end());
   CHECK(has(warning->text, "same axis"));
 }
@@ -96,9 +106,10 @@ TEST_CASE("explain: a joint that never moved, and one that hardly did") {
   Rig rig = small_arm();
   add_points(rig, "marks", four_points(), "tool", at({0.05, 0.02, 0.1}));
   const double spread = GENERATE(0.0, 0.003, 1.0);
-  const auto samples = samples_of(rig, {{"tracker", "marks"}}, 14, [&](TruePosture& p, Random& random) {
-    p.readings[joint_index(rig, "b")] = 0.4 + spread * random.uniform(-0.5, 0.5);
-  });
+  const auto samples =
+      samples_of(rig, {{"tracker", "marks"}}, 14, [&](TruePosture& p, Random& random) {
+        p.readings[joint_index(rig, "b")] = 0.4 + spread * random.uniform(-0.5, 0.5);
+      });
   const Report r = run(rig, samples, {"joint/a/offset", "joint/c/origin"});
   if (spread == 1.0) {
     CHECK(r.explanation.weak.empty());
@@ -118,13 +129,15 @@ TEST_CASE("explain: the base's offset against the placement of all targets") {
   add_tracker(rig, "probe", "tool", at({0.02, 0.1, 0.3}, {0.5, 0, 0}), {1e-4, 1e-4, 1e-4});
   add_points(rig, "left", four_points(), "base", at({0.6, 0.3, 0.2}, {0.1, 0, 1}));
   add_points(rig, "right", four_points(), "base", at({0.6, -0.3, 0.2}, {0.1, 0.2, 0}));
-  const Report r = run(rig, samples_of(rig, {{"probe", "left"}, {"probe", "right"}}, 12),
-                                  {"joint/a/offset", "joint/b/offset", "target/left/pose", "target/right/pose"});
+  const Report r =
+      run(rig, samples_of(rig, {{"probe", "left"}, {"probe", "right"}}, 12),
+          {"joint/a/offset", "joint/b/offset", "target/left/pose", "target/right/pose"});
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
   CHECK(w.reason == "same_axis");
   CHECK(w.joints.empty());
-  for (const char* name : {"joint/a/offset", "target/left/pose.rz", "target/right/pose.rz"}) CHECK(names(w, name));
+  for (const char* name : {"joint/a/offset", "target/left/pose.rz", "target/right/pose.rz"})
+    CHECK(names(w, name));
 }
 
 TEST_CASE("explain: a single point, and points on a line") {
@@ -149,7 +162,8 @@ TEST_CASE("explain: a ball on the axis of the last joint") {
   Eigen::Matrix3Xd ball(3, 1);
   ball << 0, 0, 0;
   add_points(rig, "ball", ball, "tool", at({0.2, 0, 0}));
-  const Report r = run(rig, samples_of(rig, {{"tracker", "ball"}}, 15), {"joint/c/origin.y", "joint/c/origin.rz"});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "ball"}}, 15),
+                       {"joint/c/origin.y", "joint/c/origin.rz"});
   REQUIRE(r.explanation.weak.size() == 1);
   const WeakDirection& w = r.explanation.weak[0];
   CHECK(w.reason == "on_axis");
@@ -162,9 +176,10 @@ TEST_CASE("explain: free targets go along") {
   Rig rig = small_arm();
   add_tracker(rig, "second", "base", at({-1, 0.5, 0.4}, {0.1, 0.4, 0}), {1e-4, 1e-4, 1e-4});
   add_points(rig, "loose", four_points());
-  const auto samples = samples_of(rig, {{"tracker", "loose"}, {"second", "loose"}}, 6, [&](TruePosture& p, Random& random) {
-    p.boards[target_index(rig, "loose")] = isometry(random.pose(0.5, 1));
-  });
+  const auto samples = samples_of(
+      rig, {{"tracker", "loose"}, {"second", "loose"}}, 6, [&](TruePosture& p, Random& random) {
+        p.boards[target_index(rig, "loose")] = isometry(random.pose(0.5, 1));
+      });
   const Report r = run(rig, samples, {"sensor/tracker/pose", "sensor/second/pose"});
   REQUIRE(r.explanation.weak.size() == 6);
   for (const WeakDirection& w : r.explanation.weak) {
@@ -176,11 +191,14 @@ TEST_CASE("explain: free targets go along") {
 TEST_CASE("explain: nothing depends on it") {
   Rig rig = small_arm();
   add_points(rig, "marks", four_points(), "tool", at({0.05, 0.02, 0.1}));
-  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 6), {"joint/b/offset", "joint/idle/offset"});
+  const Report r =
+      run(rig, samples_of(rig, {{"tracker", "marks"}}, 6), {"joint/b/offset", "joint/idle/offset"});
   REQUIRE(r.explanation.weak.size() == 1);
   CHECK(r.explanation.weak[0].reason == "nothing_depends");
   CHECK(has(r.explanation.weak[0].why, "nothing that is measured depends on joint/idle/offset"));
-  const auto still = samples_of(rig, {{"tracker", "marks"}}, 6, [&](TruePosture& p, Random&) { p.readings[joint_index(rig, "b")] = 0; });
+  const auto still = samples_of(rig, {{"tracker", "marks"}}, 6, [&](TruePosture& p, Random&) {
+    p.readings[joint_index(rig, "b")] = 0;
+  });
   const Report zero = run(rig, still, {"joint/a/offset", "joint/b/scale"});
   REQUIRE(zero.explanation.weak.size() == 1);
   CHECK(has(zero.explanation.weak[0].why, "b reads 0 in all samples"));
@@ -192,7 +210,8 @@ TEST_CASE("explain: sizes when only angles are measured") {
   rig.sensors.clear();
   add_camera(rig, "eye", "base", at({0, 0, 0}));
   add_grid(rig, "board", 4, 5, 0.05, "base", at({-0.1, -0.1, 1.2}, {0.4, 0.3, 0.1}));
-  const Report r = run(rig, samples_of(rig, {{"eye", "board"}}, 5), {"target/board/pose", "target/board/square"});
+  const Report r = run(rig, samples_of(rig, {{"eye", "board"}}, 5),
+                       {"target/board/pose", "target/board/square"});
   REQUIRE(r.explanation.weak.size() == 1);
   CHECK(r.explanation.weak[0].reason == "size");
   CHECK(has(r.explanation.weak[0].why, "cameras measure angles"));
@@ -205,8 +224,9 @@ TEST_CASE("explain: one orientation of the board") {
   add_grid(rig, "board", 5, 6, 0.08);
   const bool tilted = GENERATE(true, false);
   const auto samples = samples_of(rig, {{"eye", "board"}}, 12, [&](TruePosture& p, Random& random) {
-    Pose pose = at({random.uniform(-0.3, -0.1), random.uniform(-0.3, -0.1), random.uniform(0.8, 1.2)},
-                   tilted ? Vector3d(random.vector(0.6)) : Vector3d(0, 0, random.uniform(-0.02, 0.02)));
+    Pose pose =
+        at({random.uniform(-0.3, -0.1), random.uniform(-0.3, -0.1), random.uniform(0.8, 1.2)},
+           tilted ? Vector3d(random.vector(0.6)) : Vector3d(0, 0, random.uniform(-0.02, 0.02)));
     p.boards[target_index(rig, "board")] = isometry(pose);
   });
   const Report r = run(rig, samples, {"sensor/eye/intrinsics"});
@@ -226,7 +246,8 @@ TEST_CASE("explain: what a prior decides, and strong correlations from the data 
   PriorSetting prior;
   prior.pattern = "joint/c/offset";
   prior.translation = 0.01;
-  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12), {"joint/c/offset", "target/marks/pose"}, {prior});
+  const Report r = run(rig, samples_of(rig, {{"tracker", "marks"}}, 12),
+                       {"joint/c/offset", "target/marks/pose"}, {prior});
   CHECK(r.solution.status == Status::converged);
   REQUIRE(r.explanation.prior_decides.size() == 1);
   CHECK(r.explanation.prior_decides[0].name == "joint/c/offset");

@@ -1,9 +1,11 @@
 // models/analysis/leverage.h: what leaving one group of rows out would do.
 //
-// Proves: influences equal least squares without the group, also where groups have unknowns of their own that observe() eliminates first;
-// a group that alone determines a number, or a combination of two, makes exactly these infinite; a group that its own unknowns use up moves
-// nothing, and what nobody determines is never named; they come largest first, and those below `least` not at all.
-// Does not prove: anything about problems that are not linear: a Newton step is all there is.
+// Proves: influences equal least squares without the group, also where groups have unknowns of
+// their own that observe() eliminates first; a group that alone determines a number, or a
+// combination of two, makes exactly these infinite; a group that its own unknowns use up moves
+// nothing, and what nobody determines is never named; they come largest first, and those below
+// `least` not at all. Does not prove: anything about problems that are not linear: a Newton step is
+// all there is.
 #include "../../../models/analysis/leverage.h"
 
 #include <Eigen/Cholesky>
@@ -21,7 +23,8 @@ using namespace kincal::fixture;
 
 namespace {
 
-/// Linear groups, rows [J_private J_touched y] each; residuals J x - y at the state [shared, private group after group].
+/// Linear groups, rows [J_private J_touched y] each; residuals J x - y at the state [shared,
+/// private group after group].
 class Linear final : public Problem {
  public:
   Linear(int shared, std::vector<GroupShape> groups, std::vector<MatrixXd> rows)
@@ -36,19 +39,27 @@ class Linear final : public Problem {
   const std::vector<GroupShape>& groups() const override { return groups_; }
   void set_workers(int) override {}
   void prepare(const VectorXd&) override {}
-  bool evaluate(int, const VectorXd&, int, Cost&) const override { throw std::logic_error("not needed"); }
-  bool linearise(int, const VectorXd&, int, const GroupEquations&, Cost&) const override { throw std::logic_error("not needed"); }
+  bool evaluate(int, const VectorXd&, int, Cost&) const override {
+    throw std::logic_error("not needed");
+  }
+  bool linearise(int, const VectorXd&, int, const GroupEquations&, Cost&) const override {
+    throw std::logic_error("not needed");
+  }
   bool square_root(int group, const VectorXd& state, int, MatrixXd& rows) const override {
     rows = rows_[group];
     const std::vector<int> at = unknowns(group);
-    for (size_t c = 0; c < at.size(); ++c) rows.rightCols(1) -= state(at[c]) * rows.col(static_cast<int>(c));
+    for (size_t c = 0; c < at.size(); ++c)
+      rows.rightCols(1) -= state(at[c]) * rows.col(static_cast<int>(c));
     rows.rightCols(1) *= -1;
     return true;
   }
-  void retract(const VectorXd&, const VectorXd&, const VectorXd&, VectorXd&) const override { throw std::logic_error("not needed"); }
+  void retract(const VectorXd&, const VectorXd&, const VectorXd&, VectorXd&) const override {
+    throw std::logic_error("not needed");
+  }
   bool renew(const VectorXd&) override { return false; }
 
-  /// The least-squares solution over all unknowns by one dense factorisation, `without` a group; the shortest one if it is not unique.
+  /// The least-squares solution over all unknowns by one dense factorisation, `without` a group;
+  /// the shortest one if it is not unique.
   VectorXd solution(int without = -1) const {
     MatrixXd all = MatrixXd::Zero(0, size_ + 1);  // [J y]
     for (int g = 0; g < static_cast<int>(groups_.size()); ++g) {
@@ -57,7 +68,8 @@ class Linear final : public Problem {
       all.conservativeResize(all.rows() + n, size_ + 1);
       all.bottomRows(n).setZero();
       const std::vector<int> at = unknowns(g);
-      for (size_t c = 0; c < at.size(); ++c) all.col(at[c]).tail(n) = rows_[g].col(static_cast<int>(c));
+      for (size_t c = 0; c < at.size(); ++c)
+        all.col(at[c]).tail(n) = rows_[g].col(static_cast<int>(c));
       all.rightCols(1).bottomRows(n) = rows_[g].rightCols(1);
     }
     return all.leftCols(size_).completeOrthogonalDecomposition().solve(all.col(size_));
@@ -85,7 +97,8 @@ GroupShape shape(int private_size, const std::vector<int>& columns) {
 }
 
 /// Influences on a problem at its solution.
-std::vector<Influence> influences_of(Linear& problem, Observability& observability, double least = 0) {
+std::vector<Influence> influences_of(Linear& problem, Observability& observability,
+                                     double least = 0) {
   std::vector<MatrixXd> left;
   observability = observe(problem, problem.solution(), &left);
   return influences(problem.groups(), left, observability, least);
@@ -93,7 +106,8 @@ std::vector<Influence> influences_of(Linear& problem, Observability& observabili
 
 /// By how many of its sigmas leaving the group out really moves the column.
 double really_moved(const Linear& problem, const Observability& observability, const Influence& f) {
-  return (problem.solution(f.group)(f.column) - problem.solution()(f.column)) / std::sqrt(observability.covariance(f.column, f.column));
+  return (problem.solution(f.group)(f.column) - problem.solution()(f.column)) /
+         std::sqrt(observability.covariance(f.column, f.column));
 }
 
 }  // namespace
@@ -120,13 +134,15 @@ TEST_CASE("outliers: influences equal least squares without the group") {
   // At the solution: subtract it.
   const VectorXd x = all.leftCols(n).colPivHouseholderQr().solve(all.col(n));
   all.col(n) -= all.leftCols(n) * x;
-  for (size_t g = 0; g < groups.size(); ++g) left[g].col(left[g].cols() - 1) = all.col(n).segment(4 * static_cast<Eigen::Index>(g), 4);
+  for (size_t g = 0; g < groups.size(); ++g)
+    left[g].col(left[g].cols() - 1) = all.col(n).segment(4 * static_cast<Eigen::Index>(g), 4);
   Observability observability;
   observability.covariance = (all.leftCols(n).transpose() * all.leftCols(n)).inverse();
   observability.root = observability.covariance.llt().matrixL();
   const std::vector<Influence> found = influences(groups, left, observability, 0);
-  CHECK(std::is_sorted(found.begin(), found.end(),
-                       [](const Influence& a, const Influence& b) { return std::abs(a.sigmas) > std::abs(b.sigmas); }));
+  CHECK(std::is_sorted(found.begin(), found.end(), [](const Influence& a, const Influence& b) {
+    return std::abs(a.sigmas) > std::abs(b.sigmas);
+  }));
   int finite = 0;
   for (const Influence& f : found) {
     if (f.group == 4) {
@@ -135,8 +151,11 @@ TEST_CASE("outliers: influences equal least squares without the group") {
     }
     MatrixXd others = all;
     others.middleRows(4 * f.group, 4).setZero();
-    const VectorXd moved = -others.leftCols(n).completeOrthogonalDecomposition().solve(others.col(n));
-    CHECK(f.sigmas == Approx(moved(f.column) / std::sqrt(observability.covariance(f.column, f.column))).margin(1e-9));
+    const VectorXd moved =
+        -others.leftCols(n).completeOrthogonalDecomposition().solve(others.col(n));
+    CHECK(f.sigmas ==
+          Approx(moved(f.column) / std::sqrt(observability.covariance(f.column, f.column)))
+              .margin(1e-9));
     ++finite;
   }
   CHECK(finite == 6 * n - 1);
@@ -148,8 +167,8 @@ TEST_CASE("leverage: with unknowns of each group's own, as solving again without
   const int n = 4;
   std::vector<GroupShape> groups;
   std::vector<MatrixXd> rows;
-  for (const std::vector<int>& columns :
-       std::vector<std::vector<int>>{{0, 1, 2}, {1, 2, 3}, {0, 3}, {0, 1, 2, 3}, {0, 2, 3}, {1}, {0, 1, 2, 3}}) {
+  for (const std::vector<int>& columns : std::vector<std::vector<int>>{
+           {0, 1, 2}, {1, 2, 3}, {0, 3}, {0, 1, 2, 3}, {0, 2, 3}, {1}, {0, 1, 2, 3}}) {
     groups.push_back(shape(2, columns));
     rows.push_back(random_matrix(random, 6, groups.back().size() + 1));
   }
@@ -162,18 +181,22 @@ TEST_CASE("leverage: with unknowns of each group's own, as solving again without
     CHECK(f.sigmas == Approx(really_moved(problem, observability, f)).epsilon(1e-7).margin(1e-9));
   }
   const size_t half = found.size() / 2;
-  const std::vector<Influence> larger = influences_of(problem, observability, std::abs(found[half].sigmas));
+  const std::vector<Influence> larger =
+      influences_of(problem, observability, std::abs(found[half].sigmas));
   REQUIRE(larger.size() == half);
-  for (size_t i = 0; i < half; ++i) CHECK((larger[i].group == found[i].group && larger[i].column == found[i].column));
+  for (size_t i = 0; i < half; ++i)
+    CHECK((larger[i].group == found[i].group && larger[i].column == found[i].column));
 }
 
-TEST_CASE("leverage: a group that alone tells two numbers apart makes both infinite, and nothing else") {
+TEST_CASE(
+    "leverage: a group that alone tells two numbers apart makes both infinite, and nothing else") {
   Random random(4);
   std::vector<GroupShape> groups(6, shape(1, {0, 1, 2, 3}));
   std::vector<MatrixXd> rows;
   for (size_t g = 0; g < groups.size(); ++g) {
     rows.push_back(random_matrix(random, 5, 6));
-    if (g != 2) rows[g].col(3) = rows[g].col(2);  // the others see columns 1 and 2 as their sum only
+    if (g != 2)
+      rows[g].col(3) = rows[g].col(2);  // the others see columns 1 and 2 as their sum only
   }
   Linear problem(4, groups, rows);
   Observability observability;
@@ -183,15 +206,18 @@ TEST_CASE("leverage: a group that alone tells two numbers apart makes both infin
     INFO("group " << f.group << ", column " << f.column);
     const bool alone = f.group == 2 && (f.column == 1 || f.column == 2);
     CHECK(std::isinf(f.sigmas) == alone);
-    if (!alone) CHECK(f.sigmas == Approx(really_moved(problem, observability, f)).epsilon(1e-6).margin(1e-8));
+    if (!alone)
+      CHECK(f.sigmas == Approx(really_moved(problem, observability, f)).epsilon(1e-6).margin(1e-8));
   }
 }
 
-TEST_CASE("leverage: what its own unknowns use up moves nothing, and what nobody sees is not named") {
+TEST_CASE(
+    "leverage: what its own unknowns use up moves nothing, and what nobody sees is not named") {
   Random random(5);
   std::vector<GroupShape> groups(5, shape(3, {0, 1, 3}));  // column 2 is nobody's
   std::vector<MatrixXd> rows;
-  for (size_t g = 0; g < groups.size(); ++g) rows.push_back(random_matrix(random, g == 1 ? 3 : 7, 7));
+  for (size_t g = 0; g < groups.size(); ++g)
+    rows.push_back(random_matrix(random, g == 1 ? 3 : 7, 7));
   Linear problem(4, groups, rows);
   Observability observability;
   const std::vector<Influence> found = influences_of(problem, observability);

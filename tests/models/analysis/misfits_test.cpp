@@ -1,9 +1,10 @@
 // models/analysis/misfits.h: what sticks out of a plain calibration.
 //
-// Proves: on right data nothing is named; a view whose points jitter, a sample whose readings are wrong and a held-out sample that fits
-// nothing are named, each as what it is and alone; a sensor whose stated sigma is wrong as a whole names nothing; what is stated to be
-// noisy is not named.
-// Does not prove: names after a fit that gross outliers have ruined (outliers_test.cpp), nor where exactly the bounds lie.
+// Proves: on right data nothing is named; a view whose points jitter, a sample whose readings are
+// wrong and a held-out sample that fits nothing are named, each as what it is and alone; a sensor
+// whose stated sigma is wrong as a whole names nothing; what is stated to be noisy is not named.
+// Does not prove: names after a fit that gross outliers have ruined (outliers_test.cpp), nor where
+// exactly the bounds lie.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -28,7 +29,9 @@ std::vector<Warning> misfits_in(const Laboratory& lab) {
   return out;
 }
 
-bool names(const Warning& warning, const std::string& what) { return warning.text.find("'" + what) != std::string::npos; }
+bool names(const Warning& warning, const std::string& what) {
+  return warning.text.find("'" + what) != std::string::npos;
+}
 
 }  // namespace
 
@@ -38,11 +41,13 @@ TEST_CASE("outliers: what sticks out of a plain fit is named, and nothing else")
   const auto warnings = [&] { return misfits_in(lab); };
   CHECK(warnings().empty());
   View& view = lab.first_camera(two[0]);
-  for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 3 : -3);  // corners that jitter by 3 px
+  for (size_t i = 0; i < view.z.size(); ++i)
+    view.z[i] += (i % 4 < 2 ? 3 : -3);  // corners that jitter by 3 px
   std::vector<Warning> found = warnings();
   REQUIRE(found.size() == 1);
   CHECK(found[0].id == "outlier_view");
-  CHECK(found[0].text.find("'" + lab.samples[two[0]].id + "' " + lab.rig.sensors[view.sensor].name) != std::string::npos);
+  CHECK(found[0].text.find("'" + lab.samples[two[0]].id + "' " +
+                           lab.rig.sensors[view.sensor].name) != std::string::npos);
   CHECK(found[0].text.rfind("1 view ", 0) == 0);
   for (double& sigma : view.sigma) sigma *= 20;  // said so: nothing wrong
   CHECK(warnings().empty());
@@ -53,7 +58,8 @@ TEST_CASE("misfits: readings that do not belong to their sample name it, and no 
   Sample& wrong = lab.samples[lab.seen_twice()[1]];
   // Twelve sigmas in each joint: the fit leaves them as joint errors, not as residuals.
   for (size_t j = 0; j < wrong.readings.size(); ++j)
-    if (std::isfinite(wrong.readings[j])) wrong.readings[j] += (j % 2 ? 12 : -12) * lab.rig.joints[j].sigma;
+    if (std::isfinite(wrong.readings[j]))
+      wrong.readings[j] += (j % 2 ? 12 : -12) * lab.rig.joints[j].sigma;
   const std::vector<Warning> found = misfits_in(lab);
   REQUIRE(found.size() == 1);
   CHECK(found[0].id == "outlier_sample");

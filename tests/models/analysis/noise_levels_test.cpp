@@ -1,5 +1,6 @@
-// Variance components against the whole of R = 1 - J (J'J)^-1 J' written out; and what scaling them does. That they find planted sigmas in
-// simulations is in trust_words_test.py. Not proven here: the uncertainties (there, roughly).
+// Variance components against the whole of R = 1 - J (J'J)^-1 J' written out; and what scaling them
+// does. That they find planted sigmas in simulations is in trust_words_test.py. Not proven here:
+// the uncertainties (there, roughly).
 #include "../../../models/analysis/noise_levels.h"
 
 #include <Eigen/LU>
@@ -26,13 +27,16 @@ VectorXd solved(Setting& s) {
   return state;
 }
 
-/// Which level every row of the stacked problem belongs to; by the order that explicit_rows() has: views, then joints.
-std::vector<int> owners(const Setting& s, const std::vector<NoiseLevel>& levels, const VectorXd& state) {
+/// Which level every row of the stacked problem belongs to; by the order that explicit_rows() has:
+/// views, then joints.
+std::vector<int> owners(const Setting& s, const std::vector<NoiseLevel>& levels,
+                        const VectorXd& state) {
   const auto level = [&](int sensor, int joint, int row) {
     for (size_t l = 0; l < levels.size(); ++l)
       if (levels[l].sensor == sensor && levels[l].joint == joint &&
-          (levels[l].first == 0 ? row < levels[l].count || levels[l].part.empty()
-                                : row >= levels[l].first && row < levels[l].first + levels[l].count))
+          (levels[l].first == 0
+               ? row < levels[l].count || levels[l].part.empty()
+               : row >= levels[l].first && row < levels[l].first + levels[l].count))
         return static_cast<int>(l);
     throw std::logic_error("a row of nobody");
   };
@@ -42,7 +46,8 @@ std::vector<int> owners(const Setting& s, const std::vector<NoiseLevel>& levels,
   for (size_t g = 0; g < s.problem->groups().size(); ++g) {
     for (const View& view : s.samples[s.problem->sample_of(static_cast<int>(g))].views) {
       const SensorModel& model = *s.rig.sensors[view.sensor].model;
-      const int count = view.ids.empty() ? s.rig.targets[view.target].count() : static_cast<int>(view.ids.size());
+      const int count =
+          view.ids.empty() ? s.rig.targets[view.target].count() : static_cast<int>(view.ids.size());
       for (int b = 0; b < model.blocks(count); ++b)
         for (int i = 0; i < model.rows(); ++i) out.push_back(level(view.sensor, -1, i));
     }
@@ -72,8 +77,10 @@ TEST_CASE("noise levels: Helmert's equations, written out") {
   const std::vector<ViewResiduals> views = s.problem->residuals(state);
   for (size_t g = 0; g < s.problem->groups().size(); ++g) {
     Eigen::Index row = at;
-    for (; next < views.size() && views[next].sample == s.problem->sample_of(static_cast<int>(g)); ++next)
-      for (Eigen::Index i = 0; i < views[next].whitened.size(); ++i, ++row) weight(row) = std::pow(all.r(row) / views[next].whitened(i), 2);
+    for (; next < views.size() && views[next].sample == s.problem->sample_of(static_cast<int>(g));
+         ++next)
+      for (Eigen::Index i = 0; i < views[next].whitened.size(); ++i, ++row)
+        weight(row) = std::pow(all.r(row) / views[next].whitened(i), 2);
     at += s.problem->groups()[g].rows;
   }
   const Eigen::HouseholderQR<MatrixXd> qr(all.j);
@@ -88,7 +95,8 @@ TEST_CASE("noise levels: Helmert's equations, written out") {
     helmert(owner[i], owner[i]) += weight(i) - 2 * h(i, i);
     for (Eigen::Index k = 0; k < h.cols(); ++k) helmert(owner[i], owner[k]) += h(i, k) * h(i, k);
   }
-  CHECK((helmert.rowwise().sum() - redundancy).cwiseAbs().maxCoeff() < 1e-6 * redundancy.maxCoeff());  // R R = R
+  CHECK((helmert.rowwise().sum() - redundancy).cwiseAbs().maxCoeff() <
+        1e-6 * redundancy.maxCoeff());  // R R = R
   long rows = 0;
   std::vector<int> told;
   for (int l = 0; l < n; ++l) {
@@ -120,15 +128,18 @@ TEST_CASE("noise levels: Helmert's equations, written out") {
 TEST_CASE("noise levels: a scaled rig sees the same noise") {
   Setting s = nasty_in(NoiseMode::latent, Loss(), 14, 6, 0.002);
   const VectorXd state = solved(s);
-  std::vector<NoiseLevel> levels = noise_levels(*s.problem, s.rig, state, observe(*s.problem, state).covariance);
+  std::vector<NoiseLevel> levels =
+      noise_levels(*s.problem, s.rig, state, observe(*s.problem, state).covariance);
   // All sigmas three times as large: nothing else changes, so a third of that is seen.
   Rig rig = s.rig;
   std::vector<Sample> samples = s.samples;
   std::vector<NoiseLevel> three = levels;
   for (NoiseLevel& level : three) level.seen = 3 * level.assumed;
   scale_noise(rig, samples, three);
-  CHECK(rig.joints[joint_index(rig, "elbow")].sigma == 3 * s.rig.joints[joint_index(rig, "elbow")].sigma);
-  CHECK(rig.sensors[sensor_index(rig, "laser")].sigma[2] == 3 * s.rig.sensors[sensor_index(rig, "laser")].sigma[2]);
+  CHECK(rig.joints[joint_index(rig, "elbow")].sigma ==
+        3 * s.rig.joints[joint_index(rig, "elbow")].sigma);
+  CHECK(rig.sensors[sensor_index(rig, "laser")].sigma[2] ==
+        3 * s.rig.sensors[sensor_index(rig, "laser")].sigma[2]);
   CHECK(samples[0].views[0].sigma[0] == 3 * s.samples[0].views[0].sigma[0]);
   Setting wide;
   wide.rig = rig;
@@ -138,7 +149,8 @@ TEST_CASE("noise levels: a scaled rig sees the same noise") {
   for (const Sensor& sensor : rig.sensors) sensors.push_back(sensor.name);
   wide.make(sensors, kDetermined);
   const VectorXd wide_state = solved(wide);
-  const std::vector<NoiseLevel> again = noise_levels(*wide.problem, wide.rig, wide_state, observe(*wide.problem, wide_state).covariance);
+  const std::vector<NoiseLevel> again = noise_levels(*wide.problem, wide.rig, wide_state,
+                                                     observe(*wide.problem, wide_state).covariance);
   REQUIRE(again.size() == levels.size());
   for (size_t l = 0; l < levels.size(); ++l) {
     INFO(levels[l].of << " " << levels[l].part);

@@ -1,14 +1,17 @@
-// models/analysis/{frames,held_out}.h, models/rig/folds.h, models/trials/cross_validation.h and models/report/requirements.h: predicted errors
-// of frames, folds, intervals, cross-validation, tolerances.
+// models/analysis/{frames,held_out}.h, models/rig/folds.h, models/trials/cross_validation.h and
+// models/report/requirements.h: predicted errors of frames, folds, intervals, cross-validation,
+// tolerances.
 //
-// Proves: a frame's pose and its derivative by offsets, scales, origins (whole, and in part away from their start), mimic joints, poses of
-// sensors and targets and noise of readings equal differences of an independent forward model, on a robot with every kind of joint; the
-// predicted sigma equals the scatter of parameters drawn from the covariance and really moved, and the error against the truth over
-// simulated robots; a direction that nothing determines is reported for the frames it moves and for no others. Folds do not depend on the
-// order of the samples, have a K-th each, keep whole placements together and leave the fit something of every sensor; intervals cover as
-// often as they say, also for few blocks of unlike size; cross-validation is what calibrations by hand give; tolerances take the split
-// that they should.
-// Does not prove: that folds are the best ones, or that intervals hold for blocks that depend on one another.
+// Proves: a frame's pose and its derivative by offsets, scales, origins (whole, and in part away
+// from their start), mimic joints, poses of sensors and targets and noise of readings equal
+// differences of an independent forward model, on a robot with every kind of joint; the predicted
+// sigma equals the scatter of parameters drawn from the covariance and really moved, and the error
+// against the truth over simulated robots; a direction that nothing determines is reported for the
+// frames it moves and for no others. Folds do not depend on the order of the samples, have a K-th
+// each, keep whole placements together and leave the fit something of every sensor; intervals cover
+// as often as they say, also for few blocks of unlike size; cross-validation is what calibrations
+// by hand give; tolerances take the split that they should. Does not prove: that folds are the best
+// ones, or that intervals hold for blocks that depend on one another.
 #include "../../../models/report/validation.h"
 
 #include <Eigen/Eigenvalues>
@@ -44,9 +47,11 @@ Rig tracked_arm() {
   Rig rig;
   add_link(rig, "base");
   add_joint(rig, JointType::revolute, "turn", "base", "turret", {0, 0, 1}, at({0, 0, 0.4}), 0.0003);
-  add_joint(rig, JointType::revolute, "lift", "turret", "upper", {0, 1, 0}, at({0.1, 0, 0.1}), 0.0004);
+  add_joint(rig, JointType::revolute, "lift", "turret", "upper", {0, 1, 0}, at({0.1, 0, 0.1}),
+            0.0004);
   add_joint(rig, JointType::revolute, "bend", "upper", "fore", {0, 1, 0}, at({0.5, 0, 0}), 0.0005);
-  add_joint(rig, JointType::fixed, "flange", "fore", "tool", {1, 0, 0}, at({0.4, 0.05, 0}, {0, 0.3, 0}));
+  add_joint(rig, JointType::fixed, "flange", "fore", "tool", {1, 0, 0},
+            at({0.4, 0.05, 0}, {0, 0.3, 0}));
   add_joint(rig, JointType::fixed, "stand", "base", "stand", {1, 0, 0}, at({0, 1, 0}));
   finish_tree(rig.tree);
   for (Joint& j : rig.tree.joints) j.lower = -1.5, j.upper = 1.5;
@@ -80,14 +85,16 @@ VectorXd some_truth(const Rig& rig) {
                     7);
 }
 
-/// A hand with a 3-D camera, and blocks of three points put down at several places, one in a sample.
+/// A hand with a 3-D camera, and blocks of three points put down at several places, one in a
+/// sample.
 Rig placed_blocks(int places) {
   Rig rig = tracked_arm();
   rig.sensors.clear();
   rig.targets.clear();
   add_tracker(rig, "eye", "tool", at({0, 0, 0.1}), {0.0005, 0.0005, 0.0005});
   for (int i = 0; i < places; ++i)
-    add_points(rig, "place_" + std::to_string(i), corners(), "base", at({0.3 + 0.1 * i, -0.4 + 0.2 * i, 0.1}));
+    add_points(rig, "place_" + std::to_string(i), corners(), "base",
+               at({0.3 + 0.1 * i, -0.4 + 0.2 * i, 0.1}));
   rig.steps[0].free = {"target/*/pose", "joint/lift/offset", "joint/bend/offset"};
   rig.steps[0].sensors = {0};
   return rig;
@@ -100,7 +107,8 @@ std::vector<Sample> placed_samples(const Rig& rig, int each) {
     options.seed = 20 + t;
     options.samples = each;
     options.pairs = {{0, static_cast<int>(t)}};
-    for (Sample& s : simulate(rig, ParameterTable(rig), ParameterTable(rig).initial, options).samples) {
+    for (Sample& s :
+         simulate(rig, ParameterTable(rig), ParameterTable(rig).initial, options).samples) {
       s.id = rig.targets[t].name + "-" + s.id;
       out.push_back(s);
     }
@@ -109,7 +117,8 @@ std::vector<Sample> placed_samples(const Rig& rig, int each) {
 }
 
 Isometry3d base_T(const Rig& rig, const Frame& frame, const TruePosture& posture) {
-  const Isometry3d base = root_T_link(rig, rig.base, posture), link = root_T_link(rig, frame.link, posture);
+  const Isometry3d base = root_T_link(rig, rig.base, posture),
+                   link = root_T_link(rig, frame.link, posture);
   Isometry3d own = Isometry3d::Identity();
   for (const Sensor& s : rig.sensors)
     if (frame.name == "sensor/" + s.name) own = isometry(s.link_T_sensor);
@@ -121,7 +130,8 @@ Isometry3d base_T(const Rig& rig, const Frame& frame, const TruePosture& posture
 std::vector<Sample> shuffled(std::vector<Sample> samples, unsigned long seed) {
   Random random(seed);
   for (size_t i = samples.size(); i > 1; --i)
-    std::swap(samples[i - 1], samples[static_cast<size_t>(random.uniform(0, static_cast<double>(i)))]);
+    std::swap(samples[i - 1],
+              samples[static_cast<size_t>(random.uniform(0, static_cast<double>(i)))]);
   return samples;
 }
 
@@ -132,10 +142,13 @@ TEST_CASE("frames: pose and derivative against an independent forward model", "[
   const ParameterTable table(rig);
   Random random(3);
   // Away from the start in every component; origins of some joints freed in part.
-  const std::vector<std::string> names = {"joint/*/offset",       "joint/*/scale",         "joint/pan/origin",      "joint/floor/origin",
-                                          "joint/elbow/origin.x", "joint/elbow/origin.rz", "joint/elbow/origin.ry", "joint/nail/origin.y",
-                                          "joint/nail/origin.rx", "joint/lift/origin",     "joint/pole/origin",     "joint/flange/origin",
-                                          "sensor/*/pose",        "target/marks/pose.z",   "target/marks/pose.rx",  "target/wall/pose"};
+  const std::vector<std::string> names = {
+      "joint/*/offset",        "joint/*/scale",        "joint/pan/origin",
+      "joint/floor/origin",    "joint/elbow/origin.x", "joint/elbow/origin.rz",
+      "joint/elbow/origin.ry", "joint/nail/origin.y",  "joint/nail/origin.rx",
+      "joint/lift/origin",     "joint/pole/origin",    "joint/flange/origin",
+      "sensor/*/pose",         "target/marks/pose.z",  "target/marks/pose.rx",
+      "target/wall/pose"};
   const std::vector<Freed> free = freed(table, names);
   Unknowns unknowns;
   std::map<int, Vector6d> xi;
@@ -150,7 +163,8 @@ TEST_CASE("frames: pose and derivative against an independent forward model", "[
     xi[f.parameter] = random.twist(0.1, 0.4);
     for (int c = 0; c < 6; ++c)
       if (!std::count(f.components.begin(), f.components.end(), c)) xi[f.parameter](c) = 0;
-    set_pose(values, p.start, to_pose(isometry(get_pose(table.initial, p.start)) * exponential(xi[f.parameter])));
+    set_pose(values, p.start,
+             to_pose(isometry(get_pose(table.initial, p.start)) * exponential(xi[f.parameter])));
     if (!f.whole(p)) unknowns.charts[f.parameter] = right_jacobian_se3(xi[f.parameter]);
   }
   const auto moved_by = [&](size_t column, double step) {
@@ -162,30 +176,38 @@ TEST_CASE("frames: pose and derivative against an independent forward model", "[
     } else if (unknowns.charts.count(parameter)) {
       Vector6d moved = xi[parameter];
       moved(component) += step;
-      set_pose(out, p.start, to_pose(isometry(get_pose(table.initial, p.start)) * exponential(moved)));
+      set_pose(out, p.start,
+               to_pose(isometry(get_pose(table.initial, p.start)) * exponential(moved)));
     } else {
-      set_pose(out, p.start, to_pose(isometry(get_pose(values, p.start)) * exponential(step * Vector6d::Unit(component))));
+      set_pose(out, p.start,
+               to_pose(isometry(get_pose(values, p.start)) *
+                       exponential(step * Vector6d::Unit(component))));
     }
     return with_values(rig, table, out);
   };
   constexpr double h = 1e-5;
-  for (const char* name :
-       {"nail", "tool", "ground", "pole", "torso", "sensor/tracker", "sensor/bc8", "sensor/grip", "target/marks", "target/wall"}) {
+  for (const char* name : {"nail", "tool", "ground", "pole", "torso", "sensor/tracker",
+                           "sensor/bc8", "sensor/grip", "target/marks", "target/wall"}) {
     const std::optional<Frame> frame = find_frame(rig, table, name);
     REQUIRE(frame);
     for (int n = 0; n < 3; ++n) {
       const TruePosture posture = random_posture(rig, random, 1.5, false);
       const Rig now = with_values(rig, table, values);
       const Isometry3d expected = base_T(now, *frame, posture);
-      CHECK((isometry(base_T_frame(rig, table, values, *frame, posture.readings)).matrix() - expected.matrix()).norm() < 1e-12);
-      const FrameDerivative d = frame_derivative(rig, table, values, unknowns, *frame, posture.readings);
+      CHECK((isometry(base_T_frame(rig, table, values, *frame, posture.readings)).matrix() -
+             expected.matrix())
+                .norm() < 1e-12);
+      const FrameDerivative d =
+          frame_derivative(rig, table, values, unknowns, *frame, posture.readings);
       const auto difference = [&](const Isometry3d& up, const Isometry3d& down) {
         Vector6d out;
-        out << (up.translation() - down.translation()) / (2 * h), rotation_vector(up.linear() * down.linear().transpose()) / (2 * h);
+        out << (up.translation() - down.translation()) / (2 * h),
+            rotation_vector(up.linear() * down.linear().transpose()) / (2 * h);
         return out;
       };
       for (size_t c = 0; c < unknowns.columns.size(); ++c) {
-        const Vector6d numeric = difference(base_T(moved_by(c, h), *frame, posture), base_T(moved_by(c, -h), *frame, posture));
+        const Vector6d numeric = difference(base_T(moved_by(c, h), *frame, posture),
+                                            base_T(moved_by(c, -h), *frame, posture));
         INFO(name << " by " << table.name(unknowns.columns[c]));
         CHECK((d.by_unknowns.col(static_cast<Eigen::Index>(c)) - numeric).norm() < 1e-8);
       }
@@ -196,7 +218,8 @@ TEST_CASE("frames: pose and derivative against an independent forward model", "[
         TruePosture up = posture, down = posture;
         up.readings[j] += h;
         down.readings[j] -= h;
-        const Vector6d motion = rig.joints[j].sigma * difference(base_T(now, *frame, up), base_T(now, *frame, down));
+        const Vector6d motion =
+            rig.joints[j].sigma * difference(base_T(now, *frame, up), base_T(now, *frame, down));
         by_readings += motion * motion.transpose();
       }
       CHECK((d.by_readings * d.by_readings.transpose() - by_readings).norm() < 1e-12);
@@ -210,7 +233,8 @@ TEST_CASE("frames: random postures are within limits and the same for a seed", "
   Rig rig = nasty_robot();
   rig.tree.joints[joint_index(rig, "shoulder")].lower = 0.2;
   rig.tree.joints[joint_index(rig, "shoulder")].upper = 0.7;
-  const std::vector<Readings> a = random_postures(rig, 500, 4), b = random_postures(rig, 500, 4), c = random_postures(rig, 500, 5);
+  const std::vector<Readings> a = random_postures(rig, 500, 4), b = random_postures(rig, 500, 4),
+                              c = random_postures(rig, 500, 5);
   double low = 9, high = -9;
   long same = 0, different = 0;
   for (size_t i = 0; i < a.size(); ++i)
@@ -222,7 +246,8 @@ TEST_CASE("frames: random postures are within limits and the same for a seed", "
       same += a[i][j] == b[i][j];
       different += a[i][j] != c[i][j];
       CHECK(std::abs(a[i][j]) <= (rig.tree.joints[j].type == JointType::prismatic ? 0.5 : kPi));
-      if (rig.tree.joints[j].name == "shoulder") low = std::min(low, a[i][j]), high = std::max(high, a[i][j]);
+      if (rig.tree.joints[j].name == "shoulder")
+        low = std::min(low, a[i][j]), high = std::max(high, a[i][j]);
     }
   CHECK(same == different);
   CHECK(same > 4000);
@@ -232,7 +257,8 @@ TEST_CASE("frames: random postures are within limits and the same for a seed", "
   CHECK(high > 0.68);
 }
 
-TEST_CASE("frames: predicted sigma against parameters drawn from the covariance and really moved", "[validation]") {
+TEST_CASE("frames: predicted sigma against parameters drawn from the covariance and really moved",
+          "[validation]") {
   const Rig rig = tracked_arm();
   const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 25, 11));
   REQUIRE(result.status == Status::converged);
@@ -249,7 +275,8 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
   Estimation problem(*result.recording, result.training(), result.setup);
   const VectorXd state = problem.pack(result.values);
   Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(result.covariance);
-  const MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+  const MatrixXd root =
+      eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
   Random random(5);
   double position = 0, rotation = 0, position_read = 0, rotation_read = 0;
   constexpr int kDraws = 1500;
@@ -259,12 +286,15 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
     problem.retract(state, root * z, VectorXd::Zero(state.size()), moved);
     Values drawn = result.values;
     problem.unpack(moved, drawn);
-    const Rig now = with_values(rig, table, result.values.shared), then = with_values(rig, table, drawn.shared);
+    const Rig now = with_values(rig, table, result.values.shared),
+              then = with_values(rig, table, drawn.shared);
     for (const Sample& s : result.samples()) {
       TruePosture posture = empty_posture(rig), read = posture;
       posture.readings = read.readings = s.readings;
-      for (size_t j = 0; j < rig.joints.size(); ++j) read.errors[j] = rig.joints[j].sigma * random.normal();
-      const Isometry3d is = base_T(now, frame, posture), was = base_T(then, frame, posture), both = base_T(then, frame, read);
+      for (size_t j = 0; j < rig.joints.size(); ++j)
+        read.errors[j] = rig.joints[j].sigma * random.normal();
+      const Isometry3d is = base_T(now, frame, posture), was = base_T(then, frame, posture),
+                       both = base_T(then, frame, read);
       position += (is.translation() - was.translation()).squaredNorm();
       rotation += rotation_vector(is.linear().transpose() * was.linear()).squaredNorm();
       position_read += (is.translation() - both.translation()).squaredNorm();
@@ -298,25 +328,34 @@ TEST_CASE("frames: predicted sigma against the truth over simulated robots", "[v
     for (const Readings& readings : postures) {
       TruePosture posture = empty_posture(rig);
       posture.readings = readings;
-      error += (base_T(estimated, frame, posture).translation() - base_T(real, frame, posture).translation()).squaredNorm();
-      const FrameDerivative d = frame_derivative(rig, table, result.values.shared, unknowns, frame, readings);
-      predicted += (d.by_unknowns * unknowns.covariance * d.by_unknowns.transpose()).diagonal().head<3>().sum();
+      error += (base_T(estimated, frame, posture).translation() -
+                base_T(real, frame, posture).translation())
+                   .squaredNorm();
+      const FrameDerivative d =
+          frame_derivative(rig, table, result.values.shared, unknowns, frame, readings);
+      predicted += (d.by_unknowns * unknowns.covariance * d.by_unknowns.transpose())
+                       .diagonal()
+                       .head<3>()
+                       .sum();
       ++n;
     }
   }
-  INFO("actual " << 1e3 * std::sqrt(error / n) << " mm, predicted " << 1e3 * std::sqrt(predicted / n) << " mm");
+  INFO("actual " << 1e3 * std::sqrt(error / n) << " mm, predicted "
+                 << 1e3 * std::sqrt(predicted / n) << " mm");
   CHECK(std::sqrt(error / predicted) > 0.85);  // 60 draws of half a dozen numbers: 6 % of scatter
   CHECK(std::sqrt(error / predicted) < 1.15);
 }
 
-TEST_CASE("frames: a direction that nothing determines is reported where it moves the frame", "[validation]") {
+TEST_CASE("frames: a direction that nothing determines is reported where it moves the frame",
+          "[validation]") {
   Rig rig = tracked_arm();
   rig.steps[0].free.push_back("joint/turn/offset");  // with the tracker's pose: turns everything
   const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 20, 3));
   REQUIRE(result.status == Status::unobservable);
   REQUIRE(result.unobservable.size() == 1);
   const auto report_of = [](const Solution& solution, const char* name) {
-    return report_frame(solution, last_unknowns(linearise(solution)), *find_frame(solution.rig(), solution.table(), name));
+    return report_frame(solution, last_unknowns(linearise(solution)),
+                        *find_frame(solution.rig(), solution.table(), name));
   };
   const auto report = [&](const char* name) { return report_of(result, name); };
   const FrameReport tool = report("tool");
@@ -328,7 +367,8 @@ TEST_CASE("frames: a direction that nothing determines is reported where it move
   CHECK(std::isnan(turret.workspaces[0].rotation.rms));
   CHECK(report("stand").workspaces[0].rotation.rms == 0);
 
-  // A free number that no measurement depends on (the whole stand's place) harms its own frame only.
+  // A free number that no measurement depends on (the whole stand's place) harms its own frame
+  // only.
   Rig other = tracked_arm();
   other.steps[0].free.push_back("joint/stand/origin.x");
   const Solution dead = solution_of(other, simulated(other, some_truth(other), 20, 3));
@@ -345,11 +385,14 @@ TEST_CASE("frames: what the last step holds is taken as exact and named", "[vali
   last.free = {"sensor/tracker/pose", "joint/lift/offset"};
   rig.steps.push_back(last);
   const Solution result = solution_of(rig, simulated(rig, some_truth(rig), 20, 3));
-  const FrameReport report = report_frame(result, last_unknowns(linearise(result)), *find_frame(rig, result.table(), "fore"));
-  CHECK(report.held == std::vector<std::string>{"joint/bend/offset", "joint/bend/scale", "joint/bend/origin.x"});
+  const FrameReport report = report_frame(result, last_unknowns(linearise(result)),
+                                          *find_frame(rig, result.table(), "fore"));
+  CHECK(report.held ==
+        std::vector<std::string>{"joint/bend/offset", "joint/bend/scale", "joint/bend/origin.x"});
 }
 
-TEST_CASE("folds: a K-th each, whatever the order, and something of every sensor stays", "[validation]") {
+TEST_CASE("folds: a K-th each, whatever the order, and something of every sensor stays",
+          "[validation]") {
   Rig rig = tracked_arm();
   add_tracker(rig, "rare", "base", at({2, -0.3, 0.5}), {0.0005, 0.0005, 0.0005});
   rig.steps[0].sensors = {0, 1};
@@ -369,14 +412,16 @@ TEST_CASE("folds: a K-th each, whatever the order, and something of every sensor
     if (f >= 0) ++count[f];
   for (int c : count) CHECK((c == 8 || c == 9));
   CHECK(std::accumulate(count.begin(), count.end(), 0) == 42);
-  CHECK((std::set<int>{folds.of[4], folds.of[17], folds.of[30]}.size() == 3));  // the rare ones are spread
+  CHECK((std::set<int>{folds.of[4], folds.of[17], folds.of[30]}.size() ==
+         3));  // the rare ones are spread
   CHECK(folds.held_out(-1).empty());
 
   for (unsigned long seed : {1, 2, 3}) {
     const std::vector<Sample> other = shuffled(samples, seed);
     const Folds again = deal_folds(rig, other, 5);
     for (size_t i = 0; i < other.size(); ++i) {
-      const auto at = std::find_if(samples.begin(), samples.end(), [&](const Sample& s) { return s.id == other[i].id; });
+      const auto at = std::find_if(samples.begin(), samples.end(),
+                                   [&](const Sample& s) { return s.id == other[i].id; });
       CHECK(again.of[i] == folds.of[at - samples.begin()]);
     }
     for (int f = 0; f < 5; ++f) CHECK(again.held_out(f) == folds.held_out(f));
@@ -395,7 +440,8 @@ TEST_CASE("folds: a K-th each, whatever the order, and something of every sensor
 TEST_CASE("folds: placements are held out whole", "[validation]") {
   const Rig rig = placed_blocks(5);
   std::vector<Sample> samples = placed_samples(rig, 6);
-  for (size_t i = 0; i < 6; ++i) samples[i].train = false;  // the first placement is held out by the file
+  for (size_t i = 0; i < 6; ++i)
+    samples[i].train = false;  // the first placement is held out by the file
   const Folds folds = deal_folds(rig, samples, 4);
   CHECK(folds.by_target());
   for (int f = 0; f < 4; ++f) REQUIRE(folds.held_out(f).size() == 1);
@@ -403,7 +449,8 @@ TEST_CASE("folds: placements are held out whole", "[validation]") {
     CHECK(folds.of[i] == folds.of[6 * (i / 6)]);
     CHECK(folds.held_out(folds.of[i])[0] == rig.targets[samples[i].views[0].target].name);
   }
-  CHECK_THROWS_WITH(deal_folds(rig, samples, 5), Contains("5 folds of 4 parts") && Contains("place_1") && Contains("place_4"));
+  CHECK_THROWS_WITH(deal_folds(rig, samples, 5),
+                    Contains("5 folds of 4 parts") && Contains("place_1") && Contains("place_4"));
 
   // Known places, and several places in one sample, are nothing to hold out whole.
   Rig known = rig;
@@ -415,18 +462,23 @@ TEST_CASE("folds: placements are held out whole", "[validation]") {
 }
 
 TEST_CASE("intervals cover as often as they say", "[validation]") {
-  // The formula, by hand: two parts of the logarithm's jackknife, t = 4.3027 (2 degrees of freedom).
+  // The formula, by hand: two parts of the logarithm's jackknife, t = 4.3027 (2 degrees of
+  // freedom).
   const Interval three = rms_interval({1, 2, 4}, {1, 1, 1});
-  const double theta[] = {std::log(3.0), std::log(2.5), std::log(1.5)}, mean = (theta[0] + theta[1] + theta[2]) / 3;
+  const double theta[] = {std::log(3.0), std::log(2.5), std::log(1.5)},
+               mean = (theta[0] + theta[1] + theta[2]) / 3;
   double e = 0;
   for (double t : theta) e += (t - mean) * (t - mean) * 2 / 3;
-  CHECK(three.low == Approx(std::sqrt(7.0 / 3) * std::exp(-4.30265 * std::sqrt(e) / 2)).epsilon(1e-5));
-  CHECK(three.high == Approx(std::sqrt(7.0 / 3) * std::exp(4.30265 * std::sqrt(e) / 2)).epsilon(1e-5));
+  CHECK(three.low ==
+        Approx(std::sqrt(7.0 / 3) * std::exp(-4.30265 * std::sqrt(e) / 2)).epsilon(1e-5));
+  CHECK(three.high ==
+        Approx(std::sqrt(7.0 / 3) * std::exp(4.30265 * std::sqrt(e) / 2)).epsilon(1e-5));
   CHECK(std::isnan(rms_interval({1, 2}, {1, 1}).low));
   CHECK(std::isnan(rms_interval({0, 2, 0}, {1, 1, 1}).low));
   CHECK(rms_interval({0, 0, 0}, {1, 1, 1}).high == 0);
 
-  // Blocks of 3 to 12 points; each block has an error of its own besides that of its points, as samples with noisy joints have.
+  // Blocks of 3 to 12 points; each block has an error of its own besides that of its points, as
+  // samples with noisy joints have.
   Random random(17);
   for (int blocks : {5, 8, 20, 100}) {
     long covered = 0;
@@ -505,7 +557,8 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
     CHECK(test[0].rms_as_read == Approx(whole.sensors[0].test.rms_as_read).epsilon(1e-12));
 
     // Nothing of it depends on the order of the samples.
-    const CrossValidation again = *cross_validate(make_recording(here, shuffled(samples, 8)), {}, 4);
+    const CrossValidation again =
+        *cross_validate(make_recording(here, shuffled(samples, 8)), {}, 4);
     CHECK(again.sensors[0].rms_as_read == Approx(e.rms_as_read).epsilon(1e-6));
     for (int f = 0; f < 4; ++f) CHECK(again.folds[f].held_out == cross.folds[f].held_out);
 
@@ -519,7 +572,9 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
 TEST_CASE("tolerances are judged on data that the fit did not see", "[validation]") {
   Validation validation;
   std::vector<SensorResult> sensors;
-  const auto judged = [&](const Requirement& requirement) { return judge_requirement(requirement, validation, sensors, 120, 100); };
+  const auto judged = [&](const Requirement& requirement) {
+    return judge_requirement(requirement, validation, sensors, 120, 100);
+  };
   SensorResult sensor;
   sensor.name = "tracker";
   sensor.unit = "m";
@@ -533,7 +588,8 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   r.factor = 1e-3;
   CHECK(judged(r).from == "train");
   CHECK(judged(r).met);
-  CHECK_THAT(judgement_text(judged(r)), Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
+  CHECK_THAT(judgement_text(judged(r)),
+             Contains("sensor/tracker<0.2mm: 0.1 mm") && Contains("training"));
   HeldOutError e;
   e.sensor = "tracker";
   e.points = 10;
@@ -565,7 +621,8 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   frame.unit = "mm";
   FrameReport report;
   report.frame = "tool";
-  report.workspaces.push_back({"samples", 3, {0.0005, 0.0005, 0.0005}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
+  report.workspaces.push_back(
+      {"samples", 3, {0.0005, 0.0005, 0.0005}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
   validation.frames.push_back(report);
   CHECK(judged(frame).met);
   validation.frames[0].workspaces[0].position = {std::nan(""), std::nan(""), std::nan("")};

@@ -1,11 +1,15 @@
-// models/bundle_adjustment/bundle_adjustment.h against the formulas of its head written down a second time, with plain loops and dense algebra.
+// models/bundle_adjustment/bundle_adjustment.h against the formulas of its head written down a
+// second time, with plain loops and dense algebra.
 //
-// Proves: cost; every entry of the rows of square_root() by central differences along retract(); linearise() after prepare_range(), anywhere in
-// a range, writes the normal equations of these rows, with one camera a block and with blocks of several cameras, and recompute_rows() what it
-// says; evaluate_range() sums; infinite residuals are undefined; wrong arguments are refused by name; unpack() goes back; points and cameras
-// without observations do no harm; exact data lead to a cost of nothing, noisy ones to the minimum of a dense Gauss-Newton; dense and
-// CHOLMOD agree, also where cameras see exactly the same points; any number of threads gives the same bits.
-// Does not prove: speed, nor problems of benchmark size; instruction sets other than the one in use (CMakeLists.txt repeats these tests).
+// Proves: cost; every entry of the rows of square_root() by central differences along retract();
+// linearise() after prepare_range(), anywhere in a range, writes the normal equations of these
+// rows, with one camera a block and with blocks of several cameras, and recompute_rows() what it
+// says; evaluate_range() sums; infinite residuals are undefined; wrong arguments are refused by
+// name; unpack() goes back; points and cameras without observations do no harm; exact data lead to
+// a cost of nothing, noisy ones to the minimum of a dense Gauss-Newton; dense and CHOLMOD agree,
+// also where cameras see exactly the same points; any number of threads gives the same bits. Does
+// not prove: speed, nor problems of benchmark size; instruction sets other than the one in use
+// (CMakeLists.txt repeats these tests).
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -33,8 +37,10 @@ using Vector9d = Eigen::Matrix<double, 9, 1>;
 Vector2d predicted(const double* camera, const double* point) {
   const Vector3d w(camera[0], camera[1], camera[2]);
   const double angle = w.norm();
-  const Matrix3d r = angle > 0 ? Eigen::AngleAxisd(angle, w / angle).toRotationMatrix() : Matrix3d(Matrix3d::Identity());
-  const Vector3d p = r * Vector3d(point[0], point[1], point[2]) + Vector3d(camera[3], camera[4], camera[5]);
+  const Matrix3d r = angle > 0 ? Eigen::AngleAxisd(angle, w / angle).toRotationMatrix()
+                               : Matrix3d(Matrix3d::Identity());
+  const Vector3d p =
+      r * Vector3d(point[0], point[1], point[2]) + Vector3d(camera[3], camera[4], camera[5]);
   const Vector2d q = -p.head<2>() / p.z();
   const double s = q.squaredNorm();
   return camera[6] * (1 + camera[7] * s + camera[8] * s * s) * q;
@@ -43,12 +49,14 @@ Vector2d predicted(const double* camera, const double* point) {
 double plain_cost(const BundleAdjustmentData& d) {  // twice the cost
   double sum = 0;
   for (size_t i = 0; i < d.camera_of.size(); ++i)
-    sum += (predicted(&d.cameras[9 * d.camera_of[i]], &d.points[3 * d.point_of[i]]) - Vector2d(d.pixels[2 * i], d.pixels[2 * i + 1]))
+    sum += (predicted(&d.cameras[9 * d.camera_of[i]], &d.points[3 * d.point_of[i]]) -
+            Vector2d(d.pixels[2 * i], d.pixels[2 * i + 1]))
                .squaredNorm();
   return sum;
 }
 
-/// Cameras around a cloud of points, exact pixels, observations in random order. `sees(camera, point)` chooses.
+/// Cameras around a cloud of points, exact pixels, observations in random order. `sees(camera,
+/// point)` chooses.
 template <class Sees>
 BundleAdjustmentData make(int cameras, int points, unsigned long seed, const Sees& sees) {
   Random random(seed);
@@ -56,8 +64,10 @@ BundleAdjustmentData make(int cameras, int points, unsigned long seed, const See
   for (int c = 0; c < cameras; ++c) {
     const Matrix3d r = random.rotation(3);
     const Vector3d w = rotation_vector(r);
-    d.cameras.insert(d.cameras.end(), {w.x(), w.y(), w.z(), random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), random.uniform(-7, -5),
-                                       random.uniform(400, 600), random.uniform(-0.1, 0.1), random.uniform(-0.02, 0.02)});
+    d.cameras.insert(d.cameras.end(),
+                     {w.x(), w.y(), w.z(), random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5),
+                      random.uniform(-7, -5), random.uniform(400, 600), random.uniform(-0.1, 0.1),
+                      random.uniform(-0.02, 0.02)});
   }
   for (int p = 0; p < points; ++p) {
     const Vector3d at = random.vector(1.2);
@@ -67,7 +77,8 @@ BundleAdjustmentData make(int cameras, int points, unsigned long seed, const See
   for (int c = 0; c < cameras; ++c)
     for (int p = 0; p < points; ++p)
       if (sees(c, p)) seen.push_back({c, p});
-  for (size_t i = seen.size(); i > 1; --i) std::swap(seen[i - 1], seen[static_cast<size_t>(random.uniform() * static_cast<double>(i))]);
+  for (size_t i = seen.size(); i > 1; --i)
+    std::swap(seen[i - 1], seen[static_cast<size_t>(random.uniform() * static_cast<double>(i))]);
   for (const auto& [c, p] : seen) {
     d.camera_of.push_back(c);
     d.point_of.push_back(p);
@@ -84,7 +95,8 @@ BundleAdjustmentData noisy(BundleAdjustmentData d, double pixel, double start, u
   Random random(seed);
   const double size[9] = {0.01, 0.01, 0.01, 0.05, 0.05, 0.05, 10, 0.01, 0.003};
   for (double& p : d.pixels) p += pixel * random.normal();
-  for (size_t i = 0; i < d.cameras.size(); ++i) d.cameras[i] += start * size[i % 9] * random.normal();
+  for (size_t i = 0; i < d.cameras.size(); ++i)
+    d.cameras[i] += start * size[i % 9] * random.normal();
   for (double& p : d.points) p += start * 0.05 * random.normal();
   return d;
 }
@@ -105,20 +117,24 @@ Cost total(const BundleAdjustment& problem, const VectorXd& state) {
   return sum;
 }
 
-/// [J_point J_cameras r] of a group by central differences along retract(), observation after observation.
-MatrixXd numeric_rows(const BundleAdjustment& problem, const BundleAdjustmentData& d, int group, const VectorXd& state) {
+/// [J_point J_cameras r] of a group by central differences along retract(), observation after
+/// observation.
+MatrixXd numeric_rows(const BundleAdjustment& problem, const BundleAdjustmentData& d, int group,
+                      const VectorXd& state) {
   const GroupShape& shape = problem.groups()[group];
   std::vector<size_t> seen;  // of this point, by camera
   for (size_t i = 0; i < d.camera_of.size(); ++i)
     if (d.point_of[i] == group) seen.push_back(i);
-  std::sort(seen.begin(), seen.end(), [&](size_t a, size_t b) { return d.camera_of[a] < d.camera_of[b]; });
+  std::sort(seen.begin(), seen.end(),
+            [&](size_t a, size_t b) { return d.camera_of[a] < d.camera_of[b]; });
   const auto residuals = [&](const VectorXd& x) {
     std::vector<double> cameras, points;
     problem.unpack(x, cameras, points);
     VectorXd r(2 * static_cast<Eigen::Index>(seen.size()));
     for (size_t k = 0; k < seen.size(); ++k)
       r.segment<2>(2 * static_cast<Eigen::Index>(k)) =
-          predicted(&cameras[9 * d.camera_of[seen[k]]], &points[3 * group]) - Vector2d(d.pixels[2 * seen[k]], d.pixels[2 * seen[k] + 1]);
+          predicted(&cameras[9 * d.camera_of[seen[k]]], &points[3 * group]) -
+          Vector2d(d.pixels[2 * seen[k]], d.pixels[2 * seen[k] + 1]);
     return r;
   };
   MatrixXd rows(2 * static_cast<Eigen::Index>(seen.size()), shape.size() + 1);
@@ -126,7 +142,8 @@ MatrixXd numeric_rows(const BundleAdjustment& problem, const BundleAdjustmentDat
   for (int c = 0; c < shape.size(); ++c)
     rows.col(c) = derivative(
         [&](double h) {
-          VectorXd shared = VectorXd::Zero(problem.shared_size()), own = VectorXd::Zero(3 * points), moved;
+          VectorXd shared = VectorXd::Zero(problem.shared_size()), own = VectorXd::Zero(3 * points),
+                   moved;
           (c < 3 ? own(3 * group + c) : shared(shape.columns[c - 3])) = h;
           problem.retract(state, shared, own, moved);
           return residuals(moved);
@@ -136,11 +153,14 @@ MatrixXd numeric_rows(const BundleAdjustment& problem, const BundleAdjustmentDat
   return rows;
 }
 
-/// The normal equations of one group as linearise() writes them, the cameras' blocks of `block` cameras each on the diagonal:
-/// [private touched r], lower triangle; entries between cameras of different blocks are not there.
-MatrixXd light_equations(const BundleAdjustment& problem, int group, const VectorXd& state, int block, Cost& cost) {
+/// The normal equations of one group as linearise() writes them, the cameras' blocks of `block`
+/// cameras each on the diagonal: [private touched r], lower triangle; entries between cameras of
+/// different blocks are not there.
+MatrixXd light_equations(const BundleAdjustment& problem, int group, const VectorXd& state,
+                         int block, Cost& cost) {
   const GroupShape& shape = problem.groups()[group];
-  const int n = problem.shared_size(), m = static_cast<int>(shape.columns.size()), size = shape.size(), stride = 3 + padded(m + 1);
+  const int n = problem.shared_size(), m = static_cast<int>(shape.columns.size()),
+            size = shape.size(), stride = 3 + padded(m + 1);
   std::vector<double> rows(3 * static_cast<size_t>(stride) + kSlack, 0.0);
   std::vector<std::ptrdiff_t> origin(n);
   std::ptrdiff_t storage = 0;
@@ -150,8 +170,10 @@ MatrixXd light_equations(const BundleAdjustment& problem, int group, const Vecto
   }
   std::vector<double> shared(static_cast<size_t>(storage) + kSlack, 0.0);
   VectorXd gradient = VectorXd::Zero(n + kSlack);
-  REQUIRE(
-      problem.linearise(group, state, 0, {rows.data(), stride, shared.data(), origin.data(), shape.columns.data(), gradient.data()}, cost));
+  REQUIRE(problem.linearise(
+      group, state, 0,
+      {rows.data(), stride, shared.data(), origin.data(), shape.columns.data(), gradient.data()},
+      cost));
   MatrixXd gram = MatrixXd::Zero(size + 1, size + 1);
   for (int i = 0; i < 3; ++i) {
     for (int j = i; j < 3; ++j) gram(j, i) = rows[static_cast<size_t>(i) * stride + j];
@@ -161,7 +183,8 @@ MatrixXd light_equations(const BundleAdjustment& problem, int group, const Vecto
   for (int a = 0; a < m; ++a) {
     const int ca = shape.columns[a];
     gram(size, 3 + a) = gradient(ca);
-    for (int b = a; b < m && shape.columns[b] / 9 == ca / 9; ++b) gram(3 + b, 3 + a) = shared[origin[ca] + shape.columns[b]];
+    for (int b = a; b < m && shape.columns[b] / 9 == ca / 9; ++b)
+      gram(3 + b, 3 + a) = shared[origin[ca] + shape.columns[b]];
   }
   for (int c = 0; c < n; ++c)  // nobody else's numbers
     if (!touched.count(c)) {
@@ -177,7 +200,9 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
   Random random(801);
   for (const int cameras : {1, 2, 3, 7, 8, 11}) {
     const auto d =
-        noisy(make(cameras, 70, 802 + cameras, [&](int c, int p) { return c == p % cameras || (c * 7 + p * 3) % 5 < 3; }), 2, 1, 803);
+        noisy(make(cameras, 70, 802 + cameras,
+                   [&](int c, int p) { return c == p % cameras || (c * 7 + p * 3) % 5 < 3; }),
+              2, 1, 803);
     BundleAdjustment problem(d);
     problem.set_workers(1);
     CHECK(problem.shared_size() == 9 * cameras);
@@ -185,7 +210,8 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
     VectorXd state = problem.initial(), moved;
     INFO(cameras << " cameras");
     CHECK(total(problem, state).doubled == Approx(plain_cost(d)).epsilon(1e-12));
-    problem.retract(state, random_vector(9 * cameras, 0.01, random), random_vector(210, 0.05, random), moved);
+    problem.retract(state, random_vector(9 * cameras, 0.01, random),
+                    random_vector(210, 0.05, random), moved);
     state = moved;
     BundleAdjustmentData there = d;
     problem.unpack(state, there.cameras, there.points);
@@ -195,7 +221,8 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
     CHECK_FALSE(problem.renew(state));
 
     // Sums of ranges, added to what is there.
-    for (const auto& [first, last] : std::vector<std::pair<int, int>>{{0, 70}, {0, 1}, {3, 3}, {17, 41}, {69, 70}}) {
+    for (const auto& [first, last] :
+         std::vector<std::pair<int, int>>{{0, 70}, {0, 1}, {3, 3}, {17, 41}, {69, 70}}) {
       Cost sum, one, range;
       range.doubled = range.chi2 = 5;
       for (int g = first; g < last; ++g) {
@@ -209,7 +236,8 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
     }
 
     const VectorXd step = random_vector(9 * cameras + kSlack, 1, random);
-    for (const auto& [first, last] : std::vector<std::pair<int, int>>{{0, 64}, {64, 70}, {5, 6}, {6, 70}}) {
+    for (const auto& [first, last] :
+         std::vector<std::pair<int, int>>{{0, 64}, {64, 70}, {5, 6}, {6, 70}}) {
       for (int g = first; g < last; g += 1 + (last - first) / 9) {
         INFO("range " << first << " to " << last << ", point " << g);
         const GroupShape& shape = problem.groups()[g];
@@ -220,12 +248,14 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
         REQUIRE((rows.rows() == numeric.rows() && rows.cols() == numeric.cols()));
         CHECK((rows.rightCols(1) - numeric.rightCols(1)).cwiseAbs().maxCoeff() < 1e-9);
         for (Eigen::Index c = 0; c < shape.size(); ++c)
-          CHECK((rows.col(c) - numeric.col(c)).cwiseAbs().maxCoeff() <= 1e-8 * numeric.col(c).cwiseAbs().maxCoeff() + 1e-9);
+          CHECK((rows.col(c) - numeric.col(c)).cwiseAbs().maxCoeff() <=
+                1e-8 * numeric.col(c).cwiseAbs().maxCoeff() + 1e-9);
 
         for (const int block : {1, 2, 3}) {
           problem.prepare_range(first, last, state, 0);
           Cost cost, evaluated;
-          const MatrixXd gram = light_equations(problem, g, state, block, cost), expected = rows.transpose() * rows;
+          const MatrixXd gram = light_equations(problem, g, state, block, cost),
+                         expected = rows.transpose() * rows;
           REQUIRE(problem.evaluate(g, state, 0, evaluated));
           CHECK(cost.doubled == Approx(evaluated.doubled).epsilon(1e-13));
           CHECK(cost.chi2 == Approx(evaluated.chi2).epsilon(1e-13));
@@ -233,8 +263,10 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
           double worst = 0;
           for (int j = 0; j < shape.size(); ++j)
             for (int i = j; i <= shape.size(); ++i) {
-              if (j >= 3 && i < shape.size() && (i - 3) / 9 != (j - 3) / 9) continue;  // met through the point only
-              worst = std::max(worst, std::abs(gram(i, j) - expected(i, j)) / (scale(i) * scale(j) + 1e-300));
+              if (j >= 3 && i < shape.size() && (i - 3) / 9 != (j - 3) / 9)
+                continue;  // met through the point only
+              worst = std::max(
+                  worst, std::abs(gram(i, j) - expected(i, j)) / (scale(i) * scale(j) + 1e-300));
             }
           CHECK(worst < 1e-13);
         }
@@ -245,12 +277,15 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
         problem.recompute_rows(first, last, state, step, 0, range.data());
         const double* condensed = range.data() + 15 * static_cast<size_t>(g - first);
         VectorXd touched(shape.columns.size());
-        for (size_t c = 0; c < shape.columns.size(); ++c) touched(static_cast<Eigen::Index>(c)) = step(shape.columns[c]);
+        for (size_t c = 0; c < shape.columns.size(); ++c)
+          touched(static_cast<Eigen::Index>(c)) = step(shape.columns[c]);
         const MatrixXd x = rows.leftCols(3), q = rows.middleCols(3, touched.size());
         const VectorXd r = rows.rightCols(1), moving = q * touched;
-        const double size = (x.norm() + r.norm() + moving.norm()) * (x.norm() + r.norm() + moving.norm());
+        const double size =
+            (x.norm() + r.norm() + moving.norm()) * (x.norm() + r.norm() + moving.norm());
         for (int i = 0; i < 3; ++i) {
-          for (int j = i; j < 3; ++j) CHECK(std::abs(condensed[5 * i + j] - x.col(i).dot(x.col(j))) < 1e-13 * size);
+          for (int j = i; j < 3; ++j)
+            CHECK(std::abs(condensed[5 * i + j] - x.col(i).dot(x.col(j))) < 1e-13 * size);
           CHECK(std::abs(condensed[5 * i + 3] - x.col(i).dot(r)) < 1e-13 * size);
           CHECK(std::abs(condensed[5 * i + 4] - x.col(i).dot(r + moving)) < 1e-13 * size);
         }
@@ -261,7 +296,8 @@ TEST_CASE("bundle adjustment: cost, derivatives, equations, condensation") {
 
 TEST_CASE("bundle adjustment: packs of every fill") {
   for (int seen = 0; seen <= 20; ++seen) {
-    const auto d = noisy(make(24, 1, 811 + seen, [&](int c, int) { return c % 24 < seen; }), 3, 1, 812);
+    const auto d =
+        noisy(make(24, 1, 811 + seen, [&](int c, int) { return c % 24 < seen; }), 3, 1, 812);
     BundleAdjustment problem(d);
     problem.set_workers(1);
     Cost cost;
@@ -278,7 +314,8 @@ TEST_CASE("bundle adjustment: packs of every fill") {
 TEST_CASE("bundle adjustment: what is infinitely far away is undefined") {
   for (const int bad : {0, 3, 12}) {
     auto d = everything_seen(5, 13, 821);
-    // The point stands in the plane of camera 2's centre: without rotation and translation, at z = 0 exactly.
+    // The point stands in the plane of camera 2's centre: without rotation and translation, at z =
+    // 0 exactly.
     for (int k = 0; k < 6; ++k) d.cameras[18 + k] = 0;
     for (int p = 0; p < 13; ++p) d.points[3 * p + 2] -= 4;  // the others before it
     d.points[3 * bad + 2] = 0;
@@ -355,14 +392,18 @@ TEST_CASE("bundle adjustment: unpack is the way back") {
   std::vector<double> cameras(3, 7.0), points;
   problem.unpack(problem.initial(), cameras, points);
   REQUIRE((cameras.size() == d.cameras.size() && points.size() == d.points.size()));
-  for (size_t i = 0; i < cameras.size(); ++i) CHECK(cameras[i] == Approx(d.cameras[i]).epsilon(1e-12).margin(1e-13));
+  for (size_t i = 0; i < cameras.size(); ++i)
+    CHECK(cameras[i] == Approx(d.cameras[i]).epsilon(1e-12).margin(1e-13));
   CHECK(points == d.points);
 }
 
 TEST_CASE("bundle adjustment: points and cameras that nobody observes stay where they are") {
   for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-    const auto d =
-        noisy(make(6, 30, 851, [](int c, int p) { return c != 1 && c != 4 && c != 5 && p != 0 && p != 13 && p != 29; }), 1, 1, 852);
+    const auto d = noisy(make(6, 30, 851,
+                              [](int c, int p) {
+                                return c != 1 && c != 4 && c != 5 && p != 0 && p != 13 && p != 29;
+                              }),
+                         1, 1, 852);
     BundleAdjustment problem(d);
     SolverOptions options;
     options.linear_solver = choice;
@@ -372,7 +413,8 @@ TEST_CASE("bundle adjustment: points and cameras that nobody observes stay where
     const SolveSummary& summary = solver.solve(state);
     CHECK(summary.outcome == Outcome::converged);
     CHECK(summary.cost.doubled < summary.history.front().first);
-    for (const int c : {1, 4, 5}) CHECK((state - before).segment(16 * c, 15).cwiseAbs().maxCoeff() < 1e-15);
+    for (const int c : {1, 4, 5})
+      CHECK((state - before).segment(16 * c, 15).cwiseAbs().maxCoeff() < 1e-15);
     for (const int p : {0, 13, 29}) CHECK((state - before).segment(16 * 6 + 4 * p, 3).isZero(0));
   }
   // Nothing at all.
@@ -393,7 +435,8 @@ TEST_CASE("bundle adjustment: exact data lead to a cost of nothing, dense and CH
     SolverOptions options;
     options.linear_solver = choice;
     LevenbergMarquardt solver(problem, options);
-    CHECK(std::string(solver.linear_solver()) == (choice == LinearSolver::dense ? "dense" : "cholmod"));
+    CHECK(std::string(solver.linear_solver()) ==
+          (choice == LinearSolver::dense ? "dense" : "cholmod"));
     VectorXd state = problem.initial();
     const SolveSummary& summary = solver.solve(state);
     INFO(summary.iterations << " iterations");
@@ -407,9 +450,11 @@ TEST_CASE("bundle adjustment: exact data lead to a cost of nothing, dense and CH
 
 namespace {
 
-/// Minimum by dense, lightly damped Gauss-Newton from numeric derivatives of the formulas of the head: 1/2 of what it returns is the cost.
+/// Minimum by dense, lightly damped Gauss-Newton from numeric derivatives of the formulas of the
+/// head: 1/2 of what it returns is the cost.
 double dense_minimum(BundleAdjustmentData d) {
-  const Eigen::Index n = static_cast<Eigen::Index>(d.cameras.size() + d.points.size()), m = static_cast<Eigen::Index>(d.pixels.size());
+  const Eigen::Index n = static_cast<Eigen::Index>(d.cameras.size() + d.points.size()),
+                     m = static_cast<Eigen::Index>(d.pixels.size());
   double best = plain_cost(d), lambda = 1e-4;
   for (int iteration = 0; iteration < 200; ++iteration) {
     MatrixXd j = MatrixXd::Zero(m, n);
@@ -429,7 +474,9 @@ double dense_minimum(BundleAdjustmentData d) {
             },
             1e-3);
         x = old;
-        j.block<2, 1>(row, k < 9 ? 9 * d.camera_of[i] + k : static_cast<Eigen::Index>(d.cameras.size()) + 3 * d.point_of[i] + k - 9) = by;
+        j.block<2, 1>(row, k < 9 ? 9 * d.camera_of[i] + k
+                                 : static_cast<Eigen::Index>(d.cameras.size()) + 3 * d.point_of[i] +
+                                       k - 9) = by;
       }
     }
     const VectorXd scale = j.colwise().squaredNorm();
@@ -438,8 +485,10 @@ double dense_minimum(BundleAdjustmentData d) {
       h.diagonal() += lambda * scale;
       const VectorXd step = h.ldlt().solve(-(j.transpose() * r));
       BundleAdjustmentData next = d;
-      for (size_t k = 0; k < d.cameras.size(); ++k) next.cameras[k] += step(static_cast<Eigen::Index>(k));
-      for (size_t k = 0; k < d.points.size(); ++k) next.points[k] += step(static_cast<Eigen::Index>(d.cameras.size() + k));
+      for (size_t k = 0; k < d.cameras.size(); ++k)
+        next.cameras[k] += step(static_cast<Eigen::Index>(k));
+      for (size_t k = 0; k < d.points.size(); ++k)
+        next.points[k] += step(static_cast<Eigen::Index>(d.cameras.size() + k));
       const double cost = plain_cost(next);
       better = cost < best;
       if (!better) {
@@ -484,15 +533,20 @@ TEST_CASE("bundle adjustment: noisy data, the minimum of a dense solver") {
   }
 }
 
-TEST_CASE("bundle adjustment: dense and CHOLMOD reduced systems are those of the whole Jacobian, also where cameras share all points") {
+TEST_CASE(
+    "bundle adjustment: dense and CHOLMOD reduced systems are those of the whole Jacobian, also "
+    "where cameras share all points") {
   struct {
     const char* what;
     bool (*sees)(int, int);
-  } const cases[] = {{"cameras in a band", [](int c, int p) { return (p + 12 - c) % 12 < 4; }},
-                     {"pairs that see exactly the same", [](int c, int p) { return (p % 6 + 6 - c / 2) % 6 < 2; }},
-                     {"one pair, the others apart", [](int c, int p) { return c < 2 ? p % 3 == 0 : (p + c) % 4 < 2; }},
-                     {"all the same", [](int, int) { return true; }},
-                     {"one camera without points among them", [](int c, int p) { return c != 5 && (p * c) % 3 != 1; }}};
+  } const cases[] = {
+      {"cameras in a band", [](int c, int p) { return (p + 12 - c) % 12 < 4; }},
+      {"pairs that see exactly the same", [](int c, int p) { return (p % 6 + 6 - c / 2) % 6 < 2; }},
+      {"one pair, the others apart",
+       [](int c, int p) { return c < 2 ? p % 3 == 0 : (p + c) % 4 < 2; }},
+      {"all the same", [](int, int) { return true; }},
+      {"one camera without points among them",
+       [](int c, int p) { return c != 5 && (p * c) % 3 != 1; }}};
   for (const auto& c : cases) {
     INFO(c.what);
     const auto d = noisy(make(12, 150, 881, c.sees), 1, 0.5, 882);
@@ -509,8 +563,10 @@ TEST_CASE("bundle adjustment: dense and CHOLMOD reduced systems are those of the
       const auto& columns = problem.groups()[g].columns;
       const MatrixXd gram = rows.transpose() * rows;
       const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
-      const MatrixXd rest = gram.bottomRightCorner(m + 1, m + 1) -
-                            gram.bottomLeftCorner(m + 1, 3) * gram.topLeftCorner<3, 3>().ldlt().solve(gram.topRightCorner(3, m + 1));
+      const MatrixXd rest =
+          gram.bottomRightCorner(m + 1, m + 1) -
+          gram.bottomLeftCorner(m + 1, 3) *
+              gram.topLeftCorner<3, 3>().ldlt().solve(gram.topRightCorner(3, m + 1));
       for (Eigen::Index a = 0; a < m; ++a) {
         expected_gradient(columns[a]) += rest(a, m);
         for (Eigen::Index b = 0; b < m; ++b) expected(columns[a], columns[b]) += rest(a, b);
@@ -546,9 +602,12 @@ TEST_CASE("bundle adjustment: dense and CHOLMOD reduced systems are those of the
 TEST_CASE("bundle adjustment: the same bits with any number of threads") {
   for (const bool pairs : {false, true})
     for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-      const auto d =
-          noisy(make(20, 900, 891, [&](int c, int p) { return pairs ? (p % 10 + 10 - c / 2) % 10 < 2 : (p + 20 - c) % 20 < 3 + p % 4; }), 1,
-                1, 892);
+      const auto d = noisy(make(20, 900, 891,
+                                [&](int c, int p) {
+                                  return pairs ? (p % 10 + 10 - c / 2) % 10 < 2
+                                               : (p + 20 - c) % 20 < 3 + p % 4;
+                                }),
+                           1, 1, 892);
       VectorXd first;
       std::vector<std::pair<double, double>> history;
       for (const int threads : {1, 2, 3, 2, 5}) {
@@ -568,7 +627,8 @@ TEST_CASE("bundle adjustment: the same bits with any number of threads") {
           }
           INFO(threads << " threads, " << (pairs ? "pairs" : "band") << ", solve " << again);
           REQUIRE(state.size() == first.size());
-          CHECK(std::memcmp(state.data(), first.data(), sizeof(double) * static_cast<size_t>(state.size())) == 0);
+          CHECK(std::memcmp(state.data(), first.data(),
+                            sizeof(double) * static_cast<size_t>(state.size())) == 0);
           CHECK(summary.history == history);
         }
       }
@@ -576,8 +636,11 @@ TEST_CASE("bundle adjustment: the same bits with any number of threads") {
 }
 
 TEST_CASE("bundle adjustment: points whose depth nobody knows do no harm") {
-  // Every fourth point is seen by one camera only: it fits exactly, whatever its depth. The rest must come out as without them.
-  const auto full = noisy(make(5, 40, 895, [](int c, int p) { return p % 4 == 0 ? c == p / 4 % 5 : true; }), 1, 0.3, 896);
+  // Every fourth point is seen by one camera only: it fits exactly, whatever its depth. The rest
+  // must come out as without them.
+  const auto full =
+      noisy(make(5, 40, 895, [](int c, int p) { return p % 4 == 0 ? c == p / 4 % 5 : true; }), 1,
+            0.3, 896);
   BundleAdjustmentData without = full;
   without.camera_of.clear();
   without.point_of.clear();

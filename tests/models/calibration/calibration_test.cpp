@@ -1,10 +1,12 @@
 // models/calibration: plans, solutions, and a calibration that is solved again.
 //
-// Proves: errors of a selection begin with their place in it; what changes nothing is said, and nothing else; plans count what the step
-// minimises; after replace() a repeated solve() ends where a calibration of the new samples does, estimates and covariance with it, in every
-// noise mode, and copies of earlier solutions stay as they were; replace() takes samples of the same shape only; a solution's parameters,
-// poses and tree; a start that cannot be evaluated and a cancellation are statuses, from which a calibration recovers.
-// Does not prove: that nothing is allocated (solver/allocation_test.cpp), nor that estimates are right (example_test.cpp).
+// Proves: errors of a selection begin with their place in it; what changes nothing is said, and
+// nothing else; plans count what the step minimises; after replace() a repeated solve() ends where
+// a calibration of the new samples does, estimates and covariance with it, in every noise mode, and
+// copies of earlier solutions stay as they were; replace() takes samples of the same shape only; a
+// solution's parameters, poses and tree; a start that cannot be evaluated and a cancellation are
+// statuses, from which a calibration recovers. Does not prove: that nothing is allocated
+// (solver/allocation_test.cpp), nor that estimates are right (example_test.cpp).
 #include "../../../models/calibration/calibration.h"
 
 #include <catch2/catch.hpp>
@@ -28,12 +30,15 @@ namespace {
 
 constexpr int kCount = 15, kMarks = 5;
 
-/// base -shoulder(z)- upper -elbow(y)- fore with marks; a tracker and a camera on the base look at them. Two steps.
+/// base -shoulder(z)- upper -elbow(y)- fore with marks; a tracker and a camera on the base look at
+/// them. Two steps.
 Rig arm() {
   Rig rig;
   add_link(rig, "base");
-  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1}, at({0, 0, 0.2}), 0.0003);
-  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0}, at({0.4, 0, 0}, {0.1, 0, 0}), 0.0003);
+  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1}, at({0, 0, 0.2}),
+            0.0003);
+  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0},
+            at({0.4, 0, 0}, {0.1, 0, 0}), 0.0003);
   add_joint(rig, JointType::revolute, "idle", "base", "away", {0, 0, 1}, at({0, 0.5, 0}), 0.0003);
   finish_tree(rig.tree);
   Eigen::Matrix3Xd marks(3, kMarks);
@@ -55,11 +60,14 @@ Rig arm() {
   return rig;
 }
 
-/// What the arm logs whose elbow is off by `offset`, and whose sensors by a few millimetres and milliradians.
+/// What the arm logs whose elbow is off by `offset`, and whose sensors by a few millimetres and
+/// milliradians.
 std::vector<Sample> logged(double offset, unsigned long seed) {
   Rig truth = arm();
   truth.joints[joint_index(truth, "elbow")].offset = offset;
-  for (Sensor& s : truth.sensors) s.link_T_sensor = s.link_T_sensor * exp_se3((Vector6d() << 4e-3, -3e-3, 2e-3, 0.01, -5e-3, 8e-3).finished());
+  for (Sensor& s : truth.sensors)
+    s.link_T_sensor =
+        s.link_T_sensor * exp_se3((Vector6d() << 4e-3, -3e-3, 2e-3, 0.01, -5e-3, 8e-3).finished());
   Random random(seed);
   std::vector<Sample> out;
   for (int n = 0; n < kCount; ++n) {
@@ -70,9 +78,13 @@ std::vector<Sample> logged(double offset, unsigned long seed) {
   return out;
 }
 
-std::shared_ptr<const Recording> recorded(double offset = 0.02, unsigned long seed = 1) { return make_recording(arm(), logged(offset, seed)); }
+std::shared_ptr<const Recording> recorded(double offset = 0.02, unsigned long seed = 1) {
+  return make_recording(arm(), logged(offset, seed));
+}
 
-StepSelection selection(const std::vector<std::string>& free, const std::vector<std::string>& fix = {}, const std::string& last_step = "") {
+StepSelection selection(const std::vector<std::string>& free,
+                        const std::vector<std::string>& fix = {},
+                        const std::string& last_step = "") {
   StepSelection out;
   out.free = free;
   out.fix = fix;
@@ -85,10 +97,13 @@ StepSelection selection(const std::vector<std::string>& free, const std::vector<
 TEST_CASE("calibration: errors of a selection begin with their place") {
   const auto recording = recorded();
   const auto resolve = [&](const StepSelection& what) { resolve_steps(*recording, what); };
-  CHECK_THROWS_WITH(resolve(selection({"joint/elbow/offset", "joint/elbow/offsets"})), StartsWith("free[1]: 'joint/elbow/offsets'"));
-  CHECK_THROWS_WITH(resolve(selection({}, {"sensor/eye/pose", "sensor/ear*"})), StartsWith("fix[1]: 'sensor/ear*'"));
+  CHECK_THROWS_WITH(resolve(selection({"joint/elbow/offset", "joint/elbow/offsets"})),
+                    StartsWith("free[1]: 'joint/elbow/offsets'"));
+  CHECK_THROWS_WITH(resolve(selection({}, {"sensor/eye/pose", "sensor/ear*"})),
+                    StartsWith("fix[1]: 'sensor/ear*'"));
   CHECK_THROWS_AS(resolve(selection({}, {"sensor/ear*"})), NameError);
-  CHECK_THROWS_WITH(resolve(selection({}, {}, "none")), StartsWith("last_step: ") && Contains("'none'") && Contains("camera, all"));
+  CHECK_THROWS_WITH(resolve(selection({}, {}, "none")),
+                    StartsWith("last_step: ") && Contains("'none'") && Contains("camera, all"));
   CHECK_THROWS_AS(resolve(selection({}, {}, "none")), std::invalid_argument);
   CHECK_THROWS_WITH(resolve(selection({}, {"*"})), Contains("step 'all' frees nothing"));
   try {
@@ -102,7 +117,8 @@ TEST_CASE("calibration: errors of a selection begin with their place") {
   options.free = {"nobody"};
   CHECK_THROWS_WITH(Calibration(recording, options), StartsWith("free[0]: "));
   CHECK_THROWS_WITH(calibrate(recording, options), StartsWith("free[0]: "));
-  CHECK_THROWS_WITH(evaluate(*recording, NoiseMode::latent, {"joint/elbow/offset", "nobody"}), StartsWith("free[1]: "));
+  CHECK_THROWS_WITH(evaluate(*recording, NoiseMode::latent, {"joint/elbow/offset", "nobody"}),
+                    StartsWith("free[1]: "));
   CHECK_THROWS_AS(Calibration(make_recording(arm(), {})), std::invalid_argument);
   Rig without = arm();
   without.steps.clear();
@@ -111,7 +127,8 @@ TEST_CASE("calibration: errors of a selection begin with their place") {
 
 TEST_CASE("calibration: what a selection changes, and what changes nothing") {
   const auto recording = recorded();
-  const auto last = [&](const std::vector<std::string>& free, const std::vector<std::string>& fix = {}) {
+  const auto last = [&](const std::vector<std::string>& free,
+                        const std::vector<std::string>& fix = {}) {
     return resolve_steps(*recording, selection(free, fix)).back();
   };
   CHECK(last({}).without_effect.empty());
@@ -121,11 +138,17 @@ TEST_CASE("calibration: what a selection changes, and what changes nothing") {
   REQUIRE(fixed.free.size() == 4);
   CHECK(components_of(fixed.free).size() == components_of(last({}).free).size() - 1);
 
-  const StepPlan plan = last({"joint/elbow/offset", "joint/id*/offset", "target/marks/pose.rx"}, {"joint/shoulder/offset"});
+  const StepPlan plan = last({"joint/elbow/offset", "joint/id*/offset", "target/marks/pose.rx"},
+                             {"joint/shoulder/offset"});
   REQUIRE(plan.without_effect.size() == 3);
-  CHECK(plan.without_effect[0] == "free 'joint/elbow/offset' changes nothing: it is free in step 'all' anyway");
-  CHECK_THAT(plan.without_effect[1], StartsWith("free 'joint/id*/offset' changes nothing: no measurement of step 'all' depends on it"));
-  CHECK(plan.without_effect[2] == "fix 'joint/shoulder/offset' changes nothing: it is not free in step 'all' anyway");
+  CHECK(plan.without_effect[0] ==
+        "free 'joint/elbow/offset' changes nothing: it is free in step 'all' anyway");
+  CHECK_THAT(
+      plan.without_effect[1],
+      StartsWith(
+          "free 'joint/id*/offset' changes nothing: no measurement of step 'all' depends on it"));
+  CHECK(plan.without_effect[2] ==
+        "fix 'joint/shoulder/offset' changes nothing: it is not free in step 'all' anyway");
   CHECK(plan.unused == std::vector<std::string>{"joint/idle/offset"});
 
   CalibrationOptions options;
@@ -147,7 +170,8 @@ TEST_CASE("calibration: plans count what their steps minimise") {
   CHECK(none[1].unknowns == 14);
   options.noise = NoiseMode::latent;
   options.last_step = "camera";
-  const std::vector<StepPlan> latent = Calibration(recording, options).plan();  // with the errors of shoulder and elbow
+  const std::vector<StepPlan> latent =
+      Calibration(recording, options).plan();  // with the errors of shoulder and elbow
   REQUIRE(latent.size() == 1);
   CHECK(latent[0].rows == 2 * kMarks * kCount + 2 * kCount);
   CHECK(latent[0].unknowns == 6 + 2 * kCount);
@@ -157,7 +181,8 @@ TEST_CASE("calibration: plans count what their steps minimise") {
 }
 
 TEST_CASE("calibration: solved again with other samples it ends where a new one does") {
-  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+  for (const NoiseMode mode :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
     INFO("mode " << static_cast<int>(mode));
     CalibrationOptions options;
     options.noise = mode;
@@ -207,7 +232,9 @@ TEST_CASE("calibration: samples are replaced by such as show the same") {
   SECTION("a view less") { other.views.pop_back(); }
   SECTION("other points") { std::swap(other.views[0].ids[0], other.views[0].ids[1]); }
   SECTION("numbers missing") { other.views[1].z.pop_back(); }
-  SECTION("covariances instead of sigmas") { other.views[0].covariance.assign(kMarks, Matrix3d::Identity()); }
+  SECTION("covariances instead of sigmas") {
+    other.views[0].covariance.assign(kMarks, Matrix3d::Identity());
+  }
   SECTION("held out") { other.train = false; }
   CHECK_THROWS_AS(calibration.replace(0, other), std::invalid_argument);
 }
@@ -230,10 +257,12 @@ TEST_CASE("calibration: a solution's parameters, poses and robot") {
   REQUIRE(eye.pose);
   CHECK(solution.pose("sensor/eye/pose").translation == eye.pose->translation);
   CHECK(solution.pose("sensor/eye/pose").rotation == eye.pose->rotation);
-  const Pose moved = rig.sensors[1].link_T_sensor * exp_se3(Eigen::Map<const Vector6d>(eye.value.data()));
+  const Pose moved =
+      rig.sensors[1].link_T_sensor * exp_se3(Eigen::Map<const Vector6d>(eye.value.data()));
   CHECK((solution.pose("sensor/eye/pose").translation - moved.translation).norm() < 1e-12);
   CHECK((solution.pose("sensor/eye/pose").rotation - moved.rotation).norm() < 1e-12);
-  CHECK(solution.pose("joint/shoulder/origin").translation == rig.tree.joints[0].parent_T_joint.translation);  // no step freed it
+  CHECK(solution.pose("joint/shoulder/origin").translation ==
+        rig.tree.joints[0].parent_T_joint.translation);  // no step freed it
   CHECK_THROWS_AS(solution.pose("joint/elbow/offset"), std::out_of_range);
 
   // The same link poses without the offset: position = scale * reading.
@@ -241,26 +270,31 @@ TEST_CASE("calibration: a solution's parameters, poses and robot") {
   const double scale = solution["joint/elbow/scale"].value[0];
   for (const double reading : {-0.4, 0.0, 0.7}) {
     const Joint &before = rig.tree.joints[1], &after = tree.joints[1];
-    const Pose expected = before.parent_T_joint * joint_motion(before, scale * reading + offset.value[0]),
+    const Pose expected =
+                   before.parent_T_joint * joint_motion(before, scale * reading + offset.value[0]),
                folded = after.parent_T_joint * joint_motion(after, scale * reading);
     CHECK((expected.translation - folded.translation).norm() < 1e-12);
     CHECK((expected.rotation - folded.rotation).norm() < 1e-12);
   }
   for (const int same : {0, 2}) {
-    CHECK(tree.joints[same].parent_T_joint.translation == rig.tree.joints[same].parent_T_joint.translation);
-    CHECK(tree.joints[same].parent_T_joint.rotation == rig.tree.joints[same].parent_T_joint.rotation);
+    CHECK(tree.joints[same].parent_T_joint.translation ==
+          rig.tree.joints[same].parent_T_joint.translation);
+    CHECK(tree.joints[same].parent_T_joint.rotation ==
+          rig.tree.joints[same].parent_T_joint.rotation);
   }
 }
 
 TEST_CASE("calibration: a start that cannot be evaluated is a status") {
   Rig rig = arm();
   SECTION("of a mounted target") {
-    rig.sensors[1].link_T_sensor.rotation = (rig.sensors[1].link_T_sensor.rotation * rpy(0, kPi, 0)).eval();  // looks away
+    rig.sensors[1].link_T_sensor.rotation =
+        (rig.sensors[1].link_T_sensor.rotation * rpy(0, kPi, 0)).eval();  // looks away
     const auto recording = make_recording(rig, logged(0.02, 1));
     const Solution solution = calibrate(recording, {});
     CHECK(solution.status == Status::undefined_start);
     CHECK_FALSE(solution.usable());
-    CHECK_THAT(solution.message, StartsWith("step 'camera': in sample 's0'") && Contains("'eye' of 'marks'"));
+    CHECK_THAT(solution.message,
+               StartsWith("step 'camera': in sample 's0'") && Contains("'eye' of 'marks'"));
     CHECK(solution.pose("sensor/eye/pose").rotation == rig.sensors[1].link_T_sensor.rotation);
 
     StudyOptions options;
@@ -282,7 +316,9 @@ TEST_CASE("calibration: a start that cannot be evaluated is a status") {
   }
 }
 
-TEST_CASE("calibration: after a replaced sample that cannot be evaluated it goes on from the last values") {
+TEST_CASE(
+    "calibration: after a replaced sample that cannot be evaluated it goes on from the last "
+    "values") {
   const auto recording = recorded();
   Calibration calibration(recording);
   const VectorXd first = calibration.solve().values.shared;

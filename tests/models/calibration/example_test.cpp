@@ -1,6 +1,7 @@
-// The shipped example as a statistical laboratory: simulated often, calibrated each time, compared with the truth.
-// Proves that estimates are right and that sigmas mean what they say in mode latent, on this robot, also with ten times its joint noise and
-// with priors; and how far they are off in the other modes. It does not prove anything about errors that the model does not have
+// The shipped example as a statistical laboratory: simulated often, calibrated each time, compared
+// with the truth. Proves that estimates are right and that sigmas mean what they say in mode
+// latent, on this robot, also with ten times its joint noise and with priors; and how far they are
+// off in the other modes. It does not prove anything about errors that the model does not have
 // (elasticity, backlash, wrong corners).
 
 #include <unistd.h>
@@ -45,14 +46,15 @@ struct Laboratory {
   }
 };
 
-Solution calibrate(const Rig& rig, const std::vector<Sample>& samples, NoiseMode noise = NoiseMode::latent) {
+Solution calibrate(const Rig& rig, const std::vector<Sample>& samples,
+                   NoiseMode noise = NoiseMode::latent) {
   CalibrationOptions options;
   options.noise = noise;
   return fixture::solution_of(rig, samples, options);
 }
 
-/// Estimate minus truth of the last step's freed components, in the sense of the covariance: a wholly freed pose as the increment on the
-/// right at the estimate, else component by component.
+/// Estimate minus truth of the last step's freed components, in the sense of the covariance: a
+/// wholly freed pose as the increment on the right at the estimate, else component by component.
 VectorXd errors(const Solution& result, const ParameterTable& table, const VectorXd& truth) {
   VectorXd e(static_cast<Eigen::Index>(result.columns.size()));
   for (Eigen::Index i = 0; i < e.size(); ++i) {
@@ -64,25 +66,34 @@ VectorXd errors(const Solution& result, const ParameterTable& table, const Vecto
     }
     const Pose estimate = get_pose(result.values.shared, p.start), real = get_pose(truth, p.start),
                initial = get_pose(table.initial, p.start);
-    const bool whole = std::count_if(result.columns.begin(), result.columns.end(),
-                                     [&](const Component& other) { return other.parameter == result.columns[i].parameter; }) == 6;
-    e(i) = whole ? -log_se3(inverse(estimate) * real)(c) : (log_se3(inverse(initial) * estimate) - log_se3(inverse(initial) * real))(c);
+    const bool whole =
+        std::count_if(result.columns.begin(), result.columns.end(), [&](const Component& other) {
+          return other.parameter == result.columns[i].parameter;
+        }) == 6;
+    e(i) = whole ? -log_se3(inverse(estimate) * real)(c)
+                 : (log_se3(inverse(initial) * estimate) - log_se3(inverse(initial) * real))(c);
   }
   return e;
 }
 
-double nees(const Solution& result, const VectorXd& e) { return e.dot(result.covariance.ldlt().solve(e)); }
+double nees(const Solution& result, const VectorXd& e) {
+  return e.dot(result.covariance.ldlt().solve(e));
+}
 
 }  // namespace
 
-/// Over many simulations. 1 and 1 are honest; of honest sigmas 0.6827 and 0.9545 of the errors are within one and two.
+/// Over many simulations. 1 and 1 are honest; of honest sigmas 0.6827 and 0.9545 of the errors are
+/// within one and two.
 struct Honesty {
-  double chi2 = 0, nees = 0, within_one = 0, within_two = 0;  // chi2/dof; squared error in the covariance's metric / unknowns; shares
+  double chi2 = 0, nees = 0, within_one = 0,
+         within_two = 0;  // chi2/dof; squared error in the covariance's metric / unknowns; shares
   int parameters = 0;
 };
 
-/// Calibrations of seeds 1 to `seeds`. `spread`: the truth is drawn anew for every seed, from the rig's values by this much.
-Honesty honesty(Laboratory& lab, NoiseMode mode, int seeds, const std::vector<Spread>& spread = {}) {
+/// Calibrations of seeds 1 to `seeds`. `spread`: the truth is drawn anew for every seed, from the
+/// rig's values by this much.
+Honesty honesty(Laboratory& lab, NoiseMode mode, int seeds,
+                const std::vector<Spread>& spread = {}) {
   Honesty h;
   double dof = 0, count = 0;
   const VectorXd truth = lab.truth;
@@ -93,13 +104,15 @@ Honesty honesty(Laboratory& lab, NoiseMode mode, int seeds, const std::vector<Sp
       for (const Spread& s : spread)
         for (const Freed& f : lab.table.select(s.pattern)) {
           const Parameter& p = lab.table.all[f.parameter];
-          lab.truth.segment(p.start, p.pose ? 12 : p.size()) = drawn.segment(p.start, p.pose ? 12 : p.size());
+          lab.truth.segment(p.start, p.pose ? 12 : p.size()) =
+              drawn.segment(p.start, p.pose ? 12 : p.size());
         }
     }
     const Solution result = calibrate(lab.rig, lab.samples(seed), mode);
     CAPTURE(seed, static_cast<int>(mode));
     REQUIRE(result.status == Status::converged);
-    const VectorXd e = errors(result, lab.table, lab.truth), sigma = result.covariance.diagonal().cwiseSqrt();
+    const VectorXd e = errors(result, lab.table, lab.truth),
+                   sigma = result.covariance.diagonal().cwiseSqrt();
     h.parameters = static_cast<int>(e.size());
     h.chi2 += result.chi2;
     dof += static_cast<double>(result.dof);
@@ -113,8 +126,9 @@ Honesty honesty(Laboratory& lab, NoiseMode mode, int seeds, const std::vector<Sp
   h.nees /= count;
   h.within_one /= count;
   h.within_two /= count;
-  WARN("mode " << static_cast<int>(mode) << ", " << seeds << " seeds, " << h.parameters << " parameters: chi2/dof " << h.chi2
-               << ", NEES/dof " << h.nees << ", within 1 sigma " << h.within_one << ", within 2 sigma " << h.within_two);
+  WARN("mode " << static_cast<int>(mode) << ", " << seeds << " seeds, " << h.parameters
+               << " parameters: chi2/dof " << h.chi2 << ", NEES/dof " << h.nees
+               << ", within 1 sigma " << h.within_one << ", within 2 sigma " << h.within_two);
   return h;
 }
 
@@ -125,14 +139,16 @@ TEST_CASE("example: latent mode is honest over many seeds", "[example][statistic
   REQUIRE(h.parameters >= 30);
   CHECK(h.chi2 > 0.95);
   CHECK(h.chi2 < 1.05);
-  // 20 seeds (sanitizers): the standard deviation of the pooled figure is 0.042, of 200 seeds 0.013.
+  // 20 seeds (sanitizers): the standard deviation of the pooled figure is 0.042, of 200 seeds
+  // 0.013.
   CHECK(h.nees > (kSeeds < 200 ? 0.85 : 0.95));
   CHECK(h.nees < (kSeeds < 200 ? 1.15 : 1.05));
   CHECK(std::abs(h.within_one - 0.6827) < (kSeeds < 200 ? 0.05 : 0.02));
   CHECK(std::abs(h.within_two - 0.9545) < (kSeeds < 200 ? 0.03 : 0.01));
 }
 
-TEST_CASE("example: latent mode is honest with ten times the joint noise, and with priors", "[example][statistics]") {
+TEST_CASE("example: latent mode is honest with ten times the joint noise, and with priors",
+          "[example][statistics]") {
   // Joint errors of 10 mrad are no small ones any more: 8 mm at the hand.
   Laboratory noisy;
   noisy.rig.steps = {noisy.rig.steps.back()};
@@ -142,11 +158,13 @@ TEST_CASE("example: latent mode is honest with ten times the joint noise, and wi
   CHECK(large.nees == Approx(1).margin(kSeeds < 200 ? 0.4 : 0.12));
   CHECK(std::abs(large.within_two - 0.9545) < (kSeeds < 200 ? 0.05 : 0.02));
 
-  // Priors that the data hardly improve on some numbers; the truth is drawn from them, for whole poses, parts of poses and offsets.
+  // Priors that the data hardly improve on some numbers; the truth is drawn from them, for whole
+  // poses, parts of poses and offsets.
   Laboratory lab;
   Step step = lab.rig.steps.back();
-  const std::vector<Spread> spread = {
-      {"joint/?_*/offset", 0.002}, {"sensor/*_arm/pose", 0.001}, {"joint/*_stereo_frame_joint/origin", 0.002}};
+  const std::vector<Spread> spread = {{"joint/?_*/offset", 0.002},
+                                      {"sensor/*_arm/pose", 0.001},
+                                      {"joint/*_stereo_frame_joint/origin", 0.002}};
   for (const Spread& s : spread) {
     PriorSetting prior;
     prior.pattern = s.pattern;
@@ -158,7 +176,8 @@ TEST_CASE("example: latent mode is honest with ten times the joint noise, and wi
   // What is not freed of these poses stays as the rig has it.
   std::vector<Spread> drawn;
   for (const StepPlan& plan : resolve_steps(Recording(lab.rig, lab.samples(1)), {}))
-    for (const Prior& p : plan.priors) drawn.push_back({lab.table.all[p.parameter].component_name(p.component), p.sigma});
+    for (const Prior& p : plan.priors)
+      drawn.push_back({lab.table.all[p.parameter].component_name(p.component), p.sigma});
   const Honesty prior = honesty(lab, NoiseMode::latent, kSeeds / 4, drawn);
   CHECK(prior.chi2 == Approx(1).margin(0.03));
   CHECK(prior.nees == Approx(1).margin(kSeeds < 200 ? 0.4 : 0.12));
@@ -169,14 +188,17 @@ TEST_CASE("example: the other noise modes are not", "[example][statistics]") {
   Laboratory lab;
   lab.rig.steps = {lab.rig.steps.back()};
   const int seeds = kSeeds / 4;
-  const Honesty marginal = honesty(lab, NoiseMode::marginal, seeds), point = honesty(lab, NoiseMode::point, seeds),
+  const Honesty marginal = honesty(lab, NoiseMode::marginal, seeds),
+                point = honesty(lab, NoiseMode::point, seeds),
                 none = honesty(lab, NoiseMode::none, seeds);
   const double wide = kSeeds < 200 ? 2 : 1;
-  // One view after the other honest, what views of a sample share counted as new each time: a little too sure, all together.
+  // One view after the other honest, what views of a sample share counted as new each time: a
+  // little too sure, all together.
   CHECK(marginal.chi2 == Approx(0.98).margin(0.01 * wide));
   CHECK(marginal.nees == Approx(1.16).margin(0.1 * wide));
   CHECK(marginal.within_two == Approx(0.938).margin(0.015 * wide));
-  // 20 corners counted as 20 readings of the same encoder: residuals look too good, and half of the errors exceed two sigmas.
+  // 20 corners counted as 20 readings of the same encoder: residuals look too good, and half of the
+  // errors exceed two sigmas.
   CHECK(point.chi2 == Approx(0.667).margin(0.02 * wide));
   CHECK(point.nees > 10);
   CHECK(point.nees < 17);
@@ -188,7 +210,8 @@ TEST_CASE("example: the other noise modes are not", "[example][statistics]") {
   CHECK(none.within_two == Approx(0.2).margin(0.04 * wide));
 }
 
-TEST_CASE("example: all steps in turn recover the truth, the laser's gear reduction among it", "[example]") {
+TEST_CASE("example: all steps in turn recover the truth, the laser's gear reduction among it",
+          "[example]") {
   Laboratory lab;
   const Solution result = calibrate(lab.rig, lab.samples(1));
   REQUIRE(result.steps.size() == lab.rig.steps.size());
@@ -198,11 +221,14 @@ TEST_CASE("example: all steps in turn recover the truth, the laser's gear reduct
     CAPTURE(lab.table.name(result.columns[i]));
     CHECK(std::abs(e(i)) < 4.5 * std::sqrt(result.covariance(i, i)));
   }
-  const auto scale = std::find_if(result.parameters.begin(), result.parameters.end(),
-                                  [](const ParameterEstimate& p) { return p.name == "joint/laser_tilt_mount_joint/scale"; });
+  const auto scale = std::find_if(
+      result.parameters.begin(), result.parameters.end(),
+      [](const ParameterEstimate& p) { return p.name == "joint/laser_tilt_mount_joint/scale"; });
   REQUIRE(scale != result.parameters.end());
   CHECK(std::abs(scale->value[0] - 1) > 0.01);
-  CHECK(std::abs(scale->value[0] - lab.truth(lab.table.all[lab.table.select(scale->name)[0].parameter].start)) < 5 * scale->sigma[0]);
+  CHECK(std::abs(scale->value[0] -
+                 lab.truth(lab.table.all[lab.table.select(scale->name)[0].parameter].start)) <
+        5 * scale->sigma[0]);
   CHECK(scale->sigma[0] < 1e-3);
 }
 
@@ -222,9 +248,11 @@ TEST_CASE("example: without noise the truth comes back exactly", "[example]") {
 }
 
 TEST_CASE("example: the written robot and rig hold the result", "[example]") {
-  // The URDF differs in the lines of changed origins only, and a calibration that starts from the written files stays where it is.
+  // The URDF differs in the lines of changed origins only, and a calibration that starts from the
+  // written files stays where it is.
   const RigFile rig_file = read_rig(kExample + "rig.yaml");
-  const Report report = fixture::study_of(rig_file.rig, read_samples(kExample + "samples.jsonl", rig_file.rig));
+  const Report report =
+      fixture::study_of(rig_file.rig, read_samples(kExample + "samples.jsonl", rig_file.rig));
   ResultOptions options;
   options.samples_path = kExample + "samples.jsonl";
   const ResultFiles files = make_results(rig_file, report, options);
@@ -241,15 +269,20 @@ TEST_CASE("example: the written robot and rig hold the result", "[example]") {
   // head pan, 2 stereo mounts, tilt offset and laser mount, 14 arm joints, 2 forearm cameras
   CHECK(changed == 1 + 2 + 2 + 14 + 2);
 
-  const std::string folder = (std::filesystem::temp_directory_path() / ("kincal_example_" + std::to_string(getpid()))).string();
+  const std::string folder =
+      (std::filesystem::temp_directory_path() / ("kincal_example_" + std::to_string(getpid())))
+          .string();
   REQUIRE(write_results(folder, files, false, nullptr));
   const RigFile written = read_rig(folder + "/rig.yaml");
-  const Report second = fixture::study_of(written.rig, read_samples(kExample + "samples.jsonl", written.rig));
+  const Report second =
+      fixture::study_of(written.rig, read_samples(kExample + "samples.jsonl", written.rig));
   CHECK(second.solution.status == Status::converged);
-  // Not to the last digit: the laser's mount is freed in part, and its held components (x, y, ry) are now held about another pose.
+  // Not to the last digit: the laser's mount is freed in part, and its held components (x, y, ry)
+  // are now held about another pose.
   CHECK(second.solution.chi2 == Approx(report.solution.chi2).epsilon(1e-7));
   for (size_t i = 0; i < report.residuals.sensors.size(); ++i)
-    CHECK(second.residuals.sensors[i].train.rms_before == Approx(report.residuals.sensors[i].train.rms_as_read).epsilon(1e-4));
+    CHECK(second.residuals.sensors[i].train.rms_before ==
+          Approx(report.residuals.sensors[i].train.rms_as_read).epsilon(1e-4));
   std::filesystem::remove_all(folder);
 }
 
@@ -262,11 +295,19 @@ TEST_CASE("example: freed gauges are found and named", "[example]") {
     std::vector<std::string> named;
   };
   const std::vector<Gauge> gauges = {
-      {"sensor/left_arm/pose.rx", 1, {"sensor/left_arm/pose.rx", "joint/l_wrist_roll_joint/offset"}},
+      {"sensor/left_arm/pose.rx",
+       1,
+       {"sensor/left_arm/pose.rx", "joint/l_wrist_roll_joint/offset"}},
       {"sensor/*_arm/pose.rx", 2, {"sensor/right_arm/pose.rx", "joint/r_wrist_roll_joint/offset"}},
-      {"joint/head_tilt_joint/offset", 1, {"joint/head_tilt_joint/offset", "joint/narrow_stereo_frame_joint/origin.ry"}},
-      {"joint/laser_tilt_mount_joint/origin.ry", 1, {"joint/laser_tilt_mount_joint/origin.ry", "joint/laser_tilt_mount_joint/offset"}},
-      {"sensor/forearm_right/baseline", 1, {"sensor/forearm_right/baseline", "joint/r_forearm_cam_frame_joint/origin.y"}},
+      {"joint/head_tilt_joint/offset",
+       1,
+       {"joint/head_tilt_joint/offset", "joint/narrow_stereo_frame_joint/origin.ry"}},
+      {"joint/laser_tilt_mount_joint/origin.ry",
+       1,
+       {"joint/laser_tilt_mount_joint/origin.ry", "joint/laser_tilt_mount_joint/offset"}},
+      {"sensor/forearm_right/baseline",
+       1,
+       {"sensor/forearm_right/baseline", "joint/r_forearm_cam_frame_joint/origin.y"}},
       {"joint/head_plate_frame_joint/origin", 6, {"joint/head_plate_frame_joint/origin.x"}}};
   for (const Gauge& g : gauges) {
     CAPTURE(g.free);
@@ -285,26 +326,32 @@ TEST_CASE("example: freed gauges are found and named", "[example]") {
   }
 }
 
-TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found in closed form", "[example][starts]") {
-  // Cameras, laser and boards in the hands on sensor poses instead of mount joints; each truth at a random place. The base rig knows the
-  // places, the other does not: both must end at the same optimum.
+TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found in closed form",
+          "[example][starts]") {
+  // Cameras, laser and boards in the hands on sensor poses instead of mount joints; each truth at a
+  // random place. The base rig knows the places, the other does not: both must end at the same
+  // optimum.
   Laboratory lab;
   std::mt19937_64 random(7);
-  const auto uniform = [&](double low, double high) { return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53; };
+  const auto uniform = [&](double low, double high) {
+    return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53;
+  };
   // Everything on one true robot: its mounts are exact, so only sensor poses are unknown.
   Rig rig = lab.rig;
   for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
-    rig.tree.joints[j].parent_T_joint = get_pose(lab.truth, lab.table.all[lab.table.joint_origin[j]].start);
+    rig.tree.joints[j].parent_T_joint =
+        get_pose(lab.truth, lab.table.all[lab.table.joint_origin[j]].start);
     if (!rig.tree.joints[j].has_reading()) continue;
     rig.joints[j].offset = lab.truth(lab.table.all[lab.table.joint_offset[j]].start);
     rig.joints[j].scale = lab.truth(lab.table.all[lab.table.joint_scale[j]].start);
   }
   const std::vector<Sample> samples = lab.samples(11);
-  for (const std::vector<std::string>& absent : {std::vector<std::string>{"narrow_left"},
-                                                 {"narrow_left", "narrow_right", "wide_left", "wide_right"},
-                                                 {"tilt_laser", "forearm_left"},
-                                                 {"left_arm", "right_arm"},
-                                                 {"narrow_left", "wide_left", "left_arm", "forearm_right"}}) {
+  for (const std::vector<std::string>& absent :
+       {std::vector<std::string>{"narrow_left"},
+        {"narrow_left", "narrow_right", "wide_left", "wide_right"},
+        {"tilt_laser", "forearm_left"},
+        {"left_arm", "right_arm"},
+        {"narrow_left", "wide_left", "left_arm", "forearm_right"}}) {
     Rig known = rig;
     Step step;
     step.name = "poses";
@@ -317,7 +364,8 @@ TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found
       step.free.push_back("sensor/" + sensor.name + "/pose");
     }
     known.steps = {step};
-    // Move each absent sensor's link frame by a random motion X, so that its true pose becomes X^-1 link_T_sensor.
+    // Move each absent sensor's link frame by a random motion X, so that its true pose becomes X^-1
+    // link_T_sensor.
     Rig unknown = known;
     for (const std::string& name : absent)
       for (Rig* r : {&known, &unknown})
@@ -328,10 +376,13 @@ TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found
             sensor.link_T_sensor = Pose();
           }
         }
-    // The truths here are near the links; turn the links' meaning instead: a fixed joint of random origin before each absent sensor.
+    // The truths here are near the links; turn the links' meaning instead: a fixed joint of random
+    // origin before each absent sensor.
     for (const std::string& name : absent) {
-      Vector3d axis(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)), shift(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
-      const Pose x{exp_so3(axis.normalized() * uniform(2, kPi)), shift.normalized() * uniform(0.5, 1)};
+      Vector3d axis(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)),
+          shift(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
+      const Pose x{exp_so3(axis.normalized() * uniform(2, kPi)),
+                   shift.normalized() * uniform(0.5, 1)};
       for (Rig* r : {&known, &unknown})
         for (Sensor& sensor : r->sensors) {
           if (sensor.name != name) continue;

@@ -1,4 +1,5 @@
-// Parts of the doctor on small rigs whose answer is known. The planted mistakes on whole data sets are in check_test.py.
+// Parts of the doctor on small rigs whose answer is known. The planted mistakes on whole data sets
+// are in check_test.py.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -22,7 +23,8 @@ Target board(int rows, int columns, int block = 1) {
   return t;
 }
 
-Joint joint(const std::string& name, int parent, int child, JointType type, const Vector3d& axis, const Pose& origin) {
+Joint joint(const std::string& name, int parent, int child, JointType type, const Vector3d& axis,
+            const Pose& origin) {
   Joint j;
   j.name = name;
   j.parent = parent;
@@ -40,9 +42,12 @@ struct EyeInHand {
 
   EyeInHand() {
     rig.tree.links = {"base", "one", "two", "hand"};
-    rig.tree.joints = {joint("pan", 0, 1, JointType::revolute, Vector3d::UnitZ(), {Matrix3d::Identity(), {0, 0, 0.3}}),
-                       joint("lift", 1, 2, JointType::revolute, Vector3d::UnitY(), {Matrix3d::Identity(), {0.1, 0, 0.2}}),
-                       joint("roll", 2, 3, JointType::revolute, Vector3d::UnitX(), {Matrix3d::Identity(), {0.3, 0.05, 0}})};
+    rig.tree.joints = {joint("pan", 0, 1, JointType::revolute, Vector3d::UnitZ(),
+                             {Matrix3d::Identity(), {0, 0, 0.3}}),
+                       joint("lift", 1, 2, JointType::revolute, Vector3d::UnitY(),
+                             {Matrix3d::Identity(), {0.1, 0, 0.2}}),
+                       joint("roll", 2, 3, JointType::revolute, Vector3d::UnitX(),
+                             {Matrix3d::Identity(), {0.3, 0.05, 0}})};
     finish_tree(rig.tree);
     rig.joints.resize(3);
     rig.targets = {board(5, 7)};
@@ -83,8 +88,9 @@ struct EyeInHand {
       options.postures.push_back(p);
     }
     VectorXd truth = table.initial;
-    set_pose(truth, table.all[table.sensor_pose[0]].start,
-             camera.link_T_sensor * exp_se3((Vector6d() << 0.01, 0, 0.01, 0.02, 0.01, 0).finished()));
+    set_pose(
+        truth, table.all[table.sensor_pose[0]].start,
+        camera.link_T_sensor * exp_se3((Vector6d() << 0.01, 0, 0.01, 0.02, 0.01, 0).finished()));
     samples = simulate(rig, table, truth, options).samples;
     REQUIRE(samples.size() >= 12);
   }
@@ -103,7 +109,8 @@ using Ids = std::vector<std::string>;
 
 TEST_CASE("hypotheses: relabelings of a grid") {
   const Target t = board(4, 5);
-  Eigen::Matrix2d half = -Eigen::Matrix2d::Identity(), mirror = Eigen::Matrix2d::Identity(), quarter;
+  Eigen::Matrix2d half = -Eigen::Matrix2d::Identity(), mirror = Eigen::Matrix2d::Identity(),
+                  quarter;
   mirror(0, 0) = -1;
   quarter << 0, -1, 1, 0;
   const std::vector<int> turned = relabeling(t, half), mirrored = relabeling(t, mirror);
@@ -131,7 +138,9 @@ TEST_CASE("hypotheses: undone twice is nothing done") {
   freed.whole = freed.parameter;
   int tried = 0;
   for (const Hypothesis& h : hypotheses(e.rig, table, e.samples, freed)) {
-    if (h.id != "numbering" && h.id != "mirrored" && h.id != "joint-sign" && h.id != "inverted-pose" && h.id != "eye-in-hand") continue;
+    if (h.id != "numbering" && h.id != "mirrored" && h.id != "joint-sign" &&
+        h.id != "inverted-pose" && h.id != "eye-in-hand")
+      continue;
     Rig rig = e.rig;
     std::vector<Sample> samples = e.samples;
     h.undo(rig, samples);
@@ -139,8 +148,10 @@ TEST_CASE("hypotheses: undone twice is nothing done") {
     ++tried;
     INFO(h.id << ": " << h.mistake);
     CHECK(rig.sensors[0].link == 3);
-    CHECK((rig.sensors[0].link_T_sensor.translation - e.rig.sensors[0].link_T_sensor.translation).norm() < 1e-12);
-    CHECK((rig.targets[0].link_T_target.translation - e.rig.targets[0].link_T_target.translation).norm() < 1e-12);
+    CHECK((rig.sensors[0].link_T_sensor.translation - e.rig.sensors[0].link_T_sensor.translation)
+              .norm() < 1e-12);
+    CHECK((rig.targets[0].link_T_target.translation - e.rig.targets[0].link_T_target.translation)
+              .norm() < 1e-12);
     for (size_t i = 0; i < samples.size(); ++i) {
       CHECK(samples[i].readings == e.samples[i].readings);
       REQUIRE(samples[i].views.size() == 1);
@@ -172,7 +183,9 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     const Diagnosis d = e.check();
     INFO(d.verdict);
     REQUIRE(ids(d) == Ids{"square"});
-    CHECK(d.findings[0].text.find("0.0500") + 1 + d.findings[0].text.find("0.05 m") + 1 + d.findings[0].text.find("0.0499") + 1 > 0);
+    CHECK(d.findings[0].text.find("0.0500") + 1 + d.findings[0].text.find("0.05 m") + 1 +
+              d.findings[0].text.find("0.0499") + 1 >
+          0);
     CHECK(*d.findings[0].chi2_corrected < *d.findings[0].chi2_as_is / 1.6);
   }
   SECTION("millimetres") {
@@ -228,8 +241,9 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     std::vector<Sample> some;
     for (Sample& s : e.samples) s.readings[2] = e.samples[0].readings[2];
     const Diagnosis d = e.check();
-    CHECK(std::count_if(d.findings.begin(), d.findings.end(),
-                        [](const Finding& f) { return f.id == "still-joint" && f.where == Ids{"roll"}; }) == 1);
+    CHECK(std::count_if(d.findings.begin(), d.findings.end(), [](const Finding& f) {
+            return f.id == "still-joint" && f.where == Ids{"roll"};
+          }) == 1);
   }
 }
 

@@ -1,11 +1,15 @@
-// models/estimation/estimation.h: one minimisation as the solver's Problem, on the nasty robot of fixtures/forward_model.h.
+// models/estimation/estimation.h: one minimisation as the solver's Problem, on the nasty robot of
+// fixtures/forward_model.h.
 //
-// Proves, for every sensor, noise mode and loss: residuals equal the fixture's independent forward model; whitening equals the covariance
-// of the formats' table built by hand (own noise, plus the joints' noise of a view in `marginal`, its blocks in `point`); every column of
-// the explicit rows (shared and private, through mimic joints, common ancestors and scanning joints) agrees entry by entry with central
-// differences along retract(); the Gram matrices of linearise() and square_root() and the reduced system of the solver equal those of the
-// explicit rows; cost and chi2 equal sums by hand; partly freed poses stay on their surface; priors are what the formats say.
-// Does not prove: that sensors' formulas are right (models/sensors/sensors_test.cpp), nor that a minimum is found (solver/solver_test.cpp).
+// Proves, for every sensor, noise mode and loss: residuals equal the fixture's independent forward
+// model; whitening equals the covariance of the formats' table built by hand (own noise, plus the
+// joints' noise of a view in `marginal`, its blocks in `point`); every column of the explicit rows
+// (shared and private, through mimic joints, common ancestors and scanning joints) agrees entry by
+// entry with central differences along retract(); the Gram matrices of linearise() and
+// square_root() and the reduced system of the solver equal those of the explicit rows; cost and
+// chi2 equal sums by hand; partly freed poses stay on their surface; priors are what the formats
+// say. Does not prove: that sensors' formulas are right (models/sensors/sensors_test.cpp), nor that
+// a minimum is found (solver/solver_test.cpp).
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -26,13 +30,19 @@ using namespace kincal::fixture;
 
 namespace {
 
-const std::vector<NoiseMode> kModes = {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none};
+const std::vector<NoiseMode> kModes = {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point,
+                                       NoiseMode::none};
 const char* mode_name(NoiseMode m) {
-  return m == NoiseMode::latent ? "latent" : m == NoiseMode::marginal ? "marginal" : m == NoiseMode::point ? "point" : "none";
+  return m == NoiseMode::latent     ? "latent"
+         : m == NoiseMode::marginal ? "marginal"
+         : m == NoiseMode::point    ? "point"
+                                    : "none";
 }
-const std::vector<LossKind> kLosses = {LossKind::none, LossKind::huber, LossKind::soft_l1, LossKind::cauchy, LossKind::tukey};
+const std::vector<LossKind> kLosses = {LossKind::none, LossKind::huber, LossKind::soft_l1,
+                                       LossKind::cauchy, LossKind::tukey};
 
-/// The rig as somebody has it, samples of a robot that is a little different, and values that are different again.
+/// The rig as somebody has it, samples of a robot that is a little different, and values that are
+/// different again.
 struct Scene : Recording {
   Values values;
 
@@ -44,16 +54,19 @@ struct Scene : Recording {
     values.shared = ParameterTable(moved(truth, {"*"}, random, 0.004, 0.01, 3, 0.004)).initial;
     for (size_t s = 0; s < samples.size(); ++s) {
       for (const auto& [target, board] : postures[s].boards)
-        values.targets[{static_cast<int>(s), target}] = to_pose(board * exponential(random.twist(0.01, 0.02)));
+        values.targets[{static_cast<int>(s), target}] =
+            to_pose(board * exponential(random.twist(0.01, 0.02)));
       for (size_t j = 0; j < rig.joints.size(); ++j)
         if (rig.tree.joints[j].has_reading() && rig.joints[j].sigma > 0)
-          values.errors[{static_cast<int>(s), static_cast<int>(j)}] = rig.joints[j].sigma * random.normal();
+          values.errors[{static_cast<int>(s), static_cast<int>(j)}] =
+              rig.joints[j].sigma * random.normal();
     }
   }
 
   /// What every sensor sees, in `mode`, with all of `free` that has an influence.
-  std::unique_ptr<Estimation> problem(NoiseMode mode, const std::vector<int>& sensors, const std::vector<Freed>& free,
-                                      const Loss& loss = {}, const std::vector<Prior>& priors = {}) const {
+  std::unique_ptr<Estimation> problem(NoiseMode mode, const std::vector<int>& sensors,
+                                      const std::vector<Freed>& free, const Loss& loss = {},
+                                      const std::vector<Prior>& priors = {}) const {
     EstimationSetup setup;
     setup.noise = mode;
     setup.loss = loss;
@@ -61,7 +74,9 @@ struct Scene : Recording {
     Estimation all(*this, training(), setup);
     const std::vector<char> used = all.influencing();
     for (const Freed& f : free)
-      if (used[f.parameter] || std::any_of(priors.begin(), priors.end(), [&](const Prior& p) { return p.parameter == f.parameter; }))
+      if (used[f.parameter] || std::any_of(priors.begin(), priors.end(), [&](const Prior& p) {
+            return p.parameter == f.parameter;
+          }))
         setup.free.push_back(f);
     setup.priors = priors;
     return std::make_unique<Estimation>(*this, training(), setup);
@@ -112,7 +127,8 @@ TruePosture posture_at(const Scene& s, const Values& values, int sample, NoiseMo
 }
 
 /// Covariance of a view's residuals by the formats' table.
-MatrixXd covariance_by_hand(const Rig& rig, const View& view, const TruePosture& posture, NoiseMode mode) {
+MatrixXd covariance_by_hand(const Rig& rig, const View& view, const TruePosture& posture,
+                            NoiseMode mode) {
   const bool point = mode == NoiseMode::point;
   MatrixXd c = own_covariance(rig, view, posture, point);
   if (mode == NoiseMode::latent || mode == NoiseMode::none) return c;
@@ -165,8 +181,9 @@ double scaled_difference(const MatrixXd& a, const MatrixXd& b, const VectorXd& s
 
 MatrixXd symmetric(const MatrixXd& lower) { return lower.selfadjointView<Eigen::Lower>(); }
 
-/// Raw residuals of all views, as one vector, as the noise mode whitens them: in `point` those of chains are the fixture's, a target
-/// point at a time (residuals() reports what the sensor itself measures, in every mode).
+/// Raw residuals of all views, as one vector, as the noise mode whitens them: in `point` those of
+/// chains are the fixture's, a target point at a time (residuals() reports what the sensor itself
+/// measures, in every mode).
 VectorXd raw_of(const Scene& s, const Estimation& problem, const VectorXd& state) {
   std::vector<ViewResiduals> views = problem.residuals(state);
   const NoiseMode mode = problem.setup().noise;
@@ -176,7 +193,8 @@ VectorXd raw_of(const Scene& s, const Estimation& problem, const VectorXd& state
     problem.unpack(state, values);
     const Rig rig = with_values(s.rig, s.table, values.shared);
     for (ViewResiduals& v : views)
-      if (rig.sensors[v.view->sensor].type == "chain") v.raw = residual(rig, *v.view, posture_at(s, values, v.sample, mode), true);
+      if (rig.sensors[v.view->sensor].type == "chain")
+        v.raw = residual(rig, *v.view, posture_at(s, values, v.sample, mode), true);
   }
   Eigen::Index n = 0;
   for (const ViewResiduals& v : views) n += v.raw.size();
@@ -189,14 +207,16 @@ VectorXd raw_of(const Scene& s, const Estimation& problem, const VectorXd& state
   return out;
 }
 
-/// Explicit rows of all groups with the same private column in the same place: [privates | shared | r], rows as the views stand in
-/// residuals(), without the rows of joint errors' priors.
+/// Explicit rows of all groups with the same private column in the same place: [privates | shared |
+/// r], rows as the views stand in residuals(), without the rows of joint errors' priors.
 struct Sheet {
   MatrixXd analytic, numeric, raw;
 };
 
-/// Central differences of the residual column of explicit_rows and of the raw residuals. The privates of all groups are moved at once.
-Sheet differentiate(const Scene& scene, Estimation& problem, const VectorXd& state, std::vector<int>& group_rows) {
+/// Central differences of the residual column of explicit_rows and of the raw residuals. The
+/// privates of all groups are moved at once.
+Sheet differentiate(const Scene& scene, Estimation& problem, const VectorXd& state,
+                    std::vector<int>& group_rows) {
   const int shared = problem.shared_size();
   int privates = 0, total_privates = 0;
   for (const GroupShape& g : problem.groups()) {
@@ -222,7 +242,8 @@ Sheet differentiate(const Scene& scene, Estimation& problem, const VectorXd& sta
     return out;
   };
   problem.prepare(state);
-  const Eigen::Index n = residual_column(state).size(), raw_n = raw_of(scene, problem, state).size();
+  const Eigen::Index n = residual_column(state).size(),
+                     raw_n = raw_of(scene, problem, state).size();
   Sheet s;
   s.analytic = MatrixXd::Zero(n, privates + shared);
   s.numeric = s.analytic;
@@ -234,7 +255,8 @@ Sheet differentiate(const Scene& scene, Estimation& problem, const VectorXd& sta
     REQUIRE(problem.explicit_rows(static_cast<int>(g), state, rows));
     s.analytic.block(row, 0, rows.rows(), shape.private_size) = rows.leftCols(shape.private_size);
     for (size_t c = 0; c < shape.columns.size(); ++c)
-      s.analytic.block(row, privates + shape.columns[c], rows.rows(), 1) = rows.col(shape.private_size + static_cast<int>(c));
+      s.analytic.block(row, privates + shape.columns[c], rows.rows(), 1) =
+          rows.col(shape.private_size + static_cast<int>(c));
     group_rows.push_back(static_cast<int>(rows.rows()));
     row += rows.rows();
   }
@@ -251,7 +273,8 @@ Sheet differentiate(const Scene& scene, Estimation& problem, const VectorXd& sta
       return out;
     };
     s.numeric.col(k) = derivative([&](double h) { return residual_column(moved_state(h)); }, 1e-3);
-    s.raw.col(k) = derivative([&](double h) { return raw_of(scene, problem, moved_state(h)); }, 1e-3);
+    s.raw.col(k) =
+        derivative([&](double h) { return raw_of(scene, problem, moved_state(h)); }, 1e-3);
   }
   problem.prepare(state);
   return s;
@@ -271,12 +294,14 @@ void check_views(const Scene& s, Estimation& problem, NoiseMode mode) {
   Eigen::Index raw_row = 0, row = 0;
   int group = 0, group_end = group_rows[0];
   for (const ViewResiduals& v : views) {
-    while (problem.sample_of(group) != v.sample) {  // behind the views of a group stand its joint errors
+    while (problem.sample_of(group) !=
+           v.sample) {  // behind the views of a group stand its joint errors
       row = group_end;
       group_end += group_rows[++group];
     }
     const Eigen::Index n = v.whitened.size();
-    const std::string what = std::string(mode_name(mode)) + ", " + rig.sensors[v.view->sensor].name + " sees " +
+    const std::string what = std::string(mode_name(mode)) + ", " +
+                             rig.sensors[v.view->sensor].name + " sees " +
                              rig.targets[v.view->target].name + " in " + s.samples[v.sample].id;
     INFO(what);
     const TruePosture posture = posture_at(s, values, v.sample, mode);
@@ -291,12 +316,15 @@ void check_views(const Scene& s, Estimation& problem, NoiseMode mode) {
     double worst = 0;
     std::string worst_name;
     for (Eigen::Index k = 0; k < sheet.analytic.cols(); ++k) {
-      const auto a = sheet.analytic.col(k).segment(row, n), b = sheet.numeric.col(k).segment(row, n);
-      const double scale = b.cwiseAbs().maxCoeff(), wrong = (a - b).cwiseAbs().maxCoeff() / (1e-7 * scale + 1e-11 * r_scale + 1e-9);
+      const auto a = sheet.analytic.col(k).segment(row, n),
+                 b = sheet.numeric.col(k).segment(row, n);
+      const double scale = b.cwiseAbs().maxCoeff(),
+                   wrong = (a - b).cwiseAbs().maxCoeff() / (1e-7 * scale + 1e-11 * r_scale + 1e-9);
       if (!(wrong <= worst)) {
         worst = wrong;
         const Eigen::Index shared = k - (sheet.analytic.cols() - problem.shared_size());
-        worst_name = shared >= 0 ? problem.column_name(static_cast<int>(shared)) : "private " + std::to_string(k);
+        worst_name = shared >= 0 ? problem.column_name(static_cast<int>(shared))
+                                 : "private " + std::to_string(k);
       }
     }
     INFO("worst column: " << worst_name);
@@ -309,20 +337,25 @@ void check_views(const Scene& s, Estimation& problem, NoiseMode mode) {
     whitened << sheet.analytic.middleRows(row, n), v.whitened;
     const Eigen::LDLT<MatrixXd> ldlt(c);
     const MatrixXd expected = raw.transpose() * ldlt.solve(raw);
-    // The residual column of the explicit rows may stand in other axes than `whitened`: it is compared by its products.
+    // The residual column of the explicit rows may stand in other axes than `whitened`: it is
+    // compared by its products.
     MatrixXd r_column;
     REQUIRE(problem.explicit_rows(group, state, r_column));
-    whitened.rightCols(1) = r_column.rightCols(1).middleRows(row - (group_end - group_rows[group]), n);
+    whitened.rightCols(1) =
+        r_column.rightCols(1).middleRows(row - (group_end - group_rows[group]), n);
     CHECK(std::abs(v.whitened.squaredNorm() - expected(expected.rows() - 1, expected.rows() - 1)) <
           1e-7 * expected(expected.rows() - 1, expected.rows() - 1));
-    CHECK(scaled_difference(whitened.transpose() * whitened, expected, expected.diagonal().array() + 1e-6) < 2e-6);
+    CHECK(scaled_difference(whitened.transpose() * whitened, expected,
+                            expected.diagonal().array() + 1e-6) < 2e-6);
     raw_row += n;
     row += n;
   }
 }
 
-/// The reduced system by the book: H = J'J, S = C - Q' P^-1 Q, s = b - Q' P^-1 a, one group after the other.
-void schur_by_hand(const Estimation& problem, const Stacked& stacked, MatrixXd& matrix, VectorXd& gradient, VectorXd& scale) {
+/// The reduced system by the book: H = J'J, S = C - Q' P^-1 Q, s = b - Q' P^-1 a, one group after
+/// the other.
+void schur_by_hand(const Estimation& problem, const Stacked& stacked, MatrixXd& matrix,
+                   VectorXd& gradient, VectorXd& scale) {
   const MatrixXd shared = stacked.j.rightCols(problem.shared_size());
   matrix = shared.transpose() * shared;
   gradient = shared.transpose() * stacked.r;
@@ -394,7 +427,8 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
     if (sample < 0) continue;
     const Cost& hand = by_hand.at(sample);
     for (const Cost& c : {linearised, evaluated})
-      worst.cost = std::max({worst.cost, std::abs(c.chi2 / hand.chi2 - 1), std::abs(c.doubled / hand.doubled - 1)});
+      worst.cost = std::max(
+          {worst.cost, std::abs(c.chi2 / hand.chi2 - 1), std::abs(c.doubled / hand.doubled - 1)});
     // linearise() adds: a second call doubles.
     Cost again;
     REQUIRE(add_equations(problem, group, state, 0, gram, again));
@@ -416,20 +450,25 @@ void check_algebra(const Scene& s, Estimation& problem, const VectorXd& state, W
     REQUIRE(matrix.rows() == expected.rows());
     REQUIRE(gradient.size() == expected.rows());
     for (Eigen::Index i = 0; i < scale.size(); ++i)
-      if (scale(i) == 0) matrix(i, i) = 0;  // without any influence (tukey): what stands on the diagonal there is the solver's affair
+      if (scale(i) == 0)
+        matrix(i, i) = 0;  // without any influence (tukey): what stands on the diagonal there is
+                           // the solver's affair
     worst.reduced = std::max(worst.reduced, scaled_difference(matrix, expected, scale));
     for (Eigen::Index i = 0; i < gradient.size(); ++i) {
-      const double d = std::abs(gradient(i) - expected_gradient(i)), unit = std::sqrt(scale(i)) * length;
+      const double d = std::abs(gradient(i) - expected_gradient(i)),
+                   unit = std::sqrt(scale(i)) * length;
       worst.gradient = std::max(worst.gradient, unit > 0 ? d / unit : d > 0 ? 1e300 : 0);
     }
   }
 }
 
-/// Relative to the diagonal, so to the size of J's columns. J = L M rounds where L and M are large and their product is small (a small
-/// target far away: pixels move by f / d for a lever arm's translation and back for its rotation), so the Gram matrix of one sample's
-/// least visible columns may be off by 1e-10 of themselves; the sum over samples, the reduced system, is held to 2e-12.
+/// Relative to the diagonal, so to the size of J's columns. J = L M rounds where L and M are large
+/// and their product is small (a small target far away: pixels move by f / d for a lever arm's
+/// translation and back for its rotation), so the Gram matrix of one sample's least visible columns
+/// may be off by 1e-10 of themselves; the sum over samples, the reduced system, is held to 2e-12.
 void report(const Worst& w) {
-  INFO("gram " << w.gram << ", root " << w.root << ", cost " << w.cost << ", reduced " << w.reduced << ", gradient " << w.gradient);
+  INFO("gram " << w.gram << ", root " << w.root << ", cost " << w.cost << ", reduced " << w.reduced
+               << ", gradient " << w.gradient);
   CHECK(w.gram < 2e-9);
   CHECK(w.root < 1e-12);
   CHECK(w.cost < 2e-12);
@@ -437,18 +476,23 @@ void report(const Worst& w) {
   CHECK(w.gradient < 1e-12);
 }
 
-/// A scale beyond which some blocks lie: half of them; for tukey, which gives those no weight, at most a quarter of what shows a target.
+/// A scale beyond which some blocks lie: half of them; for tukey, which gives those no weight, at
+/// most a quarter of what shows a target.
 double middling(const Scene& s, const Estimation& problem, const VectorXd& state, LossKind kind) {
   std::map<std::pair<int, int>, std::vector<double>> norms;
   for (const ViewResiduals& v : problem.residuals(state)) {
     const Eigen::Index b = block_rows(s.rig, v, problem.setup().noise);
-    std::vector<double>& of = norms[kind == LossKind::tukey ? std::make_pair(v.sample, v.view->target) : std::make_pair(0, 0)];
-    for (Eigen::Index i = 0; i < v.whitened.size(); i += b) of.push_back(v.whitened.segment(i, b).norm());
+    std::vector<double>& of =
+        norms[kind == LossKind::tukey ? std::make_pair(v.sample, v.view->target)
+                                      : std::make_pair(0, 0)];
+    for (Eigen::Index i = 0; i < v.whitened.size(); i += b)
+      of.push_back(v.whitened.segment(i, b).norm());
   }
   double scale = 0;
   for (auto& [key, of] : norms) {
     std::sort(of.begin(), of.end());
-    scale = std::max(scale, 1.1 * of[kind == LossKind::tukey ? (of.size() * 3 - 1) / 4 : of.size() / 2]);
+    scale = std::max(scale,
+                     1.1 * of[kind == LossKind::tukey ? (of.size() * 3 - 1) / 4 : of.size() / 2]);
   }
   return scale;
 }
@@ -473,7 +517,9 @@ TEST_CASE("estimation: residuals, whitening and every derivative, poses freed in
   }
 }
 
-TEST_CASE("estimation: Gram matrices, costs and the reduced system equal the explicit rows', every sensor, mode and loss") {
+TEST_CASE(
+    "estimation: Gram matrices, costs and the reduced system equal the explicit rows', every "
+    "sensor, mode and loss") {
   const Scene& s = scene();
   std::vector<std::vector<int>> choices = {all_sensors(s.rig)};
   for (const int sensor : all_sensors(s.rig)) choices.push_back({sensor});
@@ -482,7 +528,8 @@ TEST_CASE("estimation: Gram matrices, costs and the reduced system equal the exp
       for (const LossKind kind : kLosses) {
         if (choice == 0 && kind != LossKind::cauchy) continue;
         const std::vector<int>& sensors = choices[choice];
-        const std::vector<Freed> free = (choice + static_cast<size_t>(kind)) % 2 ? s.whole() : s.partly();
+        const std::vector<Freed> free =
+            (choice + static_cast<size_t>(kind)) % 2 ? s.whole() : s.partly();
         Loss loss;
         {
           const auto plain = s.problem(mode, sensors, free);
@@ -495,19 +542,23 @@ TEST_CASE("estimation: Gram matrices, costs and the reduced system equal the exp
         const VectorXd state = problem->pack(s.values);
         problem->set_workers(2);
         problem->renew(state);
-        INFO((choice ? s.rig.sensors[sensors[0]].name : "all sensors") << ", " << mode_name(mode) << ", loss " << static_cast<int>(kind));
+        INFO((choice ? s.rig.sensors[sensors[0]].name : "all sensors")
+             << ", " << mode_name(mode) << ", loss " << static_cast<int>(kind));
         Worst worst;
         check_algebra(s, *problem, state, worst);
         report(worst);
       }
 }
 
-TEST_CASE("estimation: a loss acts on a whole view in mode marginal, also where no joint's noise reaches the view") {
+TEST_CASE(
+    "estimation: a loss acts on a whole view in mode marginal, also where no joint's noise reaches "
+    "the view") {
   Random random(31);
   Rig rig;
   add_link(rig, "base");
   add_tracker(rig, "tracker", "base", Pose(), {0.001, 0.001, 0.001});
-  const int target = add_points(rig, "marks", (Eigen::Matrix3Xd(3, 4) << 0, 1, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1).finished());
+  const int target = add_points(
+      rig, "marks", (Eigen::Matrix3Xd(3, 4) << 0, 1, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1).finished());
   finish_tree(rig.tree);
   TruePosture posture = empty_posture(rig);
   posture.boards[target] = isometry(random.pose(1, 1));
@@ -531,8 +582,8 @@ TEST_CASE("estimation: a loss acts on a whole view in mode marginal, also where 
 }
 
 TEST_CASE("estimation: what influences a view is what moves its residuals") {
-  // Every parameter is moved at random by the fixture's own model: a residual moves if and only if influencing() says so. `square` and
-  // `points` do not count for poses and chains.
+  // Every parameter is moved at random by the fixture's own model: a residual moves if and only if
+  // influencing() says so. `square` and `points` do not count for poses and chains.
   const Scene s(3, 21);
   Random random(22);
   for (const int sensor : all_sensors(s.rig)) {
@@ -548,12 +599,16 @@ TEST_CASE("estimation: what influences a view is what moves its residuals") {
       for (size_t k = 0; k < s.samples.size() && !moves; ++k)
         for (const View& v : s.samples[k].views) {
           if (v.sensor != sensor) continue;
-          const TruePosture posture = posture_at(s, s.values, static_cast<int>(k), NoiseMode::latent);
-          moves |= (residual(other, v, posture) - residual(here, v, posture)).cwiseAbs().maxCoeff() > 1e-9;
+          const TruePosture posture =
+              posture_at(s, s.values, static_cast<int>(k), NoiseMode::latent);
+          moves |=
+              (residual(other, v, posture) - residual(here, v, posture)).cwiseAbs().maxCoeff() >
+              1e-9;
         }
       INFO(s.rig.sensors[sensor].name << ": " << name);
       if (type == "pose" || type == "chain")
-        if (name.find("/square") != std::string::npos || name.find("/points") != std::string::npos) CHECK_FALSE(moves);
+        if (name.find("/square") != std::string::npos || name.find("/points") != std::string::npos)
+          CHECK_FALSE(moves);
       CHECK(static_cast<bool>(claimed[p]) == moves);
     }
   }
@@ -561,10 +616,12 @@ TEST_CASE("estimation: what influences a view is what moves its residuals") {
 
 TEST_CASE("estimation: groups, names and states") {
   const Scene& s = scene();
-  const std::vector<Freed> free = freed(s.table, {"joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose", "target/marks/points.1.y"});
+  const std::vector<Freed> free = freed(s.table, {"joint/pan/offset", "joint/eye/origin.rz",
+                                                  "sensor/bc5/pose", "target/marks/points.1.y"});
   const int prior = s.table.joint_offset[joint_index(s.rig, "pan")];
   const auto problem =
-      s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {}, {{prior, 0, 0.1}});
+      s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free,
+                {}, {{prior, 0, 0.1}});
   REQUIRE(problem->shared_size() == 9);
   CHECK_FALSE(problem->empty());
   std::set<std::string> names;
@@ -573,9 +630,10 @@ TEST_CASE("estimation: groups, names and states") {
     const auto [parameter, component] = problem->columns()[c];
     CHECK(problem->column_name(c) == s.table.all[parameter].component_name(component));
   }
-  CHECK(names == std::set<std::string>{"joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose.x", "sensor/bc5/pose.y",
-                                       "sensor/bc5/pose.z", "sensor/bc5/pose.rx", "sensor/bc5/pose.ry", "sensor/bc5/pose.rz",
-                                       "target/marks/points.1.y"});
+  CHECK(names == std::set<std::string>{
+                     "joint/pan/offset", "joint/eye/origin.rz", "sensor/bc5/pose.x",
+                     "sensor/bc5/pose.y", "sensor/bc5/pose.z", "sensor/bc5/pose.rx",
+                     "sensor/bc5/pose.ry", "sensor/bc5/pose.rz", "target/marks/points.1.y"});
   // One group a sample, and one of priors.
   REQUIRE(problem->groups().size() == s.samples.size() + 1);
   for (size_t g = 0; g < s.samples.size(); ++g) {
@@ -605,7 +663,8 @@ TEST_CASE("estimation: groups, names and states") {
   nothing.shared = s.values.shared;
   VectorXd bare = problem->pack(nothing);
   problem->unpack(bare, nothing);
-  for (const auto& [key, pose] : nothing.targets) CHECK((pose.rotation.isIdentity(0) && pose.translation.isZero(0)));
+  for (const auto& [key, pose] : nothing.targets)
+    CHECK((pose.rotation.isIdentity(0) && pose.translation.isZero(0)));
   for (const auto& [key, e] : nothing.errors) CHECK(e == 0);
 }
 
@@ -632,7 +691,8 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   // A laser needs no reading of its own scanning joint, nobody one of joints that are not on a way.
   Recording fewer = s;
   for (Sample& sample : fewer.samples)
-    for (const char* joint : {"scan", "idle", "pan", "tilt"}) sample.readings[joint_index(s.rig, joint)] = std::nan("");
+    for (const char* joint : {"scan", "idle", "pan", "tilt"})
+      sample.readings[joint_index(s.rig, joint)] = std::nan("");
   EstimationSetup laser;
   laser.sensors = {sensor_index(s.rig, "laser")};
   Estimation without(fewer, s.training(), laser), with(s, s.training(), laser);
@@ -651,11 +711,14 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   CHECK(Estimation(s, s.training(), none).empty());
 }
 
-TEST_CASE("estimation: a joint that follows a scanning one on the laser's way is refused, and a floating one") {
+TEST_CASE(
+    "estimation: a joint that follows a scanning one on the laser's way is refused, and a floating "
+    "one") {
   Rig rig;
   add_link(rig, "base");
   add_joint(rig, JointType::revolute, "scan", "base", "scan", {0, 1, 0}, at({0, 0, 1}));
-  add_mimic(rig, JointType::revolute, "follow", "scan", "follow", {0, 1, 0}, at({0.1, 0, 0}), "scan", 0.5, 0);
+  add_mimic(rig, JointType::revolute, "follow", "scan", "follow", {0, 1, 0}, at({0.1, 0, 0}),
+            "scan", 0.5, 0);
   add_joint(rig, JointType::floating, "float", "base", "away", {0, 1, 0}, at({1, 0, 0}));
   add_laser(rig, "laser", "follow", Pose(), "scan", {0.001, 0.001, 0.001});
   add_tracker(rig, "tracker", "away", Pose(), {1, 1, 1});
@@ -679,18 +742,21 @@ TEST_CASE("estimation: a joint that follows a scanning one on the laser's way is
 
 TEST_CASE("estimation: covariances are held until they are renewed") {
   const Scene& s = scene();
-  const int laser = sensor_index(s.rig, "laser"), pin = sensor_index(s.rig, "pin"), grip = sensor_index(s.rig, "grip");
+  const int laser = sensor_index(s.rig, "laser"), pin = sensor_index(s.rig, "pin"),
+            grip = sensor_index(s.rig, "grip");
   const struct {
     int sensor;
     NoiseMode mode;
     bool renews;
-  } cases[] = {{laser, NoiseMode::none, true},  {laser, NoiseMode::latent, true}, {pin, NoiseMode::none, false},
-               {pin, NoiseMode::latent, false}, {pin, NoiseMode::marginal, true}, {pin, NoiseMode::point, true},
+  } cases[] = {{laser, NoiseMode::none, true},   {laser, NoiseMode::latent, true},
+               {pin, NoiseMode::none, false},    {pin, NoiseMode::latent, false},
+               {pin, NoiseMode::marginal, true}, {pin, NoiseMode::point, true},
                {grip, NoiseMode::latent, false}};
   for (const auto& c : cases) {
     INFO(s.rig.sensors[c.sensor].name << ", " << mode_name(c.mode));
-    const auto problem =
-        s.problem(c.mode, {c.sensor}, freed(s.table, {"joint/scan/scale", "joint/nod/origin", "joint/elbow/offset", "joint/wrist/origin"}));
+    const auto problem = s.problem(c.mode, {c.sensor},
+                                   freed(s.table, {"joint/scan/scale", "joint/nod/origin",
+                                                   "joint/elbow/offset", "joint/wrist/origin"}));
     problem->set_workers(1);
     const VectorXd state = problem->pack(s.values);
     CHECK(problem->renew(state) == c.renews);
@@ -705,7 +771,8 @@ TEST_CASE("estimation: covariances are held until they are renewed") {
     int privates = 0;
     for (const GroupShape& g : problem->groups()) privates += g.private_size;
     VectorXd moved;
-    problem->retract(state, VectorXd::Constant(problem->shared_size(), 0.02), VectorXd::Zero(privates), moved);
+    problem->retract(state, VectorXd::Constant(problem->shared_size(), 0.02),
+                     VectorXd::Zero(privates), moved);
     const double before = chi2(state), there = chi2(moved);
     problem->prepare(moved);
     CHECK(chi2(state) == before);
@@ -717,8 +784,8 @@ TEST_CASE("estimation: covariances are held until they are renewed") {
 }
 
 TEST_CASE("estimation: poses move on their surfaces") {
-  // Wholly freed: T exp(increment). Partly: T0 exp(xi) with T0 the rig's, held components of xi as they were; to first order T moves by
-  // exactly the freed components' increments.
+  // Wholly freed: T exp(increment). Partly: T0 exp(xi) with T0 the rig's, held components of xi as
+  // they were; to first order T moves by exactly the freed components' increments.
   const Scene s(2, 33);
   for (const bool whole : {true, false}) {
     const std::vector<Freed> free = whole ? s.whole() : s.partly();
@@ -751,17 +818,21 @@ TEST_CASE("estimation: poses move on their surfaces") {
           if (parameter.pose)
             delta(component) = step(c);
           else
-            CHECK(after.shared(parameter.start + component) == Approx(before.shared(parameter.start + component) + step(c)).margin(1e-15));
+            CHECK(after.shared(parameter.start + component) ==
+                  Approx(before.shared(parameter.start + component) + step(c)).margin(1e-15));
         }
         if (!parameter.pose) continue;
-        const Isometry3d t0 = isometry(get_pose(s.table.initial, parameter.start)), a = isometry(get_pose(before.shared, parameter.start)),
+        const Isometry3d t0 = isometry(get_pose(s.table.initial, parameter.start)),
+                         a = isometry(get_pose(before.shared, parameter.start)),
                          b = isometry(get_pose(after.shared, parameter.start));
         if (std::count(is_free.begin(), is_free.end(), 1) == 6) {
           CHECK((b.matrix() - (a * exponential(delta)).matrix()).norm() < 1e-12);
           continue;
         }
-        const Vector6d xi_a = log_se3(to_pose(t0.inverse() * a)), xi_b = log_se3(to_pose(t0.inverse() * b));
-        for (int c = 0; c < 6; ++c) CHECK(std::abs(xi_b(c) - xi_a(c) - (is_free[c] ? delta(c) : 0)) < 1e-11);
+        const Vector6d xi_a = log_se3(to_pose(t0.inverse() * a)),
+                       xi_b = log_se3(to_pose(t0.inverse() * b));
+        for (int c = 0; c < 6; ++c)
+          CHECK(std::abs(xi_b(c) - xi_a(c) - (is_free[c] ? delta(c) : 0)) < 1e-11);
       }
       Eigen::Index at = 0;
       for (size_t g = 0; g < problem->groups().size(); ++g) {
@@ -782,16 +853,19 @@ TEST_CASE("estimation: poses move on their surfaces") {
 TEST_CASE("estimation: priors are Gaussians around the rig's values") {
   const Scene s(2, 41);
   Random random(42);
-  const std::vector<Freed> free = freed(s.table, {"joint/pan/offset", "joint/eye/origin", "joint/tilt/origin.x", "joint/tilt/origin.ry",
-                                                  "sensor/bc5/intrinsics", "target/board/square"});
+  const std::vector<Freed> free =
+      freed(s.table, {"joint/pan/offset", "joint/eye/origin", "joint/tilt/origin.x",
+                      "joint/tilt/origin.ry", "sensor/bc5/intrinsics", "target/board/square"});
   std::vector<Prior> priors;
   double sigma = 0.01;
   for (const Freed& f : free)
     for (const int c : f.components)
-      if (s.table.all[f.parameter].name != "sensor/bc5/intrinsics" || c < 2) priors.push_back({f.parameter, c, sigma += 0.003});
+      if (s.table.all[f.parameter].name != "sensor/bc5/intrinsics" || c < 2)
+        priors.push_back({f.parameter, c, sigma += 0.003});
   for (const LossKind loss : {LossKind::none, LossKind::cauchy}) {  // losses never act on priors
     const auto problem =
-        s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")}, free, {loss, 0.1}, priors);
+        s.problem(NoiseMode::latent, {sensor_index(s.rig, "bc5"), sensor_index(s.rig, "depth")},
+                  free, {loss, 0.1}, priors);
     problem->set_workers(1);
     const VectorXd state = problem->pack(s.values);
     problem->renew(state);
@@ -805,11 +879,13 @@ TEST_CASE("estimation: priors are Gaussians around the rig's values") {
     REQUIRE(rows.rows() == static_cast<int>(priors.size()));
 
     // Residuals by hand, each found among the rows.
-    std::vector<double> expected, found(rows.col(rows.cols() - 1).data(), rows.col(rows.cols() - 1).data() + rows.rows());
+    std::vector<double> expected,
+        found(rows.col(rows.cols() - 1).data(), rows.col(rows.cols() - 1).data() + rows.rows());
     double sum = 0;
     for (const Prior& p : priors) {
       const Parameter& parameter = s.table.all[p.parameter];
-      double value = s.values.shared(parameter.start + p.component) - s.table.initial(parameter.start + p.component);
+      double value = s.values.shared(parameter.start + p.component) -
+                     s.table.initial(parameter.start + p.component);
       if (parameter.pose)
         value = log_se3(to_pose(isometry(get_pose(s.table.initial, parameter.start)).inverse() *
                                 isometry(get_pose(s.values.shared, parameter.start))))(p.component);
@@ -822,7 +898,8 @@ TEST_CASE("estimation: priors are Gaussians around the rig's values") {
     CHECK(cost.doubled == Approx(sum).epsilon(1e-9));
     std::sort(expected.begin(), expected.end());
     std::sort(found.begin(), found.end());
-    for (size_t i = 0; i < expected.size(); ++i) CHECK(std::abs(expected[i] - found[i]) < 1e-9 * (1 + std::abs(expected[i])));
+    for (size_t i = 0; i < expected.size(); ++i)
+      CHECK(std::abs(expected[i] - found[i]) < 1e-9 * (1 + std::abs(expected[i])));
 
     // Their derivatives, whole and partly freed poses alike.
     int privates = 0;
@@ -839,7 +916,8 @@ TEST_CASE("estimation: priors are Gaussians around the rig's values") {
       };
       const VectorXd numeric = derivative(column, 1e-3);
       INFO(problem->column_name(shape.columns[c]));
-      CHECK((numeric - rows.col(static_cast<Eigen::Index>(c))).cwiseAbs().maxCoeff() <= 1e-8 * numeric.cwiseAbs().maxCoeff());
+      CHECK((numeric - rows.col(static_cast<Eigen::Index>(c))).cwiseAbs().maxCoeff() <=
+            1e-8 * numeric.cwiseAbs().maxCoeff());
     }
     problem->prepare(state);
     MatrixXd gram = MatrixXd::Zero(rows.cols(), rows.cols()), root;
@@ -865,5 +943,6 @@ TEST_CASE("estimation: a view's own sigma counts, not its sensor's") {
   const VectorXd state = problem->pack(s.values);
   problem->renew(state);
   for (const ViewResiduals& v : problem->residuals(state))
-    for (int k = 0; k < 6; ++k) CHECK(v.whitened(k) == Approx(v.raw(k) / (k < 3 ? 0.003 : 0.006)).epsilon(1e-12));
+    for (int k = 0; k < 6; ++k)
+      CHECK(v.whitened(k) == Approx(v.raw(k) / (k < 3 ? 0.003 : 0.006)).epsilon(1e-12));
 }

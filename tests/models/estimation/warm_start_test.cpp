@@ -1,10 +1,11 @@
 // Estimation::reload() and solving again with the same LevenbergMarquardt.
 //
-// Proves: after measured numbers, sigmas, covariances and readings were replaced in place and reload() was called, the same problem and
-// solver give bit for bit what ones freshly built on the new numbers give: every type of sensor, every noise mode, with losses and priors,
-// dense and CHOLMOD, one thread and two; also after solves that ended undefined, cancelled or not converged. The same problem without
-// reload() is not required to, and solving twice from one start gives the same bits.
-// Does not prove: that nothing is allocated (solver/allocation_test.cpp).
+// Proves: after measured numbers, sigmas, covariances and readings were replaced in place and
+// reload() was called, the same problem and solver give bit for bit what ones freshly built on the
+// new numbers give: every type of sensor, every noise mode, with losses and priors, dense and
+// CHOLMOD, one thread and two; also after solves that ended undefined, cancelled or not converged.
+// The same problem without reload() is not required to, and solving twice from one start gives the
+// same bits. Does not prove: that nothing is allocated (solver/allocation_test.cpp).
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <limits>
@@ -25,7 +26,8 @@ using namespace kincal::fixture;
 namespace {
 
 bool same_bits(const VectorXd& a, const VectorXd& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<size_t>(a.size())) == 0;
+  return a.size() == b.size() &&
+         std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<size_t>(a.size())) == 0;
 }
 
 /// Other numbers in the same places; `size` 1: other noise of the same kind.
@@ -53,13 +55,14 @@ void with_covariances(std::vector<Sample>& samples, int sensor, Random& random) 
       v.sigma.clear();
       for (size_t i = 0; i < v.ids.size(); ++i) {
         const Matrix3d r = random.rotation(3);
-        v.covariance.push_back(r * Vector3d(1e-6, 4e-6, random.uniform(1e-5, 1e-4)).asDiagonal() * r.transpose());
+        v.covariance.push_back(r * Vector3d(1e-6, 4e-6, random.uniform(1e-5, 1e-4)).asDiagonal() *
+                               r.transpose());
       }
     }
 }
 
-void compare(Estimation& problem, LevenbergMarquardt& solver, const Recording& recording, const SolverOptions& options,
-             const Values& values) {
+void compare(Estimation& problem, LevenbergMarquardt& solver, const Recording& recording,
+             const SolverOptions& options, const Values& values) {
   problem.reload();
   VectorXd state = problem.pack(values);
   const SolveSummary& summary = solver.solve(state);
@@ -90,17 +93,20 @@ void compare(Estimation& problem, LevenbergMarquardt& solver, const Recording& r
 }  // namespace
 
 TEST_CASE("warm start: a robot with every type of sensor") {
-  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none})
+  for (const NoiseMode mode :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none})
     for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod})
       for (const int threads : {1, 2}) {
-        INFO("mode " << static_cast<int>(mode) << ", " << (choice == LinearSolver::dense ? "dense" : "cholmod") << ", " << threads
+        INFO("mode " << static_cast<int>(mode) << ", "
+                     << (choice == LinearSolver::dense ? "dense" : "cholmod") << ", " << threads
                      << " threads");
         Random random(971);
         Setting s = nasty_in(mode, threads == 2 ? Loss{LossKind::huber, 2} : Loss{}, 7, 972, 5e-3);
         with_covariances(s.samples, sensor_index(s.rig, "depth"), random);
         EstimationSetup setup = s.problem->setup();
         for (const Freed& f : setup.free)
-          if (choice == LinearSolver::cholmod) setup.priors.push_back({f.parameter, f.components[0], 0.5});
+          if (choice == LinearSolver::cholmod)
+            setup.priors.push_back({f.parameter, f.components[0], 0.5});
         Estimation problem(s, s.training(), setup);
         SolverOptions options;
         options.linear_solver = choice;
@@ -175,7 +181,8 @@ TEST_CASE("warm start: after solves that came to nothing") {
   // Far away, so that steps are rejected, and back.
   Values far = s.values;
   Random random(992);
-  for (auto& [key, pose] : far.targets) pose = to_pose(isometry(pose) * exponential(random.twist(0.05, 0.3)));
+  for (auto& [key, pose] : far.targets)
+    pose = to_pose(isometry(pose) * exponential(random.twist(0.05, 0.3)));
   state = s.problem->pack(far);
   solver.solve(state);
   compare_now();

@@ -1,10 +1,13 @@
 // models/fitting/starts.h: starting values in closed form.
 //
-// Proves: rigid fits, also of mirrored, flat and degenerate points; poses of free targets from every type of sensor, without noise to
-// 1e-6, where a plane has two mirror solutions the right one; poses of sensors and mounted targets that are up to 180 degrees and 1 m
-// from the identity, in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker, stereo), alone and
-// together; what cannot be tied to anything is returned by name, and a sensor whose views tell no pose is named as the reason; the calibration finds the same optimum as from given poses.
-// Does not prove: good starts from few or very noisy views, or from targets much smaller than their distance.
+// Proves: rigid fits, also of mirrored, flat and degenerate points; poses of free targets from
+// every type of sensor, without noise to 1e-6, where a plane has two mirror solutions the right
+// one; poses of sensors and mounted targets that are up to 180 degrees and 1 m from the identity,
+// in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker,
+// stereo), alone and together; what cannot be tied to anything is returned by name, and a sensor
+// whose views tell no pose is named as the reason; the calibration finds the same optimum as from
+// given poses. Does not prove: good starts from few or very noisy views, or from targets much
+// smaller than their distance.
 #include <algorithm>
 #include <catch2/catch.hpp>
 
@@ -27,9 +30,12 @@ using Eigen::Matrix3Xd;
 namespace {
 
 double difference(const Pose& a, const Pose& b) {
-  return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(), (a.translation - b.translation).cwiseAbs().maxCoeff());
+  return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(),
+                  (a.translation - b.translation).cwiseAbs().maxCoeff());
 }
-bool is_rotation(const Matrix3d& r) { return (r.transpose() * r - Matrix3d::Identity()).norm() < 1e-9 && r.determinant() > 0; }
+bool is_rotation(const Matrix3d& r) {
+  return (r.transpose() * r - Matrix3d::Identity()).norm() < 1e-9 && r.determinant() > 0;
+}
 
 Matrix3Xd random_points(Random& random, int n, double size) {
   Matrix3Xd p(3, n);
@@ -41,7 +47,8 @@ Matrix3Xd random_points(Random& random, int n, double size) {
 Rig arm() {
   Rig rig;
   add_link(rig, "world");
-  add_joint(rig, JointType::fixed, "stand", "world", "base", {1, 0, 0}, at({0.3, -0.2, 0.5}, {0.2, 0.1, 0.7}));
+  add_joint(rig, JointType::fixed, "stand", "world", "base", {1, 0, 0},
+            at({0.3, -0.2, 0.5}, {0.2, 0.1, 0.7}));
   rig.base = 1;
   add_joint(rig, JointType::revolute, "a1", "base", "l1", {0, 0, 1}, at({0, 0, 0.3}));
   add_joint(rig, JointType::revolute, "a2", "l1", "l2", {0, 1, 0}, at({0.1, 0, 0.2}, {0, 0, 0.3}));
@@ -70,7 +77,8 @@ struct Unknown {
   std::vector<TruePosture> postures;
   std::vector<std::string> names;
 
-  void add(const TruePosture& p, const std::vector<std::pair<int, int>>& views, Random* noise = nullptr) {
+  void add(const TruePosture& p, const std::vector<std::pair<int, int>>& views,
+           Random* noise = nullptr) {
     Sample s = make_sample(truth, p, "s" + std::to_string(samples.size()));
     for (const auto& [sensor, target] : views) add_view(s, truth, sensor, target, p, noise);
     if (s.views.empty()) return;
@@ -81,9 +89,11 @@ struct Unknown {
   Rig given() const {
     Rig rig = truth;
     for (Sensor& s : rig.sensors)
-      if (std::count(names.begin(), names.end(), "sensor/" + s.name + "/pose")) s.link_T_sensor = Pose(), s.pose_given = false;
+      if (std::count(names.begin(), names.end(), "sensor/" + s.name + "/pose"))
+        s.link_T_sensor = Pose(), s.pose_given = false;
     for (Target& t : rig.targets)
-      if (std::count(names.begin(), names.end(), "target/" + t.name + "/pose")) t.link_T_target = Pose(), t.pose_given = false;
+      if (std::count(names.begin(), names.end(), "target/" + t.name + "/pose"))
+        t.link_T_target = Pose(), t.pose_given = false;
     return rig;
   }
   struct Found {
@@ -101,17 +111,19 @@ struct Unknown {
     out.lost = start_unknown_poses(recording, recording.training(), unknown, values);
     for (const int p : unknown) {
       if (std::count(out.lost.begin(), out.lost.end(), table.all[p].name)) {
-        CHECK(difference(get_pose(values.shared, table.all[p].start), Pose()) == 0);  // stays at the identity
+        CHECK(difference(get_pose(values.shared, table.all[p].start), Pose()) ==
+              0);  // stays at the identity
         continue;
       }
       CHECK(is_rotation(get_pose(values.shared, table.all[p].start).rotation));
-      out.worst =
-          std::max(out.worst, difference(get_pose(values.shared, table.all[p].start), get_pose(true_table.initial, table.all[p].start)));
+      out.worst = std::max(out.worst, difference(get_pose(values.shared, table.all[p].start),
+                                                 get_pose(true_table.initial, table.all[p].start)));
     }
     for (size_t p = 0; p < table.all.size(); ++p)  // nobody else's values were touched
       if (!std::count(unknown.begin(), unknown.end(), static_cast<int>(p))) {
         const int size = table.all[p].pose ? 12 : table.all[p].size();
-        CHECK(values.shared.segment(table.all[p].start, size) == table.initial.segment(table.all[p].start, size));
+        CHECK(values.shared.segment(table.all[p].start, size) ==
+              table.initial.segment(table.all[p].start, size));
       }
     return out;
   }
@@ -128,9 +140,11 @@ Unknown eye_in_hand(unsigned long seed, bool noise) {
   TruePosture p = middle;
   // in_front() gives it relative to the base, on which it is mounted.
   u.truth.targets[board].link = -1;
-  u.truth.targets[board].link_T_target = to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+  u.truth.targets[board].link_T_target =
+      to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
   u.truth.targets[board].link = link_index(u.truth, "base");
-  for (int k = 0; k < 12; ++k) u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, noise ? &random : nullptr);
+  for (int k = 0; k < 12; ++k)
+    u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, noise ? &random : nullptr);
   u.names = {"sensor/camera/pose", "target/board/pose"};
   return u;
 }
@@ -140,7 +154,8 @@ Unknown eye_to_hand(unsigned long seed, bool noise, bool fisheye = false) {
   Random random(seed);
   Unknown u;
   u.truth = arm();
-  const int camera = fisheye ? add_camera(u.truth, "camera", "base", Pose(), Lens::kannala_brandt, {0.02, -0.008, 0.003, -0.0005})
+  const int camera = fisheye ? add_camera(u.truth, "camera", "base", Pose(), Lens::kannala_brandt,
+                                          {0.02, -0.008, 0.003, -0.0005})
                              : add_camera(u.truth, "camera", "base", Pose());
   const int board = add_grid(u.truth, "board", 5, 6, 0.06, "tool", random.pose(1, kPi));
   const TruePosture middle = random_posture(u.truth, random, 1, false);
@@ -149,8 +164,10 @@ Unknown eye_to_hand(unsigned long seed, bool noise, bool fisheye = false) {
   seen.linear() = random.rotation(0.5);
   seen.translation() = Vector3d(0, 0, 1.2) - seen.linear() * Vector3d(0.15, 0.12, 0);
   u.truth.sensors[camera].link_T_sensor =
-      to_pose(root_T_link(u.truth, link_index(u.truth, "base"), middle).inverse() * target * seen.inverse());
-  for (int k = 0; k < 12; ++k) u.add(near(u.truth, middle, random, 0.3), {{camera, board}}, noise ? &random : nullptr);
+      to_pose(root_T_link(u.truth, link_index(u.truth, "base"), middle).inverse() * target *
+              seen.inverse());
+  for (int k = 0; k < 12; ++k)
+    u.add(near(u.truth, middle, random, 0.3), {{camera, board}}, noise ? &random : nullptr);
   u.names = {"sensor/camera/pose", "target/board/pose"};
   return u;
 }
@@ -160,17 +177,20 @@ Unknown hand_and_cameras(unsigned long seed, int cameras, bool hand_known, bool 
   Random random(seed);
   Unknown u;
   u.truth = arm();
-  const int board = add_grid(u.truth, "board", 5, 6, 0.06), hand = add_chain(u.truth, "hand", "tool", random.pose(0.5, kPi), 0.001, 0.002);
+  const int board = add_grid(u.truth, "board", 5, 6, 0.06),
+            hand = add_chain(u.truth, "hand", "tool", random.pose(0.5, kPi), 0.001, 0.002);
   const TruePosture middle = random_posture(u.truth, random, 1, false);
   std::vector<std::pair<int, int>> views = {{hand, board}};
   for (int c = 0; c < cameras; ++c) {
-    const int camera = add_camera(u.truth, "camera" + std::to_string(c), c % 2 ? "neck" : "base", Pose());
+    const int camera =
+        add_camera(u.truth, "camera" + std::to_string(c), c % 2 ? "neck" : "base", Pose());
     const Isometry3d target = root_T_sensor(u.truth, hand, middle);
     Isometry3d seen = Isometry3d::Identity();
     seen.linear() = random.rotation(0.5);
     seen.translation() = Vector3d(0, 0, 1.2) - seen.linear() * Vector3d(0.15, 0.12, 0);
     u.truth.sensors[camera].link_T_sensor =
-        to_pose(root_T_link(u.truth, u.truth.sensors[camera].link, middle).inverse() * target * seen.inverse());
+        to_pose(root_T_link(u.truth, u.truth.sensors[camera].link, middle).inverse() * target *
+                seen.inverse());
     views.push_back({camera, board});
     u.names.push_back("sensor/camera" + std::to_string(c) + "/pose");
   }
@@ -196,31 +216,36 @@ TEST_CASE("fit_points: rigid, with noise, mirrored") {
     CHECK(difference(fit_points(a, b), truth) < 1e-9);
     for (Eigen::Index i = 0; i < a.cols(); ++i) b.col(i) += random.vector(0.01);
     CHECK(is_rotation(fit_points(a, b).rotation));
-    // The best mirror image of a body is no rotation: the answer still is one, and no other rotation fits better.
+    // The best mirror image of a body is no rotation: the answer still is one, and no other
+    // rotation fits better.
     Matrix3Xd mirrored = b;
     mirrored.row(0) *= -1;
     const Pose fitted = fit_points(a, mirrored);
     CHECK(is_rotation(fitted.rotation));
     const auto misfit = [&](const Isometry3d& t) {
       double sum = 0;
-      for (Eigen::Index i = 0; i < a.cols(); ++i) sum += (t * Vector3d(a.col(i)) - mirrored.col(i)).squaredNorm();
+      for (Eigen::Index i = 0; i < a.cols(); ++i)
+        sum += (t * Vector3d(a.col(i)) - mirrored.col(i)).squaredNorm();
       return sum;
     };
     for (int k = 0; k < 20; ++k) {
       const double size = k % 2 ? 0.05 : 2;
-      CHECK(misfit(isometry(fitted) * exponential(random.twist(size, size))) > misfit(isometry(fitted)));
+      CHECK(misfit(isometry(fitted) * exponential(random.twist(size, size))) >
+            misfit(isometry(fitted)));
     }
   }
   // Half a turn exactly, and the identity.
   const Matrix3Xd a = random_points(random, 6, 1);
-  for (const Vector3d& axis : {Vector3d(1, 0, 0), Vector3d(0, 1, 0), Vector3d(0, 0, 1), Vector3d(1.0 / 3, 2.0 / 3, 2.0 / 3)}) {
+  for (const Vector3d& axis : {Vector3d(1, 0, 0), Vector3d(0, 1, 0), Vector3d(0, 0, 1),
+                               Vector3d(1.0 / 3, 2.0 / 3, 2.0 / 3)}) {
     const Matrix3d r = 2 * axis * axis.transpose() - Matrix3d::Identity();
     CHECK(difference(fit_points(a, r * a), {r, Vector3d::Zero()}) < 1e-12);
   }
   CHECK(difference(fit_points(a, a), Pose()) < 1e-12);
 }
 
-TEST_CASE("fit_points: points that do not determine a motion are mapped onto each other all the same") {
+TEST_CASE(
+    "fit_points: points that do not determine a motion are mapped onto each other all the same") {
   Random random(2);
   for (int n = 0; n <= 4; ++n)
     for (int trial = 0; trial < (n == 0 ? 1 : 20); ++trial) {
@@ -228,14 +253,16 @@ TEST_CASE("fit_points: points that do not determine a motion are mapped onto eac
       const Vector3d start = random.vector(1), direction = random.direction();
       Matrix3Xd a(3, n), b(3, n);
       for (int i = 0; i < n; ++i) {
-        a.col(i) = start + (trial == 0 ? 0 : random.uniform(-1, 1)) * direction;  // on a line, once all in one place
+        a.col(i) = start + (trial == 0 ? 0 : random.uniform(-1, 1)) *
+                               direction;  // on a line, once all in one place
         b.col(i) = isometry(truth) * Vector3d(a.col(i));
       }
       const Pose t = fit_points(a, b);
       INFO(n << " points, trial " << trial);
       CHECK(is_rotation(t.rotation));
       CHECK(t.translation.allFinite());
-      for (int i = 0; i < n; ++i) CHECK((isometry(t) * Vector3d(a.col(i)) - b.col(i)).norm() < 1e-9);
+      for (int i = 0; i < n; ++i)
+        CHECK((isometry(t) * Vector3d(a.col(i)) - b.col(i)).norm() < 1e-9);
       CHECK(on_a_line(a));
     }
   Matrix3Xd bent(3, 4);
@@ -257,14 +284,17 @@ TEST_CASE("points at given values") {
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Matrix3Xd points = target_points(rig, table, values, static_cast<int>(t));
     REQUIRE(points.cols() == rig.targets[t].count());
-    for (int i = 0; i < rig.targets[t].count(); ++i) CHECK((points.col(i) - target_point(other.targets[t], i)).norm() < 1e-15);
+    for (int i = 0; i < rig.targets[t].count(); ++i)
+      CHECK((points.col(i) - target_point(other.targets[t], i)).norm() < 1e-15);
   }
 }
 
 TEST_CASE("start_targets: every type of sensor alone tells where a free target is") {
   Rig rig = nasty_robot();
   Random random(4);
-  const int body = add_points(rig, "body", random_points(random, 9, 0.15));  // not flat, enough for a direct linear transform
+  const int body =
+      add_points(rig, "body",
+                 random_points(random, 9, 0.15));  // not flat, enough for a direct linear transform
   const int board = target_index(rig, "board");
   for (const int sensor : all_sensors(rig))
     for (const int target : {board, body}) {
@@ -277,8 +307,10 @@ TEST_CASE("start_targets: every type of sensor alone tells where a free target i
         if (type == "chain")
           p.boards[target] = in_hand(rig, sensor, p, nullptr);
         else
-          p.boards[target] = in_front(rig, sensor, target, p, random.uniform(0.5, 0.9), 1.0, random);
-        if (type == "tilting_laser") p.boards[target] = p.boards[target] * exponential(random.twist(0.3, 1));
+          p.boards[target] =
+              in_front(rig, sensor, target, p, random.uniform(0.5, 0.9), 1.0, random);
+        if (type == "tilting_laser")
+          p.boards[target] = p.boards[target] * exponential(random.twist(0.3, 1));
         Sample sample = make_sample(rig, p, "a");
         if (!add_view(sample, rig, sensor, target, p)) continue;
         ++seen;
@@ -295,7 +327,8 @@ TEST_CASE("start_targets: every type of sensor alone tells where a free target i
 }
 
 TEST_CASE("start_targets: of a plane's two mirror solutions the right one, with noise too") {
-  // A board of 20 cm, 0.6 to 1.2 m away, turned by up to 60 degrees: with 0.2 px the two solutions can be told apart.
+  // A board of 20 cm, 0.6 to 1.2 m away, turned by up to 60 degrees: with 0.2 px the two solutions
+  // can be told apart.
   Rig rig;
   Random random(5);
   add_link(rig, "base");
@@ -329,12 +362,15 @@ TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") 
     for (int n = 1; n <= 5; ++n)
       for (const int target : {board, probe})
         for (int trial = 0; trial < 12; ++trial) {
-          if (!pair_allowed(rig, sensor, target) || rig.sensors[sensor].type == "chain" || rig.sensors[sensor].type == "pose") continue;
+          if (!pair_allowed(rig, sensor, target) || rig.sensors[sensor].type == "chain" ||
+              rig.sensors[sensor].type == "pose")
+            continue;
           TruePosture p = random_posture(rig, random, 1, false);
           p.boards[target] = in_front(rig, sensor, target, p, 0.7, 0.8, random);
           std::vector<int> ids;
           for (int i = 0; i < n; ++i)
-            ids.push_back(target == board ? (trial == 0 ? i % 4 : (3 * i + trial) % 12) : i % 4);  // trial 0: on a line
+            ids.push_back(target == board ? (trial == 0 ? i % 4 : (3 * i + trial) % 12)
+                                          : i % 4);  // trial 0: on a line
           std::sort(ids.begin(), ids.end());
           ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
           Sample sample = make_sample(rig, p, "a");
@@ -342,8 +378,10 @@ TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") 
           const Recording recording(rig, {sample});
           Values values;
           values.shared = recording.table.initial;
-          INFO(rig.sensors[sensor].name << ", " << ids.size() << " points of " << rig.targets[target].name << ", trial " << trial);
-          CHECK_NOTHROW(start_targets(recording, {0}, {sensor}, {}, values));  // three of four on a line, all on a line, ...
+          INFO(rig.sensors[sensor].name << ", " << ids.size() << " points of "
+                                        << rig.targets[target].name << ", trial " << trial);
+          CHECK_NOTHROW(start_targets(recording, {0}, {sensor}, {},
+                                      values));  // three of four on a line, all on a line, ...
           if (!values.targets.count({0, target})) continue;
           const Pose found = values.targets.at({0, target});
           CHECK(is_rotation(found.rotation));
@@ -355,16 +393,20 @@ TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") 
         }
 }
 
-TEST_CASE("start_targets: several targets and sensors in many samples, held out ones too, a bad sensor does not decide") {
+TEST_CASE(
+    "start_targets: several targets and sensors in many samples, held out ones too, a bad sensor "
+    "does not decide") {
   Rig rig = nasty_robot();
   Random random(7);
   std::vector<TruePosture> postures;
-  const int board = target_index(rig, "board"), probe = target_index(rig, "probe"), tracker = sensor_index(rig, "tracker"),
-            depth = sensor_index(rig, "depth"), mocap = sensor_index(rig, "mocap");
+  const int board = target_index(rig, "board"), probe = target_index(rig, "probe"),
+            tracker = sensor_index(rig, "tracker"), depth = sensor_index(rig, "depth"),
+            mocap = sensor_index(rig, "mocap");
   std::vector<Sample> samples;
   for (int k = 0; k < 6; ++k) {
     TruePosture p = random_posture(rig, random, 1, false);
-    for (const int target : {board, probe}) p.boards[target] = in_front(rig, depth, target, p, 0.8, 0.8, random);
+    for (const int target : {board, probe})
+      p.boards[target] = in_front(rig, depth, target, p, 0.8, 0.8, random);
     Sample s = make_sample(rig, p, "s" + std::to_string(k));
     for (const int target : {board, probe})
       for (const int sensor : {tracker, depth, mocap}) REQUIRE(add_view(s, rig, sensor, target, p));
@@ -380,7 +422,8 @@ TEST_CASE("start_targets: several targets and sensors in many samples, held out 
   CHECK(values.targets.size() == 6);
   for (const int s : {1, 3, 4})
     for (const int target : {board, probe})
-      CHECK(difference(values.targets.at({s, target}), to_pose(postures[s].boards.at(target))) < 0.01);
+      CHECK(difference(values.targets.at({s, target}), to_pose(postures[s].boards.at(target))) <
+            0.01);
 }
 
 TEST_CASE("start_targets: a pose that is there already stays if it can be evaluated") {
@@ -401,7 +444,8 @@ TEST_CASE("start_targets: a pose that is there already stays if it can be evalua
   // Behind the camera: as good as none.
   Isometry3d behind = Isometry3d::Identity();
   behind.translation().z() = -1;
-  values.targets[{0, board}] = to_pose(root_T_link(rig, rig.base, p).inverse() * root_T_sensor(rig, camera, p) * behind);
+  values.targets[{0, board}] =
+      to_pose(root_T_link(rig, rig.base, p).inverse() * root_T_sensor(rig, camera, p) * behind);
   start_targets(recording, {0}, {camera}, {}, values);
   CHECK(difference(values.targets.at({0, board}), to_pose(p.boards[board])) < 1e-6);
 }
@@ -467,14 +511,18 @@ TEST_CASE("unknown poses: two cameras, hand known, four cameras and the hand, no
   }
 }
 
-TEST_CASE("unknown poses: a tilting laser, by a wall that is known, and by free boards that a hand holds") {
+TEST_CASE(
+    "unknown poses: a tilting laser, by a wall that is known, and by free boards that a hand "
+    "holds") {
   int walls = 0, hands = 0;
   for (unsigned long seed = 1; seed <= 60 && (walls < 6 || hands < 6); ++seed) {
     Random random(seed);
     Unknown u;
     u.truth = arm();
-    const int laser = add_laser(u.truth, "laser", "laser", random.pose(1, kPi), "scan", {0.001, 0.001, 0.003});
-    const int wall = add_grid(u.truth, "wall", 4, 5, 0.2, "base", at({2, 0.3, 1}, {-1.3, 0.2, -1.4}));
+    const int laser =
+        add_laser(u.truth, "laser", "laser", random.pose(1, kPi), "scan", {0.001, 0.001, 0.003});
+    const int wall =
+        add_grid(u.truth, "wall", 4, 5, 0.2, "base", at({2, 0.3, 1}, {-1.3, 0.2, -1.4}));
     const int board = add_grid(u.truth, "board", 4, 5, 0.06),
               hand = add_chain(u.truth, "hand", "tool", random.pose(0.3, kPi), 0.001, 0.002);
     Unknown v = u;
@@ -509,14 +557,19 @@ TEST_CASE("unknown poses: a tilting laser, by a wall that is known, and by free 
   CHECK(hands >= 6);
 }
 
-TEST_CASE("unknown poses: a tracker of points, by a body on the tool, by one reflector, and with the body unknown too") {
+TEST_CASE(
+    "unknown poses: a tracker of points, by a body on the tool, by one reflector, and with the "
+    "body unknown too") {
   for (unsigned long seed = 1; seed <= 10; ++seed) {
     Random random(seed);
     Unknown u;
     u.truth = arm();
-    const int tracker = add_tracker(u.truth, "tracker", "base", random.pose(1, kPi), {1e-4, 1e-4, 1e-4});
-    const int body = add_points(u.truth, "body", random_points(random, 4, 0.2), "tool", random.pose(0.3, kPi));
-    const int reflector = add_points(u.truth, "reflector", Eigen::Vector3d(0.03, 0.02, 0.1), "tool", Pose());
+    const int tracker =
+        add_tracker(u.truth, "tracker", "base", random.pose(1, kPi), {1e-4, 1e-4, 1e-4});
+    const int body =
+        add_points(u.truth, "body", random_points(random, 4, 0.2), "tool", random.pose(0.3, kPi));
+    const int reflector =
+        add_points(u.truth, "reflector", Eigen::Vector3d(0.03, 0.02, 0.1), "tool", Pose());
     Unknown one = u;
     for (int k = 0; k < 12; ++k) {
       const TruePosture p = random_posture(u.truth, random, 1, false);
@@ -545,7 +598,8 @@ TEST_CASE("unknown poses: motion capture and a depth camera that see a board in 
     Unknown u;
     u.truth = arm();
     const int mocap = add_mocap(u.truth, "mocap", "base", random.pose(1, kPi), 0.001, 0.002);
-    const int depth = add_tracker(u.truth, "depth", "neck", random.pose(1, kPi), {0.001, 0.001, 0.001});
+    const int depth =
+        add_tracker(u.truth, "depth", "neck", random.pose(1, kPi), {0.001, 0.001, 0.001});
     const int board = add_grid(u.truth, "board", 4, 5, 0.06),
               hand = add_chain(u.truth, "hand", "tool", random.pose(0.5, kPi), 0.001, 0.002);
     for (int k = 0; k < 10; ++k) {
@@ -553,11 +607,11 @@ TEST_CASE("unknown poses: motion capture and a depth camera that see a board in 
       p.boards[board] = in_hand(u.truth, hand, p, nullptr);
       u.add(p, {{mocap, board}, {depth, board}, {hand, board}});
     }
-    for (const std::vector<std::string>& names :
-         std::vector<std::vector<std::string>>{{"sensor/mocap/pose"},
-                                               {"sensor/mocap/pose", "sensor/depth/pose"},
-                                               {"sensor/hand/pose"},
-                                               {"sensor/mocap/pose", "sensor/depth/pose", "sensor/hand/pose"}}) {
+    for (const std::vector<std::string>& names : std::vector<std::vector<std::string>>{
+             {"sensor/mocap/pose"},
+             {"sensor/mocap/pose", "sensor/depth/pose"},
+             {"sensor/hand/pose"},
+             {"sensor/mocap/pose", "sensor/depth/pose", "sensor/hand/pose"}}) {
       u.names = names;
       INFO("seed " << seed << ", " << names.size() << " unknown");
       const auto found = u.find();
@@ -580,11 +634,14 @@ TEST_CASE("unknown poses: what nothing ties to the rest is returned by name") {
     u.postures[k].boards[loose] = in_front(u.truth, alone, loose, u.postures[k], 1, 0.6, random);
     REQUIRE(add_view(u.samples[k], u.truth, alone, loose, u.postures[k]));
   }
-  // `alone` sees only a free board that nobody else sees, `blind` nothing; `dark` is seen by nobody.
-  u.names = {"sensor/camera0/pose", "sensor/alone/pose", "sensor/camera1/pose", "sensor/blind/pose", "target/dark/pose"};
+  // `alone` sees only a free board that nobody else sees, `blind` nothing; `dark` is seen by
+  // nobody.
+  u.names = {"sensor/camera0/pose", "sensor/alone/pose", "sensor/camera1/pose", "sensor/blind/pose",
+             "target/dark/pose"};
   auto found = u.find();
   std::sort(found.lost.begin(), found.lost.end());
-  CHECK(found.lost == std::vector<std::string>{"sensor/alone/pose", "sensor/blind/pose", "target/dark/pose"});
+  CHECK(found.lost ==
+        std::vector<std::string>{"sensor/alone/pose", "sensor/blind/pose", "target/dark/pose"});
   CHECK(found.worst < 1e-6);
 }
 
@@ -594,7 +651,8 @@ namespace {
 struct Height {
   static constexpr int kRows = 1, kNumbers = 1;
   int parameter_count() const { return 0; }
-  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p, double*) const {
+  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,
+                double*) const {
     r[0] = p.z() - z[0];
     if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
     return true;
@@ -608,7 +666,8 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   add_link(rig, "base");
   add_joint(rig, JointType::revolute, "pan", "base", "tool", {0, 0, 1}, at({0, 0, 0.5}));
   finish_tree(rig.tree);
-  const int gauge = add_sensor(rig, "gauge", "height", "base", at({0, 0, 0.2}), std::make_shared<PointwiseSensor<Height>>(), {0.001});
+  const int gauge = add_sensor(rig, "gauge", "height", "base", at({0, 0, 0.2}),
+                               std::make_shared<PointwiseSensor<Height>>(), {0.001});
   add_grid(rig, "board", 3, 4, 0.1);
   add_grid(rig, "plate", 3, 4, 0.1, "tool", at({0.3, 0, 0}, {0.3, 0.2, 0}));
   std::vector<Sample> samples(3);
@@ -635,12 +694,17 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   std::string words;
   for (const Warning& w : report.warnings)
     if (w.id == "no_start") words += w.text;
-  CHECK_THAT(words, Catch::Matchers::Contains("sensor/gauge/pose is absent from the rig and a sensor of type height gives no pose"));
+  CHECK_THAT(
+      words,
+      Catch::Matchers::Contains(
+          "sensor/gauge/pose is absent from the rig and a sensor of type height gives no pose"));
 
   for (Sample& sample : samples) sample.views[0].target = target_index(rig, "board");
   const Solution solution = solution_of(rig, samples);
   CHECK(solution.status == Status::undefined_start);
-  CHECK_THAT(solution.message, Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
+  CHECK_THAT(
+      solution.message,
+      Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
 }
 
 TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
@@ -664,14 +728,17 @@ TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
       chi2[absent] = result.chi2;
       for (const ParameterEstimate& p : result.parameters) {
         REQUIRE(p.pose);
-        values[absent].insert(values[absent].end(), p.pose->rotation.data(), p.pose->rotation.data() + 9);
-        values[absent].insert(values[absent].end(), p.pose->translation.data(), p.pose->translation.data() + 3);
+        values[absent].insert(values[absent].end(), p.pose->rotation.data(),
+                              p.pose->rotation.data() + 9);
+        values[absent].insert(values[absent].end(), p.pose->translation.data(),
+                              p.pose->translation.data() + 3);
         CHECK(p.name.find("/pose") != std::string::npos);
       }
     }
     INFO("seed " << seed);
     CHECK(std::abs(chi2[0] / chi2[1] - 1) < 1e-8);
     REQUIRE(values[0].size() == values[1].size());
-    for (size_t i = 0; i < values[0].size(); ++i) CHECK(std::abs(values[0][i] - values[1][i]) < 1e-6);
+    for (size_t i = 0; i < values[0].size(); ++i)
+      CHECK(std::abs(values[0][i] - values[1][i]) < 1e-6);
   }
 }

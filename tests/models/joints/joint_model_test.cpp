@@ -1,12 +1,14 @@
 // models/joints/joint_model.h, and that everything else takes a joint's position from its model.
 //
-// Proves, for the linear model and a quadratic one of the tests' own: derivatives are those of position(), reading() inverts it and says NaN
-// where nothing does. On the nasty robot with bends in a joint that others follow, in a prismatic one and in scanning ones, the fixture's
-// independent forward model being bent the same way: the numbers are parameters with names; residuals, whitening and every derivative of an
-// Estimation, entry by entry; derivatives of frames; what a simulation logs. A Calibration finds a planted bend, with an honest sigma, and
-// does not fit without it.
-// The rig's initial values go before the model's; names are found in a list of models.
-// Does not prove: what files do with a model (tests/io/results/joint_model_test.cpp), nor anything of a model's use to real gears.
+// Proves, for the linear model and a quadratic one of the tests' own: derivatives are those of
+// position(), reading() inverts it and says NaN where nothing does. On the nasty robot with bends
+// in a joint that others follow, in a prismatic one and in scanning ones, the fixture's independent
+// forward model being bent the same way: the numbers are parameters with names; residuals,
+// whitening and every derivative of an Estimation, entry by entry; derivatives of frames; what a
+// simulation logs. A Calibration finds a planted bend, with an honest sigma, and does not fit
+// without it. The rig's initial values go before the model's; names are found in a list of models.
+// Does not prove: what files do with a model (tests/io/results/joint_model_test.cpp), nor anything
+// of a model's use to real gears.
 #include "../../../models/joints/joint_models.h"
 
 #include <Eigen/Cholesky>
@@ -31,7 +33,8 @@ using namespace kincal::fixture;
 
 namespace {
 
-const std::map<std::string, double> kBends = {{"elbow", 0.05}, {"slide", -0.08}, {"scan", 0.06}, {"turn", -0.03}};
+const std::map<std::string, double> kBends = {
+    {"elbow", 0.05}, {"slide", -0.08}, {"scan", 0.06}, {"turn", -0.03}};
 
 /// The nasty robot with bends; its rig starts at half of them, the values have them.
 struct Bent : Recording {
@@ -44,12 +47,16 @@ struct Bent : Recording {
     for (const auto& [joint, bend] : kBends) values.shared(start(joint)) = bend;
     for (size_t s = 0; s < samples.size(); ++s) {
       for (const auto& [joint, bend] : kBends) postures[s].bends[joint_index(rig, joint)] = bend;
-      for (const auto& [target, board] : postures[s].boards) values.targets[{static_cast<int>(s), target}] = to_pose(board);
+      for (const auto& [target, board] : postures[s].boards)
+        values.targets[{static_cast<int>(s), target}] = to_pose(board);
       for (size_t j = 0; j < rig.joints.size(); ++j)
-        if (postures[s].errors[j] != 0) values.errors[{static_cast<int>(s), static_cast<int>(j)}] = postures[s].errors[j];
+        if (postures[s].errors[j] != 0)
+          values.errors[{static_cast<int>(s), static_cast<int>(j)}] = postures[s].errors[j];
     }
   }
-  int bend(const std::string& joint) const { return table.select("joint/" + joint + "/bend").at(0).parameter; }
+  int bend(const std::string& joint) const {
+    return table.select("joint/" + joint + "/bend").at(0).parameter;
+  }
   int start(const std::string& joint) const { return table.all[bend(joint)].start; }
 
  private:
@@ -67,12 +74,18 @@ TEST_CASE("joint models: derivatives, and readings at positions") {
   const QuadraticJoint quadratic(0);
   for (const JointModel* model : {linear_joint().get(), static_cast<const JointModel*>(&quadratic)})
     for (int n = 0; n < 50; ++n) {
-      std::vector<double> own = {random.uniform(-0.3, 0.3), random.uniform(0.8, 1.2) * (n % 2 ? 1 : -1), random.uniform(-0.1, 0.1)};
+      std::vector<double> own = {random.uniform(-0.3, 0.3),
+                                 random.uniform(0.8, 1.2) * (n % 2 ? 1 : -1),
+                                 random.uniform(-0.1, 0.1)};
       own.resize(model->size());
       CHECK(model->size() == 2 + static_cast<int>(model->further().size()));
       const double q = random.uniform(-2, 2);
-      const auto at = [&](double reading) { return VectorXd::Constant(1, model->position(reading, own.data())); };
-      CHECK(model->by_reading(q, own.data()) == Approx(derivative([&](double h) { return VectorXd(at(q + h)); }, 1e-2)(0)).epsilon(1e-11));
+      const auto at = [&](double reading) {
+        return VectorXd::Constant(1, model->position(reading, own.data()));
+      };
+      CHECK(model->by_reading(q, own.data()) ==
+            Approx(derivative([&](double h) { return VectorXd(at(q + h)); }, 1e-2)(0))
+                .epsilon(1e-11));
       for (int k = 0; k < model->size(); ++k) {
         const auto moved = [&](double h) {
           std::vector<double> there = own;
@@ -129,8 +142,9 @@ TEST_CASE("joint models: residuals, whitening and every derivative of a robot wi
     EstimationSetup setup;
     setup.noise = mode;
     setup.sensors = all_sensors(s.rig);
-    setup.free = freed(s.table, {"joint/*/bend", "joint/elbow/*", "joint/scan/*", "joint/slide/*", "joint/turn/*", "joint/shoulder/offset",
-                                 "joint/wrist/origin", "sensor/laser/pose", "sensor/bc8/pose"});
+    setup.free = freed(s.table, {"joint/*/bend", "joint/elbow/*", "joint/scan/*", "joint/slide/*",
+                                 "joint/turn/*", "joint/shoulder/offset", "joint/wrist/origin",
+                                 "sensor/laser/pose", "sensor/bc8/pose"});
     Estimation problem(s, s.training(), setup);
     problem.set_workers(1);
     const VectorXd state = problem.pack(s.values);
@@ -146,7 +160,8 @@ TEST_CASE("joint models: residuals, whitening and every derivative of a robot wi
           [&](double h) {
             VectorXd step = VectorXd::Zero(numeric.cols()), moved;
             step(k) = h;
-            problem.retract(state, step.tail(problem.shared_size()), step.head(analytic.privates), moved);
+            problem.retract(state, step.tail(problem.shared_size()), step.head(analytic.privates),
+                            moved);
             return VectorXd(at(moved).r);
           },
           1e-3);
@@ -160,14 +175,17 @@ TEST_CASE("joint models: residuals, whitening and every derivative of a robot wi
       const Eigen::Index end = row + problem.groups()[g].rows;
       for (; next < views.size() && views[next].sample == sample; ++next) {
         const ViewResiduals& v = views[next];
-        INFO("mode " << static_cast<int>(mode) << ": " << s.rig.sensors[v.view->sensor].name << " sees "
-                     << s.rig.targets[v.view->target].name << " in " << s.samples[sample].id);
+        INFO("mode " << static_cast<int>(mode) << ": " << s.rig.sensors[v.view->sensor].name
+                     << " sees " << s.rig.targets[v.view->target].name << " in "
+                     << s.samples[sample].id);
         const Eigen::Index n = v.whitened.size();
         for (Eigen::Index k = 0; k < numeric.cols(); ++k) {
           const VectorXd a = analytic.j.col(k).segment(row, n), b = numeric.col(k).segment(row, n);
           const Eigen::Index shared = k - analytic.privates;
-          INFO((shared < 0 ? "private " + std::to_string(k) : problem.column_name(static_cast<int>(shared))));
-          CHECK((a - b).cwiseAbs().maxCoeff() < 1e-7 * b.cwiseAbs().maxCoeff() + 1e-11 * v.whitened.cwiseAbs().maxCoeff() + 1e-9);
+          INFO((shared < 0 ? "private " + std::to_string(k)
+                           : problem.column_name(static_cast<int>(shared))));
+          CHECK((a - b).cwiseAbs().maxCoeff() <
+                1e-7 * b.cwiseAbs().maxCoeff() + 1e-11 * v.whitened.cwiseAbs().maxCoeff() + 1e-9);
           if (shared < 0) continue;
           const std::string& name = s.table.all[problem.columns()[shared].parameter].name;
           if (name.find("/bend") != std::string::npos) bent[name] += b.norm() > 1e-3;
@@ -175,15 +193,18 @@ TEST_CASE("joint models: residuals, whitening and every derivative of a robot wi
         TruePosture posture = s.postures[sample];
         if (mode != NoiseMode::latent) posture.errors.assign(posture.errors.size(), 0);
         const VectorXd by_hand = residual(s.rig, *v.view, posture);
-        CHECK((v.raw - by_hand).cwiseAbs().maxCoeff() < 1e-12 * (1000 + by_hand.cwiseAbs().maxCoeff()));
+        CHECK((v.raw - by_hand).cwiseAbs().maxCoeff() <
+              1e-12 * (1000 + by_hand.cwiseAbs().maxCoeff()));
         MatrixXd c = own_covariance(s.rig, *v.view, posture);
         const MatrixXd readings = reading_noise(s.rig, *v.view, posture);
         if (mode == NoiseMode::marginal) c += readings * readings.transpose();
-        CHECK(v.whitened.squaredNorm() == Approx(by_hand.dot(c.ldlt().solve(by_hand))).epsilon(1e-7));
+        CHECK(v.whitened.squaredNorm() ==
+              Approx(by_hand.dot(c.ldlt().solve(by_hand))).epsilon(1e-7));
         row += n;
       }
       // What is left are the priors of joint errors.
-      CHECK((analytic.j - numeric).middleRows(row, end - row).cwiseAbs().sum() <= 1e-6 * static_cast<double>(end - row));
+      CHECK((analytic.j - numeric).middleRows(row, end - row).cwiseAbs().sum() <=
+            1e-6 * static_cast<double>(end - row));
       row = end;
     }
     REQUIRE(next == views.size());
@@ -207,15 +228,19 @@ TEST_CASE("joint models: frames move with the numbers and with the readings") {
     };
     const auto difference = [&](const Isometry3d& up, const Isometry3d& down) {
       Vector6d out;
-      out << (up.translation() - down.translation()) / (2 * h), rotation_vector(up.linear() * down.linear().transpose()) / (2 * h);
+      out << (up.translation() - down.translation()) / (2 * h),
+          rotation_vector(up.linear() * down.linear().transpose()) / (2 * h);
       return out;
     };
-    const FrameDerivative d = frame_derivative(s.rig, s.table, s.values.shared, unknowns, frame, posture.readings);
+    const FrameDerivative d =
+        frame_derivative(s.rig, s.table, s.values.shared, unknowns, frame, posture.readings);
     for (int k = 0; k < 3; ++k) {
       const auto moved = [&](double step) {
         Rig rig = s.rig;
         TruePosture p = posture;
-        (k == 0 ? rig.joints[elbow].offset : k == 1 ? rig.joints[elbow].scale : p.bends[elbow]) += step;
+        (k == 0   ? rig.joints[elbow].offset
+         : k == 1 ? rig.joints[elbow].scale
+                  : p.bends[elbow]) += step;
         return base_T(rig, p);
       };
       CHECK((d.by_unknowns.col(k) - difference(moved(h), moved(-h))).norm() < 1e-8);
@@ -226,28 +251,39 @@ TEST_CASE("joint models: frames move with the numbers and with the readings") {
       TruePosture up = posture, down = posture;
       up.readings[j] += h;
       down.readings[j] -= h;
-      const Vector6d motion = s.rig.joints[j].sigma * difference(base_T(s.rig, up), base_T(s.rig, down));
+      const Vector6d motion =
+          s.rig.joints[j].sigma * difference(base_T(s.rig, up), base_T(s.rig, down));
       by_readings += motion * motion.transpose();
     }
-    CHECK((d.by_readings * d.by_readings.transpose() - by_readings).norm() < 1e-8 * by_readings.norm() + 1e-14);
+    CHECK((d.by_readings * d.by_readings.transpose() - by_readings).norm() <
+          1e-8 * by_readings.norm() + 1e-14);
   }
 }
 
 namespace {
 
-/// base -shoulder- upper -elbow- fore -wrist- tool with marks that a tracker sees; base -scan- head with a laser before a wall.
+/// base -shoulder- upper -elbow- fore -wrist- tool with marks that a tracker sees; base -scan- head
+/// with a laser before a wall.
 Rig arm() {
   Rig rig;
   add_link(rig, "base");
-  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1}, at({0.1, 0, 0.3}, {0.1, 0, 0}), 0.0005);
-  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0.1}, at({0.4, 0, 0}), 0.0005);
-  add_joint(rig, JointType::revolute, "wrist", "fore", "tool", {1, 0, 0}, at({0.3, 0, 0.02}, {0, 0.2, 0}), 0.0005);
+  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1},
+            at({0.1, 0, 0.3}, {0.1, 0, 0}), 0.0005);
+  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0.1}, at({0.4, 0, 0}),
+            0.0005);
+  add_joint(rig, JointType::revolute, "wrist", "fore", "tool", {1, 0, 0},
+            at({0.3, 0, 0.02}, {0, 0.2, 0}), 0.0005);
   add_joint(rig, JointType::revolute, "scan", "base", "head", {0, 1, 0}, at({0, 0.2, 0.6}));
   finish_tree(rig.tree);
   for (Joint& joint : rig.tree.joints) joint.lower = -1.2, joint.upper = 1.2;
   add_tracker(rig, "tracker", "base", at({1.5, 0.8, 1}, {0.2, 0.3, 2}), {0.0005, 0.0005, 0.0005});
-  add_laser(rig, "laser", "head", at({0.03, 0, 0.05}, {0.05, 0, 0.1}), "scan", {0.0005, 0.0005, 0.002});
-  add_points(rig, "marks", (Eigen::Matrix3Xd(3, 4) << 0.1, 0, 0.05, -0.05, 0, 0.1, -0.1, 0.05, 0, 0.02, 0.08, -0.06).finished(), "tool");
+  add_laser(rig, "laser", "head", at({0.03, 0, 0.05}, {0.05, 0, 0.1}), "scan",
+            {0.0005, 0.0005, 0.002});
+  add_points(
+      rig, "marks",
+      (Eigen::Matrix3Xd(3, 4) << 0.1, 0, 0.05, -0.05, 0, 0.1, -0.1, 0.05, 0, 0.02, 0.08, -0.06)
+          .finished(),
+      "tool");
   add_grid(rig, "wall", 3, 4, 0.1, "base", at({1.5, 0.1, 0.4}, {-1.6, 0, -1.5}));
   bend_joint(rig, "elbow", 0);
   bend_joint(rig, "scan", 0);
@@ -280,7 +316,8 @@ TEST_CASE("joint models: a simulated encoder says what the model says") {
 }
 
 TEST_CASE("joint models: a calibration finds a planted bend, and does not fit without it") {
-  const std::map<std::string, double> planted = {{"joint/elbow/offset", 0.02}, {"joint/elbow/scale", 1.01}, {"joint/elbow/bend", 0.04}};
+  const std::map<std::string, double> planted = {
+      {"joint/elbow/offset", 0.02}, {"joint/elbow/scale", 1.01}, {"joint/elbow/bend", 0.04}};
   const Rig rig = arm();
   Rig truth = rig;
   const int elbow = joint_index(rig, "elbow");

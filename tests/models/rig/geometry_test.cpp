@@ -1,6 +1,7 @@
-// models/rig/geometry.h: which components of joint origins are independent. Against the sets that papers and hands have found for real
-// robots, and against the rank of derivatives by differences of the fixture's own kinematics, at other postures.
-// Not proved: that the numbers kept are the best conditioned ones; they are the first in a fixed order.
+// models/rig/geometry.h: which components of joint origins are independent. Against the sets that
+// papers and hands have found for real robots, and against the rank of derivatives by differences
+// of the fixture's own kinematics, at other postures. Not proved: that the numbers kept are the
+// best conditioned ones; they are the first in a fixed order.
 #include "../../../models/rig/geometry.h"
 
 #include <Eigen/SVD>
@@ -36,12 +37,13 @@ std::vector<std::string> text(const Tree& tree, const std::vector<OriginComponen
   return out;
 }
 
-std::vector<std::string> geometry(const Rig& rig, const std::string& base, const std::string& tip, bool base_pose = true,
-                                  bool tip_pose = true) {
+std::vector<std::string> geometry(const Rig& rig, const std::string& base, const std::string& tip,
+                                  bool base_pose = true, bool tip_pose = true) {
   std::vector<char> has_pose(rig.tree.links.size(), 0);
   has_pose[link_index(rig, base)] = base_pose;
   has_pose[link_index(rig, tip)] = tip_pose;
-  return text(rig.tree, independent_geometry(rig.tree, {{link_index(rig, base), link_index(rig, tip)}}, has_pose));
+  return text(rig.tree, independent_geometry(
+                            rig.tree, {{link_index(rig, base), link_index(rig, tip)}}, has_pose));
 }
 
 struct Row {
@@ -55,9 +57,10 @@ Rig serial(const std::vector<Row>& rows) {
   Rig rig;
   add_link(rig, "l0");
   for (size_t i = 0; i < rows.size(); ++i)
-    add_joint(rig, rows[i].type, "j" + std::to_string(i + 1), "l" + std::to_string(i), "l" + std::to_string(i + 1), rows[i].axis,
-              at(rows[i].xyz, rows[i].rpy));
-  add_joint(rig, JointType::fixed, "flange", "l" + std::to_string(rows.size()), "tool", {1, 0, 0}, at({0, 0.02, 0.09}, {0.3, 0, 0}));
+    add_joint(rig, rows[i].type, "j" + std::to_string(i + 1), "l" + std::to_string(i),
+              "l" + std::to_string(i + 1), rows[i].axis, at(rows[i].xyz, rows[i].rpy));
+  add_joint(rig, JointType::fixed, "flange", "l" + std::to_string(rows.size()), "tool", {1, 0, 0},
+            at({0, 0.02, 0.09}, {0.3, 0, 0}));
   finish_tree(rig.tree);
   return rig;
 }
@@ -68,7 +71,8 @@ const std::vector<Row> kAubo = {{{0, 0, 0}, {0, 0, 0}},
                                 {{0.6005, 0, 0}, {2 * kHalf, 0, kHalf}},
                                 {{0, 0, 0.2013}, {-kHalf, 0, 0}},
                                 {{0, 0, 0.1025}, {kHalf, 0, 0}}};
-const std::vector<std::string> kAuboSet = {"j2 .y .ry", "j3 .x .y .rx .ry", "j4 .x .y .rx .ry", "j5 .x .y .rx .ry", "j6 .x .y .rx .ry"};
+const std::vector<std::string> kAuboSet = {"j2 .y .ry", "j3 .x .y .rx .ry", "j4 .x .y .rx .ry",
+                                           "j5 .x .y .rx .ry", "j6 .x .y .rx .ry"};
 
 }  // namespace
 
@@ -86,8 +90,9 @@ TEST_CASE("geometry: the sets of known robots") {
                             {{-0.0825, 0.384, 0}, {-kHalf, 0, 0}},
                             {{0, 0, 0}, {kHalf, 0, 0}},
                             {{0.088, 0, 0}, {kHalf, 0, 0}}});
-    CHECK(geometry(rig, "l0", "tool") == std::vector<std::string>{"j2 .x .rx", "j3 .x .y .rx .ry", "j4 .x .y .rx .ry", "j5 .x .y .rx .ry",
-                                                                  "j6 .x .y .rx .ry", "j7 .x .y .rx .ry"});
+    CHECK(geometry(rig, "l0", "tool") ==
+          std::vector<std::string>{"j2 .x .rx", "j3 .x .y .rx .ry", "j4 .x .y .rx .ry",
+                                   "j5 .x .y .rx .ry", "j6 .x .y .rx .ry", "j7 .x .y .rx .ry"});
   }
   SECTION("a positioner with two axes: their distance and angle") {
     const Rig rig = serial({{{0, 0, 0}, {0, 0, 0}}, {{0, 0, 0}, {-kHalf, -kHalf, 0}}});
@@ -97,7 +102,8 @@ TEST_CASE("geometry: the sets of known robots") {
     const Rig rig = serial({{{0, 0, 0.1}, {0, 0, 0}, {1, 0, 0}, JointType::prismatic},
                             {{0, 0.2, 0}, {0, 0, 0}, {0, 1, 0}, JointType::prismatic},
                             {{0.1, 0, 0}, {0, 0, 0}, {0, 0, -1}, JointType::prismatic}});
-    // Of 2 * 3 + 6 the poses at the ends hold 9: translations commute with all three axes. Turning everything is the ends' too.
+    // Of 2 * 3 + 6 the poses at the ends hold 9: translations commute with all three axes. Turning
+    // everything is the ends' too.
     const std::vector<std::string> found = geometry(rig, "l0", "tool");
     CHECK(found == std::vector<std::string>{"j2 .rz", "j3 .rx .ry"});
   }
@@ -128,7 +134,8 @@ TEST_CASE("geometry: an end where no pose stands has its six numbers in the set"
     return n;
   };
   CHECK(count(geometry(rig, "l0", "tool", true, true)) == 18);
-  const std::vector<std::string> no_base = geometry(rig, "l0", "tool", false, true), no_tip = geometry(rig, "l0", "tool", true, false);
+  const std::vector<std::string> no_base = geometry(rig, "l0", "tool", false, true),
+                                 no_tip = geometry(rig, "l0", "tool", true, false);
   CHECK(count(no_base) == 24);
   CHECK(no_base[0] == "j1 .x .y .rx .ry");
   CHECK(no_base[1] == "j2 .x .y .rx .ry");
@@ -138,30 +145,36 @@ TEST_CASE("geometry: an end where no pose stands has its six numbers in the set"
 }
 
 TEST_CASE("geometry: what is kept is independent, and spans everything that origins can do") {
-  // By differences of a_T_b, every origin component of every joint of the robot, at postures of our own.
+  // By differences of a_T_b, every origin component of every joint of the robot, at postures of our
+  // own.
   const Rig rig = fixture::nasty_robot();
   struct Case {
     std::vector<std::pair<std::string, std::string>> chains;
     std::vector<std::string> posed;
   };
-  const std::vector<Case> cases = {{{{"pole", "tool"}}, {"pole", "tool"}},      // prismatic, oblique, continuous, up and down
-                                   {{{"tool", "wobble"}}, {"tool", "wobble"}},  // two limbs
-                                   {{{"plinth", "nail"}}, {"plinth", "nail"}},  // followers of followers
-                                   {{{"tool", "nail"}}, {"tool"}},              // no pose at the tip
-                                   {{{"torso", "tool"}}, {}},                   // none at all
-                                   {{{"tool", "eye"}, {"wobble", "eye"}, {"table", "wobble"}}, {"tool", "eye", "wobble", "table"}}};
+  const std::vector<Case> cases = {
+      {{{"pole", "tool"}}, {"pole", "tool"}},      // prismatic, oblique, continuous, up and down
+      {{{"tool", "wobble"}}, {"tool", "wobble"}},  // two limbs
+      {{{"plinth", "nail"}}, {"plinth", "nail"}},  // followers of followers
+      {{{"tool", "nail"}}, {"tool"}},              // no pose at the tip
+      {{{"torso", "tool"}}, {}},                   // none at all
+      {{{"tool", "eye"}, {"wobble", "eye"}, {"table", "wobble"}},
+       {"tool", "eye", "wobble", "table"}}};
   fixture::Random random(3);
   for (const Case& c : cases) {
     INFO(c.chains[0].first << ".." << c.chains[0].second);
     std::vector<Chain> chains;
     std::vector<char> has_pose(rig.tree.links.size(), 0);
-    for (const auto& chain : c.chains) chains.push_back({link_index(rig, chain.first), link_index(rig, chain.second)});
+    for (const auto& chain : c.chains)
+      chains.push_back({link_index(rig, chain.first), link_index(rig, chain.second)});
     for (const std::string& link : c.posed) has_pose[link_index(rig, link)] = 1;
     const std::vector<OriginComponents> found = independent_geometry(rig.tree, chains, has_pose);
 
     std::vector<fixture::TruePosture> postures;
-    for (int i = 0; i < 60; ++i) postures.push_back(fixture::random_posture(rig, random, 1.5, true));
-    // Rows: Log of a_T_b before and after. The moved link's pose on the right, link by link, for ends.
+    for (int i = 0; i < 60; ++i)
+      postures.push_back(fixture::random_posture(rig, random, 1.5, true));
+    // Rows: Log of a_T_b before and after. The moved link's pose on the right, link by link, for
+    // ends.
     const auto column = [&](int joint, int link, int k) {
       constexpr double h = 1e-5;
       Vector6d xi = Vector6d::Zero();
@@ -177,14 +190,16 @@ TEST_CASE("geometry: what is kept is independent, and spans everything that orig
               Pose& origin = other.tree.joints[joint].parent_T_joint;
               origin = fixture::to_pose(fixture::isometry(origin) * step);
             }
-            fixture::Isometry3d a = fixture::root_T_link(other, chain.base, p), b = fixture::root_T_link(other, chain.tip, p);
+            fixture::Isometry3d a = fixture::root_T_link(other, chain.base, p),
+                                b = fixture::root_T_link(other, chain.tip, p);
             if (link >= 0 && chain.base == link) a = a * step;
             if (link >= 0 && chain.tip == link) b = b * step;
             return fixture::Isometry3d(a.inverse() * b);
           };
           const fixture::Isometry3d plus = relative(1), minus = relative(-1);
           out.segment<3>(row) = (plus.translation() - minus.translation()) / (2 * h);
-          out.segment<3>(row + 3) = fixture::rotation_vector(plus.linear() * minus.linear().transpose()) / (2 * h);
+          out.segment<3>(row + 3) =
+              fixture::rotation_vector(plus.linear() * minus.linear().transpose()) / (2 * h);
           row += 6;
         }
       return out;
@@ -198,10 +213,13 @@ TEST_CASE("geometry: what is kept is independent, and spans everything that orig
       for (int k = 0; k < 6; ++k) all.push_back(column(static_cast<int>(j), -1, k));
     const auto rank = [&](std::vector<VectorXd> columns, const std::vector<VectorXd>& more) {
       columns.insert(columns.end(), more.begin(), more.end());
-      columns.erase(std::remove_if(columns.begin(), columns.end(), [](const VectorXd& v) { return v.norm() < 1e-6; }), columns.end());
+      columns.erase(std::remove_if(columns.begin(), columns.end(),
+                                   [](const VectorXd& v) { return v.norm() < 1e-6; }),
+                    columns.end());
       if (columns.empty()) return Eigen::Index(0);
       MatrixXd m(columns[0].size(), static_cast<Eigen::Index>(columns.size()));
-      for (size_t i = 0; i < columns.size(); ++i) m.col(static_cast<Eigen::Index>(i)) = columns[i].normalized();
+      for (size_t i = 0; i < columns.size(); ++i)
+        m.col(static_cast<Eigen::Index>(i)) = columns[i].normalized();
       Eigen::JacobiSVD<MatrixXd> svd(m);
       svd.setThreshold(1e-6);
       return svd.rank();
@@ -237,6 +255,9 @@ TEST_CASE("geometry: as the name of parameters") {
   };
   CHECK(message("geometry/l0..tol") == "here: 'geometry/l0..tol': there is no link 'tol'");
   CHECK(message("geometry/lo..tool") == "here: 'geometry/lo..tool': there is no link 'lo'");
-  CHECK(message("geometry/l0.tool") == "here: 'geometry/l0.tool': geometry/BASE..TIP is expected, two links with two dots between");
-  CHECK(message("geometry/l6..tool").find("here: 'geometry/l6..tool' has no number of its own") == 0);
+  CHECK(
+      message("geometry/l0.tool") ==
+      "here: 'geometry/l0.tool': geometry/BASE..TIP is expected, two links with two dots between");
+  CHECK(message("geometry/l6..tool").find("here: 'geometry/l6..tool' has no number of its own") ==
+        0);
 }

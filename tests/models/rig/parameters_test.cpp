@@ -51,7 +51,8 @@ TEST_CASE("parameters: a name means itself, a glob what fnmatch says of each nam
     std::vector<std::pair<int, int>> expected, found;
     for (int p = 0; p < static_cast<int>(table.all.size()); ++p)
       for (int c = 0; c < table.all[p].size(); ++c)
-        if (matches(table.all[p].name) || matches(table.all[p].component_name(c))) expected.push_back({p, c});
+        if (matches(table.all[p].name) || matches(table.all[p].component_name(c)))
+          expected.push_back({p, c});
     for (const Freed& freed : table.select(pattern))
       for (int c : freed.components) found.push_back({freed.parameter, c});
     CHECK(found == expected);

@@ -1,11 +1,13 @@
 // models/sensors/sensors.h: every sensor as the contract of models/sensors/sensor.h states it.
 //
-// Proves, sensor by sensor: L agrees entry by entry with central differences of r (1e-7 of the column's scale), for every group of
-// columns (pose or "behind", sensor's side, joint, own parameters, square, points), wherever in L the groups stand and whichever are
-// absent; at random poses, next to the identity, next to half a turn, on the optical axis and 1e-10 beside it. Cameras' pixels equal
-// formulas coded here; what is behind a camera is refused; own noise equals the numeric derivative of the ray's point. A sensor
-// made as the head of sensor.h describes works.
-// Does not prove: that a view's J = L M (models/estimation/estimation_test.cpp), nor that what a sensor is given is the right pose.
+// Proves, sensor by sensor: L agrees entry by entry with central differences of r (1e-7 of the
+// column's scale), for every group of columns (pose or "behind", sensor's side, joint, own
+// parameters, square, points), wherever in L the groups stand and whichever are absent; at random
+// poses, next to the identity, next to half a turn, on the optical axis and 1e-10 beside it.
+// Cameras' pixels equal formulas coded here; what is behind a camera is refused; own noise equals
+// the numeric derivative of the ray's point. A sensor made as the head of sensor.h describes works.
+// Does not prove: that a view's J = L M (models/estimation/estimation_test.cpp), nor that what a
+// sensor is given is the right pose.
 #include <catch2/catch.hpp>
 #include <functional>
 
@@ -48,7 +50,8 @@ struct Stage {
   int rows() const { return model->blocks(static_cast<int>(ids.size())) * model->rows(); }
   VectorXd residual() const {
     VectorXd r(rows());
-    if (!model->evaluate(input(), Columns(), r.data(), nullptr)) throw std::logic_error("undefined residual");
+    if (!model->evaluate(input(), Columns(), r.data(), nullptr))
+      throw std::logic_error("undefined residual");
     return r;
   }
 };
@@ -131,7 +134,8 @@ std::vector<Number> numbers(const Stage& s, double step, Columns& c) {
                    },
                    1e-3});
   for (Eigen::Index k = 0; shape && k < s.points.size(); ++k)
-    out.push_back({"point " + std::to_string(k / 3) + "." + std::to_string(k % 3), c.points + static_cast<int>(k),
+    out.push_back({"point " + std::to_string(k / 3) + "." + std::to_string(k % 3),
+                   c.points + static_cast<int>(k),
                    [&s, k](double h) {
                      Stage m = s;
                      m.points.data()[k] += h;
@@ -155,10 +159,12 @@ void check_derivatives(const Stage& s, double step = 1e-3, double tolerance = 1e
   for (const Number& x : all) {
     used[x.column] = 1;
     const VectorXd numeric = derivative([&](double h) { return x.moved(h).residual(); }, x.step);
-    const double scale = numeric.cwiseAbs().maxCoeff(), rounding = 2e-15 * (1 + r.cwiseAbs().maxCoeff()) / x.step;
+    const double scale = numeric.cwiseAbs().maxCoeff(),
+                 rounding = 2e-15 * (1 + r.cwiseAbs().maxCoeff()) / x.step;
     const VectorXd analytic = rows.col(x.column);
     for (int i = 0; i < n; ++i) {
-      INFO(x.name << ", row " << i << ": " << analytic(i) << " against " << numeric(i) << ", column scale " << scale);
+      INFO(x.name << ", row " << i << ": " << analytic(i) << " against " << numeric(i)
+                  << ", column scale " << scale);
       CHECK(std::abs(analytic(i) - numeric(i)) < tolerance * scale + rounding);
     }
   }
@@ -194,7 +200,10 @@ const std::vector<Lensed> kCameras = {
     {"pinhole", Lens::pinhole, {}, 0},
     {"pinhole, baseline", Lens::pinhole, {}, 0.12},
     {"brown_conrady, 5", Lens::brown_conrady, {-0.23, 0.09, 0.002, -0.003, 0.011}, -0.06},
-    {"brown_conrady, 8", Lens::brown_conrady, {0.31, -0.12, -0.002, 0.001, 0.03, 0.42, 0.11, 0.02}, 0.05},
+    {"brown_conrady, 8",
+     Lens::brown_conrady,
+     {0.31, -0.12, -0.002, 0.001, 0.03, 0.42, 0.11, 0.02},
+     0.05},
     {"kannala_brandt", Lens::kannala_brandt, {0.03, -0.012, 0.004, -0.0007}, 0.04},
 };
 
@@ -202,17 +211,20 @@ Stage camera_stage(const Lensed& camera, Random& random) {
   Stage s;
   s.owner = make_camera(camera.lens, static_cast<int>(camera.distortion.size()));
   s.model = s.owner.get();
-  for (const ParameterBlock& b : camera_parameters(camera.lens, {420, 430, 310.5, 244}, camera.distortion, camera.baseline))
+  for (const ParameterBlock& b :
+       camera_parameters(camera.lens, {420, 430, 310.5, 244}, camera.distortion, camera.baseline))
     s.parameters.insert(s.parameters.end(), b.values.begin(), b.values.end());
   set_grid(s);
-  s.pose = {random.rotation(1.2), Vector3d(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(0.5, 1.2))};
+  s.pose = {random.rotation(1.2), Vector3d(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3),
+                                           random.uniform(0.5, 1.2))};
   for (int i = 0; i < 8; ++i) s.z.push_back(random.uniform(0, 500));
   return s;
 }
 
 Sensor camera_sensor(const Lensed& camera) {
   Sensor s;
-  s.parameters = camera_parameters(camera.lens, {420, 430, 310.5, 244}, camera.distortion, camera.baseline);
+  s.parameters =
+      camera_parameters(camera.lens, {420, 430, 310.5, 244}, camera.distortion, camera.baseline);
   return s;
 }
 
@@ -261,7 +273,8 @@ Stage pose_stage(bool measures, const Isometry3d& error, Random& random) {
   if (measures) {
     z = isometry(random.pose(1, 3));
     const Eigen::Quaterniond q(z.linear());
-    s.z = {z.translation().x(), z.translation().y(), z.translation().z(), q.x(), q.y(), q.z(), q.w()};
+    s.z = {
+        z.translation().x(), z.translation().y(), z.translation().z(), q.x(), q.y(), q.z(), q.w()};
   }
   s.pose = to_pose(z * error);
   return s;
@@ -290,17 +303,23 @@ TEST_CASE("sensors tell what they are") {
     CHECK(model->point_form() == nullptr);
     CHECK(model->blocks(7) == 7);
   }
-  const auto point = make_point(), pose = make_pose(), chain = make_chain(), laser = make_tilting_laser();
-  CHECK((point->rows() == 3 && point->numbers() == 3 && point->measurement_kind() == MeasurementKind::points && point->blocks(4) == 4));
-  CHECK((pose->rows() == 6 && pose->numbers() == 7 && pose->sigmas() == 6 && pose->measures_pose() && pose->blocks(9) == 1));
+  const auto point = make_point(), pose = make_pose(), chain = make_chain(),
+             laser = make_tilting_laser();
+  CHECK((point->rows() == 3 && point->numbers() == 3 &&
+         point->measurement_kind() == MeasurementKind::points && point->blocks(4) == 4));
+  CHECK((pose->rows() == 6 && pose->numbers() == 7 && pose->sigmas() == 6 &&
+         pose->measures_pose() && pose->blocks(9) == 1));
   CHECK(pose->measurement_kind() == MeasurementKind::pose);
   CHECK(pose->point_form() == nullptr);
-  CHECK((chain->rows() == 6 && chain->numbers() == 0 && chain->sigmas() == 6 && chain->measures_pose() && chain->blocks(9) == 1));
+  CHECK((chain->rows() == 6 && chain->numbers() == 0 && chain->sigmas() == 6 &&
+         chain->measures_pose() && chain->blocks(9) == 1));
   CHECK(chain->measurement_kind() == MeasurementKind::chain);
   REQUIRE(chain->point_form());
-  CHECK((chain->point_form()->rows() == 3 && chain->point_form()->sigmas() == 6 && chain->point_form()->blocks(9) == 9));
+  CHECK((chain->point_form()->rows() == 3 && chain->point_form()->sigmas() == 6 &&
+         chain->point_form()->blocks(9) == 9));
   CHECK(chain->point_form()->has_own_noise());
-  CHECK((laser->rows() == 3 && laser->numbers() == 3 && laser->sigmas() == 3 && laser->scans() && laser->has_own_noise()));
+  CHECK((laser->rows() == 3 && laser->numbers() == 3 && laser->sigmas() == 3 && laser->scans() &&
+         laser->has_own_noise()));
   CHECK(laser->measurement_kind() == MeasurementKind::scan);
   CHECK(std::string(laser->unit()) == "m");
   CHECK_THROWS_AS(make_camera(Lens::brown_conrady, 4), std::invalid_argument);
@@ -309,12 +328,14 @@ TEST_CASE("sensors tell what they are") {
 }
 
 TEST_CASE("cameras: parameters by name") {
-  const auto blocks = camera_parameters(Lens::brown_conrady, {1, 2, 3, 4}, {5, 6, 7, 8, 9, 10, 11, 12}, 13);
+  const auto blocks =
+      camera_parameters(Lens::brown_conrady, {1, 2, 3, 4}, {5, 6, 7, 8, 9, 10, 11, 12}, 13);
   REQUIRE(blocks.size() == 3);
   CHECK(blocks[0].name == "intrinsics");
   CHECK(blocks[0].components == std::vector<std::string>{"fx", "fy", "cx", "cy"});
   CHECK(blocks[1].name == "distortion");
-  CHECK(blocks[1].components == std::vector<std::string>{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"});
+  CHECK(blocks[1].components ==
+        std::vector<std::string>{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"});
   CHECK(blocks[2].name == "baseline");
   CHECK(blocks[2].units == std::vector<std::string>{"m"});
   CHECK(blocks[2].values == std::vector<double>{13});
@@ -389,12 +410,14 @@ TEST_CASE("kannala_brandt: beyond 90 degrees, pixels and derivatives") {
   for (const double degrees : {85.0, 89.9999, 90.0, 95.0, 120.0, 150.0, 170.0}) {
     Stage s = camera_stage(camera, random);
     const double t = degrees * kPi / 180, angle = random.uniform(-kPi, kPi);
-    s.pose.translation = 1.5 * Vector3d(std::sin(t) * std::cos(angle), std::sin(t) * std::sin(angle), std::cos(t));
+    s.pose.translation =
+        1.5 * Vector3d(std::sin(t) * std::cos(angle), std::sin(t) * std::sin(angle), std::cos(t));
     s.pose.translation.x() += camera.baseline;
     Vector2d pixel;
     REQUIRE(project(reference, s.pose.translation, pixel));
     INFO(degrees << " degrees");
-    CHECK(std::abs(s.residual()(2) + s.z[2] - pixel.x()) < 1e-8);  // id 0 is the second point seen, at the target's origin
+    CHECK(std::abs(s.residual()(2) + s.z[2] - pixel.x()) <
+          1e-8);  // id 0 is the second point seen, at the target's origin
     CHECK(std::abs(s.residual()(3) + s.z[3] - pixel.y()) < 1e-8);
     check_derivatives(s, degrees > 160 ? 2e-4 : 1e-3);
   }
@@ -440,18 +463,21 @@ TEST_CASE("point: value and derivatives") {
                           : random.pose(2, 3);
     const VectorXd r = s.residual();
     for (int i = 0; i < 4; ++i)
-      CHECK((r.segment<3>(3 * i) -
-             (isometry(s.pose) * Vector3d(s.points.col(s.ids[i])) - Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2])))
+      CHECK((r.segment<3>(3 * i) - (isometry(s.pose) * Vector3d(s.points.col(s.ids[i])) -
+                                    Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2])))
                 .norm() < 1e-14);
     check_derivatives(s);
   }
 }
 
-TEST_CASE("pose and chain: value and derivatives at random, next to the identity and next to half a turn") {
+TEST_CASE(
+    "pose and chain: value and derivatives at random, next to the identity and next to half a "
+    "turn") {
   Random random(18);
   for (const bool measures : {true, false})
     for (int trial = 0; trial < 5; ++trial)
-      for (const double angle : {0.0, 1e-12, 1e-8, 1e-4, 0.7, 2.2, 3.0, kPi - 1e-3, kPi - 1e-5, kPi - 1e-7}) {
+      for (const double angle :
+           {0.0, 1e-12, 1e-8, 1e-4, 0.7, 2.2, 3.0, kPi - 1e-3, kPi - 1e-5, kPi - 1e-7}) {
         const Isometry3d e = error_of(angle < 1e-3 ? angle : 0.5, angle, random);
         const Stage s = pose_stage(measures, e, random);
         const VectorXd r = s.residual();
@@ -461,7 +487,10 @@ TEST_CASE("pose and chain: value and derivatives at random, next to the identity
         if (angle > 1e-3) CHECK((r.tail<3>() - rotation_vector(e.linear())).norm() < 1e-12);
         // The Log jumps at half a turn: steps stay on this side.
         const double room = kPi - angle;
-        check_derivatives(s, std::min(1e-3, room / 4), room < 1e-6 ? 1e-4 : room < 1e-4 ? 1e-6 : 1e-7);
+        check_derivatives(s, std::min(1e-3, room / 4),
+                          room < 1e-6   ? 1e-4
+                          : room < 1e-4 ? 1e-6
+                                        : 1e-7);
       }
 }
 
@@ -488,16 +517,19 @@ TEST_CASE("chain in noise mode point: value, derivatives, own noise") {
     for (size_t i = 0; i < s.ids.size(); ++i) {
       const Vector3d p = s.points.col(s.ids[i]);
       CHECK((r.segment<3>(3 * static_cast<int>(i)) - (isometry(s.pose) * p - p)).norm() < 1e-14);
-      // The grip's error e moves the target to link_T_target exp(e): where that puts the point, by e.
+      // The grip's error e moves the target to link_T_target exp(e): where that puts the point, by
+      // e.
       MatrixXd numeric(3, 6);
       for (int k = 0; k < 6; ++k)
-        numeric.col(k) = derivative([&](double h) { return VectorXd(exponential(h * Vector6d::Unit(k)) * p); }, 1e-3);
+        numeric.col(k) = derivative(
+            [&](double h) { return VectorXd(exponential(h * Vector6d::Unit(k)) * p); }, 1e-3);
       MatrixXd b;
       s.model->own_noise(s.input(), static_cast<int>(i), b);
       REQUIRE((b.rows() == 3 && b.cols() == 6));
       const Vector6d sigma = (Vector6d() << 1, 2, 3, 4, 5, 6).finished();
       const Matrix3d analytic = b * sigma.cwiseAbs2().asDiagonal() * b.transpose();
-      CHECK((analytic - numeric * sigma.cwiseAbs2().asDiagonal() * numeric.transpose()).norm() < 1e-9);
+      CHECK((analytic - numeric * sigma.cwiseAbs2().asDiagonal() * numeric.transpose()).norm() <
+            1e-9);
     }
     check_derivatives(s);
   }
@@ -511,21 +543,29 @@ TEST_CASE("tilting laser: value, derivatives and own noise") {
     for (int i = 0; i < 4; ++i) {
       const double* z = s.z.data() + 3 * i;
       const Isometry3d far_T = far_T_sensor(s, z[0]);
-      const Vector3d p = far_T.inverse() * isometry(s.scan->behind_T_target) * Vector3d(s.points.col(s.ids[i]));
+      const Vector3d p =
+          far_T.inverse() * isometry(s.scan->behind_T_target) * Vector3d(s.points.col(s.ids[i]));
       INFO("trial " << trial << ", ray " << i);
       CHECK((r.segment<3>(3 * i) - (p - ray_point(z[1], z[2]))).norm() < 1e-13);
 
-      // The point the ray hits, seen from the far side, by joint reading, bearing and range; turned back into the sensor's frame.
+      // The point the ray hits, seen from the far side, by joint reading, bearing and range; turned
+      // back into the sensor's frame.
       Matrix3d numeric;
-      numeric.col(0) = derivative([&](double h) { return VectorXd(far_T_sensor(s, z[0] + h) * ray_point(z[1], z[2])); }, 1e-3);
-      numeric.col(1) = derivative([&](double h) { return VectorXd(far_T * ray_point(z[1] + h, z[2])); }, 1e-3);
-      numeric.col(2) = derivative([&](double h) { return VectorXd(far_T * ray_point(z[1], z[2] + h)); }, 1e-3);
+      numeric.col(0) = derivative(
+          [&](double h) { return VectorXd(far_T_sensor(s, z[0] + h) * ray_point(z[1], z[2])); },
+          1e-3);
+      numeric.col(1) =
+          derivative([&](double h) { return VectorXd(far_T * ray_point(z[1] + h, z[2])); }, 1e-3);
+      numeric.col(2) =
+          derivative([&](double h) { return VectorXd(far_T * ray_point(z[1], z[2] + h)); }, 1e-3);
       numeric = (far_T.linear().transpose() * numeric).eval();
       MatrixXd b;
       s.model->own_noise(s.input(), i, b);
       REQUIRE((b.rows() == 3 && b.cols() == 3));
       const Vector3d squared(1, 4, 9);
-      CHECK((b * squared.asDiagonal() * b.transpose() - numeric * squared.asDiagonal() * numeric.transpose()).norm() < 1e-8);
+      CHECK((b * squared.asDiagonal() * b.transpose() -
+             numeric * squared.asDiagonal() * numeric.transpose())
+                .norm() < 1e-8);
     }
     check_derivatives(s);
   }
@@ -549,7 +589,8 @@ namespace {
 struct Radar {
   static constexpr int kRows = 1, kNumbers = 1;
   int parameter_count() const { return 1; }
-  bool residual(const double* bias, const Vector3d& p, const double* z, double* r, double* d_p, double* d_own) const {
+  bool residual(const double* bias, const Vector3d& p, const double* z, double* r, double* d_p,
+                double* d_own) const {
     const double range = p.norm();
     if (range < 1e-6) return false;
     r[0] = range + bias[0] - z[0];
@@ -568,8 +609,8 @@ TEST_CASE("a sensor of one's own through the adapter") {
   Stage s;
   s.owner = std::make_shared<PointwiseSensor<Radar>>();
   s.model = s.owner.get();
-  CHECK(
-      (s.model->rows() == 1 && s.model->numbers() == 1 && s.model->sigmas() == 1 && s.model->measurement_kind() == MeasurementKind::none));
+  CHECK((s.model->rows() == 1 && s.model->numbers() == 1 && s.model->sigmas() == 1 &&
+         s.model->measurement_kind() == MeasurementKind::none));
   set_grid(s);
   s.parameters = {0.02};
   s.z = {1, 1.1, 1.2, 1.3};

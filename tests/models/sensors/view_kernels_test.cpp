@@ -1,11 +1,14 @@
-// models/sensors/view_kernels.h: the packed inner loops against SensorModel::evaluate(), for every instruction set that this processor has.
+// models/sensors/view_kernels.h: the packed inner loops against SensorModel::evaluate(), for every
+// instruction set that this processor has.
 //
-// Proves, for pinhole, Brown-Conrady with 5 and 8 numbers and points, and for 1 to 20 and 48 points with random ids: residuals and every
-// entry of L are those of evaluate(), whitened, in the kernels' order; own numbers wanted in part and in any order of columns, spacing
-// wanted or not, points of a grid and plain ones; rows of no point are zero; nothing else is written, not even right behind the arrays;
-// squares is the sum; residuals alone are the same to rounding; what is behind a camera or not a number is refused, in whatever place
-// of whatever pack it stands.
-// Does not prove: that evaluate() is right (models/sensors/sensors_test.cpp), nor sets that this processor lacks.
+// Proves, for pinhole, Brown-Conrady with 5 and 8 numbers and points, and for 1 to 20 and 48 points
+// with random ids: residuals and every entry of L are those of evaluate(), whitened, in the
+// kernels' order; own numbers wanted in part and in any order of columns, spacing wanted or not,
+// points of a grid and plain ones; rows of no point are zero; nothing else is written, not even
+// right behind the arrays; squares is the sum; residuals alone are the same to rounding; what is
+// behind a camera or not a number is refused, in whatever place of whatever pack it stands. Does
+// not prove: that evaluate() is right (models/sensors/sensors_test.cpp), nor sets that this
+// processor lacks.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstring>
@@ -32,7 +35,10 @@ struct Kind {
 };
 
 std::vector<Kind> kinds() {
-  return {{"pinhole", make_camera(Lens::pinhole, 0), &ViewKernels::pinhole, {500, 510, 319.5, 239.5, 0.12}},
+  return {{"pinhole",
+           make_camera(Lens::pinhole, 0),
+           &ViewKernels::pinhole,
+           {500, 510, 319.5, 239.5, 0.12}},
           {"brown_conrady5",
            make_camera(Lens::brown_conrady, 5),
            &ViewKernels::brown_conrady5,
@@ -94,17 +100,21 @@ struct Scene {
     for (int i = 0; i < all; ++i) layout.col(i) = random.vector(0.4) / spacing;
     points = spacing * layout;
     for (int i = 0; i < n; ++i) ids.push_back(static_cast<int>(random.uniform() * all));
-    pose = {random.rotation(3), Vector3d(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(1.2, 2))};
+    pose = {random.rotation(3),
+            Vector3d(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(1.2, 2))};
     for (int i = 0; i < n; ++i)
-      for (int k = 0; k < numbers; ++k) z.push_back(numbers == 2 ? random.uniform(0, 600) : random.uniform(-1, 1));
+      for (int k = 0; k < numbers; ++k)
+        z.push_back(numbers == 2 ? random.uniform(0, 600) : random.uniform(-1, 1));
     for (int k = 0; k < rows; ++k) weight.push_back(random.uniform(0.5, 20));
     place();
   }
   void place() {
     for (int i = 0; i < stride; ++i) {
       const int at = std::min(i, count - 1);
-      for (int c = 0; c < 3; ++c) packed_points[static_cast<size_t>(c) * stride + i] = layout(c, ids[at]);
-      for (int k = 0; k < numbers; ++k) packed_z[static_cast<size_t>(k) * stride + i] = i < count ? z[i * numbers + k] : 0;
+      for (int c = 0; c < 3; ++c)
+        packed_points[static_cast<size_t>(c) * stride + i] = layout(c, ids[at]);
+      for (int k = 0; k < numbers; ++k)
+        packed_z[static_cast<size_t>(k) * stride + i] = i < count ? z[i * numbers + k] : 0;
     }
     row_by_row = pose.rotation.transpose();
   }
@@ -139,7 +149,8 @@ TEST_CASE("view kernels: the rows of evaluate(), whitened, and nothing else is t
           const bool grid = variant & 1, square = grid && (variant & 2);
           const Scene s(kind, count, grid, random);
           const int own = static_cast<int>(s.own.size());
-          INFO(kind.name << ", " << all[set]->name << ", " << count << " points, variant " << variant);
+          INFO(kind.name << ", " << all[set]->name << ", " << count << " points, variant "
+                         << variant);
 
           // By evaluate(), in its own order.
           Columns columns;
@@ -151,20 +162,24 @@ TEST_CASE("view kernels: the rows of evaluate(), whitened, and nothing else is t
           Eigen::Ref<RowMatrix> l_ref(l);
           REQUIRE(kind.model->evaluate(s.input(), columns, r.data(), &l_ref));
 
-          // Wanted columns stand anywhere behind the pose; what is between them is not the kernel's.
+          // Wanted columns stand anywhere behind the pose; what is between them is not the
+          // kernel's.
           const int width = 6 + 2 * own + 3;
           std::vector<int> places;
           for (int i = 6; i < width; ++i) places.push_back(i);
-          for (size_t i = places.size(); i > 1; --i) std::swap(places[i - 1], places[static_cast<size_t>(random.uniform() * i)]);
+          for (size_t i = places.size(); i > 1; --i)
+            std::swap(places[i - 1], places[static_cast<size_t>(random.uniform() * i)]);
           std::vector<int> own_place(static_cast<size_t>(own) + 1, -1);
-          for (int j = 0; j < own; ++j) own_place[j] = variant < 2 || random.uniform() < 0.6 ? places[j] : -1;
+          for (int j = 0; j < own; ++j)
+            own_place[j] = variant < 2 || random.uniform() < 0.6 ? places[j] : -1;
           if (variant >= 6) std::fill(own_place.begin(), own_place.end(), -1);
           const int square_place = square ? places[own] : -1;
           const int length = s.rows * s.stride, ld = length + 3;
           Unaligned to_r(length + 16, kGuard), to_l(static_cast<size_t>(ld) * width + 16, kGuard);
           double squares = kGuard;
           const ViewKernel kernel = view_kernels(set).*kind.kernel;
-          REQUIRE(kernel(s.view(), {to_r.data(), to_l.data(), ld, own_place.data(), square_place}, squares));
+          REQUIRE(kernel(s.view(), {to_r.data(), to_l.data(), ld, own_place.data(), square_place},
+                         squares));
 
           std::vector<int> source(width, -1);  // column of l
           for (int c = 0; c < 6; ++c) source[c] = c;
@@ -186,13 +201,16 @@ TEST_CASE("view kernels: the rows of evaluate(), whitened, and nothing else is t
               const double e = s.weight[k] * r(i * s.rows + k);
               sum += to_r[row] * to_r[row];
               CHECK(std::abs(to_r[row] - e) <= 1e-12 * (std::abs(e) + s.weight[k] * z_size));
-              const double pose_size = s.weight[k] * l.row(i * s.rows + k).head(6).cwiseAbs().maxCoeff();
+              const double pose_size =
+                  s.weight[k] * l.row(i * s.rows + k).head(6).cwiseAbs().maxCoeff();
               for (int c = 0; c < width; ++c) {
                 if (source[c] < 0) continue;
-                const double expected = s.weight[k] * l(i * s.rows + k, source[c]), got = to_l[row + static_cast<size_t>(c) * ld];
+                const double expected = s.weight[k] * l(i * s.rows + k, source[c]),
+                             got = to_l[row + static_cast<size_t>(c) * ld];
                 const bool own_number = source[c] >= 6 && source[c] < 6 + own;
-                const double size =
-                    own_number ? s.weight[k] * l.col(source[c]).cwiseAbs().maxCoeff() : pose_size * (square ? 1 / s.spacing : 1);
+                const double size = own_number
+                                        ? s.weight[k] * l.col(source[c]).cwiseAbs().maxCoeff()
+                                        : pose_size * (square ? 1 / s.spacing : 1);
                 if (!(std::abs(got - expected) <= 1e-12 * size)) {
                   INFO("row " << row << ", column " << source[c]);
                   CHECK(got == expected);
@@ -204,16 +222,21 @@ TEST_CASE("view kernels: the rows of evaluate(), whitened, and nothing else is t
           bool untouched = true;
           for (int i = length; i < length + 16; ++i) untouched = untouched && to_r[i] == kGuard;
           for (int c = 0; c < width; ++c)
-            for (int i = source[c] >= 0 ? length : 0; i < ld; ++i) untouched = untouched && to_l[i + static_cast<size_t>(c) * ld] == kGuard;
-          for (int i = 0; i < 16; ++i) untouched = untouched && to_l[static_cast<size_t>(ld) * width + i] == kGuard;
+            for (int i = source[c] >= 0 ? length : 0; i < ld; ++i)
+              untouched = untouched && to_l[i + static_cast<size_t>(c) * ld] == kGuard;
+          for (int i = 0; i < 16; ++i)
+            untouched = untouched && to_l[static_cast<size_t>(ld) * width + i] == kGuard;
           CHECK(untouched);
 
           // Residuals alone.
           Unaligned alone(length + 16, kGuard);
           double alone_squares = kGuard;
-          REQUIRE(kernel(s.view(), {alone.data(), nullptr, 0, own_place.data(), square_place}, alone_squares));
+          REQUIRE(kernel(s.view(), {alone.data(), nullptr, 0, own_place.data(), square_place},
+                         alone_squares));
           bool same = true;
-          for (int i = 0; i < length; ++i) same = same && std::abs(alone[i] - to_r[i]) <= 1e-13 * (std::abs(to_r[i]) + 20 * z_size);
+          for (int i = 0; i < length; ++i)
+            same =
+                same && std::abs(alone[i] - to_r[i]) <= 1e-13 * (std::abs(to_r[i]) + 20 * z_size);
           for (int i = length; i < length + 16; ++i) same = same && alone[i] == kGuard;
           CHECK(same);
           CHECK(std::abs(alone_squares - squares) <= 1e-12 * squares);
@@ -234,7 +257,8 @@ TEST_CASE("view kernels: undefined wherever one point is") {
             s.ids.resize(count);
             for (int i = 0; i < count; ++i) s.ids[i] = i;
             const auto stand = [&](double depth) {  // of the bad point, in the camera's frame
-              s.layout.col(bad) = s.pose.rotation.transpose() * (Vector3d(0.1, 0.05, depth) - s.pose.translation) / s.spacing;
+              s.layout.col(bad) = s.pose.rotation.transpose() *
+                                  (Vector3d(0.1, 0.05, depth) - s.pose.translation) / s.spacing;
             };
             if (how == 0) stand(-0.5);
             if (how == 1) s.layout(0, bad) = kNaN;
@@ -249,19 +273,22 @@ TEST_CASE("view kernels: undefined wherever one point is") {
             if (how == 7) {  // exactly in the plane of the camera's centre
               s.row_by_row.setIdentity();
               s.pose = {Matrix3d::Identity(), Vector3d(0, 0, 0)};
-              for (int i = 0; i < s.stride; ++i) s.packed_points[2 * static_cast<size_t>(s.stride) + i] = 1 / s.spacing;
+              for (int i = 0; i < s.stride; ++i)
+                s.packed_points[2 * static_cast<size_t>(s.stride) + i] = 1 / s.spacing;
               for (int i = bad; i < (bad == count - 1 ? s.stride : bad + 1); ++i)
                 s.packed_points[2 * static_cast<size_t>(s.stride) + i] = 0;
             }
             const bool nothing_wrong_for_points = how == 0 || how == 5 || how == 7 || how == 8;
-            INFO(kind.name << ", set " << set << ", " << count << " points, point " << bad << ", way " << how);
+            INFO(kind.name << ", set " << set << ", " << count << " points, point " << bad
+                           << ", way " << how);
             const int length = s.rows * s.stride, width = 6 + static_cast<int>(s.own.size()) + 1;
             std::vector<double> r(length), l(static_cast<size_t>(length) * width);
             std::vector<int> own(s.own.size() + 1);
             for (size_t j = 0; j < s.own.size(); ++j) own[j] = 6 + static_cast<int>(j);
             double squares;
             const ViewKernel kernel = view_kernels(set).*kind.kernel;
-            const bool with = kernel(s.view(), {r.data(), l.data(), length, own.data(), width - 1}, squares);
+            const bool with =
+                kernel(s.view(), {r.data(), l.data(), length, own.data(), width - 1}, squares);
             const bool without = kernel(s.view(), {r.data(), nullptr, 0, own.data(), -1}, squares);
             REQUIRE(with == (!camera && nothing_wrong_for_points));
             REQUIRE(without == with);

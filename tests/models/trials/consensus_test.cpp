@@ -1,9 +1,11 @@
 // models/trials/consensus.h: one sample judged at the values of a fit.
 //
-// Proves, at the true values of simulated robots: a right sample is left as it is; points that lie off are named, these and no others; a
-// view that does not belong to the sample's others is named where the others can prove it wrong, else the sample is out; wrong readings put
-// the sample out, with a reason; a level above 1 forgives what it should; what a verdict leaves of a sample is what it says.
-// Does not prove: the bounds themselves (outliers_test.cpp), nor the Newton step for samples that took no part in the fit.
+// Proves, at the true values of simulated robots: a right sample is left as it is; points that lie
+// off are named, these and no others; a view that does not belong to the sample's others is named
+// where the others can prove it wrong, else the sample is out; wrong readings put the sample out,
+// with a reason; a level above 1 forgives what it should; what a verdict leaves of a sample is what
+// it says. Does not prove: the bounds themselves (outliers_test.cpp), nor the Newton step for
+// samples that took no part in the fit.
 #include "../../../models/trials/consensus.h"
 
 #include <catch2/catch.hpp>
@@ -21,19 +23,25 @@ struct Judge {
   Laboratory lab;
   ReferenceFit reference;
 
-  explicit Judge(int seed) : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
+  explicit Judge(int seed)
+      : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
     for (size_t s = 0; s < lab.rig.sensors.size(); ++s) {
       reference.sensors.push_back(static_cast<int>(s));
       reference.noise_ratios.push_back(1);
     }
   }
-  Verdict of(const Sample& sample) { return judge_sample(reference, sample, nothing_rejected(lab.rig, sample), Values()); }
-  /// The first sample whose views, the second and third of cameras, are four and more of one target: the others can prove one wrong.
+  Verdict of(const Sample& sample) {
+    return judge_sample(reference, sample, nothing_rejected(lab.rig, sample), Values());
+  }
+  /// The first sample whose views, the second and third of cameras, are four and more of one
+  /// target: the others can prove one wrong.
   Sample& seen_often() {
     for (Sample& sample : lab.samples) {
       const std::vector<View>& views = sample.views;
       if (views.size() < 4 || !lab.camera(views[1]) || !lab.camera(views[2])) continue;
-      if (std::all_of(views.begin(), views.end(), [&](const View& v) { return v.target == views[0].target; })) return sample;
+      if (std::all_of(views.begin(), views.end(),
+                      [&](const View& v) { return v.target == views[0].target; }))
+        return sample;
     }
     FAIL("no sample with four views of one target");
     return lab.samples[0];
@@ -95,7 +103,8 @@ TEST_CASE("consensus: a view that the sample's others prove wrong is named") {
   CHECK(judge.of(left).clean());
 }
 
-TEST_CASE("consensus: of two views that contradict each other neither is named, the sample is out") {
+TEST_CASE(
+    "consensus: of two views that contradict each other neither is named, the sample is out") {
   Judge judge(14);
   Sample& sample = judge.seen_often();
   sample.views = {sample.views[1], sample.views[2]};
@@ -121,7 +130,8 @@ TEST_CASE("consensus: a sensor's level says what is usual") {
   Judge judge(16);
   const size_t index = judge.lab.seen_twice()[0];
   View& view = judge.lab.first_camera(index);
-  for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 10 : -10) * view.sigma[i % 2];
+  for (size_t i = 0; i < view.z.size(); ++i)
+    view.z[i] += (i % 4 < 2 ? 10 : -10) * view.sigma[i % 2];
   CHECK_FALSE(judge.of(judge.lab.samples[index]).clean());
   judge.reference.noise_ratios.assign(judge.reference.noise_ratios.size(), 10);
   CHECK(judge.of(judge.lab.samples[index]).clean());

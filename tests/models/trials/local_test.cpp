@@ -1,11 +1,13 @@
 // models/trials/local.h: offsets around one posture.
 //
-// Proves: with an error a sin(q) planted in a joint's reading, the offsets at a posture are a sin(q0) within their sigmas, for offsets of
-// all joints, and errors of fresh samples near it go down to the noise; the radius is where the gain of a constant ends (one joint, known
-// in closed form); the estimate is that of a plain weighted least-squares fit with numeric derivatives; on data without such an error no
-// gain is claimed, over 100 seeds; nothing depends on the order of samples; joints that the data do not determine stay; too few samples, joints
-// that turn without end, and split `test` are treated as documented.
-// Does not prove: that real robots have such errors, nor that sigma holds for errors that vary faster than samples are dense.
+// Proves: with an error a sin(q) planted in a joint's reading, the offsets at a posture are a
+// sin(q0) within their sigmas, for offsets of all joints, and errors of fresh samples near it go
+// down to the noise; the radius is where the gain of a constant ends (one joint, known in closed
+// form); the estimate is that of a plain weighted least-squares fit with numeric derivatives; on
+// data without such an error no gain is claimed, over 100 seeds; nothing depends on the order of
+// samples; joints that the data do not determine stay; too few samples, joints that turn without
+// end, and split `test` are treated as documented. Does not prove: that real robots have such
+// errors, nor that sigma holds for errors that vary faster than samples are dense.
 #include "../../../models/trials/local.h"
 
 #include <Eigen/Cholesky>
@@ -26,7 +28,8 @@ namespace {
 
 constexpr double kSigma = 5e-5;  // m, rad
 
-/// An arm of six joints with three reflectors in its hand that a tracker sees; the last joint turns without end.
+/// An arm of six joints with three reflectors in its hand that a tracker sees; the last joint turns
+/// without end.
 Rig arm() {
   Rig rig;
   fixture::add_link(rig, "base");
@@ -39,15 +42,17 @@ Rig arm() {
   std::string parent = "base";
   for (int i = 0; i < 6; ++i) {
     const std::string link = "l" + std::to_string(i + 1);
-    fixture::add_joint(rig, i < 5 ? JointType::revolute : JointType::continuous, "j" + std::to_string(i + 1), parent, link,
-                       Vector3d::UnitZ(), origins[i], kSigma);
+    fixture::add_joint(rig, i < 5 ? JointType::revolute : JointType::continuous,
+                       "j" + std::to_string(i + 1), parent, link, Vector3d::UnitZ(), origins[i],
+                       kSigma);
     parent = link;
   }
   finish_tree(rig.tree);
   Eigen::Matrix3Xd points(3, 3);
   points << 0, 0.05, 0, 0, 0, 0.05, 0, 0, 0.02;
   fixture::add_points(rig, "reflectors", points, "l6", fixture::at({0.03, 0.02, 0.1}));
-  fixture::add_tracker(rig, "tracker", "base", fixture::at({1, 0.2, 0.1}, {0, 0, 1}), Vector3d::Constant(kSigma));
+  fixture::add_tracker(rig, "tracker", "base", fixture::at({1, 0.2, 0.1}, {0, 0, 1}),
+                       Vector3d::Constant(kSigma));
   return rig;
 }
 
@@ -59,8 +64,10 @@ LocalPosture centre(const std::vector<int>& joints = {0, 1, 2, 3, 4, 5}) {
   return out;
 }
 
-/// Samples within `spread` of the centre (`also`: in other joints than the third), whose third reading r has the position r + a sin r.
-std::vector<Sample> samples_near(const Rig& rig, int count, unsigned long seed, double spread, double a, double also = -1) {
+/// Samples within `spread` of the centre (`also`: in other joints than the third), whose third
+/// reading r has the position r + a sin r.
+std::vector<Sample> samples_near(const Rig& rig, int count, unsigned long seed, double spread,
+                                 double a, double also = -1) {
   fixture::Random random(seed);
   SimulationOptions options;
   options.seed = seed;
@@ -97,13 +104,16 @@ double rms(const Rig& rig, const std::vector<Sample>& samples) {
 
 }  // namespace
 
-TEST_CASE("local: offsets are the planted error at the posture, within their sigmas, and lower the error of fresh samples") {
+TEST_CASE(
+    "local: offsets are the planted error at the posture, within their sigmas, and lower the error "
+    "of fresh samples") {
   const Rig rig = arm();
   constexpr double a = 0.003;
   for (const double spread : {0.1, 0.3, 0.8}) {
     double squares = 0, largest = 0, before = 0, after = 0;
     for (unsigned long seed = 1; seed <= 10; ++seed) {
-      const LocalCalibration local = calibrate_locally(rig, samples_near(rig, 40, seed, spread, a), centre(), within(1));
+      const LocalCalibration local =
+          calibrate_locally(rig, samples_near(rig, 40, seed, spread, a), centre(), within(1));
       INFO("spread " << spread << ", seed " << seed);
       REQUIRE(local.enough);
       REQUIRE(local.gain);
@@ -128,7 +138,8 @@ TEST_CASE("local: offsets are the planted error at the posture, within their sig
       before += rms(rig, fresh) / 10;
       after += rms(corrected, fresh) / 10;
     }
-    INFO("spread " << spread << ": rms z " << std::sqrt(squares) << ", largest " << largest << ", fresh " << before << " -> " << after);
+    INFO("spread " << spread << ": rms z " << std::sqrt(squares) << ", largest " << largest
+                   << ", fresh " << before << " -> " << after);
     CHECK(std::sqrt(squares) < 1.1);
     CHECK(std::sqrt(squares) > 0.3);
     CHECK(largest < 4);
@@ -142,15 +153,18 @@ TEST_CASE("local: the radius is where a constant offset stops to help") {
   const Rig rig = arm();
   int good = 0;
   for (unsigned long seed = 1; seed <= 10; ++seed) {
-    const LocalCalibration local = calibrate_locally(rig, samples_near(rig, 300, seed, 2, 0.003, 0.5), centre({2}), within(2));
-    INFO("seed " << seed << ": radius " << local.radius << ", bandwidth " << local.bandwidth << ", offset " << local.offsets.at(0).offset
-                 << ", significance " << local.significance);
+    const LocalCalibration local =
+        calibrate_locally(rig, samples_near(rig, 300, seed, 2, 0.003, 0.5), centre({2}), within(2));
+    INFO("seed " << seed << ": radius " << local.radius << ", bandwidth " << local.bandwidth
+                 << ", offset " << local.offsets.at(0).offset << ", significance "
+                 << local.significance);
     REQUIRE(local.gain);
     REQUIRE(local.offsets.size() == 1);
     CHECK(local.ends);
     CHECK(local.radius == Approx(kPi / 3).margin(0.25));
     good += std::abs(local.radius - kPi / 3) < 0.12;
-    CHECK(std::abs(local.offsets[0].offset - 0.003 * std::sin(kCentre[2])) < 3 * local.offsets[0].sigma);
+    CHECK(std::abs(local.offsets[0].offset - 0.003 * std::sin(kCentre[2])) <
+          3 * local.offsets[0].sigma);
   }
   CHECK(good >= 7);
 }
@@ -160,7 +174,8 @@ TEST_CASE("local: no gain is claimed where there is none") {
   int claims = 0;
   for (unsigned long seed = 1; seed <= 100; ++seed) {
     const double spread = seed % 2 ? 0.3 : 0.9;
-    const LocalCalibration local = calibrate_locally(rig, samples_near(rig, seed % 4 < 2 ? 12 : 40, seed, spread, 0), centre(), within(1));
+    const LocalCalibration local = calibrate_locally(
+        rig, samples_near(rig, seed % 4 < 2 ? 12 : 40, seed, spread, 0), centre(), within(1));
     REQUIRE(local.enough);
     claims += local.gain;
     if (local.gain) continue;
@@ -188,10 +203,12 @@ TEST_CASE("local: a larger noise than stated is no local error") {
 }
 
 TEST_CASE("local: the estimate is that of a plain weighted fit") {
-  // Mode none: residuals by the fixture's forward model, derivatives by differences, all of it as one stacked system.
+  // Mode none: residuals by the fixture's forward model, derivatives by differences, all of it as
+  // one stacked system.
   const Rig rig = arm();
   const std::vector<Sample> samples = samples_near(rig, 30, 7, 0.3, 0.004);
-  const LocalCalibration local = calibrate_locally(rig, samples, centre(), within(1, NoiseMode::none));
+  const LocalCalibration local =
+      calibrate_locally(rig, samples, centre(), within(1, NoiseMode::none));
   REQUIRE(local.gain);
   VectorXd offsets(6);
   for (int j = 0; j < 6; ++j) offsets(j) = local.offsets.at(j).offset;
@@ -241,7 +258,8 @@ TEST_CASE("local: what the data do not determine stays") {
   Rig rig = arm();
   rig.targets[0].points = Eigen::Vector3d(0, 0, 0.1);
   rig.targets[0].link_T_target = {};
-  const LocalCalibration local = calibrate_locally(rig, samples_near(rig, 40, 5, 0.3, 0.004), centre(), within(1));
+  const LocalCalibration local =
+      calibrate_locally(rig, samples_near(rig, 40, 5, 0.3, 0.004), centre(), within(1));
   REQUIRE(local.gain);
   for (const LocalOffset& o : local.offsets) {
     INFO("joint " << o.joint);
@@ -249,7 +267,8 @@ TEST_CASE("local: what the data do not determine stays") {
   }
   // Almost on it: 0.1 mm aside, so that a mrad moves the point by a five hundredth of its noise.
   rig.targets[0].points = Eigen::Vector3d(0.0001, 0, 0.1);
-  const LocalCalibration almost = calibrate_locally(rig, samples_near(rig, 40, 5, 0.3, 0.004), centre(), within(1));
+  const LocalCalibration almost =
+      calibrate_locally(rig, samples_near(rig, 40, 5, 0.3, 0.004), centre(), within(1));
   REQUIRE(almost.gain);
   REQUIRE(almost.offsets.size() == 6);
   CHECK_FALSE(almost.offsets[5].determined);
@@ -267,7 +286,8 @@ TEST_CASE("local: which samples take part") {
     CHECK_FALSE(local.enough);
     CHECK(local.near == 7);
     CHECK(local.distances.size() == 7);
-    CHECK_FALSE(calibrate_locally(rig, samples_near(rig, 20, 9, 0.3, 0.003), centre(), within(0.01)).enough);
+    CHECK_FALSE(calibrate_locally(rig, samples_near(rig, 20, 9, 0.3, 0.003), centre(), within(0.01))
+                    .enough);
   }
   SECTION("without a reading") {
     for (int i = 0; i < 5; ++i) samples[i].readings[1] = std::numeric_limits<double>::quiet_NaN();

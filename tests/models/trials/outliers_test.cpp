@@ -1,10 +1,12 @@
 // models/trials/outliers.h and models/fitting/robust.h: gross outliers.
 //
-// Proves: noise_ratios of sensors are the standard deviation of Gaussian residuals, whatever a minority does; the bound of chi2 lies above its
-// quantile at 1e-9 (by the incomplete gamma function in closed form) and not far above; gross outliers are found and named in every noise
-// mode, points, a view, a sample that cannot even start, and what is left is calibrated as if they had never been; held-out samples are
-// left alone. The program's tests (program/outliers_test.py) prove figures.
-// Does not prove: behaviour at outliers of less than seven sigmas, nor how one sample is judged (consensus_test.cpp).
+// Proves: noise_ratios of sensors are the standard deviation of Gaussian residuals, whatever a
+// minority does; the bound of chi2 lies above its quantile at 1e-9 (by the incomplete gamma
+// function in closed form) and not far above; gross outliers are found and named in every noise
+// mode, points, a view, a sample that cannot even start, and what is left is calibrated as if they
+// had never been; held-out samples are left alone. The program's tests (program/outliers_test.py)
+// prove figures. Does not prove: behaviour at outliers of less than seven sigmas, nor how one
+// sample is judged (consensus_test.cpp).
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -57,11 +59,13 @@ TEST_CASE("outliers: noise_ratios of sensors and the bound of chi2") {
 }
 
 TEST_CASE("outliers: found and taken out in every noise mode, as if they had never been") {
-  for (NoiseMode noise : {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
+  for (NoiseMode noise :
+       {NoiseMode::latent, NoiseMode::marginal, NoiseMode::point, NoiseMode::none}) {
     Laboratory lab(3);
     const std::vector<size_t> two = lab.seen_twice();
     REQUIRE(two.size() > 8);
-    // Points of one view, a view numbered from the other corner, readings of another posture, a held-out sample that is wrong as well.
+    // Points of one view, a view numbered from the other corner, readings of another posture, a
+    // held-out sample that is wrong as well.
     View& points = lab.first_camera(two[0]);
     points.z[0] += 20;
     points.z[5] -= 30;
@@ -76,7 +80,8 @@ TEST_CASE("outliers: found and taken out in every noise mode, as if they had nev
 
     CalibrationOptions options;
     options.noise = noise;
-    const std::optional<Cleaned> clean = calibrate_without_outliers(make_recording(lab.rig, lab.samples), options);
+    const std::optional<Cleaned> clean =
+        calibrate_without_outliers(make_recording(lab.rig, lab.samples), options);
     REQUIRE(clean);
     std::vector<std::string> named;
     for (const Rejected& r : clean->rejected) {
@@ -86,9 +91,12 @@ TEST_CASE("outliers: found and taken out in every noise mode, as if they had nev
       CHECK(!r.reason.empty());
       CHECK((r.sensor.empty() == r.target.empty()));
     }
-    const auto id = [&](const View& v, size_t i) { return std::to_string(v.ids.empty() ? static_cast<int>(i) : v.ids[i]); };
+    const auto id = [&](const View& v, size_t i) {
+      return std::to_string(v.ids.empty() ? static_cast<int>(i) : v.ids[i]);
+    };
     std::vector<std::string> expected = {
-        lab.samples[two[0]].id + " " + lab.rig.sensors[points.sensor].name + " " + id(points, 0) + " " + id(points, 2),
+        lab.samples[two[0]].id + " " + lab.rig.sensors[points.sensor].name + " " + id(points, 0) +
+            " " + id(points, 2),
         lab.samples[two[1]].id + " " + lab.rig.sensors[flipped.sensor].name, wrong.id + " "};
     std::sort(named.begin(), named.end());
     std::sort(expected.begin(), expected.end());
@@ -104,7 +112,8 @@ TEST_CASE("outliers: found and taken out in every noise mode, as if they had nev
       }
     points.ids = kept;
     points.z = kept_z;
-    lab.samples[two[1]].views.erase(lab.samples[two[1]].views.begin() + (&flipped - lab.samples[two[1]].views.data()));
+    lab.samples[two[1]].views.erase(lab.samples[two[1]].views.begin() +
+                                    (&flipped - lab.samples[two[1]].views.data()));
     lab.samples.erase(lab.samples.begin() + static_cast<std::ptrdiff_t>(two[2]));
     const Solution by_hand = solution_of(lab.rig, lab.samples, options);
     CHECK(clean->solution.chi2 == by_hand.chi2);
@@ -118,7 +127,8 @@ TEST_CASE("outliers: a sample that cannot start stays out, and none at all is an
   const std::vector<size_t> two = lab.seen_twice();
   View& view = lab.first_camera(two[0]);
   for (double& z : view.z) z = 1e9;  // no direction
-  const std::optional<Cleaned> clean = calibrate_without_outliers(make_recording(lab.rig, lab.samples), {});
+  const std::optional<Cleaned> clean =
+      calibrate_without_outliers(make_recording(lab.rig, lab.samples), {});
   REQUIRE(clean);
   REQUIRE(clean->rejected.size() == 1);
   CHECK(clean->rejected[0].sample == lab.samples[two[0]].id);

@@ -1,11 +1,13 @@
 // models/trials/restarts.h: the same steps from other starting values.
 //
-// Proves: an arm of two links that a tracker follows has two minima, elbow up and elbow down. Where the elbow hardly moves they are equally
-// good, and the warning says so; where it does, the wrong one is worse, restarts from there say that a better one exists and in which
-// joints, restarts from the right one are no reason for a warning; the result stays that of the rig's own start. On the example all
-// restarts end alike. Moves are of the priors' size where there are some. The same starts every time; progress can cancel;
-// starts that cannot be evaluated are halved, and counted as failed if that does not help.
-// Does not prove: that there is no other minimum where none was found.
+// Proves: an arm of two links that a tracker follows has two minima, elbow up and elbow down. Where
+// the elbow hardly moves they are equally good, and the warning says so; where it does, the wrong
+// one is worse, restarts from there say that a better one exists and in which joints, restarts from
+// the right one are no reason for a warning; the result stays that of the rig's own start. On the
+// example all restarts end alike. Moves are of the priors' size where there are some. The same
+// starts every time; progress can cancel; starts that cannot be evaluated are halved, and counted
+// as failed if that does not help. Does not prove: that there is no other minimum where none was
+// found.
 #include "../../../models/trials/restarts.h"
 
 #include <catch2/catch.hpp>
@@ -27,7 +29,8 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// base -shoulder(z)- upper -elbow(z)- fore, half a metre each; a reflector at the end, a tracker on the base.
+/// base -shoulder(z)- upper -elbow(z)- fore, half a metre each; a reflector at the end, a tracker
+/// on the base.
 Rig arm() {
   Rig rig;
   add_link(rig, "base");
@@ -103,19 +106,25 @@ TEST_CASE("restarts: two minima that are equally good", "[restarts]") {
   CHECK(r.minima[0].count >= 5);
   CHECK(r.minima[1].count >= 5);
   CHECK(r.minima[1].cost == Approx(r.minima[0].cost).epsilon(1e-6));
-  // The mirrored elbow: from 0.04 to -0.04, in the sigmas of the result; the shoulder pays half of it back.
+  // The mirrored elbow: from 0.04 to -0.04, in the sigmas of the result; the shoulder pays half of
+  // it back.
   REQUIRE(r.minima[1].differs.size() == 2);
   for (const auto& d : r.minima[1].differs) {
     const bool elbow = d.first == "joint/elbow/offset";
     CAPTURE(d.first);
     CHECK((elbow || d.first == "joint/shoulder/offset"));
     const double mirrored = -2 * result.parameters[1].value[0];
-    CHECK(d.second == Approx((elbow ? mirrored : -mirrored / 2) / result.parameters[elbow].sigma[0]).epsilon(1e-3));
+    CHECK(d.second == Approx((elbow ? mirrored : -mirrored / 2) / result.parameters[elbow].sigma[0])
+                          .epsilon(1e-3));
   }
-  CHECK_THAT(result.warning, Contains("as good as this result") && Contains("joint/elbow/offset") && Contains("of 30"));
+  CHECK_THAT(result.warning, Contains("as good as this result") && Contains("joint/elbow/offset") &&
+                                 Contains("of 30"));
 }
 
-TEST_CASE("restarts: from the wrong minimum the better one is found and named, from the right one there is no warning", "[restarts]") {
+TEST_CASE(
+    "restarts: from the wrong minimum the better one is found and named, from the right one there "
+    "is no warning",
+    "[restarts]") {
   Rig rig = arm();
   const std::vector<Sample> samples = follow(rig, 0.01);
   rig.joints[1].offset = 0.03;
@@ -180,8 +189,9 @@ TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") 
   CHECK_FALSE(restarts(result, options, 5));
   CHECK(last == "restart 3");
 
-  // A camera 0.12 m before a board: with the pose off by 5 cm and 5 degrees some starts have points behind it, and all are moved nearer
-  // until they have not. A prior of 50 m leaves no start that can be evaluated at all, most of the time.
+  // A camera 0.12 m before a board: with the pose off by 5 cm and 5 degrees some starts have points
+  // behind it, and all are moved nearer until they have not. A prior of 50 m leaves no start that
+  // can be evaluated at all, most of the time.
   Rig near;
   add_link(near, "base");
   add_joint(near, JointType::fixed, "mount", "base", "eye", {0, 0, 1}, at({0, 0, 0}));

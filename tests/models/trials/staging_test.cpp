@@ -1,6 +1,7 @@
-// models/trials/staging.h: a simulated arm with a tracker, three of whose groups are wrong in turn. What is wrong is kept and comes out right,
-// what is right is not kept; the order of samples and what is held out change nothing.
-// Not proved: that the thresholds are the best ones; the sets of real robots in staging_test.py show that they serve.
+// models/trials/staging.h: a simulated arm with a tracker, three of whose groups are wrong in turn.
+// What is wrong is kept and comes out right, what is right is not kept; the order of samples and
+// what is held out change nothing. Not proved: that the thresholds are the best ones; the sets of
+// real robots in staging_test.py show that they serve.
 #include "../../../models/trials/staging.h"
 
 #include <algorithm>
@@ -19,7 +20,8 @@ using fixture::at;
 
 namespace {
 
-/// Four joints; a tracker on a fixed base sees three reflectors on the flange; another on the same base sees one on the elbow.
+/// Four joints; a tracker on a fixed base sees three reflectors on the flange; another on the same
+/// base sees one on the elbow.
 Rig arm() {
   Rig rig;
   add_link(rig, "base");
@@ -34,11 +36,14 @@ Rig arm() {
   Eigen::Matrix3Xd marks(3, 3);
   marks << 0, 0.1, 0, 0, 0, 0.12, 0.05, 0.06, 0.04;
   fixture::add_points(rig, "marks", marks, "flange", at({0.01, 0.02, 0.03}));
-  fixture::add_tracker(rig, "tracker", "base", at({2, 1, 0.5}, {0.1, 0.2, 2.5}), {0.0001, 0.0001, 0.0001});
+  fixture::add_tracker(rig, "tracker", "base", at({2, 1, 0.5}, {0.1, 0.2, 2.5}),
+                       {0.0001, 0.0001, 0.0001});
   return rig;
 }
 
-std::vector<Sample> samples_of(const Rig& rig, const std::vector<std::pair<std::string, double>>& wrong, int count, std::uint64_t seed) {
+std::vector<Sample> samples_of(const Rig& rig,
+                               const std::vector<std::pair<std::string, double>>& wrong, int count,
+                               std::uint64_t seed) {
   const ParameterTable table(rig);
   VectorXd truth = table.initial;
   for (const auto& w : wrong)
@@ -46,7 +51,8 @@ std::vector<Sample> samples_of(const Rig& rig, const std::vector<std::pair<std::
       const Parameter& p = table.all[f.parameter];
       for (int c : f.components) {
         Vector6d xi = Vector6d::Zero();
-        if (p.pose) xi(c) = w.second, set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(xi));
+        if (p.pose)
+          xi(c) = w.second, set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(xi));
         if (!p.pose) truth(p.start + c) += w.second;
       }
     }
@@ -80,10 +86,14 @@ TEST_CASE("staging: keeps what was wrong and not what was right") {
     CHECK(s.units == 40);
     CHECK_FALSE(s.by_target);
     CHECK(s.trials.size() == 4);  // mounts, offsets, geometry, scales: each tried once
-    for (const StagingTrial& t : s.trials) CHECK(t.error_after == Approx(1).margin(0.25));  // in sigmas
+    for (const StagingTrial& t : s.trials)
+      CHECK(t.error_after == Approx(1).margin(0.25));  // in sigmas
   }
   SECTION("mounts") {
-    const Staging s = *stage(rig, samples_of(rig, {{"sensor/tracker/pose.x", 0.02}, {"target/marks/pose.rz", 0.03}}, 40, 2), {});
+    const Staging s = *stage(
+        rig,
+        samples_of(rig, {{"sensor/tracker/pose.x", 0.02}, {"target/marks/pose.rz", 0.03}}, 40, 2),
+        {});
     CHECK(kept(s) == std::vector<std::string>{"mounts"});
     CHECK(trial(s, "mounts").error_before > 20);
     CHECK(trial(s, "mounts").error_after < 1.25);
@@ -92,7 +102,8 @@ TEST_CASE("staging: keeps what was wrong and not what was right") {
     const Staging s = *stage(rig, samples_of(rig, {{"joint/j3/offset", 0.01}}, 40, 3), {});
     CHECK(kept(s) == std::vector<std::string>{"mounts", "joint offsets"});
     // Those of the first and last joint are the tracker's and the marks' own.
-    CHECK(trial(s, "joint offsets").parameters == std::vector<std::string>{"joint/j2/offset", "joint/j3/offset"});
+    CHECK(trial(s, "joint offsets").parameters ==
+          std::vector<std::string>{"joint/j2/offset", "joint/j3/offset"});
     CHECK_FALSE(trial(s, "gear scales").kept);
     CHECK_FALSE(trial(s, "geometry/base..flange").kept);
   }
@@ -102,18 +113,21 @@ TEST_CASE("staging: keeps what was wrong and not what was right") {
     CHECK_FALSE(trial(s, "gear scales").kept);
     const Step& last = s.steps.back();
     CHECK(std::count(last.free.begin(), last.free.end(), "geometry/base..flange") == 1);
-    for (const std::string& name : last.free) CHECK(name.find("offset") == std::string::npos);  // contained in the geometry
+    for (const std::string& name : last.free)
+      CHECK(name.find("offset") == std::string::npos);  // contained in the geometry
   }
   SECTION("a gear") {
     const Staging s = *stage(rig, samples_of(rig, {{"joint/j2/scale", 0.004}}, 40, 5), {});
-    // Offsets and geometry lower the error before the scales are tried; with these they are not needed any more.
+    // Offsets and geometry lower the error before the scales are tried; with these they are not
+    // needed any more.
     CHECK(kept(s) == std::vector<std::string>{"mounts", "gear scales"});
   }
 }
 
 TEST_CASE("staging: its steps run and find the truth") {
   Rig rig = arm();
-  const std::vector<Sample> samples = samples_of(rig, {{"joint/j2/offset", -0.008}, {"joint/j3/offset", 0.01}}, 40, 6);
+  const std::vector<Sample> samples =
+      samples_of(rig, {{"joint/j2/offset", -0.008}, {"joint/j3/offset", 0.01}}, 40, 6);
   const Staging s = *stage(rig, samples, {});
   rig.steps = s.steps;
   const Solution result = calibrate(make_recording(rig, samples), {});
