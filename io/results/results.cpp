@@ -16,7 +16,8 @@
 namespace kincal {
 namespace {
 
-RigValues rig_values(const Solution& solution, bool write_reduction, const std::vector<Reduction>& reductions) {
+RigValues rig_values(const Solution& solution, bool write_reduction,
+                     const std::vector<Reduction>& reductions) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   const VectorXd& values = solution.values.shared;
@@ -26,10 +27,12 @@ RigValues rig_values(const Solution& solution, bool write_reduction, const std::
     if (!rig.tree.joints[j].has_reading()) continue;
     out.joint_scales[j] = values(table.all[table.joint_scale[j]].start);
     if (write_reduction &&
-        std::any_of(reductions.begin(), reductions.end(), [&](const Reduction& r) { return r.joint == rig.tree.joints[j].name; }))
+        std::any_of(reductions.begin(), reductions.end(),
+                    [&](const Reduction& r) { return r.joint == rig.tree.joints[j].name; }))
       out.joint_scales[j] = 1;
     for (size_t k = 0; k < out.joint_further[j].size(); ++k)
-      out.joint_further[j][k] = values(table.all[table.joint_offset[j] + 2 + static_cast<int>(k)].start);
+      out.joint_further[j][k] =
+          values(table.all[table.joint_offset[j] + 2 + static_cast<int>(k)].start);
   }
   const auto changed_pose = [&](int parameter, const Pose& rigs) {
     const int start = table.all[parameter].start;
@@ -40,16 +43,19 @@ RigValues rig_values(const Solution& solution, bool write_reduction, const std::
     out.sensor_poses[s] = changed_pose(table.sensor_pose[s], rig.sensors[s].link_T_sensor);
     for (size_t b = 0; b < rig.sensors[s].parameters.size(); ++b) {
       const Parameter& p = table.all[table.sensor_block[s] + static_cast<int>(b)];
-      out.sensor_parameters[s][b].assign(values.data() + p.start, values.data() + p.start + p.size());
+      out.sensor_parameters[s][b].assign(values.data() + p.start,
+                                         values.data() + p.start + p.size());
     }
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
-    if (rig.targets[t].link >= 0) out.target_poses[t] = changed_pose(table.target_pose[t], rig.targets[t].link_T_target);
+    if (rig.targets[t].link >= 0)
+      out.target_poses[t] = changed_pose(table.target_pose[t], rig.targets[t].link_T_target);
     if (rig.targets[t].grid) {
       out.target_squares[t] = values(table.all[table.target_square[t]].start);
     } else {
       const Parameter& p = table.all[table.target_points[t]];
-      out.target_points[t] = Eigen::Map<const Eigen::Matrix3Xd>(values.data() + p.start, 3, p.size() / 3);
+      out.target_points[t] =
+          Eigen::Map<const Eigen::Matrix3Xd>(values.data() + p.start, 3, p.size() / 3);
     }
   }
   return out;
@@ -79,7 +85,9 @@ std::vector<BentJoint> bent_joints(const Solution& solution) {
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (table.joint_offset[j] < 0 || rig.joints[j].model->size() == 2) continue;
     const JointModel& model = *rig.joints[j].model;
-    out.push_back({rig.tree.joints[j].name, model.name(), {{"scale", solution.values.shared(table.all[table.joint_scale[j]].start)}}});
+    out.push_back({rig.tree.joints[j].name,
+                   model.name(),
+                   {{"scale", solution.values.shared(table.all[table.joint_scale[j]].start)}}});
     const std::vector<JointNumber> further = model.further();
     for (size_t k = 0; k < further.size(); ++k) {
       const Parameter& p = table.all[table.joint_offset[j] + 2 + static_cast<int>(k)];
@@ -103,96 +111,144 @@ std::string list_of(const std::string& text) {  // "1 2 3" -> "[1, 2, 3]"
   return out + "]";
 }
 
-}  // namespace
-
-ResultFiles make_results(const RigFile& rig_file, const Report& report, const ResultOptions& options) {
-  const Solution& solution = report.solution;
+/// Returns what the URDF takes up of a solution; `out` gets the reductions and what it cannot hold.
+UrdfChanges urdf_changes(const RigFile& rig_file, const Solution& solution,
+                         const std::vector<Pose>& folded, const ResultOptions& options,
+                         ResultFiles& out) {
   const Rig& rig = solution.rig();
-  const RobotModel model = robot_model(solution);
-  const std::vector<Pose> folded = fold_offsets(rig.tree, model.origins, model.offsets);
-  ResultFiles out;
-
-  // The robot.
   UrdfChanges changes;
   for (size_t j = 0; j < folded.size(); ++j)
-    if (!equal(folded[j], rig.tree.joints[j].parent_T_joint)) changes.origins[static_cast<int>(j)] = folded[j];
+    if (!equal(folded[j], rig.tree.joints[j].parent_T_joint))
+      changes.origins[static_cast<int>(j)] = folded[j];
   for (const ParameterEstimate& e : solution.parameters) {
     const Parameter& p = solution.table().all[e.parameter];
-    if (p.kind == ParameterKind::joint_scale && rig.joints[p.owner].model->size() == 2) {  // else a gear's reading is not proportional
+    if (p.kind == ParameterKind::joint_scale &&
+        rig.joints[p.owner].model->size() == 2) {  // else a gear's reading is not proportional
       const std::string& joint = rig.tree.joints[p.owner].name;
       for (const Transmission& t : rig_file.urdf.transmissions)
-        if (t.joint == joint) out.reductions.push_back({joint, t.name, e.value[0], t.reduction, t.reduction / e.value[0]});
+        if (t.joint == joint)
+          out.reductions.push_back(
+              {joint, t.name, e.value[0], t.reduction, t.reduction / e.value[0]});
     }
-    if (p.kind != ParameterKind::joint_offset && p.kind != ParameterKind::joint_origin) out.not_in_urdf.push_back(e.name);
+    if (p.kind != ParameterKind::joint_offset && p.kind != ParameterKind::joint_origin)
+      out.not_in_urdf.push_back(e.name);
   }
   if (options.write_reduction)
     for (const Reduction& r : out.reductions) {
       changes.reductions[r.joint] = r.after;
-      out.not_in_urdf.erase(std::remove(out.not_in_urdf.begin(), out.not_in_urdf.end(), "joint/" + r.joint + "/scale"),
+      out.not_in_urdf.erase(std::remove(out.not_in_urdf.begin(), out.not_in_urdf.end(),
+                                        "joint/" + r.joint + "/scale"),
                             out.not_in_urdf.end());
     }
-  out.robot_urdf = edit_urdf(rig_file.urdf, changes);
-  prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
+  return changes;
+}
 
-  // The rig: what is folded into the robot is not in it.
-  out.rig_yaml = rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions), "robot.urdf");
-
-  // Whoever opens a file of a bad result should see it there too. (The URDF stays the input but for its numbers.)
-  const std::string mark = solution.status == Status::converged
-                               ? ""
-                               : "# kincal: status " + status_name(solution.status) + ", see result.json: do not rely on these numbers.\n";
-  out.rig_yaml = mark + out.rig_yaml;
-
-  // Old and new origins.
-  Json robot = Json::object();
-  out.changes_yaml = mark + "# Old and new origins of the joints that the calibration changed (joint offsets folded in).\n";
+/// Returns the text of changes.yaml: old and new origins, reductions, joint models.
+std::string changes_text(const RigFile& rig_file, const Rig& rig, const UrdfChanges& changes,
+                         const std::vector<Reduction>& reductions,
+                         const std::vector<BentJoint>& bent) {
+  std::string out =
+      "# Old and new origins of the joints that the calibration changed (joint offsets folded "
+      "in).\n";
   if (changes.origins.empty())
-    out.changes_yaml += "joints: {}\n";
+    out += "joints: {}\n";
   else
-    out.changes_yaml += "joints:\n";
+    out += "joints:\n";
   for (const auto& c : changes.origins) {
     const Joint& joint = rig.tree.joints[c.first];
     const OriginText& old = rig_file.urdf.origins.at(c.first);
     const Vector3d rpy = rpy_from_rotation(c.second.rotation);
     const bool moved = c.second.translation != joint.parent_T_joint.translation,
                turned = c.second.rotation != joint.parent_T_joint.rotation;
-    const std::string xyz = moved ? shortest(c.second.translation) : old.xyz, angles = turned ? shortest(rpy) : old.rpy;
-    out.changes_yaml += "  " + key_of(joint.name) + ":\n    old: {xyz: " + list_of(old.xyz) + ", rpy: " + list_of(old.rpy) +
-                        "}\n    new: {xyz: " + list_of(xyz) + ", rpy: " + list_of(angles) + "}\n";
-    robot[joint.name] = {{"offset", model.offsets[c.first]},
-                         {"motion", motion_text(rig.tree, joint)},
-                         {"old", exact_pose(joint.parent_T_joint)},
-                         {"new", exact_pose(c.second)}};
+    const std::string xyz = moved ? shortest(c.second.translation) : old.xyz,
+                      angles = turned ? shortest(rpy) : old.rpy;
+    out += "  " + key_of(joint.name) + ":\n    old: {xyz: " + list_of(old.xyz) +
+           ", rpy: " + list_of(old.rpy) + "}\n    new: {xyz: " + list_of(xyz) +
+           ", rpy: " + list_of(angles) + "}\n";
   }
-  if (!out.reductions.empty()) {
-    out.changes_yaml += "transmissions:  # mechanicalReduction, old / scale\n";
-    for (const Reduction& r : out.reductions)
-      out.changes_yaml +=
-          "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";
+  if (!reductions.empty()) {
+    out += "transmissions:  # mechanicalReduction, old / scale\n";
+    for (const Reduction& r : reductions)
+      out += "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) +
+             ", new: " + shortest(r.after) + "}\n";
   }
-  const std::vector<BentJoint> bent = bent_joints(solution);
-  if (!bent.empty()) out.changes_yaml += "joint_models:  # robot.urdf has their offsets only\n";
+  if (!bent.empty()) out += "joint_models:  # robot.urdf has their offsets only\n";
   for (const BentJoint& b : bent) {
-    out.changes_yaml += "  " + key_of(b.joint) + ": {model: " + b.model;
-    for (const auto& number : b.numbers) out.changes_yaml += ", " + number.first + ": " + shortest(number.second);
-    out.changes_yaml += "}\n";
+    out += "  " + key_of(b.joint) + ": {model: " + b.model;
+    for (const auto& number : b.numbers)
+      out += ", " + number.first + ": " + shortest(number.second);
+    out += "}\n";
   }
+  return out;
+}
+
+/// Returns result.json's `robot`: what the URDF's file now holds, to be taken out of it again.
+Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& changes,
+                const ResultOptions& options, const std::vector<Reduction>& reductions,
+                const std::vector<BentJoint>& bent) {
+  Json joints = Json::object();
+  for (const auto& c : changes.origins) {
+    const Joint& joint = rig.tree.joints[c.first];
+    joints[joint.name] = {{"offset", model.offsets[c.first]},
+                          {"motion", motion_text(rig.tree, joint)},
+                          {"old", exact_pose(joint.parent_T_joint)},
+                          {"new", exact_pose(c.second)}};
+  }
+  Json robot = {{"joints", joints}, {"mimics", Json::object()}, {"reductions", Json::object()}};
+  for (const Joint& joint : rig.tree.joints)
+    if (joint.moves() && joint.mimic) robot["mimics"][joint.name] = motion_text(rig.tree, joint);
+  for (const Reduction& r : reductions)
+    robot["reductions"][r.joint] = {{"scale", r.scale},
+                                    {"old", r.before},
+                                    {"new", r.after},
+                                    {"written", options.write_reduction}};
+  for (const BentJoint& b : bent) {
+    Json& one = robot["joint_models"][b.joint] = {{"model", b.model}};
+    for (const auto& number : b.numbers) one[number.first] = number.second;
+  }
+  return robot;
+}
+
+}  // namespace
+
+ResultFiles make_results(const RigFile& rig_file, const Report& report,
+                         const ResultOptions& options) {
+  const Solution& solution = report.solution;
+  const Rig& rig = solution.rig();
+  const RobotModel model = robot_model(solution);
+  const std::vector<Pose> folded = fold_offsets(rig.tree, model.origins, model.offsets);
+  ResultFiles out;
+
+  const UrdfChanges changes = urdf_changes(rig_file, solution, folded, options, out);
+  out.robot_urdf = edit_urdf(rig_file.urdf, changes);
+  prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
+
+  // The rig: what is folded into the robot is not in it.
+  out.rig_yaml = rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions),
+                          "robot.urdf");
+
+  // Whoever opens a file of a bad result should see it there too. (The URDF stays the input but for
+  // its numbers.)
+  const std::string mark = solution.status == Status::converged
+                               ? ""
+                               : "# kincal: status " + status_name(solution.status) +
+                                     ", see result.json: do not rely on these numbers.\n";
+  out.rig_yaml = mark + out.rig_yaml;
+
+  const std::vector<BentJoint> bent = bent_joints(solution);
+  out.changes_yaml = mark + changes_text(rig_file, rig, changes, out.reductions, bent);
 
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = sha256(read_file(options.samples_path));
   out.urdf_hash = sha256(rig_file.urdf.text);
   Json json = {{"kincal", options.version},
-               {"input", {{"command", options.command}, {"rig", out.rig_hash}, {"samples", out.samples_hash}, {"urdf", out.urdf_hash}}}};
+               {"input",
+                {{"command", options.command},
+                 {"rig", out.rig_hash},
+                 {"samples", out.samples_hash},
+                 {"urdf", out.urdf_hash}}}};
   json.update(result_json(report));
-  json["robot"] = {{"joints", robot}, {"mimics", Json::object()}, {"reductions", Json::object()}};
-  for (const Joint& joint : rig.tree.joints)
-    if (joint.moves() && joint.mimic) json["robot"]["mimics"][joint.name] = motion_text(rig.tree, joint);
-  for (const Reduction& r : out.reductions)
-    json["robot"]["reductions"][r.joint] = {{"scale", r.scale}, {"old", r.before}, {"new", r.after}, {"written", options.write_reduction}};
-  for (const BentJoint& b : bent) {
-    Json& one = json["robot"]["joint_models"][b.joint] = {{"model", b.model}};
-    for (const auto& number : b.numbers) one[number.first] = number.second;
-  }
+  json["robot"] = robot_json(rig, model, changes, options, out.reductions, bent);
   out.result_json = json.dump(1) + "\n";
 
   out.covariance_csv = covariance_csv(solution);
@@ -200,7 +256,8 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report, const Re
   return out;
 }
 
-bool write_results(const std::string& directory, const ResultFiles& files, bool force, bool (*go_on)(), const std::string& scratch) {
+bool write_results(const std::string& directory, const ResultFiles& files, bool force,
+                   bool (*go_on)(), const std::string& scratch) {
   const std::vector<std::pair<std::string, const std::string*>> all = {
       {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
       {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
@@ -208,7 +265,8 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
       {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
-    if ((f.first != "residuals.csv" && f.first != "batch.json") || !f.second->empty()) present.push_back({f.first, *f.second});
+    if ((f.first != "residuals.csv" && f.first != "batch.json") || !f.second->empty())
+      present.push_back({f.first, *f.second});
   return write_directory(directory, present, force, go_on, scratch);
 }
 
