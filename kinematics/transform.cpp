@@ -65,15 +65,17 @@ Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw) {
   return Matrix3d::Identity() + 2 * q(3) * k + 2 * (k * k);
 }
 
-// The quaternion of half the angle. Eigen's FromTwoVectors is the same but for opposite vectors,
-// where it takes a singular value decomposition whose compilation costs seconds in every source
-// that uses it.
+// The quaternion of half the angle, which loses digits where 1 + cosine is small: there by the angle
+// itself. (Eigen's FromTwoVectors takes a singular value decomposition there, whose compilation
+// costs seconds in every source that uses it.)
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b) {
   const Vector3d from = a.normalized(), to = b.normalized();
   const double cosine = to.dot(from);
-  if (cosine < -1 + 1e-12) {
-    const Vector3d axis = from.unitOrthogonal();
-    return 2 * axis * axis.transpose() - Matrix3d::Identity();
+  if (cosine < -1 + 1e-6) {
+    const Vector3d across = from.cross(to);
+    const double sine = across.norm();
+    return sine > 1e-14 ? rotation_about(across / sine, std::atan2(sine, cosine))
+                        : rotation_about(from.unitOrthogonal(), std::atan2(0.0, -1.0));
   }
   const Vector3d axis = from.cross(to);
   const double s = std::sqrt((1 + cosine) * 2), inverse = 1 / s;

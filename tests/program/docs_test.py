@@ -8,7 +8,8 @@ document run in order, in one scratch copy of examples/ with the program as buil
 the indented commands of examples/pr2/README.md. Links between documents, and to their headings, lead somewhere; files of the
 project that they name exist. Options that the
 documents name and options that the program has are the same, warning ids likewise. The program of docs/adding-a-sensor.md compiles
-against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. No document names a path of one machine.
+against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
+a path of one machine.
 Does not prove: that shown output is today's (but for adding-a-sensor.md), nor that what the text says is right.
 """
 import os
@@ -189,7 +190,7 @@ def check_options(source, binary):
     for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
         text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     known = set(re.findall(r"--[a-z][a-z-]+", text))
-    others = {"--preset", "--build", "--install", "--prefix"}  # CMake's
+    others = {"--preset", "--build", "--install", "--prefix", "--component", "--all"}  # CMake's and scripts/lint's
     named = set()
     for path in documents(source):
         with open(path, encoding="utf-8") as file:
@@ -234,6 +235,38 @@ def cache(build):
     return values
 
 
+def compiler(values):
+    """The build's compiler with its flags, without optimisation, and where Eigen is."""
+    kind = values.get("CMAKE_BUILD_TYPE", "").upper()
+    flags = shlex.split(values.get("CMAKE_CXX_FLAGS", "")) + shlex.split(values.get(f"CMAKE_CXX_FLAGS_{kind}", ""))
+    flags = [f for f in flags if not re.match(r"^-O\d$", f)] + ["-std=c++17", "-O0"]
+    eigen = os.path.normpath(os.path.join(values.get("Eigen3_DIR", "/usr/share/eigen3/cmake"), "..", "..", "..", "include", "eigen3"))
+    return [values.get("CMAKE_CXX_COMPILER", "c++"), *flags, "-isystem", eigen]
+
+
+def check_snippet(source, binary):
+    """What the README shows of the library compiles; what it leaves to the reader are the parameters here."""
+    build = os.path.dirname(os.path.abspath(binary))
+    headers = os.path.join(build, "include")
+    if not os.path.exists(os.path.join(headers, "kincal", "kincal.h")):
+        return "the README's C++ was not compiled (no headers beside the program)"
+    path = os.path.join(source, "README.md")
+    code = [lines for info, _, lines in blocks(path) if info == "cpp"]
+    if len(code) != 1:
+        fail(path, "one block of C++ is expected")
+        return ""
+    includes = [line for line in code[0] if line.startswith("#include")]
+    rest = [line for line in code[0] if not line.startswith("#include")]
+    parameters = ("kincal::Rig rig, std::vector<kincal::Sample> samples, kincal::CalibrationOptions options, kincal::Sample newer_sample, "
+                  "kincal::StudyOptions study_options")
+    text = "\n".join([*includes, f"void shown({parameters}) {{", *rest, "}"]) + "\n"
+    command = [*compiler(cache(build)), "-I", headers, "-fsyntax-only", "-x", "c++", "-"]
+    done = subprocess.run(command, input=text.encode(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
+    if done.returncode:
+        fail(path, "the C++ does not compile:\n" + done.stdout.decode(errors="replace")[:3000])
+    return "the README's C++ was compiled"
+
+
 def check_sensor(source, binary):
     build = os.path.dirname(os.path.abspath(binary))
     libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("models", "solver", "kinematics")]
@@ -247,10 +280,6 @@ def check_sensor(source, binary):
     if len(code) != 4 or len(plain) != 1:
         fail(path, "four blocks of C++ (sensor, program, check, joint model) and one of output are expected")
         return ""
-    kind = values.get("CMAKE_BUILD_TYPE", "").upper()
-    flags = shlex.split(values.get("CMAKE_CXX_FLAGS", "")) + shlex.split(values.get(f"CMAKE_CXX_FLAGS_{kind}", ""))
-    flags = [f for f in flags if not re.match(r"^-O\d$", f)] + ["-std=c++17", "-O0"]
-    eigen = os.path.normpath(os.path.join(values.get("Eigen3_DIR", "/usr/share/eigen3/cmake"), "..", "..", "..", "include", "eigen3"))
     links = ["-lpthread"]
     if values.get("KINCAL_CHOLMOD") == "ON":
         links += [values.get("CHOLMOD_LIBRARY", "-lcholmod")]
@@ -263,7 +292,7 @@ def check_sensor(source, binary):
             with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
         for name in ("main", "check", "joint"):
-            command = [values.get("CMAKE_CXX_COMPILER", "c++"), *flags, "-I", scratch, "-isystem", eigen, f"{name}.cpp", *libraries, *links, "-o", name]
+            command = [*compiler(values), "-I", scratch, f"{name}.cpp", *libraries, *links, "-o", name]
             done = subprocess.run(command, cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
             if done.returncode:
                 fail(path, f"{name}.cpp does not compile:\n" + done.stdout.decode(errors="replace")[:3000])
@@ -292,10 +321,10 @@ def main():
     links += check_links(example, source)
     check_options(source, binary)
     check_warnings(source)
-    said = check_sensor(source, binary)
+    compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}"
     for line in failures:
         print(line)
-    print(f"{count} commands, {links} links, {said}; {len(failures)} failures")
+    print(f"{count} commands, {links} links, {compiled}; {len(failures)} failures")
     sys.exit(1 if failures or count == 0 else 0)
 
 
