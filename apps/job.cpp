@@ -152,6 +152,19 @@ void check_validation(const Job& job, const CalibrateSettings& settings) {
   }
 }
 
+void check_names(const Job& job, const CalibrateSettings& settings) {
+  try {
+    for (size_t i = 0; i < settings.free.size(); ++i)
+      job.recording->table.find(settings.free[i], "free[" + std::to_string(i) + "]");
+    for (size_t i = 0; i < settings.fix.size(); ++i)
+      job.recording->table.find(settings.fix[i], "fix[" + std::to_string(i) + "]");
+  } catch (const NameError& error) {
+    throw with_nearest(error, *job.recording);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(in_program_words(error.what()));
+  }
+}
+
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
   try {
     std::vector<StepPlan> out = resolve_steps(*job.recording, options_of(settings));

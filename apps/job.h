@@ -70,6 +70,9 @@ InputError with_nearest(const NameError& error, const Recording& recording);
 /// "last_step") become switches (--free, --step).
 std::string in_program_words(std::string message);
 
+/// Checks the names that --free and --fix give for a rig whose steps are not found yet.
+/// @throws InputError
+void check_names(const Job& job, const CalibrateSettings& settings);
 /// Returns what each step would free and count. @throws InputError
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
 

@@ -26,27 +26,12 @@ SymmetricEigen symmetric_eigen(const MatrixXd& matrix) {
   return {eigen.eigenvalues(), eigen.eigenvectors()};
 }
 
-Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix) {
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(matrix).eigenvalues();
-}
-
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts) {
   return parts_of(Eigen::JacobiSVD<MatrixXd>(matrix, parts));
 }
 
 SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts) {
   return parts_of(Eigen::BDCSVD<MatrixXd>(matrix, parts));
-}
-
-SingularValues3 singular_values(const Eigen::Matrix3d& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
-}
-
-SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(
-      matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
 }
 
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {

@@ -16,7 +16,6 @@ struct SymmetricEigen {
   MatrixXd vectors;
 };
 SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
-Eigen::Vector3d symmetric_eigenvalues(const Eigen::Matrix3d& matrix);
 
 /// Singular values, descending, and what `parts` asks for (Eigen::ComputeFullU, ComputeThinV, ...;
 /// 0: the values only), by Jacobi's method.
@@ -27,17 +26,6 @@ struct SingularValues {
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
 /// The same by dividing and conquering: much faster from some 50 columns on.
 SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts);
-/// The same with all of U and V.
-struct SingularValues3 {
-  Eigen::Vector3d values;
-  Eigen::Matrix3d u, v;
-};
-SingularValues3 singular_values(const Eigen::Matrix3d& matrix);
-struct SingularValues9 {
-  Eigen::Matrix<double, 9, 1> values;
-  Eigen::Matrix<double, 9, 9> u, v;
-};
-SingularValues9 singular_values(const Eigen::Matrix<double, 9, 9>& matrix);
 
 /// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come
 /// last get 0.

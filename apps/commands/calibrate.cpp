@@ -30,6 +30,7 @@ int calibrate(const CalibrateArguments& a) {
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   check_validation(job, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
+    check_names(job, a.settings);
     std::cout << staging_plan(staging_groups(job.rig_file.rig, job.recording->samples));
     return kConverged;
   }

@@ -173,7 +173,7 @@ std::string leverage_table(const std::vector<Leverage>& leverage) {
                           : "is not determined"});
   std::string out = align(rows, 3);
   if (samples.size() > rows.size())
-    out += text("  ... and %zu more samples in result.json\n", samples.size() - rows.size());
+    out += text("  ... and %zu more in result.json\n", samples.size() - rows.size());
   return out;
 }
 

@@ -39,13 +39,14 @@ std::vector<std::string> split(const std::string& text, char at) {
   return out;
 }
 
-double number(const std::string& text, const std::string& option, const std::string& what) {
+double number_of_option(const std::string& text, const std::string& option,
+                        const std::string& what) {
   const Node node = scalar_node(text);
   return Field{&node, &option, what}.number();
 }
 
 double positive(const std::string& text, const std::string& option, const std::string& what) {
-  const double value = number(text, option, what);
+  const double value = number_of_option(text, option, what);
   if (!(value > 0))
     throw InputError(option + ": " + what + ": a number greater than 0 is expected, not '" + text +
                      "'");
@@ -310,7 +311,7 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
       const std::vector<std::string> xyz = split(point, ',');
       if (xyz.size() != 3)
         throw InputError(option + ": a point is X,Y,Z in m, not '" + point + "'");
-      for (const std::string& v : xyz) out.points.push_back(number(v, option, "points"));
+      for (const std::string& v : xyz) out.points.push_back(number_of_option(v, option, "points"));
     }
     return out;
   }
@@ -318,7 +319,7 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   if (size.size() != 2)
     throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
   const auto count = [&](const std::string& t, const char* name) {
-    const double value = number(t, option, name);
+    const double value = number_of_option(t, option, name);
     const int least = out.type == "charuco" ? 2 : 1;
     if (value != std::floor(value) || value < least || value > 1000)
       throw InputError(option + ": " + name + ": a whole number from " + std::to_string(least) +

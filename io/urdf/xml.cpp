@@ -57,8 +57,8 @@ pugi::xml_node next_node(pugi::xml_node node) {
   return node.next_sibling();
 }
 
-std::vector<double> numbers(const Xml& xml, const pugi::xml_node& element, const char* attribute,
-                            size_t count) {
+std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                               size_t count) {
   const std::string text = element.attribute(attribute).value();
   std::vector<double> values;
   const char *at = text.data(), *const end = at + text.size();
@@ -140,11 +140,11 @@ bool to_number(const char* begin, const char* end, double& value) {
 Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute,
                  const Vector3d& absent) {
   if (!element.attribute(attribute)) return absent;
-  return Vector3d(numbers(xml, element, attribute, 3).data());
+  return Vector3d(numbers_of(xml, element, attribute, 3).data());
 }
 
 double number(const Xml& xml, const pugi::xml_node& element, const char* attribute, double absent) {
-  return element.attribute(attribute) ? numbers(xml, element, attribute, 1)[0] : absent;
+  return element.attribute(attribute) ? numbers_of(xml, element, attribute, 1)[0] : absent;
 }
 
 std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* attribute) {

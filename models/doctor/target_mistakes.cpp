@@ -180,7 +180,7 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
     if (target.grid || target.count() < 4) continue;
     const Eigen::Matrix3Xd centred =
         target.points.colwise() - Vector3d(target.points.rowwise().mean());
-    const Vector3d extents = symmetric_eigenvalues(centred * centred.transpose());
+    const Vector3d extents = symmetric_eigen(centred * centred.transpose()).values;
     if (extents(0) < 1e-6 * extents(2)) continue;
     for (int axis : {0, 1, 2}) {
       Hypothesis h = mirrored_points(

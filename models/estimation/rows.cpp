@@ -15,12 +15,11 @@ namespace {
 SmallMatrix inverse_of_small(const SmallMatrix& m) { return m.inverse(); }
 
 SmallMatrix inverse_square_root(const SmallMatrix& c) {
-  const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(c);
-  SmallMatrix scaled = eigen.eigenvectors();
+  const SymmetricEigen eigen = symmetric_eigen(c);
+  SmallMatrix scaled = eigen.vectors;
   for (Eigen::Index i = 0; i < c.cols(); ++i)
-    scaled.col(i) /=
-        std::sqrt(std::max(eigen.eigenvalues()(i), 1e-14 * eigen.eigenvalues().maxCoeff()));
-  return scaled.lazyProduct(eigen.eigenvectors().transpose());
+    scaled.col(i) /= std::sqrt(std::max(eigen.values(i), 1e-14 * eigen.values.maxCoeff()));
+  return scaled.lazyProduct(eigen.vectors.transpose());
 }
 
 /// k rows of `columns` numbers, `ld` apart, times a k x k matrix from the left (K = k, or 0: any k

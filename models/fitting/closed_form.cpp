@@ -15,9 +15,10 @@ namespace kincal {
 namespace {
 
 Matrix3d nearest_rotation(const Matrix3d& m) {
-  const SingularValues3 svd = singular_values(m);
-  const double sign = (svd.u * svd.v.transpose()).determinant() < 0 ? -1 : 1;
-  return svd.u * Vector3d(1, 1, sign).asDiagonal() * svd.v.transpose();
+  const SingularValues svd = singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Matrix3d u = svd.u, v = svd.v;
+  const double sign = (u * v.transpose()).determinant() < 0 ? -1 : 1;
+  return u * Vector3d(1, 1, sign).asDiagonal() * v.transpose();
 }
 
 /// X and Y of A_i X = Y B_i. False if the rotations do not determine them.
@@ -31,7 +32,7 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
     for (int r = 0; r < 3; ++r)
       for (int c = 0; c < 3; ++c)
         t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
-  const SingularValues9 svd = singular_values(t);
+  const SingularValues svd = singular_values(t, Eigen::ComputeFullU | Eigen::ComputeFullV);
   if (svd.values(0) - svd.values(1) < 1e-4 * n) return false;
   Eigen::Matrix<double, 9, 1> vx = svd.v.col(0), vy = svd.u.col(0);
   Matrix3d rx = Eigen::Map<Matrix3d>(vx.data()), ry = Eigen::Map<Matrix3d>(vy.data());

@@ -11,7 +11,7 @@
 namespace kincal {
 namespace {
 
-struct Cancelled {};
+struct StudyCancelled {};
 struct CannotStart {
   std::string message;
 };
@@ -34,14 +34,14 @@ std::shared_ptr<const Recording> with_steps(const Recording& recording,
   } catch (const std::runtime_error& error) {
     throw CannotStart{error.what()};
   }
-  if (!report.staging) throw Cancelled();
+  if (!report.staging) throw StudyCancelled();
   rig.steps = report.staging->steps;
   check_steps(Recording(rig, recording.samples));
   return make_recording(std::move(rig), recording.samples);
 }
 
 bool ended(const Solution& solution) {
-  if (solution.status == Status::cancelled) throw Cancelled();
+  if (solution.status == Status::cancelled) throw StudyCancelled();
   return solution.status == Status::undefined_start;
 }
 
@@ -61,7 +61,7 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
       recording = with_steps(*recording, clean->solution.samples(), options, report);
       clean = calibrate_without_outliers(recording, calibration);
     }
-    if (!clean) throw Cancelled();
+    if (!clean) throw StudyCancelled();
     report.solution = std::move(clean->solution);
     report.rejected = std::move(clean->rejected);
     report.no_consensus = std::move(clean->no_consensus);
@@ -71,7 +71,7 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
   }
   if (options.estimate_noise) {
     std::optional<NoiseEstimate> estimate = estimate_noise(left, calibration);
-    if (!estimate) throw Cancelled();
+    if (!estimate) throw StudyCancelled();
     report.solution = std::move(estimate->solution);
     report.noise_levels = std::move(estimate->levels);
     report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
@@ -96,12 +96,12 @@ void analyse(const StudyOptions& options, Report& report) {
   if (badly && !options.reject) {
     std::optional<std::vector<Rejected>> outliers =
         find_outliers(solution.recording, options.calibration);
-    if (!outliers) throw Cancelled();
+    if (!outliers) throw StudyCancelled();
     report.outliers = std::move(*outliers);
   }
   if (options.restarts > 0 &&
       !(report.restarts = restarts(solution, options.calibration, options.restarts)))
-    throw Cancelled();
+    throw StudyCancelled();
   if (options.loops) report.loops = loops(solution);
   Validation& validation = report.validation;
   validation.held_out = options.held_out;
@@ -109,7 +109,7 @@ void analyse(const StudyOptions& options, Report& report) {
   if (options.cross_validate > 0) {
     validation.cross_validation =
         cross_validate(solution.recording, options.calibration, options.cross_validate);
-    if (!validation.cross_validation) throw Cancelled();
+    if (!validation.cross_validation) throw StudyCancelled();
   }
   if (!options.frames.empty()) {
     const Unknowns unknowns = last_unknowns(at);
@@ -132,7 +132,7 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
       return progress("looking for mistakes", 0, kNan, kNan);
     };
   report.diagnosis = diagnose(rig, samples, doctor);
-  if (!report.diagnosis) throw Cancelled();
+  if (!report.diagnosis) throw StudyCancelled();
 }
 
 }  // namespace
@@ -156,7 +156,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                              solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
     if (options.diagnose && unexplained)
       add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
-  } catch (const Cancelled&) {
+  } catch (const StudyCancelled&) {
     return std::nullopt;
   }
   report.warnings = warnings(report);

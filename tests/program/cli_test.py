@@ -467,6 +467,9 @@ class WrongRig(Case):
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: staged automatically (staging_test.py)
         self.assertEqual(run.code, 0, run.err)
         self.assertIn("stages it automatically", run.out)
+        for option in ("--free", "--fix"):  # as the real run
+            run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", option, "sensor/trackr/pose")
+            self.fails(run, option, ("sensor/trackr/pose", "matches no parameter"), ("sensor/tracker/pose",))
 
     def test_files(self):
         os.remove(self.path("rig.yaml"))

@@ -57,11 +57,6 @@ TEST_CASE("decompositions: eigenvalues of symmetric matrices, of which the lower
     CHECK(largest(eigen.vectors.transpose() * eigen.vectors - MatrixXd::Identity(n, n)) < 1e-13);
     for (Eigen::Index i = 1; i < n; ++i) CHECK(eigen.values(i) >= eigen.values(i - 1));
   }
-  const Eigen::Matrix3d m = random_matrix(random, 3, 3), a = m.selfadjointView<Eigen::Lower>();
-  const Eigen::Vector3d values = symmetric_eigenvalues(m);
-  CHECK((values(0) <= values(1) && values(1) <= values(2)));
-  for (const double value : values)
-    CHECK(std::abs((a - value * Eigen::Matrix3d::Identity()).determinant()) < 1e-12);
 }
 
 TEST_CASE("decompositions: singular values") {
@@ -85,10 +80,8 @@ TEST_CASE("decompositions: singular values") {
     check_singular(large, m);
     CHECK(largest(large.values - singular_values(m).values) < 1e-12);
   }
-  const Eigen::Matrix3d three = random_matrix(random, 3, 3);
-  check_singular(singular_values(three), three);
-  const Eigen::Matrix<double, 9, 9> nine = with_rank(random, 9, 9, 6);
-  check_singular(singular_values(nine), nine);
+  const MatrixXd nine = with_rank(random, 9, 9, 6);
+  check_singular(singular_values(nine, Eigen::ComputeFullU | Eigen::ComputeFullV), nine);
   CHECK(singular_values(nine).values(6) < 1e-12);
 }
 
