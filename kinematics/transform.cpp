@@ -65,17 +65,19 @@ Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw) {
   return Matrix3d::Identity() + 2 * q(3) * k + 2 * (k * k);
 }
 
-// The quaternion of half the angle, which loses digits where 1 + cosine is small: there by the angle
-// itself. (Eigen's FromTwoVectors takes a singular value decomposition there, whose compilation
-// costs seconds in every source that uses it.)
+// The quaternion of half the angle, which loses digits where 1 + cosine is small: there by the
+// angle itself. (Eigen's FromTwoVectors takes a singular value decomposition there, whose
+// compilation costs seconds in every source that uses it.)
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b) {
   const Vector3d from = a.normalized(), to = b.normalized();
   const double cosine = to.dot(from);
-  if (cosine < -1 + 1e-6) {
+  if (cosine < -1 + 1e-4) {
     const Vector3d across = from.cross(to);
     const double sine = across.norm();
-    return sine > 1e-14 ? rotation_about(across / sine, std::atan2(sine, cosine))
-                        : rotation_about(from.unitOrthogonal(), std::atan2(0.0, -1.0));
+    // Rounding tilts a short product: the axis must stand on `from`, where it lies matters little.
+    const Vector3d axis = sine > 1e-14 ? Vector3d(across - from * from.dot(across)).normalized()
+                                       : from.unitOrthogonal();
+    return rotation_about(axis, std::atan2(sine, cosine));
   }
   const Vector3d axis = from.cross(to);
   const double s = std::sqrt((1 + cosine) * 2), inverse = 1 / s;
