@@ -252,9 +252,10 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_flag("--reject", s.reject,
                    "take gross outliers out first (points, views, samples), by a robust fit; say "
                    "which; then fit what is left");
-  command.add_flag("--estimate-noise", s.estimate_noise,
-                   "estimate the sigmas of sensors and joints along, as far as the data tell them; "
-                   "rig.yaml gets them (latent and none)");
+  command.add_flag(
+      "--estimate-noise", s.estimate_noise,
+      "estimate the sigmas of sensors and joints along, as far as the data determine them; "
+      "rig.yaml gets them (latent and none)");
   command
       .add_option("--holdout", s.holdout,
                   "hold out one K-th of the training samples, besides those with split: test; "

@@ -149,7 +149,7 @@ std::string noise_text(const Report& report) {
       if (!report.noise_estimated) out += ", seen " + value(l.seen, unit.factor) + unit_name;
       out += text(" (± %.2g %%)", 100 * l.uncertainty);
     } else {
-      out += " (with the others as they are now it cannot be told)";
+      out += " (cannot be estimated beside the others)";
     }
     out += "\n";
   }

@@ -319,7 +319,7 @@ class ReasonFinder {
     const auto turned = orientations(scene_, effects_.sensors);
     if (lens() && turned.second < 10 * kPi / 180) {
       out_.kind = "one_orientation";
-      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
+      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
                  ": the lens against where things are; targets turn by no more than " +
                  angle_text(turned.second) +
                  (turned.first < 10 * kPi / 180 ? " before the camera (one orientation)"
@@ -329,7 +329,7 @@ class ReasonFinder {
           first();
     } else if (lens()) {
       out_.kind = "lens";
-      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " can hardly be told") +
+      out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
                  ": the lens against where things are";
       out_.cure = "views over the whole image and at different distances, or hold " + first();
     } else if (angles) {

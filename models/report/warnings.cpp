@@ -16,8 +16,7 @@ using Warnings = std::vector<Warning>;
 constexpr size_t kShown = 5;
 
 std::string excess_text(double ratio) {
-  return text("chi2/dof is %.3g: the residuals are larger than the sigmas of the rig explain",
-              ratio);
+  return text("chi2/dof is %.3g: the residuals are larger than the rig's sigmas allow", ratio);
 }
 
 std::string count_text(size_t count, const char* what) {
@@ -255,11 +254,11 @@ void warn_of_noise(const Report& report, Warnings& out) {
                                 "now of this and now of that"});
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
-      out.push_back({"noise", level.of + ": " + std::to_string(level.own_views) +
-                                  (level.own_views == 1 ? " view has" : " views have") +
-                                  " sigmas of their own in the samples file; they were taken times "
-                                  "those of the sensor, the file keeps its "
-                                  "numbers"});
+      out.push_back(
+          {"noise", level.of + ": " + std::to_string(level.own_views) +
+                        (level.own_views == 1 ? " view has" : " views have") +
+                        " sigmas of their own in the samples file; they were multiplied by "
+                        "the sensor's factor, the file keeps its numbers"});
 }
 
 void warn_of_minima(const Restarts& restarts, Warnings& out) {
