@@ -58,6 +58,14 @@ int main(int argc, char** argv) {
       "all measurements at once (bundle adjustment over kinematic chains)."};
   app.set_version_flag("--version", "kincal " KINCAL_VERSION);
   app.require_subcommand(1);
+  std::string line;
+  for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
+  const std::vector<Command> commands = {
+      init_command(app),        check_command(app),       calibrate_command(app, line),
+      batch_command(app, line), evaluate_command(app),    diff_command(app),
+      apply_command(app),       local_command(app, line), simulate_command(app),
+  };
+  // Set last: a command without a footer of its own would take it over.
   app.footer(
       "Examples:\n"
       "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and "
@@ -79,14 +87,6 @@ int main(int argc, char** argv) {
       "nothing written. With 2, 3 and 4\n"
       "results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
-
-  std::string line;
-  for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
-  const std::vector<Command> commands = {
-      init_command(app),        check_command(app),       calibrate_command(app, line),
-      batch_command(app, line), evaluate_command(app),    diff_command(app),
-      apply_command(app),       local_command(app, line), simulate_command(app),
-  };
   std::vector<std::string> names;
   std::string known;
   for (const Command& command : commands) {

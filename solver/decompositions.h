@@ -10,37 +10,39 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix (its lower triangle counts).
+/// SymmetricEigen has the eigenvalues, ascending, and eigenvectors of a symmetric matrix, of which
+/// the lower triangle counts.
 struct SymmetricEigen {
   VectorXd values;
   MatrixXd vectors;
 };
 SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
 
-/// Singular values, descending, and what `parts` asks for (Eigen::ComputeFullU, ComputeThinV, ...;
-/// 0: the values only), by Jacobi's method.
+/// SingularValues has the singular values, descending, and what `parts` asks for
+/// (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only); they come by Jacobi's method.
 struct SingularValues {
   VectorXd values;
   MatrixXd u, v;
 };
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
-/// The same by dividing and conquering: much faster from some 50 columns on.
+/// Returns the same by dividing and conquering: much faster from some 50 columns on.
 SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts);
 
-/// Least |a x - b|^2, by QR with column pivoting; where the rank is not full the columns that come
-/// last get 0.
+/// Returns x of the least |a x - b|^2, by QR with column pivoting; where the rank is not full the
+/// columns that come last get 0.
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b);
-/// The same; false, x unchanged, where a pivot is at most `threshold` of the largest.
+/// Finds the same; returns false, x unchanged, where a pivot is at most `threshold` of the largest.
 bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, VectorXd& x);
-/// Of all x with the least |a x - b|^2 the shortest, by singular values; `rank`, if given, of a.
+/// Returns the shortest of all x with the least |a x - b|^2, by singular values; `rank` gets that
+/// of a.
 VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b, long* rank = nullptr);
 
-/// Cholesky factorisation L L' of a symmetric matrix.
+/// A Cholesky holds the factorisation L L' of a symmetric matrix.
 class Cholesky {
  public:
   explicit Cholesky(const MatrixXd& a);
   ~Cholesky();
-  /// False: the matrix is not positive definite.
+  /// Returns whether the matrix is positive definite.
   bool good() const;
   VectorXd diagonal() const;  // of L
   VectorXd solve(const VectorXd& b) const;
@@ -49,34 +51,34 @@ class Cholesky {
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };
-/// a x = b for symmetric a, by L D L' with pivoting.
+/// Returns x of a x = b for symmetric a, by L D L' with pivoting.
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
-/// a^-1 for symmetric a, likewise.
+/// Returns a^-1 for symmetric a, likewise.
 MatrixXd inverse_of_symmetric(const MatrixXd& a);
 
 /// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the
 /// number of columns are left undefined, as is what is below the diagonal.
 void triangularise(Eigen::Ref<MatrixXd> rows);
 
-/// W with W W' = c for a covariance whose diagonal may span many orders; what is negative by
-/// rounding counts as 0.
+/// Returns W with W W' = c for a covariance whose diagonal may span many orders; what is negative
+/// by rounding counts as 0.
 MatrixXd root_of_covariance(const MatrixXd& c);
 
-/// What is left of rows when the unknowns of some columns are eliminated: an orthogonal
-/// factorisation with column pivoting, by rank (columns scaled to unit length, singular values
-/// above 1e-9 of the largest), so that a block which its rows do not determine loses only what it
-/// has.
+/// An Elimination is what is left of rows when the unknowns of some columns are eliminated: an
+/// orthogonal factorisation with column pivoting, by rank (columns scaled to unit length, singular
+/// values above 1e-9 of the largest), so that a block which its rows do not determine loses only
+/// what it has.
 class Elimination {
  public:
-  /// `block`: the columns of the unknowns to eliminate.
+  /// Factorises `block`, the columns of the unknowns to eliminate.
   explicit Elimination(MatrixXd block);
   ~Elimination();
   long rank() const;
-  /// Q' rows, of which the first rank() are what determines the eliminated unknowns and the others
-  /// what is left.
+  /// Replaces rows by Q' rows, of which the first rank() are what determines the eliminated
+  /// unknowns and the others what is left.
   void rotate(MatrixXd& rows) const;
   void rotate(VectorXd& column) const;
-  /// Orthonormal basis of the block's range: rows x rank().
+  /// Returns an orthonormal basis of the block's range: rows x rank().
   MatrixXd basis() const;
 
  private:

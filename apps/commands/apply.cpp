@@ -39,6 +39,7 @@ Command apply_command(CLI::App& app) {
   command->add_flag(
       "--force", a->force,
       "replace an existing file; apply a result that is not converged or not determined");
+  command->footer("Exit codes: 0 written; 1 bad input or usage, nothing written.");
   return {command, [a] { return apply(*a); }};
 }
 

@@ -69,6 +69,9 @@ Command evaluate_command(CLI::App& app) {
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
   command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
+  command->footer(
+      "Exit codes: 0 evaluated; 1 bad input or usage; 3 poses that --free or a free target leaves "
+      "open did not converge.");
   return {command, [a] { return evaluate(*a); }};
 }
 

@@ -47,7 +47,9 @@ int simulate(const SimulateArguments& a) {
   } catch (const NameError& error) {
     throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
+  options.progress = [](int) { return not_interrupted(); };
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
+  if (!not_interrupted()) return say_interrupted();
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
                  d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),
@@ -108,6 +110,9 @@ Command simulate_command(CLI::App& app) {
                       "JSON lines with postures, views and poses of targets; default: uniform "
                       "within the joint limits");
   command->add_flag("--force", a->force, "replace an existing simulation");
+  command->footer(
+      "Exit codes: 0 written; 1 bad input or usage, nothing written; 130 interrupted, nothing "
+      "written.");
   return {command, [a] { return simulate(*a); }};
 }
 

@@ -21,7 +21,7 @@ struct TargetKeys {
 };
 const std::vector<TargetKeys>& target_types();
 
-/// All that files know of a type of sensor. What it measures and how says its model.
+/// This is all that files know of a type of sensor. What it measures and how says its model.
 struct SensorKeys {
   std::string name;  // of the type
   Names required, optional;
@@ -58,8 +58,8 @@ std::string payload_of(const Sensor& sensor);
 /// number or a list.
 Names sigma_names(const Sensor& sensor);
 
-/// Whether a list of numbers may stand for the sigma of a sensor. Sensors of types that files do
-/// not know take one.
+/// Returns whether a list of numbers may stand for the sigma of a sensor. Sensors of types that
+/// files do not know take one.
 bool sigma_by_axis(const Sensor& sensor);
 
 /// Standard deviations are returned as the model takes them: camera 2, point 3, laser (joint,

@@ -25,7 +25,7 @@
 
 namespace kincal {
 
-/// A number of a joint model beyond offset and scale.
+/// A JointNumber is a number of a joint model beyond offset and scale.
 struct JointNumber {
   std::string name, unit;  // parameter joint/NAME/<name>; not sigma, offset, scale, model or origin
   double value = 0;        // initial, where the rig says nothing
@@ -38,20 +38,20 @@ struct JointNumber {
 class JointModel {
  public:
   virtual ~JointModel() = default;
-  /// What a rig.yaml calls the model; empty: it cannot name it.
+  /// Returns what a rig.yaml calls the model; empty: it cannot name it.
   virtual std::string name() const { return ""; }
-  /// The numbers behind offset and scale, in the order of `own`.
+  /// Returns the numbers behind offset and scale, in the order of `own`.
   virtual std::vector<JointNumber> further() const { return {}; }
-  /// How many own numbers there are, offset and scale included; at most kMaxJointNumbers.
+  /// Returns how many own numbers there are, offset and scale included; at most kMaxJointNumbers.
   virtual int size() const { return 2; }
-  /// Position (rad or m) at a reading.
+  /// Returns the position (rad or m) at a reading.
   virtual double position(double reading, const double* own) const = 0;
-  /// d position / d reading.
+  /// Returns d position / d reading.
   virtual double by_reading(double reading, const double* own) const = 0;
-  /// d position / d own number k.
+  /// Returns d position / d own number k.
   virtual double by_own(int k, double reading, const double* own) const = 0;
-  /// The reading at which the joint has this position: what a simulated encoder says. By Newton's
-  /// method from the linear part; NaN where that does not converge.
+  /// Returns the reading at which the joint has this position: what a simulated encoder says. It
+  /// comes by Newton's method from the linear part; NaN where that does not converge.
   virtual double reading(double position, const double* own) const {
     double q = (position - own[0]) / own[1];
     for (int i = 0; i < 50; ++i) {
@@ -65,7 +65,7 @@ class JointModel {
 
 constexpr int kMaxJointNumbers = 8;
 
-/// position = scale * reading + offset.
+/// A LinearJoint has position = scale * reading + offset.
 class LinearJoint final : public JointModel {
  public:
   std::string name() const override { return "linear"; }
@@ -81,7 +81,7 @@ class LinearJoint final : public JointModel {
   }
 };
 
-/// The one linear model: models have no state, so all joints share it.
+/// Returns the one linear model: models have no state, so all joints share it.
 inline std::shared_ptr<const JointModel> linear_joint() {
   static const std::shared_ptr<const JointModel> model = std::make_shared<LinearJoint>();
   return model;

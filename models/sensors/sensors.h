@@ -10,22 +10,24 @@ namespace kincal {
 
 enum class Lens { pinhole, brown_conrady, kannala_brandt };
 
-/// Camera along +z, x right, y down, px. Own blocks: "intrinsics" fx fy cx cy, "distortion"
-/// (brown_conrady: 5 k1 k2 p1 p2 k3 or 8 with k4 k5 k6; kannala_brandt: 4 k1 k2 k3 k4; pinhole: 0,
-/// the block absent), "baseline" (m), in this order.
+/// Makes a camera along +z, x right, y down, px. Its own blocks are "intrinsics" fx fy cx cy,
+/// "distortion" (brown_conrady: 5 k1 k2 p1 p2 k3 or 8 with k4 k5 k6; kannala_brandt: 4 k1 k2 k3 k4;
+/// pinhole: 0, the block absent), "baseline" (m), in this order.
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count);
-/// The blocks above with component names and units; `distortion` has 0, 4, 5 or 8 numbers as the
-/// lens asks.
+/// Returns the blocks above with component names and units; `distortion` has 0, 4, 5 or 8 numbers
+/// as the lens asks.
 std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<double>& intrinsics,
                                               const std::vector<double>& distortion,
                                               double baseline);
-/// 3-D points in the sensor's frame, m.
+/// Makes a sensor of 3-D points in its own frame, m.
 std::shared_ptr<const SensorModel> make_point();
-/// sensor_T_target; numbers x y z qx qy qz qw.
+/// Makes a sensor of sensor_T_target; its numbers are x y z qx qy qz qw.
 std::shared_ptr<const SensorModel> make_pose();
-/// The joint readings are the measurement: the target is at link_T_target. No numbers.
+/// Makes a chain: the joint readings are the measurement, the target is at link_T_target. It has no
+/// numbers.
 std::shared_ptr<const SensorModel> make_chain();
-/// Rays (reading of the scanning joint, bearing, range), sigma the same three.
+/// Makes a laser of rays (reading of the scanning joint, bearing, range); its sigma has the same
+/// three.
 std::shared_ptr<const SensorModel> make_tilting_laser();
 
 }  // namespace kincal

@@ -28,6 +28,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <string>
 #include <utility>
@@ -47,6 +48,9 @@ struct SimulationOptions {
   /// These pairs (sensor, target) may see, or hold, each other where a posture lists no views;
   /// empty: usual_pairs().
   std::vector<std::pair<int, int>> pairs;
+  /// Called before each sample with how many were tried; false ends the simulation there, with the
+  /// samples so far.
+  std::function<bool(int)> progress;
 };
 
 struct Simulation {

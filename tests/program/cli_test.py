@@ -805,6 +805,18 @@ class Writing(Case):
         self.assertGreaterEqual(interrupted, 3)
 
 
+    def test_simulate_interrupted(self):
+        p = subprocess.Popen([KINCAL, "simulate", "rig.yaml", "--samples", "1000000", "--seed", "1", "--out", "out"], cwd=self.dir,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        time.sleep(0.5)
+        p.send_signal(signal.SIGINT)
+        start = time.time()
+        out, err = p.communicate(timeout=60)
+        self.assertEqual(p.returncode, 130, err)
+        self.assertLess(time.time() - start, 5)  # it drew for half a second only
+        self.assertFalse(os.path.exists(self.path("out")))
+
+
 # ----------------------------------------------------------------------------- results
 
 class Results(Case):
