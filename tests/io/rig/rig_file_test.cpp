@@ -8,6 +8,8 @@
 #include "../../../io/rig/rig_text.h"
 #include "../../../io/rig/samples_file.h"
 #include "../../../models/rig/parameters.h"
+#include "../../fixtures/height_sensor.h"
+#include "../../fixtures/quadratic_joint.h"
 
 #include <unistd.h>
 
@@ -568,38 +570,9 @@ TEST_CASE("a rig without joints gets them only when needed", "[rig]") {
              Contains("base: base_link\njoints:\n  slide_joint: {scale: 0.5}\ntargets:"));
 }
 
-namespace {
-
-struct Bend final : JointModel {
-  std::string name() const override { return "quadratic"; }
-  std::vector<JointNumber> further() const override { return {{"bend", "", 0.125}}; }
-  int size() const override { return 3; }
-  double position(double q, const double* own) const override {
-    return own[0] + q * (own[1] + q * own[2]);
-  }
-  double by_reading(double q, const double* own) const override { return own[1] + 2 * own[2] * q; }
-  double by_own(int k, double q, const double*) const override {
-    return k == 0 ? 1 : k == 1 ? q : q * q;
-  }
-};
-
-/// One number a point: its z in the sensor's frame.
-struct Height {
-  static constexpr int kRows = 1, kNumbers = 1;
-  int parameter_count() const { return 0; }
-  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,
-                double*) const {
-    r[0] = p.z() - z[0];
-    if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
-    return true;
-  }
-};
-
-}  // namespace
-
 TEST_CASE("joint models are named in a rig, and written again", "[rig]") {
   const Place place;
-  const JointModels models = {linear_joint(), std::make_shared<Bend>()};
+  const JointModels models = {linear_joint(), std::make_shared<fixture::QuadraticJoint>(0.125)};
   const auto with = [](const std::string& joints) {
     std::string text = kRig;
     const size_t at = text.find("  elbow_flex_joint: {sigma");
@@ -688,7 +661,7 @@ TEST_CASE("a sensor of one number a point is read and written as a plain list", 
   gauge.name = "gauge";
   gauge.type = "height";
   gauge.link = rig.tree.root;
-  gauge.model = std::make_shared<PointwiseSensor<Height>>();
+  gauge.model = std::make_shared<PointwiseSensor<fixture::Height>>();
   gauge.sigma = {0.001};
   rig.sensors.push_back(gauge);
   place.write(

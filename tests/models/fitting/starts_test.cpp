@@ -17,6 +17,7 @@
 #include "../../../models/rig/parameters.h"
 #include "../../../models/rig/targets.h"
 #include "../../fixtures/forward_model.h"
+#include "../../fixtures/height_sensor.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -644,22 +645,6 @@ TEST_CASE("unknown poses: what nothing ties to the rest is returned by name") {
         std::vector<std::string>{"sensor/alone/pose", "sensor/blind/pose", "target/dark/pose"});
   CHECK(found.worst < 1e-6);
 }
-
-namespace {
-
-/// The height of a point above the sensor's plane z = 0: one number, which tells no pose.
-struct Height {
-  static constexpr int kRows = 1, kNumbers = 1;
-  int parameter_count() const { return 0; }
-  bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,
-                double*) const {
-    r[0] = p.z() - z[0];
-    if (d_p) d_p[0] = d_p[1] = 0, d_p[2] = 1;
-    return true;
-  }
-};
-
-}  // namespace
 
 TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") {
   Rig rig;
