@@ -65,7 +65,6 @@ Rig arm() {
 
 /// Near a posture.
 TruePosture near(const Rig& rig, const TruePosture& middle, Random& random, double range) {
-  TruePosture p = middle;
   for (size_t j = 0; j < rig.joints.size(); ++j)
     if (rig.tree.joints[j].has_reading()) p.readings[j] += random.uniform(-range, range);
   return p;
@@ -138,7 +137,6 @@ Unknown eye_in_hand(unsigned long seed, bool noise) {
   const int camera = add_camera(u.truth, "camera", "tool", random.pose(1, kPi));
   const TruePosture middle = random_posture(u.truth, random, 1, false);
   const int board = add_grid(u.truth, "board", 5, 6, 0.06, "base", Pose());
-  TruePosture p = middle;
   // in_front() gives it relative to the base, on which it is mounted.
   u.truth.targets[board].link = -1;
   u.truth.targets[board].link_T_target =
