@@ -65,6 +65,7 @@ Rig arm() {
 
 /// Near a posture.
 TruePosture near(const Rig& rig, const TruePosture& middle, Random& random, double range) {
+  TruePosture p = middle;
   for (size_t j = 0; j < rig.joints.size(); ++j)
     if (rig.tree.joints[j].has_reading()) p.readings[j] += random.uniform(-range, range);
   return p;
