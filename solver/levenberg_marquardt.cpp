@@ -11,25 +11,14 @@ namespace kincal {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kConvergedStep = 1e-7;  // standard deviations
-constexpr double kSmallestDamping =
-    1e-10;  // keeps directions without information where they are, biases nothing else
-constexpr double kUndamped = 1e-9;  // up to here a step's length means distance to the minimum
-constexpr double kRoundingShare = 1e-12;  // of the cost: what is promised below it may be rounding
-constexpr double kFaithful = 0.03;        // from 1: a gain that allows to give up damping fast
-constexpr int kMemory = 3;                // steps that the acceleration looks back
-
-/// Five steps in a row, none of them half of an earlier one; infinite: a step that still promised
-/// something.
-bool settled(const std::vector<double>& sizes) {
-  if (sizes.size() < 6) return false;
-  double smallest_before = kInfinity, smallest = kInfinity, largest = 0;
-  for (size_t i = 0; i + 5 < sizes.size(); ++i)
-    smallest_before = std::min(smallest_before, sizes[i]);
-  for (size_t i = sizes.size() - 6; i < sizes.size(); ++i) largest = std::max(largest, sizes[i]);
-  for (size_t i = sizes.size() - 5; i < sizes.size(); ++i) smallest = std::min(smallest, sizes[i]);
-  return largest < kInfinity && smallest > 0.5 * smallest_before;
-}
+constexpr double kConverged = 1e-7;  // Newton decrement, standard deviations
+constexpr double kNegligible =
+    1e-10;  // damping: keeps directions without information where they are, biases nothing else
+constexpr double kRounding = 1e-15;    // of the cost: what a sum of squares resolves
+constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
+constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
+constexpr int kMemory = 5;             // steps that the acceleration looks back
+constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
 
 }  // namespace
 
@@ -42,7 +31,6 @@ struct LevenbergMarquardt::Workspace {
     const Eigen::Index unknowns = arrowhead.n + arrowhead.private_size;
     for (std::vector<VectorXd>* vectors : {&found, &taken})
       vectors->assign(kMemory + 1, VectorXd::Zero(unknowns));
-    plain.setZero(unknowns);
     change.setZero(unknowns, kMemory);
     weighted.setZero(unknowns, kMemory);
   }
@@ -75,7 +63,7 @@ struct LevenbergMarquardt::Workspace {
     normal.diagonal() *= 1 + 1e-10;
     const Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> gamma =
         normal.ldlt().solve(right);
-    if (!gamma.allFinite() || gamma.cwiseAbs().maxCoeff() > 50) return false;
+    if (!gamma.allFinite() || gamma.cwiseAbs().maxCoeff() > kExtrapolated) return false;
     for (int j = 0; j < m; ++j) {
       arrowhead.shared_step -=
           gamma(j) * (taken[j].head(arrowhead.n) + change.col(j).head(arrowhead.n));
@@ -84,7 +72,8 @@ struct LevenbergMarquardt::Workspace {
     }
     return true;
   }
-  /// Called when the step was taken.
+  /// Called when a step was taken, of whatever damping, from where the undamped one is the last in
+  /// `found`.
   void remember_taken() {
     taken[remembered].head(arrowhead.n) = arrowhead.shared_step;
     taken[remembered].tail(arrowhead.private_size) = arrowhead.private_step;
@@ -95,73 +84,98 @@ struct LevenbergMarquardt::Workspace {
     std::rotate(taken.begin(), taken.begin() + 1, taken.end());  // swaps the vectors' pointers
     std::rotate(found.begin(), found.begin() + 1, found.end());
   }
-  void forget() { remembered = 0; }
+  /// Nothing is remembered but the undamped step that was found last.
+  void forget() {
+    std::swap(found[0], found[remembered]);
+    remembered = 0;
+  }
 
   /// What one iteration found out.
   struct Trial {
     Cost cost;
-    double promised = 0, length = 0;
+    double promised = 0, length = 0;  // of the step without acceleration
+    double damping = 0;
+    double decrement = kInfinity;  // length of the undamped step
     bool accelerated = false;
   };
-  /// Moves to the step's end; true if it may be kept.
+  /// Moves to the step's end; true if it may be kept: what rounding could hide is no increase.
   bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
     return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.doubled < doubled || trial.promised <= 10 * kRoundingShare * doubled ||
-            trial.length < kConvergedStep);
+           (trial.cost.doubled < doubled * (1 + 10 * kRounding) || trial.decrement < kConverged);
   }
-  /// Computes a step of the assembled system and tries it, first accelerated where that may help;
-  /// true if `moved` may be kept.
-  bool try_step(const VectorXd& state, double doubled, double lambda, Trial& trial) {
-    if (!arrowhead.step(state, lambda, trial.promised, trial.length)) return false;
-    if (!(lambda <= kUndamped && trial.length > kConvergedStep && !arrowhead.ranges))
-      return accepts(state, doubled, trial);
-    plain.head(arrowhead.n) = arrowhead.shared_step;
-    plain.tail(arrowhead.private_size) = arrowhead.private_step;
-    trial.accelerated = accelerate();
-    if (accepts(state, doubled, trial)) {
-      remember_taken();
-      return true;
+  /// Tries the undamped step of the assembled system, first accelerated; true if `moved` may be
+  /// kept. `plain`: the step may be tried as it is.
+  bool try_newton(const VectorXd& state, double doubled, bool plain, Trial& trial) {
+    if (!arrowhead.step(state, kNegligible, trial.promised, trial.length)) return false;
+    trial.damping = kNegligible;
+    trial.decrement = trial.length;
+    if (arrowhead.ranges) return accepts(state, doubled, trial);
+    trial.accelerated = accelerate() && trial.decrement > kConverged;
+    if (trial.accelerated) {
+      if (accepts(state, doubled, trial)) return true;
+      trial.accelerated = false;
+      forget();
     }
-    if (!trial.accelerated) return false;
-    trial.accelerated = false;
-    forget();
-    arrowhead.shared_step = plain.head(arrowhead.n);
-    arrowhead.private_step = plain.tail(arrowhead.private_size);
-    return accepts(state, doubled, trial);
+    const VectorXd& f = found[remembered];
+    arrowhead.shared_step = f.head(arrowhead.n);
+    arrowhead.private_step = f.tail(arrowhead.private_size);
+    return (plain || trial.decrement < kConverged) && accepts(state, doubled, trial);
   }
-  /// Raises the damping until a step is accepted; false if none is.
-  bool find_step(const VectorXd& state, double doubled, Assembly assembly, double& lambda,
+  /// Raises the damping until a step is accepted; false if none is. `assembled`: the system is
+  /// there at this damping.
+  bool find_step(const VectorXd& state, double doubled, bool assembled, double& lambda,
                  Trial& trial) {
     double growth = 10;
-    while (!(assembly == Assembly::fine && try_step(state, doubled, lambda, trial))) {
-      forget();
-      lambda = std::max(lambda, 1e-7) * growth;
-      growth = std::min(growth * 2, 1e4);
+    for (;; lambda = std::max(lambda, 1e-7) * growth, growth = std::min(growth * 2, 1e4)) {
       if (lambda > 1e14) return false;
-      assembly = arrowhead.assemble(state, lambda, false, false, summary.cost);
+      if (!assembled &&
+          arrowhead.assemble(state, lambda, false, false, summary.cost) != Assembly::fine)
+        continue;
+      assembled = false;
+      trial.damping = lambda;
+      if (arrowhead.step(state, lambda, trial.promised, trial.length) &&
+          accepts(state, doubled, trial))
+        return true;
     }
-    return true;
   }
-  /// The damping after an accepted step.
+  /// The damping after an accepted step. Gains that are rounding say nothing.
   static double next_damping(double lambda, double doubled, const Trial& trial) {
-    const double gain = trial.promised > 0 && !trial.accelerated
-                            ? (doubled - trial.cost.doubled) / trial.promised
-                            : 1;
-    if (std::abs(gain - 1) < kFaithful || trial.promised <= 10 * kRoundingShare * doubled)
-      return std::max(lambda / 30, kSmallestDamping);
+    if (trial.accelerated || trial.damping < lambda || trial.promised <= 100 * kRounding * doubled)
+      return lambda;
+    const double gain = (doubled - trial.cost.doubled) / trial.promised;
+    if (std::abs(gain - 1) < kFaithful) return std::max(lambda / 30, kNegligible);
     return std::max(lambda * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)),
-                    kSmallestDamping);  // Nielsen
+                    kNegligible);  // Nielsen
+  }
+  /// Close enough to the minimum for undamped steps. A RangeProblem linearises again for a second
+  /// damping: it tries them where nothing but the test of the end is left to do.
+  bool is_near(const Trial& trial, double doubled) const {
+    if (arrowhead.ranges)
+      return trial.length * trial.length <= std::max(kConverged * kConverged, kRounding * doubled);
+    return trial.length < 1 || trial.promised < 1e-4 * doubled;
+  }
+  /// True where nothing moves any more, or rounding hides whether anything does.
+  bool stationary(double decrement, double doubled) {
+    if (decrement < kConverged) return true;
+    ++stalled;
+    if (decrement < best / 2) {
+      best = decrement;
+      stalled = 0;
+    }
+    return stalled >= kStalled && decrement * decrement <= kRounding * doubled;
   }
 
   SolverOptions options;
   Arrowhead arrowhead;
   VectorXd moved;
   SolveSummary summary;
-  std::vector<double> sizes;
-  std::vector<VectorXd> found, taken;  // steps found and taken, `remembered` of them
+  double best = kInfinity;  // decrement that later ones must halve
+  int stalled = 0;          // iterations since
+  std::vector<VectorXd> found,
+      taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the
+              // first the present one besides
   int remembered = 0;
-  VectorXd plain;  // the step before its acceleration
   MatrixXd change, weighted;
 };
 
@@ -180,16 +194,16 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   summary.undefined_group = -1;
   summary.history.clear();
   summary.history.reserve(w.options.max_iterations + 1);
-  bool fresh = true;  // covariances were evaluated at this very state
   const bool renewable = problem.renew(state);
   double lambda = 1e-4;
-  w.sizes.clear();
-  w.sizes.reserve(w.options.max_iterations + 1);
-  w.forget();
+  bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
+  w.best = kInfinity;
+  w.stalled = w.remembered = 0;
   w.moved.resize(state.size());
   using Assembly = Workspace::Assembly;
   for (bool first = true;; first = false) {
-    const Assembly assembly = w.arrowhead.assemble(state, lambda, true, first, summary.cost);
+    const Assembly assembly =
+        w.arrowhead.assemble(state, near ? kNegligible : lambda, true, first, summary.cost);
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start
                                             // can be undefined
       summary.outcome = Outcome::undefined_start;
@@ -207,35 +221,42 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       return summary;
     }
     if (summary.iterations >= w.options.max_iterations) return summary;
+    const bool fine = assembly == Assembly::fine;
     Workspace::Trial trial;
-    if (!w.find_step(state, doubled, assembly, lambda, trial)) return summary;
-    const bool rounding = trial.promised <= kRoundingShare * doubled;
-    const double used = lambda;
+    bool found = near && fine && w.try_newton(state, doubled, lambda <= kNegligible, trial);
+    if (!found) {
+      if (near && lambda <= kNegligible) lambda = 1e-6;
+      found = w.find_step(state, doubled, fine && !near, lambda, trial);
+    }
+    const bool stationary = near && w.options.stop && w.stationary(trial.decrement, doubled);
+    if (!found) {
+      if (stationary) summary.outcome = Outcome::converged;
+      return summary;
+    }
+    if (trial.decrement < kInfinity && !w.arrowhead.ranges)
+      w.remember_taken();
+    else
+      w.remembered = 0;
     lambda = Workspace::next_damping(lambda, doubled, trial);
     std::swap(state, w.moved);
     const bool little = w.options.relative_decrease > 0 &&
                         doubled - trial.cost.doubled <= w.options.relative_decrease * doubled;
     summary.cost = trial.cost;
     ++summary.iterations;
-    summary.history.push_back({trial.cost.chi2, used});
-    if (w.options.progress && !w.options.progress(summary.iterations, trial.cost.chi2, used)) {
+    summary.history.push_back({trial.cost.chi2, trial.damping});
+    if (w.options.progress &&
+        !w.options.progress(summary.iterations, trial.cost.chi2, trial.damping)) {
       summary.outcome = Outcome::cancelled;
       return summary;
     }
-    bool stationary = false;
-    if (used <= kUndamped) {
-      w.sizes.push_back(rounding ? trial.length : kInfinity);
-      stationary = trial.length < kConvergedStep || settled(w.sizes);
-    }
-    if (little || (stationary && (fresh || !renewable))) {
+    if (little || stationary) {
       summary.outcome = Outcome::converged;
       return summary;
     }
-    fresh = false;
-    if (renewable && (trial.length < 1 || trial.promised < 1e-4 * doubled)) {
-      problem.renew(state);
-      fresh = true;
-    }
+    const bool was_near = near;
+    near = w.is_near(trial, doubled);
+    if (near && !was_near) lambda = kNegligible;
+    if (near && renewable) problem.renew(state);
   }
 }
 

@@ -40,6 +40,7 @@ struct SolverOptions {
   /// when an accepted step lowers the cost by at most this share of it. With 0 it has only when
   /// nothing moves any more.
   double relative_decrease = 0;
+  bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
   /// It is called after each iteration with its number, chi2 and damping; false cancels.
   std::function<bool(int, double, double)> progress;
 };

@@ -19,6 +19,10 @@ struct CalibrationRun {
 
 namespace {
 
+constexpr double kRepeated =
+    1e-5;  // share of its cost by which an iteration of a step lowers it at least, if a later step
+           // frees the same: what it leaves is for that one
+
 /// How an undefined start or a cancellation ends a calibration.
 struct Ended {
   Status status;
@@ -85,6 +89,9 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   FitOptions fit_options;
   fit_options.solver.threads = options.threads;
   fit_options.solver.linear_solver = options.linear_solver;
+  fit_options.solver.max_iterations = options.max_iterations;
+  fit_options.solver.stop = options.stop;
+  if (plan.repeated && options.stop) fit_options.solver.relative_decrease = kRepeated;
   if (robust) {
     fit_options.start_loss = Loss{LossKind::soft_l1, 3};
     fit_options.leave_out_undefined = true;

@@ -22,6 +22,8 @@ struct CalibrationOptions : StepSelection {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
+  int max_iterations = 200;  // of each step
+  bool stop = true;          // false: each step makes all its iterations, for comparisons
   /// It is called at the start of a step (iteration 0) and after each iteration: step, iteration,
   /// chi2, damping. False cancels.
   std::function<bool(const std::string&, int, double, double)> progress;

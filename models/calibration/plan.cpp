@@ -187,6 +187,15 @@ std::vector<std::string> without_effect(const Recording& recording, const Step& 
   return out;
 }
 
+/// Whether all of `a` is among `b`.
+bool among(const std::vector<Freed>& a, const std::vector<Freed>& b) {
+  return std::all_of(a.begin(), a.end(), [&](const Freed& f) {
+    const Freed* g = find_freed(b, f.parameter);
+    return g && std::includes(g->components.begin(), g->components.end(), f.components.begin(),
+                              f.components.end());
+  });
+}
+
 }  // namespace
 
 std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelection& selection) {
@@ -199,6 +208,9 @@ std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelect
                        : resolve(recording, *step, used, {}, {}));
     if (last) out.back().without_effect = without_effect(recording, *step, used, selection);
   }
+  for (size_t i = 0; i < out.size(); ++i)
+    for (size_t later = i + 1; later < out.size(); ++later)
+      out[i].repeated = out[i].repeated || among(out[i].free, out[later].free);
   return out;
 }
 

@@ -33,6 +33,7 @@ struct StepPlan {
        unknowns =
            0;  // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
+  bool repeated = false;  // a later step frees all that this one frees: it is a start for that one
 };
 
 /// Returns the plans of all steps that run, but for their counts. Errors of the selection begin
