@@ -112,6 +112,10 @@ CalibrationOptions options_of(const CalibrateSettings& settings) {
   CalibrationOptions options;
   options.noise = kNoiseModes.at(settings.noise);
   options.linear_solver = kLinearSolvers.at(settings.linear_solver);
+  if (settings.iterations > 0) {
+    options.max_iterations = settings.iterations;
+    options.stop = false;
+  }
   options.threads = settings.threads;
   options.last_step = settings.step;
   options.free = settings.free;
@@ -249,6 +253,12 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
+  command
+      .add_option("--iterations", s.iterations,
+                  "make so many iterations a step, also at the minimum: to see what the stop rule "
+                  "leaves undone")
+      ->check(CLI::Range(1, 100000))
+      ->type_name("N");
   command.add_flag("--reject", s.reject,
                    "take gross outliers out first (points, views, samples), by a robust fit; say "
                    "which; then fit what is left");

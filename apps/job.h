@@ -35,6 +35,7 @@ extern const std::map<std::string, LinearSolver> kLinearSolvers;
 /// CalibrateSettings are the options of a calibration, as given.
 struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
+  int iterations = 0;  // 0: until converged
   std::vector<std::string> free, fix;
   int threads = 1;
   int restarts = 0;                     // calibrate only

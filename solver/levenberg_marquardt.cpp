@@ -14,7 +14,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kConverged = 1e-7;  // Newton decrement, standard deviations
 constexpr double kNegligible =
     1e-10;  // damping: keeps directions without information where they are, biases nothing else
-constexpr double kRounding = 1e-15;    // of the cost: what a sum of squares resolves
+constexpr double kRounding = 1e-12;    // of a whitened residual, standard deviations
 constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
 constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 5;             // steps that the acceleration looks back
@@ -35,10 +35,9 @@ struct LevenbergMarquardt::Workspace {
     weighted.setZero(unknowns, kMemory);
   }
 
-  /// Anderson acceleration of the tail. With residuals that are large, or covariances that follow
-  /// the parameters, plain steps f shrink by a fixed factor only. From the last few steps (f_j
-  /// found, x_j taken) the combination gamma with least |f - sum gamma_j (f_j+1 - f_j)| (in the
-  /// damping's metric) predicts where the sequence ends:  x = f - sum gamma_j (x_j + f_j+1 - f_j).
+  /// Anderson acceleration. From the last few points (f_j the undamped step there, x_j the step
+  /// that was taken) the combination gamma with least |f - sum gamma_j (f_j+1 - f_j)| (in the
+  /// damping's metric) predicts where f vanishes:  x = f - sum gamma_j (x_j + f_j+1 - f_j).
   /// Replaces shared_step and private_step; false if there is nothing to go by yet or the
   /// combination is no good.
   bool accelerate() {
@@ -98,11 +97,13 @@ struct LevenbergMarquardt::Workspace {
     double decrement = kInfinity;  // length of the undamped step
     bool accelerated = false;
   };
+  /// What the cost does not resolve: |r| |error of r|.
+  double rounding(double doubled) const { return kRounding * std::sqrt(doubled * arrowhead.rows); }
   /// Moves to the step's end; true if it may be kept: what rounding could hide is no increase.
   bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
     return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.doubled < doubled * (1 + 10 * kRounding) || trial.decrement < kConverged);
+           (trial.cost.doubled < doubled + 10 * rounding(doubled) || trial.decrement < kConverged);
   }
   /// Tries the undamped step of the assembled system, first accelerated; true if `moved` may be
   /// kept. `plain`: the step may be tried as it is.
@@ -127,7 +128,7 @@ struct LevenbergMarquardt::Workspace {
   bool find_step(const VectorXd& state, double doubled, bool assembled, double& lambda,
                  Trial& trial) {
     double growth = 10;
-    for (;; lambda = std::max(lambda, 1e-7) * growth, growth = std::min(growth * 2, 1e4)) {
+    for (;; lambda = std::max(lambda, 1e-9) * growth, growth = std::min(growth * 2, 1e4)) {
       if (lambda > 1e14) return false;
       if (!assembled &&
           arrowhead.assemble(state, lambda, false, false, summary.cost) != Assembly::fine)
@@ -140,8 +141,8 @@ struct LevenbergMarquardt::Workspace {
     }
   }
   /// The damping after an accepted step. Gains that are rounding say nothing.
-  static double next_damping(double lambda, double doubled, const Trial& trial) {
-    if (trial.accelerated || trial.damping < lambda || trial.promised <= 100 * kRounding * doubled)
+  double next_damping(double lambda, double doubled, const Trial& trial) const {
+    if (trial.accelerated || trial.damping < lambda || trial.promised <= 100 * rounding(doubled))
       return lambda;
     const double gain = (doubled - trial.cost.doubled) / trial.promised;
     if (std::abs(gain - 1) < kFaithful) return std::max(lambda / 30, kNegligible);
@@ -152,8 +153,8 @@ struct LevenbergMarquardt::Workspace {
   /// damping: it tries them where nothing but the test of the end is left to do.
   bool is_near(const Trial& trial, double doubled) const {
     if (arrowhead.ranges)
-      return trial.length * trial.length <= std::max(kConverged * kConverged, kRounding * doubled);
-    return trial.length < 1 || trial.promised < 1e-4 * doubled;
+      return trial.length * trial.length <= std::max(kConverged * kConverged, rounding(doubled));
+    return trial.damping <= kNegligible || trial.length < 1 || trial.promised < 1e-4 * doubled;
   }
   /// True where nothing moves any more, or rounding hides whether anything does.
   bool stationary(double decrement, double doubled) {
@@ -163,7 +164,7 @@ struct LevenbergMarquardt::Workspace {
       best = decrement;
       stalled = 0;
     }
-    return stalled >= kStalled && decrement * decrement <= kRounding * doubled;
+    return stalled >= kStalled && decrement * decrement <= rounding(doubled);
   }
 
   SolverOptions options;
@@ -237,7 +238,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       w.remember_taken();
     else
       w.remembered = 0;
-    lambda = Workspace::next_damping(lambda, doubled, trial);
+    lambda = w.next_damping(lambda, doubled, trial);
     std::swap(state, w.moved);
     const bool little = w.options.relative_decrease > 0 &&
                         doubled - trial.cost.doubled <= w.options.relative_decrease * doubled;

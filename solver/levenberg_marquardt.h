@@ -8,13 +8,22 @@
 //     promised = -g'd + lambda d'Dd,   and moves the residuals by   |J d|^2 = -g'd - lambda d'Dd,
 // the length of the step in standard deviations: both cost nothing beyond the solution.
 //
-// Converged means: an (all but) undamped step of less than 1e-7 standard deviations, with the
-// covariances evaluated where it starts; or residuals of nothing (noise-free data); or steps that
-// promise less than 1e-12 of the cost and no longer shrink, because what is left is rounding.
-// Covariances that depend on the state are renewed after each step once steps are small: the point
+// Converged: the Newton decrement, the length |J d| of the undamped step at the point where it
+// starts, is below 1e-7 standard deviations, whatever damping earlier steps needed; or it no longer
+// halves and its square is below what the cost resolves (a whitened residual is known to some
+// 1e-12, so the cost to |r| |error of r|); or the residuals are nothing (noise-free data).
+//
+// Far from the minimum steps are damped: Nielsen's update, but a thirtieth where the gain is within
+// 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones
+// that were accepted) the undamped step is solved for first, which is what the decrement needs
+// anyway; then come, until one lowers the cost: its Anderson acceleration, itself, damped steps.
+// With residuals that the model cannot explain the undamped step is a poor map: second derivatives
+// that it lacks make it too short, or so long that it raises the cost. The last few undamped steps
+// and where the iteration really went tell what is lacking, whichever step was taken.
+// Covariances that depend on the state are renewed after each step near the minimum: the point
 // where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
-// Damping: Nielsen's update, but a thirtieth where the gain is within 3 % of 1. A rejected step
-// repeats the elimination, not the evaluation (a RangeProblem: both). Groups are partitioned by the
+// A rejected step repeats the elimination, not the evaluation (a RangeProblem: both; there only the
+// test of the end is undamped). Groups are partitioned by the
 // problem's size alone, each worker sums one piece at a time, and pieces are added in their order:
 // the result is the same to the last bit for any number of threads.
 #pragma once

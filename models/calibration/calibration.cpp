@@ -19,9 +19,10 @@ struct CalibrationRun {
 
 namespace {
 
-constexpr double kRepeated =
-    1e-5;  // share of its cost by which an iteration of a step lowers it at least, if a later step
-           // frees the same: what it leaves is for that one
+// A step whose unknowns a later one frees again leaves a start for that one: it ends when an
+// iteration lowers the cost by less than this share of it, or after so many.
+constexpr double kRepeatedDecrease = 1e-7;
+constexpr int kRepeatedIterations = 30;
 
 /// How an undefined start or a cancellation ends a calibration.
 struct Ended {
@@ -91,7 +92,10 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   fit_options.solver.linear_solver = options.linear_solver;
   fit_options.solver.max_iterations = options.max_iterations;
   fit_options.solver.stop = options.stop;
-  if (plan.repeated && options.stop) fit_options.solver.relative_decrease = kRepeated;
+  if (plan.repeated && options.stop) {
+    fit_options.solver.relative_decrease = kRepeatedDecrease;
+    fit_options.solver.max_iterations = std::min(options.max_iterations, kRepeatedIterations);
+  }
   if (robust) {
     fit_options.start_loss = Loss{LossKind::soft_l1, 3};
     fit_options.leave_out_undefined = true;
@@ -133,6 +137,7 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
   out.held_out = plan.held_out;
   if (step.solver) out.linear_solver = step.solver->linear_solver();
   out.converged = step.summary.outcome == Outcome::converged;
+  out.repeated = plan.repeated;
   out.iterations = step.summary.iterations;
   out.history = step.summary.history;
   out.chi2_initial = step.summary.history.front().first;
@@ -163,7 +168,7 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     StepResult result = step_result(plan, step, observed->observability, solution);
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    all_converged = all_converged && result.converged;
+    all_converged = all_converged && (result.converged || plan.repeated);
     set_sigmas(solution, observed->observability, plan.name, plan.priors);
     solution.steps.push_back(std::move(result));
     merge(solution.seen_held_out, plan.seen_held_out);

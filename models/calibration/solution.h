@@ -20,6 +20,7 @@ using Direction = std::vector<std::pair<std::string, double>>;
 struct StepResult {
   std::string name;
   bool converged = false;
+  bool repeated = false;  // as in the step's plan: it need not converge
   int iterations = 0;
   double chi2_initial = 0, chi2 = 0, cost = 0, seconds = 0;
   long dof = 0;

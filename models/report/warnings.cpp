@@ -75,7 +75,7 @@ void warn_of_undefined(const Residuals& residuals, Warnings& out) {
 void warn_of_steps(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   for (const StepResult& s : solution.steps)
-    if (!s.converged)
+    if (!s.converged && !s.repeated)
       out.push_back({"not_converged", "step '" + s.name + "' did not converge in " +
                                           std::to_string(s.iterations) + " iterations"});
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
