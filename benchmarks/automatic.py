@@ -5,6 +5,7 @@
     benchmarks/automatic.py --seed 17 --robots 1 --keep build/seventeen     # one of them, with its files
     benchmarks/automatic.py --exact --robots 12        # proof of the forward model: residuals of data without noise
     benchmarks/automatic.py --mounts-only              # proof of the prediction: nothing is wrong but the mounts, and only these are freed
+    benchmarks/automatic.py --known                    # the same, and the best that can be: everything free, with priors as wide as what was planted
 
 Every robot has a number of its own, its seed: the first has --seed, the next the number after it. The kind is a remainder of the seed. The
 forward model stands here and shares nothing with the program. It needs numpy, scipy and PyYAML.
@@ -70,7 +71,7 @@ def inverse(t):
 
 
 def left_jacobian(w):
-    angle, k = np.linalg.norm(w), np.cross(np.eye(3), w).T
+    angle, k = np.linalg.norm(w), np.cross(np.eye(3), w)
     if angle < 1e-4:
         return np.eye(3) + k / 2 + k @ k / 6
     return np.eye(3) + (1 - math.cos(angle)) / angle**2 * k + (angle - math.sin(angle)) / angle**3 * k @ k
@@ -342,7 +343,8 @@ def draw_robot(rng, kind):
 
 
 def plant(rng, model):
-    """The robot as it is. Returns it, and what was done in words."""
+    """The robot as it is. Returns it, and what is wrong: sigma of the offsets, sigmas of the origins' numbers (m, rad), relative sigma of the
+    boards' sizes, relative size of the lens' errors, and all of it in words."""
     spread = rng.choice([0, 0.002, 0.005, 0.01, 0.02])
     crooked, lens = rng.random() < 0.5, rng.random() < 1 / 3
     for name, joint in model.joints.items():
@@ -360,7 +362,8 @@ def plant(rng, model):
             f = sensor.intrinsics[0]
             both = 1 + rng.uniform(-0.01, 0.01)
             model = model.with_("sensors", name, intrinsics=sensor.intrinsics * [both, both * (1 + rng.uniform(-0.002, 0.002)), 1, 1] + [0, 0, *rng.uniform(-0.01 * f, 0.01 * f, 2)])
-    return model, "offsets %g mrad, geometry %s, boards %s %%, lens %s" % (1000 * spread, "wrong" if crooked else "right", " ".join(sizes) or "-", "wrong" if lens else "right")
+    wrong = {"offset": spread, "origin": (0.001 / 3 * crooked, 0.002 / 3 * crooked), "size": 0.04 * math.sqrt(2) / 3, "lens": 0.01 * lens}
+    return model, wrong, "offsets %g mrad, geometry %s, boards %s %%, lens %s" % (1000 * spread, "wrong" if crooked else "right", " ".join(sizes) or "-", "wrong" if lens else "right")
 
 
 def board_before(rng, camera, board, centre):
@@ -447,6 +450,7 @@ class Case:
     seed: int
     kind: str
     about: str
+    wrong: dict                   # as `plant` says
     nominal: Model
     truth: Model
     readings: dict
@@ -457,20 +461,20 @@ class Case:
     factor: float                 # noise of the sensors, true over stated
 
 
-def draw_case(seed, kind, right):
-    """`right`: nothing is wrong but the mounts, and noise is as stated. Robots whose cameras see too little are drawn again."""
+def draw_case(seed, kind, right, honest):
+    """`right`: nothing is wrong but the mounts; `honest`: noise is as stated. Robots whose cameras see too little are drawn again."""
     for attempt in range(1000):
         rng = np.random.default_rng([seed, attempt])
         nominal = draw_robot(rng, kind)
-        truth, about = (nominal, "nothing wrong") if right else plant(rng, nominal)
+        truth, wrong, about = (nominal, {}, "nothing wrong") if right else plant(rng, nominal)
         sigma = float(rng.choice([0.0001, 0.0002, 0.0005, 0.001]))
-        noise = "stated" if right else rng.choice(["stated", "half", "double", "exact"], p=[0.4, 0.2, 0.2, 0.2])
+        noise = "stated" if honest else rng.choice(["stated", "half", "double", "exact"], p=[0.4, 0.2, 0.2, 0.2])
         factor = {"half": 0.5, "double": 2.0}.get(noise, 1.0)
         truth = place(rng, truth, kind)
         samples = int(round(math.exp(rng.uniform(math.log(8), math.log(60)))))
         postures = truth and see_postures(rng, truth, samples + FRESH)
         if postures:
-            return Case(seed, kind, "%s, noise %s, %d samples" % (about, noise, samples), nominal, truth, *postures, samples,
+            return Case(seed, kind, "%s, noise %s, %d samples" % (about, noise, samples), wrong, nominal, truth, *postures, samples,
                         0.0 if noise == "exact" else sigma, 0.0002 if noise == "exact" else sigma * factor, factor)
     raise SystemExit("no robot of kind %s for seed %d" % (kind, seed))
 
@@ -576,17 +580,44 @@ def write_truth(path, case):
 
 
 def mounts(model):
-    """The one step of --mounts-only. Rotations of a single reflector are not determined."""
+    """What --mounts-only frees. Rotations of a single reflector are not determined."""
     free = ["sensor/%s/pose" % n for n in model.sensors]
     for name, target in model.targets.items():
         if not target.chain:
             free += ["target/%s/pose" % name] if target.rows else ["target/%s/pose.%s" % (name, c) for c in "xyz"]
-    return [{"step": "mounts", "free": free}]
+    return free
+
+
+def known(case):
+    """What --known frees besides, with priors as wide as what was planted. What no measurement depends on is named, too: it counts in the base."""
+    model, wrong, priors = case.nominal, case.wrong, {}
+    for name, joint in model.joints.items():
+        if joint.type != "fixed" and wrong["offset"]:
+            priors["joint/%s/offset" % name] = float(wrong["offset"] * (0.2 if joint.type == "prismatic" else 1))
+        if wrong["origin"][0]:
+            priors["joint/%s/origin" % name] = dict(zip(("translation", "rotation"), wrong["origin"]))
+    for name, target in model.targets.items():
+        if target.rows:
+            priors["target/%s/square" % name] = wrong["size"] * target.square
+    for name, sensor in model.sensors.items():
+        if sensor.type == "camera" and wrong["lens"]:
+            for part in ("fx", "fy", "cx", "cy"):
+                priors["sensor/%s/intrinsics.%s" % (name, part)] = float(wrong["lens"] / math.sqrt(3) * sensor.intrinsics[0])
+    return priors
+
+
+def steps(case, options):
+    """None for the automatic path. What --known frees comes after the mounts, so that it begins near the solution."""
+    if not options.mounts_only and not options.known:
+        return None
+    first = {"step": "mounts", "free": mounts(case.nominal)}
+    priors = known(case) if options.known else {}
+    return [first] + ([{"step": "all", "free": first["free"] + list(priors), "priors": priors}] if priors else [])
 
 
 def write_case(folder, case, options):
     write_urdf(os.path.join(folder, "robot.urdf"), case.nominal)
-    write_rig(os.path.join(folder, "rig.yaml"), case.nominal, "robot.urdf", case.joint_sigma, estimate=mounts(case.nominal) if options.mounts_only else None)
+    write_rig(os.path.join(folder, "rig.yaml"), case.nominal, "robot.urdf", case.joint_sigma, estimate=steps(case, options))
     write_samples(os.path.join(folder, "samples.jsonl"), case, 0 if options.exact else 1)
     write_truth(os.path.join(folder, "truth.json"), case)
 
@@ -721,7 +752,7 @@ def judge(case, folder):
 def measure(task):
     """One robot, drawn, written, calibrated and judged. What is kept of it is plain numbers."""
     seed, kind, options = task
-    case = draw_case(seed, kind, options.mounts_only)
+    case = draw_case(seed, kind, options.mounts_only, options.mounts_only or options.known)
     outcome = {"seed": seed, "kind": kind, "about": case.about}
     folder = os.path.join(options.keep, "%s_%d" % (kind, seed)) if options.keep else tempfile.mkdtemp()
     try:
@@ -769,7 +800,8 @@ def row(title, outcomes, what):
           *("%.3f" % (1000 * np.median([v[i] for v in pairs])) if pairs else "-" for i in (0, 1))))
 
 
-def tell(outcomes):
+def tell(outcomes, proof):
+    """`proof`: the steps are such that predicted errors must be right."""
     groups = [(k, [o for o in outcomes if o["kind"] == k]) for k in KINDS] + [("all", outcomes)]
     print("%-8s %6s  %-42s %12s %12s  %s" % ("kind", "robots", "exit codes: robots", "CPU mean, s", "worst", "exit 0 with warnings"))
     for kind, group in groups:
@@ -784,6 +816,10 @@ def tell(outcomes):
         for kind, group in groups:
             if group:
                 row(kind, group, what)
+    if proof:
+        for what in ("points", "frames"):
+            squares = [(e / p) ** 2 for o in outcomes if o["exit"] == 0 for q, (e, p) in o["judged"].items() if q.startswith(what) and p > 0]
+            print("mean of (error / predicted)^2, %s: %.3f +- %.3f; 1 is right" % (what, np.mean(squares), np.std(squares) / math.sqrt(len(squares))))
     offenders = [o for o in outcomes if o["exit"] == 0 and (beyond(o, "", 3))]
     print("\nBeyond 3 times the predicted: %d robots" % len(offenders))
     for o in offenders:
@@ -809,6 +845,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="robots at once")
     parser.add_argument("--json", metavar="FILE", help="write everything that was measured")
     parser.add_argument("--mounts-only", action="store_true")
+    parser.add_argument("--known", action="store_true")
     parser.add_argument("--exact", action="store_true")
     options = parser.parse_args()
     tasks, seed = [], options.seed
@@ -826,7 +863,7 @@ def main():
         with open(options.json, "w") as f:
             json.dump(outcomes, f, indent=1)
     if not options.exact:
-        return tell(outcomes)
+        return tell(outcomes, options.mounts_only or options.known)
     for o in outcomes:
         print("seed %d, %s: exit %d %s" % (o["seed"], o["kind"], o["exit"], o["error"] or o["residuals"]))
 
