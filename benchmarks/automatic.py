@@ -482,7 +482,7 @@ def draw_case(seed, kind, right, honest):
 # ---- files
 
 def numbers(values):
-    return [float(v) for v in np.ravel(values)]
+    return [float(v) + 0.0 for v in np.ravel(values)]      # + 0.0: no -0.0
 
 
 def pose_entry(pose):
