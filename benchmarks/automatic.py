@@ -356,17 +356,19 @@ def plant(rng, model):
         size = rng.uniform(-0.04, 0.04) * (rng.random() < 2 / 3)
         if target.rows:
             model = model.with_("targets", name, square=target.square * (1 + size))
-            sizes.append("%+.1f" % (100 * size))
+            sizes.append("%+.1f" % (100 * size + 0.0))
     for name, sensor in model.sensors.items():
         if sensor.type == "camera" and lens:
-            f = sensor.intrinsics[0]
-            both = 1 + rng.uniform(-0.01, 0.01)
-            model = model.with_("sensors", name, intrinsics=sensor.intrinsics * [both, both * (1 + rng.uniform(-0.002, 0.002)), 1, 1] + [0, 0, *rng.uniform(-0.01 * f, 0.01 * f, 2)])
+            both, ratio, centre = rng.uniform(-0.01, 0.01), rng.uniform(-0.002, 0.002), rng.uniform(-0.01, 0.01, 2) * sensor.intrinsics[0]
+            factors = [1 + both, (1 + both) * (1 + ratio), 1, 1]
+            model = model.with_("sensors", name, intrinsics=sensor.intrinsics * factors + [0, 0, *centre])
     wrong = {"offset": spread, "origin": (0.001 / 3 * crooked, 0.002 / 3 * crooked), "size": 0.04 * math.sqrt(2) / 3, "lens": 0.01 * lens}
-    return model, wrong, "offsets %g mrad, geometry %s, boards %s %%, lens %s" % (1000 * spread, "wrong" if crooked else "right", " ".join(sizes) or "-", "wrong" if lens else "right")
+    words = ["right", "wrong"]
+    about = "offsets %g mrad, geometry %s, boards %s %%, lens %s" % (1000 * spread, words[crooked], " ".join(sizes) or "-", words[lens])
+    return model, wrong, about
 
 
-def board_before(rng, camera, board, centre):
+def board_before(rng, board, centre):
     """A pose of a board in a camera's frame: its middle at `centre`, its print towards the camera, tilted by up to half a radian."""
     away = np.asarray(centre) / np.linalg.norm(centre)
     turn = rotation(np.cross([0, 0, 1], away)) @ rotation([*rng.uniform(-0.4, 0.4, 2), 0]) @ rotation([0, 0, rng.uniform(-math.pi, math.pi)])
@@ -400,14 +402,14 @@ def place(rng, model, kind):
             if not near.any():
                 return None
             which = np.flatnonzero(near)[0]
-            camera_T_board = board_before(rng, camera, board, tip[which] + inside(rng, 0.1))
+            camera_T_board = board_before(rng, board, tip[which] + inside(rng, 0.1))
             pose = inverse(frames[carrier][which]) @ frames[camera.link][which] @ model.sensors["camera"].pose @ camera_T_board
         elif kind in ("hand", "both"):          # the wall is where the camera looks
             model = model.with_("sensors", "camera", pose=motion(any_rotation(rng), inside(rng, 0.12)))
-            pose = inverse(frames[carrier][0]) @ frames[camera.link][0] @ model.sensors["camera"].pose @ board_before(rng, camera, board, [0, 0, distance])
+            pose = inverse(frames[carrier][0]) @ frames[camera.link][0] @ model.sensors["camera"].pose @ board_before(rng, board, [0, 0, distance])
         else:                                   # the camera in the room looks at the hand
             pose = motion(any_rotation(rng), inside(rng, 0.12))
-            camera_T_board = board_before(rng, camera, board, [0, 0, distance * rng.uniform(1, 1.5)])
+            camera_T_board = board_before(rng, board, [0, 0, distance * rng.uniform(1, 1.5)])
             model = model.with_("sensors", "camera", pose=inverse(frames[camera.link][0]) @ frames[carrier][0] @ pose @ inverse(camera_T_board))
         first = False
         model = model.with_("sensors", board.chain, pose=pose) if board.chain else model.with_("targets", pair[1], pose=pose)
@@ -769,7 +771,8 @@ def measure(task):
             outcome.update(exit=code, seconds=seconds, error=error.strip(), residuals=code == 0 and {
                 n: [s["train"]["rms"], s["train"].get("rms_rotation")] for n, s in json.loads(text)["sensors"].items()})
             return outcome
-        code, seconds, _, error = run(options.kincal, "calibrate", os.path.join(folder, "rig.yaml"), samples, "--out", out, "--no-report", "--quiet", "--threads", "1")
+        rig = os.path.join(folder, "rig.yaml")
+        code, seconds, _, error = run(options.kincal, "calibrate", rig, samples, "--out", out, "--no-report", "--quiet", "--threads", "1")
         outcome.update(exit=code, seconds=seconds, error=error.strip(), warnings=[], judged={})
         if os.path.exists(os.path.join(out, "result.json")):
             with open(os.path.join(out, "result.json")) as f:
@@ -784,8 +787,8 @@ def measure(task):
 # ---- tables
 
 def beyond(outcome, what, factor):
-    """Whether an error of this robot exceeds the predicted one by the factor."""
-    return any(q.startswith(what) and error > NONE and error > factor * predicted for q, (error, predicted) in outcome["judged"].items())
+    """Whether an error of this robot exceeds the predicted one by the factor. A prediction that is no number is exceeded."""
+    return any(q.startswith(what) and error > NONE and not error <= factor * predicted for q, (error, predicted) in outcome["judged"].items())
 
 
 def shares(values):
@@ -794,7 +797,7 @@ def shares(values):
 
 def row(title, outcomes, what):
     judged = [o for o in outcomes if o["exit"] == 0]
-    counts = ["%d + %d" % (sum(beyond(o, what, k) and not o["warnings"] for o in judged), sum(beyond(o, what, k) and bool(o["warnings"]) for o in judged)) for k in (3, 5)]
+    counts = ["%d + %d" % tuple(sum(beyond(o, what, k) and bool(o["warnings"]) == warned for o in judged) for warned in (False, True)) for k in (3, 5)]
     pairs = [v for o in judged for q, v in o["judged"].items() if q.startswith(what) and v[0] > NONE]
     print("%-8s %-7s %6d  %9s  %9s  %-28s %9s  %9s" % (title, what, len(judged), *counts, shares([p / e for e, p in pairs]),
           *("%.3f" % (1000 * np.median([v[i] for v in pairs])) if pairs else "-" for i in (0, 1))))
@@ -808,8 +811,8 @@ def tell(outcomes, proof):
         if group:
             codes = {c: sum(o["exit"] == c for o in group) for c in sorted({o["exit"] for o in group})}
             seconds = [o["seconds"] for o in group]
-            print("%-8s %6d  %-42s %12.2f %12.2f  %d" % (kind, len(group), ", ".join("%d: %d" % c for c in codes.items()), np.mean(seconds), max(seconds),
-                  sum(o["exit"] == 0 and bool(o["warnings"]) for o in group)))
+            warned = sum(o["exit"] == 0 and bool(o["warnings"]) for o in group)
+            print("%-8s %6d  %-42s %12.2f %12.2f  %d" % (kind, len(group), ", ".join("%d: %d" % c for c in codes.items()), np.mean(seconds), max(seconds), warned))
     print("\nRobots with an error beyond 3 and 5 times the predicted (without + with a warning); predicted / actual and medians over all errors")
     print("%-8s %-7s %6s  %9s  %9s  %-28s %9s  %9s" % ("kind", "what", "judged", "beyond 3", "beyond 5", "predicted / actual (5, 95 %)", "error, mm", "predicted"))
     for what in ("points", "frames"):
@@ -820,7 +823,7 @@ def tell(outcomes, proof):
         for what in ("points", "frames"):
             squares = [(e / p) ** 2 for o in outcomes if o["exit"] == 0 for q, (e, p) in o["judged"].items() if q.startswith(what) and p > 0]
             print("mean of (error / predicted)^2, %s: %.3f +- %.3f; 1 is right" % (what, np.mean(squares), np.std(squares) / math.sqrt(len(squares))))
-    offenders = [o for o in outcomes if o["exit"] == 0 and (beyond(o, "", 3))]
+    offenders = [o for o in outcomes if o["exit"] == 0 and beyond(o, "", 3)]
     print("\nBeyond 3 times the predicted: %d robots" % len(offenders))
     for o in offenders:
         worst = sorted(((e / max(p, 1e-12), q, e, p) for q, (e, p) in o["judged"].items()), reverse=True)[0]

@@ -172,9 +172,13 @@ def iterations(steps):
 
 def tell(outcomes, options):
     titles = sorted({(list(SHARES).index(o["kind"]), o["unexplained"]) for o in outcomes}, key=lambda t: (t[1], t[0]))
-    groups = [("%s%s" % (list(SHARES)[k], ", unexplained" if bad else ""), [o for o in outcomes if o["kind"] == list(SHARES)[k] and o["unexplained"] == bad]) for k, bad in titles]
+    groups = []
+    for k, bad in titles:
+        kind = list(SHARES)[k]
+        groups.append((kind + ", unexplained" * bad, [o for o in outcomes if o["kind"] == kind and o["unexplained"] == bad]))
     groups += [("all", [o for o in outcomes if not o["unexplained"]]), ("all, unexplained", [o for o in outcomes if o["unexplained"]])]
-    print("%-28s %5s  %-26s %-34s %9s %9s  %s" % ("kind", "sets", "exit codes: sets", "chi2/dof: median (5 to 95 %)", "CPU, s", "worst", "iterations of a step: median, 95 %, worst"))
+    print("%-28s %5s  %-26s %-34s %9s %9s  %s" % ("kind", "sets", "exit codes: sets", "chi2/dof: median (5 to 95 %)", "CPU, s", "worst",
+                                                 "iterations of a step: median, 95 %, worst"))
     for title, group in groups:
         if group:
             codes = {c: sum(o["exit"] == c for o in group) for c in sorted({o["exit"] for o in group})}
@@ -199,9 +203,10 @@ def tell(outcomes, options):
         if both:
             differences = [o["difference"] for o in both]
             worst = max(both, key=lambda o: o["difference"])
-            print("%-28s %8d %14d %14.3f %16s  %.2g, %.2g, %.2g (seed %d, %s)" % (title, len(both), sum(o["exit"] != o["reference_exit"] for o in group),
-                  np.mean([o["reference_seconds"] for o in both]), iterations([s[2] for o in both for s in o["reference_steps"]]).strip(), np.median(differences),
-                  np.percentile(differences, 95), worst["difference"], worst["seed"], worst["differs_in"]))
+            steps = [s[2] for o in both for s in o["reference_steps"]]
+            print("%-28s %8d %14d %14.3f %16s  %.2g, %.2g, %.2g (%s, seed %d, %s)" % (
+                title, len(both), sum(o["exit"] != o["reference_exit"] for o in group), np.mean([o["reference_seconds"] for o in both]), iterations(steps).strip(),
+                np.median(differences), np.percentile(differences, 95), worst["difference"], worst["kind"], worst["seed"], worst["differs_in"]))
 
 
 def main():
