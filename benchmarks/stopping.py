@@ -189,7 +189,7 @@ def tell(outcomes, options):
     print("\nIterations by step: median, 95 %, worst")
     for title, group in groups[:-2]:
         names = dict.fromkeys(s[0] for o in group for s in o.get("steps", []))
-        print("%-28s %s" % (title, "; ".join("%s %s" % (n, iterations([s[2] for o in group for s in o["steps"] if s[0] == n])) for n in names)))
+        print("%-28s %s" % (title, "; ".join("%s %s" % (n, iterations([s[2] for o in group for s in o.get("steps", []) if s[0] == n])) for n in names)))
     bad = [o for o in outcomes if o["exit"] != 0 and not o["unexplained"]]
     print("\nOther exit codes than 0 where the model explains the data: %d sets" % len(bad))
     for o in bad:
