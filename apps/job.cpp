@@ -184,6 +184,14 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
   }
 }
 
+AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settings) {
+  try {
+    return make_groups(*job.recording, {settings.groups, settings.no_groups});
+  } catch (const NameError& error) {
+    throw with_nearest(error, *job.recording);
+  }
+}
+
 std::optional<Report> run(
     Job& job, const CalibrateSettings& settings, bool diagnose,
     const std::function<bool(const std::string&, int, double, double)>& progress) {
@@ -191,6 +199,7 @@ std::optional<Report> run(
   StudyOptions options;
   options.calibration = options_of(settings);
   options.calibration.progress = progress;
+  options.groups = {settings.groups, settings.no_groups};
   options.reject = settings.reject;
   options.estimate_noise = settings.estimate_noise;
   options.restarts = settings.restarts;
@@ -203,7 +212,6 @@ std::optional<Report> run(
   try {
     std::optional<Report> report = study(job.recording, options);
     if (!report) return std::nullopt;
-    if (report->staging) set_steps(job.rig_file, report->staging->steps);
     for (Warning& w : report->warnings)
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
     if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
@@ -250,6 +258,19 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
                   "name or glob to hold in the last step that runs; may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
+  command
+      .add_option(
+          "--group", s.groups,
+          "of a rig without `estimate`: also let this group of numbers be wrong (gears: the "
+          "gear scales); may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("NAME");
+  command
+      .add_option("--no-group", s.no_groups,
+                  "of a rig without `estimate`: take this group of numbers as the rig has it "
+                  "(offsets, lengths/*, sizes, ...: see --dry-run); may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("NAME");
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();

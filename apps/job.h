@@ -35,7 +35,8 @@ extern const std::map<std::string, LinearSolver> kLinearSolvers;
 /// CalibrateSettings are the options of a calibration, as given.
 struct CalibrateSettings {
   std::string noise = "latent", step, linear_solver = "auto";
-  int iterations = 0;  // 0: until converged
+  int iterations = 0;                          // 0: until converged
+  std::vector<std::string> groups, no_groups;  // of a rig without steps
   std::vector<std::string> free, fix;
   int threads = 1;
   int restarts = 0;                     // calibrate only
@@ -76,6 +77,8 @@ std::string in_program_words(std::string message);
 void check_names(const Job& job, const CalibrateSettings& settings);
 /// Returns what each step would free and count. @throws InputError
 std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings);
+/// Returns what the automatic path lets be wrong. @throws InputError: there is no such group.
+AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settings);
 
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);

@@ -60,6 +60,12 @@ Cholesky::~Cholesky() = default;
 bool Cholesky::good() const { return parts_->llt.info() == Eigen::Success; }
 VectorXd Cholesky::diagonal() const { return parts_->llt.matrixLLT().diagonal(); }
 VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b); }
+MatrixXd Cholesky::inverse_factor() const {
+  const Eigen::Index n = parts_->llt.rows();
+  MatrixXd out = MatrixXd::Identity(n, n);
+  parts_->llt.matrixL().solveInPlace(out);
+  return out;
+}
 
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
 

@@ -46,6 +46,7 @@ class Cholesky {
   bool good() const;
   VectorXd diagonal() const;  // of L
   VectorXd solve(const VectorXd& b) const;
+  MatrixXd inverse_factor() const;  // L^-1
 
  private:
   struct Parts;

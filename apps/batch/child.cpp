@@ -60,6 +60,8 @@ namespace fs = std::filesystem;
 
 std::string options_text(const CalibrateSettings& s) {
   std::string out = "--noise " + s.noise + " --linear-solver " + s.linear_solver;
+  for (const std::string& g : s.groups) out += " --group " + g;
+  for (const std::string& g : s.no_groups) out += " --no-group " + g;
   if (s.iterations > 0) out += " --iterations " + std::to_string(s.iterations);
   if (!s.step.empty()) out += " --step " + s.step;
   for (const std::string& f : s.free) out += " --free " + f;

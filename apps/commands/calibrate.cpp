@@ -3,7 +3,6 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
-#include "../../models/trials/groups.h"
 #include "../job.h"
 #include "../tables/plan_table.h"
 #include "../tables/progress.h"
@@ -31,7 +30,7 @@ int calibrate(const CalibrateArguments& a) {
   check_validation(job, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
     check_names(job, a.settings);
-    std::cout << staging_plan(staging_groups(job.rig_file.rig, job.recording->samples));
+    std::cout << automatic_plan(automatic_groups(job, a.settings), job.recording->table);
     return kConverged;
   }
   if (a.dry_run) {
@@ -98,9 +97,11 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
       "/intrinsics[.fx ...], /distortion, "
       "/baseline;\n"
       "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent numbers "
-      "of a chain. A rig without `estimate` "
-      "is\n"
-      "staged automatically: what lowers the error on samples left out of the fit is freed. `*` in "
+      "of a chain. Of a rig without `estimate`\n"
+      "everything is free that could be wrong, as far as such numbers usually are, which is "
+      "learned "
+      "from the data (--dry-run shows the groups);\n"
+      "what there is no evidence for keeps its value. `*` in "
       "globs crosses `/`. The tables show rms "
       "before and after; `as read` takes the joint "
       "readings\n"

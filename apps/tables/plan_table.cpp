@@ -1,5 +1,8 @@
 #include "plan_table.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "../../io/document/document.h"
 #include "../../io/document/numbers.h"
 #include "table.h"
@@ -38,31 +41,57 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   return out;
 }
 
-std::string staging_plan(
-    const std::vector<std::pair<std::string, std::vector<std::string>>>& groups) {
+namespace {
+
+/// A number in the unit that people read: mm, mrad, px, %.
+std::string readable(double v, const std::string& unit) {
+  if (unit == "m") return text("%.3g mm", v * 1e3);
+  if (unit == "rad") return text("%.3g mrad", v * 1e3);
+  if (unit == "px") return text("%.3g px", v);
+  return text("%.3g", v);
+}
+
+}  // namespace
+
+std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& table) {
   std::string out =
-      "The rig has no `estimate`: calibrate stages it automatically. Groups in the order in which "
-      "they are tried; what the\n"
-      "data do not determine is held, and a group is kept only if it lowers the error on samples "
-      "that were left out of the fit:\n";
-  for (const auto& group : groups) {
-    out += "  " + group.first + "\n";
-    for (const std::string& name : group.second) out += "    " + name + "\n";
+      "The rig has no `estimate`: everything below is free. The mounts are found from the data "
+      "alone; of the groups as much\n"
+      "is believed as such numbers are usually off, which is learned from the data, beginning "
+      "with the widths shown:\n  mounts\n";
+  for (const Freed& f : groups.mounts) out += "    " + table.all[f.parameter].name + "\n";
+  for (const WidthGroup& g : groups.groups) {
+    out += "  " + g.name + "\n";
+    for (const Member& m : g.members)
+      out += "    " + table.name(m.component) + "  " + readable(m.start, table.unit(m.component)) +
+             "\n";
+    for (const Member& m : g.unseen)
+      out += "    " + table.name(m.component) +
+             "  no measurement depends on it: known only as well as the others of its group\n";
   }
   return out;
 }
 
-std::string staging_table(const std::vector<StagingTrial>& trials) {
-  std::vector<std::vector<std::string>> rows = {{"group", "", "error without", "with", "numbers"}};
-  for (const StagingTrial& t : trials)
-    rows.push_back(
-        {t.group,
-         std::string(t.removal ? "again: " : "") + (t.parameters.empty()  ? "not determined"
-                                                    : t.group == "mounts" ? "kept (always)"
-                                                    : t.kept              ? "kept"
-                                                             : "not kept (no clear gain)"),
-         value(t.error_before), value(t.error_after), std::to_string(t.numbers)});
-  return align(rows, 2);
+std::string automatic_table(const std::vector<AutomaticGroup>& groups) {
+  std::vector<std::vector<std::string>> rows = {
+      {"group", "numbers", "determined", "width found", "evidence", "", "largest"}};
+  for (const AutomaticGroup& g : groups) {
+    if (g.numbers.empty()) continue;
+    std::string largest;
+    std::vector<AutomaticNumber> numbers = g.numbers;
+    std::stable_sort(numbers.begin(), numbers.end(),
+                     [](const AutomaticNumber& a, const AutomaticNumber& b) {
+                       return std::abs(a.value) / a.sigma > std::abs(b.value) / b.sigma;
+                     });
+    for (size_t i = 0; i < numbers.size() && i < 2 && numbers[i].value != 0; ++i)
+      largest += (i ? ", " : "") + numbers[i].name + " " +
+                 readable(numbers[i].value, numbers[i].unit) + " ± " +
+                 readable(numbers[i].sigma, numbers[i].unit);
+    rows.push_back({g.name, std::to_string(g.numbers.size()), text("%.1f", g.gamma),
+                    readable(g.numbers[0].width, g.numbers[0].unit), text("%.1f", g.gain),
+                    g.held ? "held: as the rig has it" : "estimated", largest});
+  }
+  return align(rows, 1);
 }
 
 }  // namespace kincal

@@ -1,21 +1,20 @@
-// What a calibration is going to do: its steps, and what automatic staging tries.
+// What a calibration is going to do: its steps, and what the automatic path lets be wrong.
 #pragma once
 
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "../../models/automatic/automatic.h"
 #include "../../models/calibration/plan.h"
-#include "../../models/trials/staging.h"
 
 namespace kincal {
 
 /// Shows what each step frees and counts.
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
-/// Shows what automatic staging will try: each group's name and its parameters.
-std::string staging_plan(
-    const std::vector<std::pair<std::string, std::vector<std::string>>>& groups);
-/// Shows what automatic staging has tried: the held-out error without and with each group.
-std::string staging_table(const std::vector<StagingTrial>& trials);
+/// Shows what the automatic path lets be wrong: the mounts, each group's name, widths and numbers.
+std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& table);
+/// Shows what it found: widths, how much the data determine, evidence, largest members.
+std::string automatic_table(const std::vector<AutomaticGroup>& groups);
 
 }  // namespace kincal

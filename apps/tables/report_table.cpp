@@ -252,11 +252,9 @@ std::string diagnosis_text(const Diagnosis& d) {
 
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
-  if (report.staging && !report.staging->trials.empty())
+  if (!report.automatic.empty())
     out +=
-        "\nAutomatic staging (cross-validation: held-out error in sigmas without and with each "
-        "group)\n" +
-        staging_table(report.staging->trials);
+        "\nWhat could be wrong (the rig has no `estimate`)\n" + automatic_table(report.automatic);
   out += "\nResiduals (rms)\n" + residual_table(report.residuals.sensors, true);
   out += validation_table(report);
   if (report.restarts)

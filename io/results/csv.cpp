@@ -43,13 +43,17 @@ std::string residuals_csv(const Report& report) {
 }
 
 std::string covariance_csv(const Solution& solution) {
+  const bool predicted = solution.prediction.has_value();
+  const std::vector<Component>& columns =
+      predicted ? solution.prediction->columns : solution.columns;
+  const MatrixXd& covariance = predicted ? solution.prediction->covariance : solution.covariance;
   std::string out;
-  for (size_t i = 0; i < solution.columns.size(); ++i)
-    out += (i ? "," : "") + csv_field(solution.table().name(solution.columns[i]));
+  for (size_t i = 0; i < columns.size(); ++i)
+    out += (i ? "," : "") + csv_field(solution.table().name(columns[i]));
   out += "\n";
-  for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i) {
-    for (Eigen::Index j = 0; j < solution.covariance.cols(); ++j)
-      out += (j ? "," : "") + shortest(solution.covariance(i, j));
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
+    for (Eigen::Index j = 0; j < covariance.cols(); ++j)
+      out += (j ? "," : "") + shortest(covariance(i, j));
     out += "\n";
   }
   return out;

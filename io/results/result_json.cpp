@@ -1,5 +1,6 @@
 #include "result_json.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace kincal {
@@ -209,6 +210,58 @@ Json restarts_json(const Restarts& restarts) {
   return out;
 }
 
+Json automatic_list(const std::vector<AutomaticGroup>& groups) {
+  Json out = Json::array();
+  for (const AutomaticGroup& g : groups) {
+    Json members = Json::array(), unseen = Json::array(), largest = Json::array();
+    std::vector<const AutomaticNumber*> order;
+    for (const AutomaticNumber& n : g.numbers) {
+      members.push_back(n.name);
+      if (n.value != 0) order.push_back(&n);
+    }
+    for (const AutomaticNumber& n : g.unseen) unseen.push_back(n.name);
+    std::stable_sort(order.begin(), order.end(),
+                     [](const AutomaticNumber* a, const AutomaticNumber* b) {
+                       return std::abs(a->value) / a->sigma > std::abs(b->value) / b->sigma;
+                     });
+    for (size_t i = 0; i < order.size() && i < 3; ++i)
+      largest.push_back({{"parameter", order[i]->name},
+                         {"value", number(order[i]->value)},
+                         {"sigma", number(order[i]->sigma)}});
+    const AutomaticNumber* first = !g.numbers.empty() ? &g.numbers[0] : &g.unseen[0];
+    out.push_back({{"group", g.name},
+                   {"members", members},
+                   {"unseen", unseen},
+                   {"n", g.numbers.size()},
+                   {"gamma", number(g.gamma)},
+                   {"unit", first->unit},
+                   {"width", number(first->width)},
+                   {"start", number(first->width / g.factor)},
+                   {"gain", number(g.gain)},
+                   {"held", g.held},
+                   {"largest", largest}});
+  }
+  return out;
+}
+
+Json held_list(const std::vector<AutomaticGroup>& groups) {
+  Json out = Json::array();
+  for (const AutomaticGroup& g : groups) {
+    for (const AutomaticNumber& n : g.numbers)
+      if (n.held)
+        out.push_back({{"parameter", n.name},
+                       {"reason", n.told < 0.1 ? "undetermined" : "no_gain"},
+                       {"sigma", number(n.sigma)},
+                       {"text", held_text(n)}});
+    for (const AutomaticNumber& n : g.unseen)
+      out.push_back({{"parameter", n.name},
+                     {"reason", "undetermined"},
+                     {"sigma", number(n.sigma)},
+                     {"text", held_text(n)}});
+  }
+  return out;
+}
+
 }  // namespace
 
 std::string status_name(Status status) {
@@ -280,16 +333,10 @@ Json result_json(const Report& report) {
   json["unobservable"] = directions(solution.unobservable);
   add_explanation(json, report.explanation);
   if (report.diagnosis) json["findings"] = findings_json(report.diagnosis->findings);
-  const std::vector<StagingTrial> trials =
-      report.staging ? report.staging->trials : std::vector<StagingTrial>();
-  if (!trials.empty()) json["staging"] = Json::array();
-  for (const StagingTrial& t : trials)
-    json["staging"].push_back({{"group", t.group},
-                               {"trial", t.removal ? "remove" : "add"},
-                               {"kept", t.kept},
-                               {"error_before", number(t.error_before)},
-                               {"error_after", number(t.error_after)},
-                               {"parameters", t.parameters}});
+  if (!report.automatic.empty()) {
+    json["automatic"] = automatic_list(report.automatic);
+    json["held"] = held_list(report.automatic);
+  }
   json["rejected"] = Json::array();
   for (const Rejected& r : report.rejected) {
     Json one = {{"sample", r.sample}};

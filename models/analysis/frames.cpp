@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "../../solver/observability.h"
 #include "../rig/configuration.h"
@@ -115,6 +116,18 @@ Unknowns last_unknowns(const Linearisation& at) {
   out.columns = solution.columns;
   out.covariance = at.observability().covariance;
   out.undetermined = at.observability().null_space;
+  if (solution.prediction) {
+    const std::vector<Component>& all = solution.prediction->columns;
+    const MatrixXd directions = std::exchange(out.undetermined, {});
+    out.undetermined.setZero(static_cast<Eigen::Index>(all.size()), directions.cols());
+    for (size_t i = 0; i < all.size(); ++i)
+      for (size_t j = 0; j < out.columns.size(); ++j)
+        if (all[i] == out.columns[j])
+          out.undetermined.row(static_cast<Eigen::Index>(i)) =
+              directions.row(static_cast<Eigen::Index>(j));
+    out.columns = all;
+    out.covariance = solution.prediction->covariance;
+  }
   for (const Freed& f : solution.setup.free) {
     const Parameter& p = solution.table().all[f.parameter];
     if (p.pose && !f.whole(p))

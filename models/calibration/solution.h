@@ -60,6 +60,13 @@ struct LastProblem {
   std::vector<MatrixXd> reduced_rows;  // as observe() gives them
 };
 
+/// A Prediction is what errors of the calibration are predicted from where that is more than the
+/// last step's covariance: the second moment of numbers that it held, too (automatic/automatic.h).
+struct Prediction {
+  std::vector<Component> columns;
+  MatrixXd covariance;
+};
+
 struct Solution {
   std::shared_ptr<const Recording> recording;
   Status status = Status::converged;
@@ -82,6 +89,7 @@ struct Solution {
   std::vector<std::string>
       lost_starts;  // those of computed_starts that nothing with a known pose ties down
   std::vector<std::string> without_effect;  // as in the last step's plan
+  std::optional<Prediction> prediction;
   std::shared_ptr<LastProblem> last;        // null: to be made again (analysis/linearisation.h)
 
   // Estimates are made at the end of calibrate(), and again when they are asked for after a

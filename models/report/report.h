@@ -13,11 +13,11 @@
 #include "../analysis/noise_levels.h"
 #include "../analysis/residuals.h"
 #include "../analysis/weak_directions.h"
+#include "../automatic/automatic.h"
 #include "../calibration/solution.h"
 #include "../doctor/doctor.h"
 #include "../trials/outliers.h"
 #include "../trials/restarts.h"
-#include "../trials/staging.h"
 #include "validation.h"
 
 namespace kincal {
@@ -47,8 +47,8 @@ struct Report {
   std::vector<Rejected>
       outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
-  std::optional<Staging> staging;      // of a rig without steps
-  std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
+  std::vector<AutomaticGroup> automatic;  // of a rig without steps
+  std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;
   std::vector<Warning> warnings;

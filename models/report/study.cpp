@@ -12,62 +12,55 @@ namespace kincal {
 namespace {
 
 struct StudyCancelled {};
-struct CannotStart {
-  std::string message;
-};
-
-/// Steps from the data for a rig that has none: the same recording with them.
-std::shared_ptr<const Recording> with_steps(const Recording& recording,
-                                            const std::vector<Sample>& chosen_from,
-                                            const StudyOptions& options, Report& report) {
-  Rig rig = recording.rig;
-  rig.steps.clear();
-  StagingOptions staging;
-  staging.noise = options.calibration.noise;
-  staging.threads = options.calibration.threads;
-  if (const auto& progress = options.calibration.progress)
-    staging.progress = [&progress](const std::string& what) {
-      return progress("staging: " + what, 0, kNan, kNan);
-    };
-  try {
-    report.staging = stage(rig, chosen_from, staging);
-  } catch (const std::runtime_error& error) {
-    throw CannotStart{error.what()};
-  }
-  if (!report.staging) throw StudyCancelled();
-  rig.steps = report.staging->steps;
-  check_steps(Recording(rig, recording.samples));
-  return make_recording(std::move(rig), recording.samples);
-}
-
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
   return solution.status == Status::undefined_start;
 }
 
-/// Parts 1 to 4 up to the solution. The recording returned has the steps that were run, and the
-/// samples as given.
-std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recording,
+AutomaticOptions automatic_options(const StudyOptions& options) {
+  AutomaticOptions out;
+  static_cast<CalibrationOptions&>(out) = options.calibration;
+  out.groups = options.groups;
+  return out;
+}
+
+/// A recording with the steps that run, and the options for them: on the automatic path those of
+/// its starting widths, in which nothing is free that was to be held.
+std::shared_ptr<const Recording> with_steps(const std::shared_ptr<const Recording>& recording,
+                                            const StudyOptions& options,
+                                            CalibrationOptions& calibration) {
+  if (!recording->rig.steps.empty()) return recording;
+  Rig rig = recording->rig;
+  rig.steps = automatic_steps(*recording, automatic_options(options));
+  calibration.fix.clear();
+  return make_recording(std::move(rig), recording->samples);
+}
+
+/// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
+std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& given,
                                        const StudyOptions& options, Report& report) {
-  const CalibrationOptions& calibration = options.calibration;
-  const bool staged = recording->rig.steps.empty();
-  if (staged) recording = with_steps(*recording, recording->samples, options, report);
+  CalibrationOptions calibration = options.calibration;
+  const bool automatic = given->rig.steps.empty();
+  const std::shared_ptr<const Recording> recording = with_steps(given, options, calibration);
   std::shared_ptr<const Recording> left = recording;
   bool solved = false;
   if (options.reject) {
     std::optional<Cleaned> clean = calibrate_without_outliers(left, calibration);
-    if (clean && staged &&
-        !clean->rejected.empty()) {  // the steps were chosen with the outliers in
-      recording = with_steps(*recording, clean->solution.samples(), options, report);
-      clean = calibrate_without_outliers(recording, calibration);
-    }
     if (!clean) throw StudyCancelled();
     report.solution = std::move(clean->solution);
     report.rejected = std::move(clean->rejected);
     report.no_consensus = std::move(clean->no_consensus);
     left = report.solution.recording;
-    solved = true;
+    solved = !automatic;
     if (ended(report.solution)) return recording;
+  }
+  if (automatic) {
+    AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
+    report.solution = std::move(found.solution);
+    report.automatic = std::move(found.groups);
+    left = report.solution.recording;
+    solved = true;
+    if (ended(report.solution)) return left;
   }
   if (options.estimate_noise) {
     std::optional<NoiseEstimate> estimate = estimate_noise(left, calibration);
@@ -80,7 +73,7 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);
-  return recording;
+  return automatic ? left : recording;
 }
 
 void analyse(const StudyOptions& options, Report& report) {
@@ -141,14 +134,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                             const StudyOptions& options) {
   Report report;
   try {
-    std::shared_ptr<const Recording> given = recording;
-    try {
-      given = solve(recording, options, report);
-    } catch (const CannotStart& undefined) {  // the search for steps
-      report.solution.recording = recording;
-      report.solution.status = Status::undefined_start;
-      report.solution.message = undefined.message;
-    }
+    const std::shared_ptr<const Recording> given = solve(recording, options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(options, report);

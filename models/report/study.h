@@ -1,9 +1,10 @@
 // A study: a recording calibrated with everything that was asked for, in the order that makes it
 // right, and all that is to be known of the result.
 //
-//   1. A rig without steps gets them from the data (trials/staging.h).
-//   2. Gross outliers are taken out (trials/outliers.h); where the steps came from the data they
-//   are chosen once more without them.
+//   1. A rig without steps is calibrated automatically (automatic/automatic.h) where this says
+//      calibrated.
+//   2. Gross outliers are taken out (trials/outliers.h), on the automatic path at its starting
+//      widths.
 //   3. Sigmas are estimated (trials/estimate_noise.h).
 //   4. What is left is calibrated, and analysed: residuals, noise, weak directions, leverage,
 //   samples that stick out, loops. After a fit that
@@ -27,6 +28,7 @@ namespace kincal {
 
 struct StudyOptions {
   CalibrationOptions calibration;
+  GroupChoice groups;  // of a rig without steps
   bool reject = false, estimate_noise = false;
   int restarts = 0;        // how many; 0: none
   int cross_validate = 0;  // folds; 0: none
@@ -42,7 +44,7 @@ constexpr double kUnexplained = 5;
 
 /// Runs a study. The report's solution may have any status but cancelled; with undefined_start only
 /// the diagnosis is there besides. nullopt: options.calibration.progress cancelled.
-/// @throws NameError, std::invalid_argument as calibrate(), stage(), deal_folds(),
+/// @throws NameError, std::invalid_argument as calibrate(), make_groups(), deal_folds(),
 /// estimate_noise().
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                             const StudyOptions& options);

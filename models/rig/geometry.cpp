@@ -27,19 +27,10 @@ std::vector<std::vector<double>> draw_postures(const Tree& tree) {
   return out;
 }
 
-/// The component that lies along the axis, of an oblique one the one with the largest share (of
-/// equal ones the last).
-int along(const Vector3d& axis) {
-  int best = 2;
-  for (int k = 1; k >= 0; --k)
-    if (std::abs(axis(k)) > std::abs(axis(best)) + 1e-6) best = k;
-  return best;
-}
-
 /// Group of a component in the order of preference: 0, 1, 2; see the head of the header.
 int preference(const Joint& joint, int component) {
   if (!joint.moves()) return 2;
-  if (component % 3 == along(joint.axis)) return 1;
+  if (component % 3 == component_along(joint.axis)) return 1;
   return joint.type == JointType::prismatic && component < 3 ? 1 : 0;
 }
 
@@ -62,6 +53,13 @@ class Basis {
 };
 
 }  // namespace
+
+int component_along(const Vector3d& axis) {
+  int best = 2;
+  for (int k = 1; k >= 0; --k)
+    if (std::abs(axis(k)) > std::abs(axis(best)) + 1e-6) best = k;
+  return best;
+}
 
 int body_of(const Tree& tree, int link) {
   while (tree.joint_above[link] >= 0 &&

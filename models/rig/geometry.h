@@ -41,6 +41,10 @@ struct OriginComponents {
   std::vector<int> components;  // ascending
 };
 
+/// Returns the component (0 to 2) of a vector that lies along an axis, of an oblique one that with
+/// the largest share (of equal ones the last).
+int component_along(const Vector3d& axis);
+
 /// Returns the link that carries `link` by fixed joints only, closest to the root: the same for all
 /// links of a rigid body.
 int body_of(const Tree& tree, int link);

@@ -23,6 +23,11 @@ class NameError : public std::invalid_argument {
     return NameError(where + ": '" + pattern + "': there is no link '" + n + "'", n, std::move(v),
                      0);
   }
+  /// Returns the error of a name of a group (automatic/groups.h).
+  static NameError group(const std::string& where, const std::string& n,
+                         std::vector<std::string> v) {
+    return NameError(where + ": there is no group '" + n + "'", n, std::move(v), 0);
+  }
   std::string name;
   std::vector<std::string> valid;
 

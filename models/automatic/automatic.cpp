@@ -1,0 +1,391 @@
+#include "automatic.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "../../solver/observability.h"
+#include "../fitting/fit.h"
+#include "../rig/numbers.h"
+#include "widths.h"
+
+namespace kincal {
+namespace {
+
+const char* const kMounts = "mounts";
+const char* const kEverything = "everything";
+constexpr int kLinearisations = 4, kWidthRounds = 60;
+constexpr double kSettled =
+    0.1;  // change of a width, relative, that asks for no linearisation anew
+
+void take_away(const std::vector<Freed>& away, std::vector<Freed>& from) {
+  for (const Freed& a : away)
+    for (Freed& f : from)
+      if (f.parameter == a.parameter)
+        f.components.erase(
+            std::remove_if(
+                f.components.begin(), f.components.end(),
+                [&](int c) { return std::count(a.components.begin(), a.components.end(), c) > 0; }),
+            f.components.end());
+  from.erase(
+      std::remove_if(from.begin(), from.end(), [](const Freed& f) { return f.components.empty(); }),
+      from.end());
+}
+
+bool is_among(const std::vector<Freed>& all, const Component& c) {
+  const Freed* f = find_freed(all, c.parameter);
+  return f && std::count(f->components.begin(), f->components.end(), c.index);
+}
+
+/// The groups, without what `fix` names.
+AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options) {
+  AutomaticGroups out = make_groups(recording, options.groups);
+  std::vector<Freed> fixed;
+  for (size_t i = 0; i < options.fix.size(); ++i)
+    merge(fixed, recording.table.find(options.fix[i], "fix[" + std::to_string(i) + "]"));
+  take_away(fixed, out.mounts);
+  for (WidthGroup& g : out.groups)
+    for (std::vector<Member>* members : {&g.members, &g.unseen})
+      members->erase(std::remove_if(members->begin(), members->end(),
+                                    [&](const Member& m) { return is_among(fixed, m.component); }),
+                     members->end());
+  return out;
+}
+
+void name(const ParameterTable& table, const std::vector<Freed>& freed,
+          std::vector<std::string>& out) {
+  for (const Freed& f : freed) {
+    const Parameter& p = table.all[f.parameter];
+    if (f.whole(p))
+      out.push_back(p.name);
+    else
+      for (int c : f.components) out.push_back(p.component_name(c));
+  }
+}
+
+/// Poses of mounted targets that only held-out samples see: named, so that they are estimated when
+/// these are judged.
+std::vector<std::string> held_out_poses(const Recording& recording) {
+  std::vector<char> seen(recording.rig.targets.size(), 0), seen_held_out = seen;
+  for (const Sample& s : recording.samples)
+    for (const View& v : s.views) (s.train ? seen : seen_held_out)[v.target] = 1;
+  std::vector<std::string> out;
+  for (size_t t = 0; t < seen.size(); ++t)
+    if (seen_held_out[t] && !seen[t] && recording.table.target_pose[t] >= 0)
+      out.push_back(recording.table.all[recording.table.target_pose[t]].name);
+  return out;
+}
+
+/// Steps with the groups at these factors, without what is held.
+std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& groups,
+                           const VectorXd& factor, const std::vector<Component>& held) {
+  const ParameterTable& table = recording.table;
+  const std::vector<std::string> held_out = held_out_poses(recording);
+  Step mounts, everything;
+  mounts.name = kMounts;
+  everything.name = kEverything;
+  mounts.sensors = everything.sensors = indices(recording.rig.sensors.size());
+  name(table, groups.mounts, mounts.free);
+  std::vector<Freed> turning = groups.mounts;
+  take_away(groups.pointing, turning);
+  name(table, turning, everything.free);
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].members) {
+      if (std::count(held.begin(), held.end(), m.component)) continue;
+      PriorSetting prior;
+      prior.pattern = table.name(m.component);
+      prior.where = "group " + groups.groups[g].name;
+      prior.translation = prior.rotation = factor(static_cast<Eigen::Index>(g)) * m.start;
+      everything.free.push_back(prior.pattern);
+      everything.priors.push_back(prior);
+    }
+  for (Step* step : {&mounts, &everything})
+    step->free.insert(step->free.end(), held_out.begin(), held_out.end());
+  std::vector<Step> out;
+  if (!groups.mounts.empty()) out.push_back(mounts);
+  if (!everything.free.empty()) out.push_back(everything);
+  return out;
+}
+
+std::shared_ptr<const Recording> with_steps(const Recording& recording, std::vector<Step> steps) {
+  Rig rig = recording.rig;
+  rig.steps = std::move(steps);
+  return make_recording(std::move(rig), recording.samples);
+}
+
+/// Moves components back to where they count from.
+void put_back(const ParameterTable& table, const VectorXd& initial,
+              const std::vector<Component>& held, VectorXd& shared) {
+  std::map<int, std::vector<int>> by_parameter;
+  for (const Component& c : held) by_parameter[c.parameter].push_back(c.index);
+  for (const auto& h : by_parameter) {
+    const Parameter& p = table.all[h.first];
+    if (!p.pose) {
+      for (int c : h.second) shared(p.start + c) = initial(p.start + c);
+      continue;
+    }
+    const Pose from = get_pose(initial, p.start);
+    Vector6d xi = log_se3(inverse(from) * get_pose(shared, p.start));
+    for (int c : h.second) xi(c) = 0;
+    set_pose(shared, p.start, from * exp_se3(xi));
+  }
+}
+
+/// How far a component is from where it counts from.
+double value_of(const ParameterTable& table, const VectorXd& initial, const VectorXd& shared,
+                const Component& c) {
+  const Parameter& p = table.all[c.parameter];
+  if (!p.pose) return shared(p.start + c.index) - initial(p.start + c.index);
+  return log_se3(inverse(get_pose(initial, p.start)) * get_pose(shared, p.start))(c.index);
+}
+
+/// The data's quadratic model at a fit.
+WidthProblem width_problem(const Recording& recording, const Fit& fit,
+                           const AutomaticGroups& groups) {
+  EstimationSetup setup = fit.problem->setup();
+  setup.priors.clear();
+  Estimation data(recording, recording.training(), setup);
+  data.renew(fit.state);
+  data.prepare(fit.state);
+  const std::vector<Component>& columns = data.columns();
+  const auto n = static_cast<Eigen::Index>(columns.size());
+  WidthProblem out{MatrixXd::Zero(n, n),
+                   VectorXd::Zero(n),
+                   VectorXd::Zero(n),
+                   VectorXd::Zero(n),
+                   std::vector<int>(columns.size(), -1),
+                   static_cast<int>(groups.groups.size())};
+  MatrixXd rows;
+  long rank = 0;
+  for (size_t g = 0; g < data.groups().size(); ++g) {
+    const GroupShape& shape = data.groups()[g];
+    data.square_root(static_cast<int>(g), fit.state, 0, rows);
+    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
+    const auto m = static_cast<Eigen::Index>(shape.columns.size());
+    const MatrixXd gram = left.transpose() * left;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      out.gradient(shape.columns[i]) += gram(i, m);
+      for (Eigen::Index j = 0; j < m; ++j)
+        out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
+    }
+  }
+  std::map<Component, std::pair<int, double>> members;
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].members)
+      members[m.component] = {static_cast<int>(g), m.start};
+  for (size_t i = 0; i < columns.size(); ++i) {
+    const auto found = members.find(columns[i]);
+    if (found == members.end()) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    out.group[i] = found->second.first;
+    out.start(k) = found->second.second;
+    out.at(k) = value_of(recording.table, data.initial(), fit.values.shared, columns[i]);
+  }
+  return out;
+}
+
+/// What rounds of fits and widths found.
+struct Learned {
+  Outcome outcome = Outcome::converged;
+  Values values;
+  std::vector<Component> columns;
+  WidthProblem problem;
+  Widths widths;
+};
+
+Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,
+              const AutomaticOptions& options, const Solution& mounts) {
+  Learned out;
+  out.values = mounts.values;
+  EstimationSetup setup;
+  setup.noise = options.noise;
+  setup.sensors = plan.sensors;
+  setup.free = plan.free;
+  setup.initial = mounts.initial;
+  std::map<Component, std::pair<int, double>> members;
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].members)
+      members[m.component] = {static_cast<int>(g), m.start};
+  FitOptions fit_options;
+  fit_options.trust_start = true;
+  fit_options.solver.threads = options.threads;
+  fit_options.solver.linear_solver = options.linear_solver;
+  fit_options.solver.relative_decrease = 1e-7;
+  if (options.progress)
+    fit_options.solver.progress = [&](int iteration, double chi2, double damping) {
+      return options.progress("widths", iteration, chi2, damping);
+    };
+  VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
+  for (int pass = 0; pass < kLinearisations; ++pass) {
+    setup.priors = plan.priors;
+    for (Prior& prior : setup.priors) {
+      const auto found = members.find({prior.parameter, prior.component});
+      if (found != members.end()) prior.sigma = factor(found->second.first) * found->second.second;
+    }
+    Fit done = fit(recording, recording.training(), setup, out.values, fit_options);
+    out.outcome = done.summary.outcome;
+    if (!done.defined() || out.outcome == Outcome::cancelled) return out;
+    out.values = done.values;
+    out.columns = done.problem->columns();
+    out.problem = width_problem(recording, done, groups);
+    out.widths = learn_widths(out.problem, factor, kWidthRounds);
+    if (!out.widths.defined) return out;
+    const double change =
+        factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
+    factor = out.widths.factor;
+    if (change < kSettled) break;
+  }
+  return out;
+}
+
+/// What errors are predicted from: all that was estimated or held, and what no measurement sees.
+Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
+                         const std::vector<char>& held) {
+  Prediction out;
+  out.columns = learned.columns;
+  std::vector<double> variance;
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].unseen) {
+      const double width = learned.widths.factor(static_cast<Eigen::Index>(g)) * m.start;
+      out.columns.push_back(m.component);
+      variance.push_back(width * width);
+    }
+  const auto n = static_cast<Eigen::Index>(learned.columns.size()),
+             all = static_cast<Eigen::Index>(out.columns.size());
+  out.covariance.setZero(all, all);
+  out.covariance.topLeftCorner(n, n) = second_moment(learned.widths, held);
+  for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = variance[i - n];
+  return out;
+}
+
+/// Sigmas of the estimates are those of the prediction.
+void set_predicted_sigmas(const Solution& solution) {
+  const Prediction& p = *solution.prediction;
+  for (size_t i = 0; i < p.columns.size(); ++i)
+    for (ParameterEstimate& e : solution.parameters)
+      if (e.parameter == p.columns[i].parameter && e.freed[p.columns[i].index] &&
+          e.sigma[p.columns[i].index] > 0)
+        e.sigma[p.columns[i].index] =
+            std::sqrt(p.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));
+}
+
+std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& learned,
+                                 const Holding& holding, const Solution& solution) {
+  const ParameterTable& table = solution.table();
+  std::vector<AutomaticGroup> out;
+  for (size_t g = 0; g < groups.groups.size(); ++g) {
+    const auto k = static_cast<Eigen::Index>(g);
+    AutomaticGroup one;
+    one.name = groups.groups[g].name;
+    one.factor = learned.widths.factor(k);
+    one.gamma = learned.widths.gamma(k);
+    one.gain = holding.gain(k);
+    one.held = holding.whole[g];
+    for (size_t i = 0; i < learned.columns.size(); ++i) {
+      if (learned.problem.group[i] != static_cast<int>(g)) continue;
+      const auto c = static_cast<Eigen::Index>(i);
+      AutomaticNumber number;
+      number.name = table.name(learned.columns[i]);
+      number.unit = table.unit(learned.columns[i]);
+      number.width = one.factor * learned.problem.start(c);
+      number.told = 1 - learned.widths.posterior.variance(c) / (number.width * number.width);
+      number.held = holding.held[i];
+      number.value = number.held ? 0
+                                 : value_of(table, solution.initial, solution.values.shared,
+                                            learned.columns[i]);
+      number.sigma = std::sqrt(solution.prediction->covariance(c, c));
+      one.numbers.push_back(number);
+    }
+    for (const Member& m : groups.groups[g].unseen) {
+      const double width = one.factor * m.start;
+      one.unseen.push_back(
+          {table.name(m.component), table.unit(m.component), 0, width, width, 0, true});
+    }
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+/// The options of a calibration with such steps: what `fix` names is in none of them.
+CalibrationOptions plain(const AutomaticOptions& options) {
+  CalibrationOptions out = options;
+  out.fix.clear();
+  return out;
+}
+
+}  // namespace
+
+std::string held_text(const AutomaticNumber& n) {
+  const bool metres = n.unit == "m", radians = n.unit == "rad";
+  char known[64];
+  std::snprintf(known, sizeof known, "%.2g %s", n.sigma * (metres || radians ? 1e3 : 1),
+                metres    ? "mm"
+                : radians ? "mrad"
+                          : n.unit.c_str());
+  return n.told < 0.1
+             ? "not determined by these data; known only as well as assumed (" +
+                   std::string(known) + ")"
+             : "no evidence that it is off its nominal value (known to " + std::string(known) + ")";
+}
+
+std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options) {
+  const AutomaticGroups groups = groups_of(recording, options);
+  return steps_of(recording, groups,
+                  VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size())), {});
+}
+
+AutomaticCalibration calibrate_automatically(const Recording& recording,
+                                             const AutomaticOptions& options) {
+  AutomaticCalibration out;
+  const AutomaticGroups groups = groups_of(recording, options);
+  const VectorXd ones = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
+  const std::shared_ptr<const Recording> at_start =
+      with_steps(recording, steps_of(recording, groups, ones, {}));
+  const CalibrationOptions run = plain(options);
+  const StepPlan plan = resolve_steps(*at_start, run).back();
+  Solution& solution = out.solution;
+  if (groups.mounts.empty()) {
+    solution.recording = at_start;
+    solution.initial = solution.values.shared = recording.table.initial;
+  } else {
+    CalibrationOptions mounts = run;
+    mounts.last_step = kMounts;
+    mounts.free.clear();
+    solution = calibrate(at_start, mounts);
+  }
+  if (plan.name != kEverything || solution.status == Status::undefined_start ||
+      solution.status == Status::cancelled)
+    return out;
+  const Learned learned = learn(recording, plan, groups, options, solution);
+  if (learned.outcome == Outcome::cancelled) {
+    solution.status = Status::cancelled;
+    return out;
+  }
+  if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
+    solution = calibrate(at_start, run);  // says what is wrong
+    return out;
+  }
+  const Holding holding = hold(learned.problem, learned.widths);
+  std::vector<Component> held;
+  for (size_t i = 0; i < holding.held.size(); ++i)
+    if (holding.held[i]) held.push_back(learned.columns[i]);
+  const std::shared_ptr<const Recording> final =
+      with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
+  VectorXd start = learned.values.shared;
+  put_back(recording.table, solution.initial, held, start);
+  StepVariations variations;
+  variations.before_step = [&](const StepPlan& step, const VectorXd&, VectorXd& shared) {
+    if (step.name == kEverything) shared = start;
+  };
+  solution = calibrate(final, run, variations);
+  if (!solution.usable() && solution.status != Status::not_converged) return out;
+  solution.prediction = prediction_of(groups, learned, holding.held);
+  set_predicted_sigmas(solution);
+  out.groups = told(groups, learned, holding, solution);
+  return out;
+}
+
+}  // namespace kincal

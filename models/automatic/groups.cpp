@@ -1,0 +1,308 @@
+#include "groups.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "../estimation/estimation.h"
+#include "../rig/geometry.h"
+#include "../rig/numbers.h"
+
+namespace kincal {
+namespace {
+
+// Widths that groups begin with.
+constexpr double kOffset = 0.005, kSlide = 0.001;  // rad, m
+constexpr double kLength = 0.001, kAngle = 0.002;  // m, rad
+constexpr double kSize = 0.02, kBaseline = 0.002;  // share, m
+constexpr double kLens = 0.02, kDistortion = 0.5;  // share of the focal length; as the numbers are
+constexpr double kScanScale = 0.02, kScanOffset = 0.01, kGear = 1e-3;
+
+/// Two cameras that are one thing: on the same link, in the same place, one with a baseline (a
+/// rectified pair).
+bool is_pair(const Rig& rig, int a, int b) {
+  const auto baseline = [&](const Sensor& s) {
+    for (const ParameterBlock& block : s.parameters)
+      if (block.name == "baseline") return block.values[0];
+    return 0.0;
+  };
+  const Sensor &s = rig.sensors[a], &t = rig.sensors[b];
+  const Vector6d apart = log_se3(inverse(s.link_T_sensor) * t.link_T_sensor);
+  return s.type == "camera" && t.type == "camera" && s.link == t.link && apart.norm() < 1e-9 &&
+         baseline(s) != baseline(t);
+}
+
+class GroupMaker {
+ public:
+  explicit GroupMaker(const Recording& recording);
+  AutomaticGroups make() {
+    make_mounts();
+    make_joints();
+    make_geometry();
+    make_targets_and_sensors();
+    return std::move(out_);
+  }
+
+ private:
+  void make_mounts();
+  void make_joints();
+  void make_geometry();
+  void make_targets_and_sensors();
+  std::vector<Chain> chains() const;
+  std::map<int, std::string> runs() const;
+  bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
+  void add(const std::string& group, int parameter, int component, double start);
+
+  const Rig& rig_;
+  const ParameterTable& table_;
+  const std::vector<Sample>& samples_;
+  std::vector<char> used_;     // by parameter: some measurement depends on it
+  std::vector<char> carries_;  // by joint: it stands between the base and a sensor or target
+  AutomaticGroups out_;
+};
+
+GroupMaker::GroupMaker(const Recording& recording)
+    : rig_(recording.rig), table_(recording.table), samples_(recording.samples) {
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = indices(rig_.sensors.size());
+  const Estimation probe(recording, recording.training(), setup);
+  if (probe.groups().empty()) throw std::invalid_argument("no training sample has a view");
+  used_ = probe.influencing();
+  carries_.assign(rig_.tree.joints.size(), 0);
+  const auto carry = [&](int link) {
+    try {
+      for (const PathStep& step : find_path(rig_.tree, rig_.base, link)) carries_[step.joint] = 1;
+    } catch (const std::invalid_argument&) {  // a link that no path leads to
+    }
+  };
+  for (size_t s = 0; s < rig_.sensors.size(); ++s)
+    if (used_[table_.sensor_pose[s]]) carry(rig_.sensors[s].link);
+  for (size_t t = 0; t < rig_.targets.size(); ++t)
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) carry(rig_.targets[t].link);
+}
+
+void GroupMaker::make_mounts() {
+  std::vector<char> done(rig_.sensors.size(), 0), away(rig_.sensors.size(), 0);
+  for (const Sample& sample : samples_)
+    for (const View& v : sample.views)
+      if (rig_.sensors[v.sensor].model->measurement_kind() != MeasurementKind::points ||
+          std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }))
+        away[v.sensor] = 1;
+  for (size_t s = 0; s < rig_.sensors.size(); ++s) {
+    if (done[s] || !used_[table_.sensor_pose[s]]) continue;
+    bool pair = false;
+    for (size_t t = s + 1; t < rig_.sensors.size(); ++t)
+      if (used_[table_.sensor_pose[t]] && is_pair(rig_, static_cast<int>(s), static_cast<int>(t))) {
+        pair = true;
+        done[t] = 1;
+      }
+    // A pair is moved by the fixed joint above its link; any other sensor on that link moves along,
+    // and has a pose of its own.
+    const int above = rig_.tree.joint_above[rig_.sensors[s].link];
+    const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed &&
+                        used_[table_.joint_origin[above]];
+    if (pair && !shared) done.assign(done.size(), 0);
+    merge(out_.mounts,
+          {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
+    if (!away[s] && !shared)
+      out_.pointing.push_back({table_.sensor_pose[s], {3, 4, 5}});  // turning it does nothing
+  }
+  for (size_t t = 0; t < rig_.targets.size(); ++t)
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]])
+      merge(out_.mounts, {whole(table_, table_.target_pose[t])});
+  for (size_t t = 0; t < rig_.targets.size(); ++t)
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] && rig_.targets[t].count() == 1)
+      out_.pointing.push_back({table_.target_pose[t], {3, 4, 5}});
+}
+
+void GroupMaker::add(const std::string& group, int parameter, int component, double start) {
+  auto found = std::find_if(out_.groups.begin(), out_.groups.end(),
+                            [&](const WidthGroup& g) { return g.name == group; });
+  if (found == out_.groups.end()) found = out_.groups.insert(found, {group, {}, {}});
+  (used_[parameter] ? found->members : found->unseen).push_back({{parameter, component}, start});
+}
+
+void GroupMaker::make_joints() {
+  std::vector<char> scans(rig_.tree.joints.size(), 0);
+  for (size_t s = 0; s < rig_.sensors.size(); ++s)
+    if (rig_.sensors[s].scanning_joint >= 0 && used_[table_.sensor_pose[s]])
+      scans[rig_.sensors[s].scanning_joint] = 1;
+  for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
+    const int offset = table_.joint_offset[j], scale = table_.joint_scale[j];
+    if (offset < 0 || !(used_[offset] || carries_[j])) continue;
+    const bool slides = rig_.tree.joints[j].type == JointType::prismatic;
+    if (scans[j]) {
+      add("scan offsets", offset, 0, kScanOffset);
+      add("scan scales", scale, 0, kScanScale);
+    } else {
+      add(slides ? "slides" : "offsets", offset, 0, slides ? kSlide : kOffset);
+      add("gears", scale, 0, kGear);
+    }
+    for (int k = 2; k < rig_.joints[j].model->size(); ++k)
+      if (used_[offset + k]) add("shapes", offset + k, 0, table_.all[offset + k].usual_error);
+  }
+}
+
+/// Chains between sensors and what they see, the longest first.
+std::vector<Chain> GroupMaker::chains() const {
+  std::vector<Chain> chains;
+  const auto depth = [&](int link) {
+    int n = 0;
+    for (int j = rig_.tree.joint_above[link]; j >= 0;
+         j = rig_.tree.joint_above[rig_.tree.joints[j].parent])
+      ++n;
+    return n;
+  };
+  const auto moving = [&](const Chain& c) {
+    const Path path = find_path(rig_.tree, c.base, c.tip);
+    return std::count_if(path.begin(), path.end(),
+                         [&](const PathStep& s) { return rig_.tree.joints[s.joint].moves(); });
+  };
+  const auto add = [&](int a, int b) {
+    if (depth(b) < depth(a) || (depth(a) == depth(b) && b < a)) std::swap(a, b);
+    const int body = body_of(rig_.tree, a), other = body_of(rig_.tree, b);
+    if (body != other && std::none_of(chains.begin(), chains.end(), [&](const Chain& c) {
+          const int x = body_of(rig_.tree, c.base), y = body_of(rig_.tree, c.tip);
+          return (x == body && y == other) || (x == other && y == body);
+        }))
+      chains.push_back({a, b});
+  };
+  for (const Sample& s : samples_)
+    for (const View& v : s.views) {
+      if (rig_.targets[v.target].link >= 0) {
+        add(rig_.sensors[v.sensor].link, rig_.targets[v.target].link);
+      } else {
+        for (const View& w : s.views)
+          if (w.target == v.target) add(rig_.sensors[v.sensor].link, rig_.sensors[w.sensor].link);
+      }
+    }
+  std::sort(chains.begin(), chains.end(), [&](const Chain& a, const Chain& b) {
+    const auto m = moving(a), n = moving(b);
+    return m != n ? m > n : a.base != b.base ? a.base < b.base : a.tip < b.tip;
+  });
+  return chains;
+}
+
+/// By joint of a path between sensors and targets or from the base to one of them: the run that it
+/// is in, by its first joint and its last.
+std::map<int, std::string> GroupMaker::runs() const {
+  std::vector<char> member(rig_.tree.joints.size(), 0);
+  for (const Chain& chain : chains())
+    for (const PathStep& step : find_path(rig_.tree, chain.base, chain.tip)) member[step.joint] = 1;
+  std::vector<int> children(rig_.tree.links.size(), 0), first(rig_.tree.joints.size(), -1);
+  for (size_t j = 0; j < member.size(); ++j) {
+    member[j] = member[j] || carries_[j];
+    if (member[j]) ++children[rig_.tree.joints[j].parent];
+  }
+  const auto begin_of = [&](int j) {
+    for (;;) {
+      const int link = rig_.tree.joints[j].parent, above = rig_.tree.joint_above[link];
+      if (above < 0 || !member[above] || children[link] != 1) return j;
+      j = above;
+    }
+  };
+  std::map<int, int> last;  // by the run's first joint
+  for (size_t j = 0; j < member.size(); ++j) {
+    if (!member[j]) continue;
+    first[j] = begin_of(static_cast<int>(j));
+    const auto below = [&](int k) {  // whether joint k stands somewhere below j
+      for (int i = k; i >= 0; i = rig_.tree.joint_above[rig_.tree.joints[i].parent])
+        if (i == static_cast<int>(j)) return true;
+      return false;
+    };
+    const auto found = last.emplace(first[j], static_cast<int>(j)).first;
+    if (!below(found->second)) found->second = static_cast<int>(j);
+  }
+  std::map<int, std::string> out;
+  for (size_t j = 0; j < member.size(); ++j)
+    if (member[j])
+      out[static_cast<int>(j)] =
+          rig_.tree.joints[first[j]].name + ".." + rig_.tree.joints[last[first[j]]].name;
+  return out;
+}
+
+void GroupMaker::make_geometry() {
+  const std::vector<Chain> all = chains();
+  std::vector<char> has_pose(rig_.tree.links.size(), 0);
+  for (const Chain& c : all) has_pose[c.base] = has_pose[c.tip] = 1;
+  const std::map<int, std::string> run = runs();
+  const auto own = [&](int j, int component) {  // the offset has it
+    const Joint& joint = rig_.tree.joints[j];
+    return joint.moves() && (component < 3) == (joint.type == JointType::prismatic) &&
+           component % 3 == component_along(joint.axis);
+  };
+  const auto add_component = [&](int j, int c) {
+    if (!own(j, c))
+      add((c < 3 ? "lengths/" : "angles/") + run.at(j), table_.joint_origin[j], c,
+          c < 3 ? kLength : kAngle);
+  };
+  std::vector<char> seen(rig_.tree.joints.size(), 0);
+  for (const OriginComponents& o : independent_geometry(rig_.tree, all, has_pose)) {
+    seen[o.joint] = 1;
+    if (!is_mount(table_.joint_origin[o.joint]) && used_[table_.joint_origin[o.joint]])
+      for (int c : o.components) add_component(o.joint, c);
+  }
+  for (size_t j = 0; j < carries_.size(); ++j)
+    if (carries_[j] && !seen[j] && !used_[table_.joint_origin[j]])
+      for (int c = 0; c < 6; ++c) add_component(static_cast<int>(j), c);
+}
+
+void GroupMaker::make_targets_and_sensors() {
+  for (size_t t = 0; t < rig_.targets.size(); ++t) {
+    const int square = table_.target_square[t];
+    if (square >= 0 && used_[square])
+      add("sizes", square, 0, kSize * table_.initial(table_.all[square].start));
+  }
+  for (size_t s = 0; s < rig_.sensors.size(); ++s)
+    for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {
+      const int p = table_.sensor_block[s] + static_cast<int>(b);
+      const Parameter& parameter = table_.all[p];
+      if (!used_[p]) continue;
+      const double first = table_.initial(parameter.start);
+      if (parameter.kind == ParameterKind::baseline && first != 0)
+        add("baselines", p, 0, kBaseline);
+      for (int c = 0; c < parameter.size(); ++c) {
+        if (parameter.kind == ParameterKind::intrinsics)
+          add(c < 2 ? "focal lengths" : "centres", p, c, kLens * std::abs(first));
+        if (parameter.kind == ParameterKind::distortion) add("distortion", p, c, kDistortion);
+      }
+    }
+}
+
+/// Marks the groups that names and globs mean.
+std::vector<char> chosen(const std::vector<WidthGroup>& groups,
+                         const std::vector<std::string>& names, const char* list) {
+  std::vector<char> out(groups.size(), 0);
+  for (size_t i = 0; i < names.size(); ++i) {
+    bool found = false;
+    std::vector<std::string> valid;
+    for (size_t g = 0; g < groups.size(); ++g) {
+      valid.push_back(groups[g].name);
+      if (groups[g].name != names[i] && !glob_matches(names[i], groups[g].name)) continue;
+      found = out[g] = 1;
+    }
+    if (!found)
+      throw NameError::group(std::string(list) + "[" + std::to_string(i) + "]", names[i],
+                             std::move(valid));
+  }
+  return out;
+}
+
+}  // namespace
+
+AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice) {
+  AutomaticGroups out = GroupMaker(recording).make();
+  const std::vector<char> with = chosen(out.groups, choice.with, "group"),
+                          without = chosen(out.groups, choice.without, "no_group");
+  std::vector<WidthGroup> kept;
+  for (size_t g = 0; g < out.groups.size(); ++g)
+    if (!without[g] && (with[g] || out.groups[g].name != "gears"))
+      kept.push_back(std::move(out.groups[g]));
+  out.groups = std::move(kept);
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,61 @@
+// What the automatic path estimates: everything that could be wrong, in groups.
+//
+// Mounts. Poses of sensors and mounted targets, free without a prior: everything else is measured
+// from them. Two cameras of a rectified pair share one mount, the fixed joint above their link.
+// What nothing can turn is held: a single-point target, and a point sensor that sees points at its
+// own origin only.
+//
+// Groups. Numbers of one kind, of which nothing is known but how far such numbers are usually off:
+// x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
+// (widths.h). Numbers of a kind are exchangeable: that is an assumption.
+//
+//   offsets              of revolute joints         5 mrad     slides        of prismatic ones  1
+//   mm lengths, angles      independent numbers of     1 mm,      sizes         of boards 2 %
+//                        origins, by run            2 mrad     baselines                        2
+//                        mm
+//   focal lengths, centres  2 % of the focal length            distortion                       0.5
+//   scan scales, scan offsets  of a laser's joint   2 %, 10 mrad              shapes  usual errors
+//   gears                scales of all others       1e-3       only when asked for
+//
+// A run is an unbranched row of joints. Of an origin the independent numbers (rig/geometry.h) are
+// meant without what moves along the joint's own axis, which is its offset's. Joints that carry a
+// sensor or target relative to the base, but stand before the paths between those part, are
+// members too that no measurement sees: known only as well as their group.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../rig/recording.h"
+#include "../rig/selection.h"
+
+namespace kincal {
+
+struct Member {
+  Component component;
+  double start = 0;  // width that it begins with, in its own unit
+};
+
+struct WidthGroup {
+  std::string name;
+  std::vector<Member> members;  // some measurement depends on each
+  std::vector<Member> unseen;   // none does
+};
+
+struct AutomaticGroups {
+  std::vector<Freed> mounts;    // whole poses
+  std::vector<Freed> pointing;  // of these, components that turn nothing
+  std::vector<WidthGroup> groups;
+};
+
+/// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
+struct GroupChoice {
+  std::vector<std::string> with, without;
+};
+
+/// Returns the groups of a recording that its training samples depend on.
+/// @throws std::invalid_argument: no training sample has a view; NameError beginning with
+/// "group[N]" or "no_group[N]": no group has the name.
+AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
+
+}  // namespace kincal

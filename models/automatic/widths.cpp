@@ -1,0 +1,179 @@
+#include "widths.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../../solver/decompositions.h"
+
+namespace kincal {
+namespace {
+
+const double kSpread = std::log(3.0);                       // of the hyperprior
+constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
+constexpr double kEvidence = 3;                             // log evidence that keeps a group
+constexpr double kDetermined = 0.1;  // share of a number that the data tell, to keep it
+
+/// 1 / t_i^2; 0: no prior.
+VectorXd precision(const WidthProblem& p, const VectorXd& factor) {
+  VectorXd out = VectorXd::Zero(p.start.size());
+  for (Eigen::Index i = 0; i < out.size(); ++i) {
+    if (p.start(i) == 0) continue;
+    const double t = p.start(i) * (p.group[i] < 0 ? 1 : factor(p.group[i]));
+    out(i) = 1 / (t * t);
+  }
+  return out;
+}
+
+/// Rows and columns of a symmetric matrix.
+MatrixXd block(const MatrixXd& m, const std::vector<int>& rows, const std::vector<int>& columns) {
+  MatrixXd out(rows.size(), columns.size());
+  for (size_t i = 0; i < rows.size(); ++i)
+    for (size_t j = 0; j < columns.size(); ++j)
+      out(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = m(rows[i], columns[j]);
+  return out;
+}
+VectorXd block(const VectorXd& v, const std::vector<int>& rows) {
+  VectorXd out(rows.size());
+  for (size_t i = 0; i < rows.size(); ++i) out(static_cast<Eigen::Index>(i)) = v(rows[i]);
+  return out;
+}
+
+/// A covariance of some numbers, scaled to unit diagonal and factorised.
+struct Scaled {
+  VectorXd scale;
+  Cholesky factor;
+  explicit Scaled(const MatrixXd& c)
+      : scale(c.diagonal().cwiseSqrt().cwiseInverse()),
+        factor(scale.asDiagonal() * c * scale.asDiagonal()) {}
+  MatrixXd solve(const MatrixXd& b) const {
+    MatrixXd out(b.rows(), b.cols());
+    for (Eigen::Index j = 0; j < b.cols(); ++j)
+      out.col(j) = scale.cwiseProduct(factor.solve(scale.cwiseProduct(b.col(j))));
+    return out;
+  }
+  double log_determinant() const {
+    return 2 * (factor.diagonal().array().log().sum() - scale.array().log().sum());
+  }
+};
+
+/// Puts numbers to 0: values and covariance of the others given that.
+void condition(const std::vector<int>& on, VectorXd& value, MatrixXd& covariance) {
+  const Scaled chh(block(covariance, on, on));
+  std::vector<int> all(value.size());
+  for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
+  const MatrixXd ch = block(covariance, all, on);
+  value -= ch * chh.solve(block(value, on));
+  covariance -= ch * chh.solve(ch.transpose());
+  for (int i : on) {
+    value(i) = 0;
+    covariance.row(i).setZero();
+    covariance.col(i).setZero();
+  }
+}
+
+std::vector<int> members_of(const WidthProblem& p, int group) {
+  std::vector<int> out;
+  for (size_t i = 0; i < p.group.size(); ++i)
+    if (p.group[i] == group) out.push_back(static_cast<int>(i));
+  return out;
+}
+
+}  // namespace
+
+Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covariance) {
+  Posterior out;
+  const VectorXd prior = precision(p, factor), b = p.gradient + prior.cwiseProduct(p.at);
+  MatrixXd h = p.normal;
+  h.diagonal() += prior;
+  if (!(h.diagonal().minCoeff() > 0)) return out;
+  const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
+  const Cholesky factorised(scale.asDiagonal() * h * scale.asDiagonal());
+  if (!factorised.good()) return out;
+  const MatrixXd root = factorised.inverse_factor() * scale.asDiagonal();  // C = root' root
+  out.defined = root.allFinite();
+  out.value = -(root.transpose() * (root * b));
+  for (Eigen::Index i = 0; i < prior.size(); ++i)
+    if (prior(i) > 0) out.value(i) += p.at(i);
+  out.variance = root.colwise().squaredNorm();
+  if (covariance) out.covariance = root.transpose() * root;
+  return out;
+}
+
+Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
+  Widths out;
+  out.gamma.setZero(p.groups);
+  for (;; ++out.rounds) {
+    out.factor = factor;
+    const Posterior at = posterior(p, factor, false);
+    if (!at.defined) return out;
+    const VectorXd prior = precision(p, factor);
+    VectorXd squares = VectorXd::Zero(p.groups);
+    out.gamma.setZero();
+    for (Eigen::Index i = 0; i < prior.size(); ++i) {
+      if (p.group[i] < 0) continue;
+      squares(p.group[i]) += at.value(i) * at.value(i) * prior(i);
+      out.gamma(p.group[i]) += 1 - at.variance(i) * prior(i);
+    }
+    double largest = 0;
+    for (int k = 0; k < p.groups; ++k) {
+      const double u = std::log(factor(k)), h = 1 / (kSpread * kSpread);
+      const double slope = squares(k) - out.gamma(k) - u * h;
+      const double step = std::clamp(slope / (2 * std::max(squares(k), out.gamma(k)) + h),
+                                     -kLargestStep, kLargestStep);
+      factor(k) *= std::exp(step);
+      largest = std::max(largest, std::abs(step));
+    }
+    if (largest < kSmallestStep || out.rounds >= rounds) break;
+  }
+  out.posterior = posterior(p, out.factor, true);
+  out.defined = out.posterior.defined;
+  return out;
+}
+
+Holding hold(const WidthProblem& p, const Widths& widths) {
+  Holding out;
+  out.held.assign(p.start.size(), 0);
+  out.whole.assign(p.groups, 0);
+  out.gain.setZero(p.groups);
+  out.value = widths.posterior.value;
+  MatrixXd c = widths.posterior.covariance;
+  const VectorXd prior = precision(p, widths.factor);
+  for (;;) {
+    int least = -1;
+    for (int k = 0; k < p.groups; ++k) {
+      if (out.whole[k]) continue;
+      const std::vector<int> members = members_of(p, k);
+      const Scaled ckk(block(c, members, members));
+      const VectorXd x = block(out.value, members);
+      out.gain(k) = 0.5 * (ckk.log_determinant() + block(prior, members).array().log().sum() +
+                           x.dot(ckk.solve(x).col(0)));
+      if (least < 0 || out.gain(k) < out.gain(least)) least = k;
+    }
+    if (least < 0 || !(out.gain(least) < kEvidence)) break;
+    out.whole[least] = 1;
+    const std::vector<int> members = members_of(p, least);
+    for (int i : members) out.held[i] = 1;
+    condition(members, out.value, c);
+  }
+  std::vector<int> blind;
+  for (int i = 0; i < prior.size(); ++i)
+    if (p.group[i] >= 0 && !out.held[i] && 1 - c(i, i) * prior(i) < kDetermined) blind.push_back(i);
+  for (int i : blind) out.held[i] = 1;
+  if (!blind.empty()) condition(blind, out.value, c);
+  return out;
+}
+
+MatrixXd second_moment(const Widths& widths, const std::vector<char>& held) {
+  const Posterior& all = widths.posterior;
+  std::vector<int> on;
+  for (size_t i = 0; i < held.size(); ++i)
+    if (held[i]) on.push_back(static_cast<int>(i));
+  if (on.empty()) return all.covariance;
+  VectorXd given = all.value;
+  MatrixXd c = all.covariance;
+  condition(on, given, c);
+  const VectorXd mean = all.value - given;
+  return all.covariance + mean * mean.transpose();
+}
+
+}  // namespace kincal

@@ -1,0 +1,80 @@
+// Widths of priors learned from the data: maximum of evidence times hyperprior (empirical Bayes;
+// MacKay, "Bayesian Interpolation", Neural Computation 4, 1992), at a fixed linearisation.
+//
+// Model. Twice the cost of the data about the present values x0 of n unknowns (private ones
+// eliminated) is  c + 2 g'd + d'N d  for a step d. A member i of group k counts from its nominal
+// value and has the prior  x_i ~ N(0, t_i^2), t_i = f_k s_i, with its starting width s_i and the
+// group's one unknown factor f_k = exp(u_k), u_k ~ N(0, (ln 3)^2). With P = diag(1 / t_i^2),
+// H = N + P, C = H^-1 the posterior is
+//     d = -C (g + P x0),   x = x0 + d,   covariance C,
+//     log evidence = -1/2 [c + x0'P x0 - (g + P x0)'C (g + P x0)] - 1/2 log|H| - sum log t_i + ..,
+// and with gamma_k = sum_i (1 - C_ii / t_i^2), the number of members that the data determine,
+//     d/du_k (log evidence + log hyperprior) = sum_i x_i^2 / t_i^2 - gamma_k - u_k / (ln 3)^2.
+// A round steps by that over  2 max(sum_i x_i^2 / t_i^2, gamma_k) + 1 / (ln 3)^2, at most 1.5. A
+// group of which the data say nothing keeps its start; one that is exact shrinks to what the data
+// can resolve, and its width says how well that is known. (No width is shrunk because gamma is
+// small: what has no evidence would be taken as exact.)
+//
+// Gain of a group k: by how much its log evidence exceeds that with x_i = 0 for all its members,
+// everything else as it is. That is the ratio of prior and posterior densities there (Savage and
+// Dickey):  gain = 1/2 log|C_kk| - sum log t_i + 1/2 x_k' C_kk^-1 x_k.
+//
+// Holding. Numbers h are put to their nominal values without evidence for that they are off, and
+// the others a estimated with h = 0. Both are then wrong by  (x_a - a_0, x_h - 0)  in the mean,
+// a_0 = x_a - C_ah C_hh^-1 x_h, and by C about that: their second moment is C + m m',
+//     m_a = C_ah C_hh^-1 x_h,  m_h = x_h,
+// and the posterior of the others C_aa - C_ah C_hh^-1 C_ha.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace kincal {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+struct WidthProblem {
+  MatrixXd normal;         // N, n x n
+  VectorXd gradient;       // g
+  VectorXd at;             // x0, by unknown; what has no prior counts from anywhere
+  VectorXd start;          // s_i; 0: no prior
+  std::vector<int> group;  // by unknown; -1: none, or a prior of its own that stays
+  int groups = 0;
+};
+
+struct Posterior {
+  bool defined = false;  // false: H is not positive definite, nothing else is set
+  VectorXd value;        // x; of unknowns without a prior the step
+  VectorXd variance;     // C's diagonal
+  MatrixXd covariance;   // C
+};
+/// Returns the posterior at these factors, one a group; without the covariance unless it is asked
+/// for. It allocates.
+Posterior posterior(const WidthProblem& problem, const VectorXd& factor, bool covariance);
+
+struct Widths {
+  bool defined = false;
+  int rounds = 0;
+  VectorXd factor;  // by group
+  VectorXd gamma;   // by group
+  Posterior posterior;
+};
+/// Learns the factors, from `factor` on, in at most `rounds` rounds.
+Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
+
+/// What is held for want of evidence.
+struct Holding {
+  std::vector<char> held;   // by unknown
+  std::vector<char> whole;  // by group
+  VectorXd gain;            // by group: when it was held, or at the end
+  VectorXd value;           // of the unknowns, held ones at 0
+};
+/// Holds groups whose gain is below 3, the smallest first and the rest judged anew, and of the
+/// others numbers of which the data tell less than a tenth (1 - C_ii / t_i^2).
+Holding hold(const WidthProblem& problem, const Widths& widths);
+
+/// Returns the second moment of the errors when `held` are put to 0 (see above).
+MatrixXd second_moment(const Widths& widths, const std::vector<char>& held);
+
+}  // namespace kincal
