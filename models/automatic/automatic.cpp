@@ -243,7 +243,7 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
 
 /// What errors are predicted from: all that was estimated or held, and what no measurement sees.
 Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
-                         const std::vector<char>& held) {
+                         const Holding& holding) {
   Prediction out;
   out.columns = learned.columns;
   std::vector<double> variance;
@@ -256,7 +256,7 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
   const auto n = static_cast<Eigen::Index>(learned.columns.size()),
              all = static_cast<Eigen::Index>(out.columns.size());
   out.covariance.setZero(all, all);
-  out.covariance.topLeftCorner(n, n) = second_moment(learned.widths, held);
+  out.covariance.topLeftCorner(n, n) = holding.second_moment;
   for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = variance[i - n];
   return out;
 }
@@ -382,7 +382,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   };
   solution = calibrate(final, run, variations);
   if (!solution.usable() && solution.status != Status::not_converged) return out;
-  solution.prediction = prediction_of(groups, learned, holding.held);
+  solution.prediction = prediction_of(groups, learned, holding);
   set_predicted_sigmas(solution);
   out.groups = told(groups, learned, holding, solution);
   return out;

@@ -56,19 +56,22 @@ struct Scaled {
   }
 };
 
-/// Puts numbers to 0: values and covariance of the others given that.
-void condition(const std::vector<int>& on, VectorXd& value, MatrixXd& covariance) {
+/// Puts numbers to 0: values and covariance of the others given that. Returns by what the values
+/// moved.
+VectorXd condition(const std::vector<int>& on, VectorXd& value, MatrixXd& covariance) {
   const Scaled chh(block(covariance, on, on));
   std::vector<int> all(value.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
   const MatrixXd ch = block(covariance, all, on);
-  value -= ch * chh.solve(block(value, on));
+  VectorXd moved = -ch * chh.solve(block(value, on));
   covariance -= ch * chh.solve(ch.transpose());
   for (int i : on) {
-    value(i) = 0;
+    moved(i) = -value(i);
     covariance.row(i).setZero();
     covariance.col(i).setZero();
   }
+  value += moved;
+  return moved;
 }
 
 std::vector<int> members_of(const WidthProblem& p, int group) {
@@ -135,8 +138,15 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
   out.held.assign(p.start.size(), 0);
   out.whole.assign(p.groups, 0);
   out.gain.setZero(p.groups);
-  out.value = widths.posterior.value;
+  VectorXd value = widths.posterior.value;
   MatrixXd c = widths.posterior.covariance;
+  MatrixXd added = MatrixXd::Zero(c.rows(), c.cols());
+  const auto put_to_0 = [&](const std::vector<int>& numbers, double probability) {
+    for (int i : numbers) out.held[i] = 1;
+    MatrixXd before = c;
+    const VectorXd moved = condition(numbers, value, c);
+    added += probability * (before - c + moved * moved.transpose());
+  };
   const VectorXd prior = precision(p, widths.factor);
   for (;;) {
     int least = -1;
@@ -144,36 +154,21 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
       if (out.whole[k]) continue;
       const std::vector<int> members = members_of(p, k);
       const Scaled ckk(block(c, members, members));
-      const VectorXd x = block(out.value, members);
+      const VectorXd x = block(value, members);
       out.gain(k) = 0.5 * (ckk.log_determinant() + block(prior, members).array().log().sum() +
                            x.dot(ckk.solve(x).col(0)));
       if (least < 0 || out.gain(k) < out.gain(least)) least = k;
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;
     out.whole[least] = 1;
-    const std::vector<int> members = members_of(p, least);
-    for (int i : members) out.held[i] = 1;
-    condition(members, out.value, c);
+    put_to_0(members_of(p, least), 1 / (1 + std::exp(-out.gain(least))));
   }
   std::vector<int> blind;
   for (int i = 0; i < prior.size(); ++i)
     if (p.group[i] >= 0 && !out.held[i] && 1 - c(i, i) * prior(i) < kDetermined) blind.push_back(i);
-  for (int i : blind) out.held[i] = 1;
-  if (!blind.empty()) condition(blind, out.value, c);
+  if (!blind.empty()) put_to_0(blind, 1);
+  out.second_moment = c + added;
   return out;
-}
-
-MatrixXd second_moment(const Widths& widths, const std::vector<char>& held) {
-  const Posterior& all = widths.posterior;
-  std::vector<int> on;
-  for (size_t i = 0; i < held.size(); ++i)
-    if (held[i]) on.push_back(static_cast<int>(i));
-  if (on.empty()) return all.covariance;
-  VectorXd given = all.value;
-  MatrixXd c = all.covariance;
-  condition(on, given, c);
-  const VectorXd mean = all.value - given;
-  return all.covariance + mean * mean.transpose();
 }
 
 }  // namespace kincal

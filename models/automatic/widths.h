@@ -19,11 +19,15 @@
 // everything else as it is. That is the ratio of prior and posterior densities there (Savage and
 // Dickey):  gain = 1/2 log|C_kk| - sum log t_i + 1/2 x_k' C_kk^-1 x_k.
 //
-// Holding. Numbers h are put to their nominal values without evidence for that they are off, and
-// the others a estimated with h = 0. Both are then wrong by  (x_a - a_0, x_h - 0)  in the mean,
-// a_0 = x_a - C_ah C_hh^-1 x_h, and by C about that: their second moment is C + m m',
-//     m_a = C_ah C_hh^-1 x_h,  m_h = x_h,
-// and the posterior of the others C_aa - C_ah C_hh^-1 C_ha.
+// Holding. Numbers h of a group are put to their nominal values if there is no evidence for that
+// they are off, and the others a estimated with h = 0. If they are off all the same, both are wrong
+// by  m = (C_ah C_hh^-1 x_h, x_h)  in the mean and by C about that, second moment C + m m'; if they
+// are not, by the posterior given h = 0, covariance C_0 = C - C_:h C_hh^-1 C_h:. Robots are built
+// to their drawings or are not: both are taken for equally likely beforehand, so the second moment
+// is
+//     C_0 + P (C - C_0 + m m'),   P = 1 / (1 + exp(-gain)).
+// Several groups are held one after the other, each given those before. Single numbers of a group
+// that is kept, which the data do not tell, are put back with P = 1.
 #pragma once
 
 #include <Eigen/Core>
@@ -68,13 +72,10 @@ struct Holding {
   std::vector<char> held;   // by unknown
   std::vector<char> whole;  // by group
   VectorXd gain;            // by group: when it was held, or at the end
-  VectorXd value;           // of the unknowns, held ones at 0
+  MatrixXd second_moment;   // of the errors of all unknowns
 };
 /// Holds groups whose gain is below 3, the smallest first and the rest judged anew, and of the
 /// others numbers of which the data tell less than a tenth (1 - C_ii / t_i^2).
 Holding hold(const WidthProblem& problem, const Widths& widths);
-
-/// Returns the second moment of the errors when `held` are put to 0 (see above).
-MatrixXd second_moment(const Widths& widths, const std::vector<char>& held);
 
 }  // namespace kincal
