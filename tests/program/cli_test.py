@@ -1294,6 +1294,16 @@ class Results(Case):
         self.assertEqual(run.code, 0, run.err)
         r = self.result("spare")
         self.assertEqual(r["steps"][-1]["held_out"], ["target/spare/pose"])
+        # the same by --free: listed and estimated
+        self.write("rig.yaml", text.replace("target/plate/pose, target/spare/pose, joint", "target/plate/pose, joint"))
+        run = self.calibrate("--free", "target/spare/pose", out="by_free")
+        self.assertEqual((run.code, "changes nothing" in run.out), (0, False), run.err)
+        self.assertEqual(self.result("by_free")["steps"][-1]["held_out"], ["target/spare/pose"])
+        self.assertEqual(self.result("by_free")["sensors"]["tracker"]["test"], r["sensors"]["tracker"]["test"])
+        # held again by --fix: neither
+        run = self.calibrate("--free", "target/spare/pose", "--fix", "target/spare/pose", out="by_fix")
+        self.assertEqual(self.result("by_fix")["steps"][-1]["held_out"], [])
+        self.assertGreater(self.result("by_fix")["sensors"]["tracker"]["test"]["rms"], 0.01)
         self.assertEqual(r["unobservable"], [])
         self.assertLess(r["sensors"]["tracker"]["test"]["rms"], 0.001)
 
