@@ -83,7 +83,17 @@ std::shared_ptr<const Recording> solve(std::shared_ptr<const Recording> recordin
   return recording;
 }
 
-void analyse(const StudyOptions& options, Report& report) {
+/// What cross-validation is made of: the samples as given, with the sigmas of the result.
+std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const Report& report) {
+  std::vector<Sample> samples = given.samples;
+  std::vector<NoiseLevel> levels = report.noise_levels;
+  for (NoiseLevel& level : levels) level.seen = level.used;
+  Rig ignored = given.rig;
+  if (report.noise_estimated) scale_noise(ignored, samples, levels);
+  return make_recording(report.solution.rig(), std::move(samples));
+}
+
+void analyse(const Recording& given, const StudyOptions& options, Report& report) {
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
   report.explanation = explain(at);
@@ -108,7 +118,8 @@ void analyse(const StudyOptions& options, Report& report) {
   validation.test = held_out_errors(solution, report.residuals);
   if (options.cross_validate > 0) {
     validation.cross_validation =
-        cross_validate(solution.recording, options.calibration, options.cross_validate);
+        cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
+                       options.calibration, options.cross_validate, options.reject);
     if (!validation.cross_validation) throw StudyCancelled();
   }
   if (!options.frames.empty()) {
@@ -151,7 +162,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     }
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
-    if (!undefined) analyse(options, report);
+    if (!undefined) analyse(*given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
     if (options.diagnose && unexplained)
