@@ -66,7 +66,7 @@ struct Work {
   std::vector<SetSummary> summaries;  // by set; status empty: not yet known
   std::vector<size_t> todo;           // sets to calibrate
   std::vector<std::string> redone;    // those of them that have a result, with why it does not do
-  size_t failing = 0;                 // sets that are known to fail, so far
+  size_t failing = 0;                 // of `todo`, so far
 };
 
 /// Looks for what is done already; false: interrupted.
@@ -218,7 +218,7 @@ int batch(const BatchArguments& a) {
   for (const SetSummary& s : work.summaries) {
     if (s.status.empty()) continue;
     if (s.status != "failed") ++before;
-    if (s.fails()) ++work.failing, progress.say(failing_text(s));
+    if (s.fails()) progress.say(failing_text(s));
   }
   if (!silent)
     progress.say(count + (before > 0 ? ", " + std::to_string(before) + " done before" : "") +

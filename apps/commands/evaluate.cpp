@@ -9,6 +9,7 @@
 #include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../tables/report_table.h"
+#include "../tables/validation_table.h"
 #include "command.h"
 
 namespace kincal {
@@ -35,7 +36,8 @@ int evaluate(const EvaluateArguments& a) {
     if (a.json) {
       std::cout << evaluation_json(evaluation, words);
     } else {
-      std::cout << residual_table(evaluation.sensors, false);
+      std::cout << residual_table(evaluation.sensors, false)
+                << unfinished_text(evaluation.unfinished);
       std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2,
                   evaluation.dof);
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);

@@ -1,6 +1,7 @@
 #include "local_report.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "table.h"
 
@@ -11,6 +12,10 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
       "%d samples near, the nearest at %.3g, %d within %.4g (largest difference of a joint, rad or "
       "m)\n",
       local.near, local.distances.front(), local.samples, local.radius);
+  std::string unknown;
+  for (const LocalOffset& o : local.offsets)
+    if (!std::isfinite(o.offset))
+      unknown += (unknown.empty() ? "" : ", ") + rig.tree.joints[o.joint].name;
   if (local.gain) {
     out += "\nOffsets around this posture, to be added to the joints' positions\n";
     std::vector<std::vector<std::string>> rows = {{"joint", "offset", "sigma", "unit", ""}};
@@ -20,6 +25,7 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
       rows.push_back({joint.name, text("%+.4g", o.offset * unit.factor),
                       "± " + text("%.2g", o.sigma * unit.factor), unit.name,
                       o.determined ? "" : "not determined near here"});
+      if (!std::isfinite(o.offset)) rows.back() = {joint.name, "unknown", "", unit.name, ""};
     }
     out += align(rows, 1);
     out += text("\nValid while no joint is further than %.4g from the posture", local.radius);
@@ -29,6 +35,10 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
   } else {
     out += "\nNo gain: the global calibration is as good here. Offsets are 0\n";
   }
+  if (!unknown.empty())
+    out += "\nUnknown, for no sample within " + text("%.4g", local.bandwidth) +
+           " depends on them: " + unknown +
+           ".\nRecord postures around this one that they have a part in, or do not name them\n";
   out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted "
                       "without itself)\n"
                     : "\nErrors nearby with offsets that were tried (rms, readings as they are; "
@@ -55,6 +65,10 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
       "chi2 in the directions of the offsets %.4g -> %.4g: gain %.3g ± %.2g; noise %.3g times as "
       "stated\n",
       local.chi2_before, local.chi2, local.chi2_before - local.chi2, local.gain_sigma, local.noise);
+  if (!local.not_converged.empty())
+    out += text("not converged: targets and joint errors of %zu of the samples, first '",
+                local.not_converged.size()) +
+           local.not_converged.front() + "'\n";
   return out;
 }
 

@@ -84,17 +84,19 @@ std::string loop_table(const Report& report) {
   return out;
 }
 
-/// The minima that restarts found.
-std::string restart_table(const Restarts& restarts) {
+/// The minima that restarts found; `converged`: the result's last step.
+std::string restart_table(const Restarts& restarts, bool converged) {
   const int own = restarts.minima[0].count, failed = restarts.failed;
   std::string out = text("  %d of %d end in this minimum", own, restarts.count);
-  if (failed) out += text(", %d failed", failed);
+  if (failed)
+    out += text(", %d failed (%d not converged, %d without a start)", failed,
+                restarts.not_converged, failed - restarts.not_converged);
   out += "\n";
   if (restarts.minima.size() == 1) return out;
   std::vector<std::vector<std::string>> rows = {{"restarts", "cost", "most different, in sigmas"}};
   for (size_t i = 0; i < restarts.minima.size(); ++i) {
     const Minimum& m = restarts.minima[i];
-    std::string names = i == 0 ? "this result" : "";
+    std::string names = i == 0 ? converged ? "this result" : "this result (not converged)" : "";
     for (size_t k = 0; k < m.differs.size() && k < 3; ++k)
       names += (k ? ", " : "") + m.differs[k].first + text(" %+.3g", m.differs[k].second);
     rows.push_back({std::to_string(m.count), text("%.8g", m.cost), names});
@@ -255,10 +257,14 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   if (!report.automatic.empty())
     out +=
         "\nWhat could be wrong (the rig has no `estimate`)\n" + automatic_table(report.automatic);
-  out += "\nResiduals (rms)\n" + residual_table(report.residuals.sensors, true);
+  const bool converged = report.solution.status != Status::not_converged;
+  out += std::string("\nResiduals (rms") + (converged ? "" : "; a step did not converge") + ")\n" +
+         residual_table(report.residuals.sensors, true) +
+         unfinished_text(report.residuals.unfinished);
   out += validation_table(report);
   if (report.restarts)
-    out += "\nRestarts from other starting values\n" + restart_table(*report.restarts);
+    out += "\nRestarts from other starting values\n" +
+           restart_table(*report.restarts, report.solution.steps.back().converged);
   if (!report.loops.empty())
     out +=
         "\nLoops (rms before→after of one sensor's points in another's view of them, joint "

@@ -6,12 +6,25 @@
 
 namespace kincal {
 
+std::string unfinished_text(const std::vector<Unfinished>& all, bool held_out_only) {
+  std::string out;
+  for (const Unfinished& u : all) {
+    if (held_out_only && u.train) continue;
+    out += "  not converged: " + u.column +
+           (u.train ? " of training, " : " of what is held out, ") +
+           text("in %zu sample%s, first '", u.samples.size(), u.samples.size() == 1 ? "" : "s") +
+           u.samples.front() + "'\n";
+  }
+  return out;
+}
+
 std::string validation_table(const Report& report) {
   const Validation& v = report.validation;
   std::string out;
   const auto errors = [&](const std::vector<HeldOutError>& sensors) {
-    std::vector<std::vector<std::string>> rows = {
-        {"sensor", "unit", "points", "over", "rms", "95 %", "as read", "95 %", "training as read"}};
+    std::vector<std::vector<std::string>> rows = {{"sensor", "unit", "points", "over", "median",
+                                                   "rms", "95 %", "as read", "95 %",
+                                                   "training as read"}};
     const auto interval = [](const Interval& i, double factor) {
       return std::isfinite(i.low) ? value(i.low, factor) + " to " + value(i.high, factor) : "-";
     };
@@ -26,6 +39,7 @@ std::string validation_table(const Report& report) {
         if (e.missing > 0) over += ", " + std::to_string(e.missing) + " views missing";
         rows.push_back({rotation ? "" : e.sensor, unit.name,
                         rotation ? "" : std::to_string(e.points), rotation ? "" : over,
+                        rotation ? "" : value(e.median, unit.factor),
                         value(rotation ? e.rotation : e.rms, unit.factor),
                         interval(rotation ? e.of_rotation : e.of_rms, unit.factor),
                         value(rotation ? e.rotation_as_read : e.rms_as_read, unit.factor),
@@ -35,8 +49,8 @@ std::string validation_table(const Report& report) {
     return align(rows, 2);
   };
   if (!v.test.empty())
-    out +=
-        "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" + errors(v.test);
+    out += "\nHeld out (rms of data that the fit did not see, with 95 % intervals)\n" +
+           errors(v.test) + unfinished_text(report.residuals.unfinished, true);
   if (v.cross_validation) {
     const CrossValidation& c = *v.cross_validation;
     out += text(
@@ -44,19 +58,25 @@ std::string validation_table(const Report& report) {
                "it)\n",
                c.folds.size(), c.by_target ? ", whole targets held out" : "") +
            errors(c.sensors);
+    size_t rejected = 0;
+    for (const CrossValidation::Fold& fold : c.folds) rejected += fold.rejected.size();
+    if (c.reject)
+      out += text("  judged with its outliers; from the training of the folds %zu were taken out\n",
+                  rejected);
     for (size_t f = 0; f < c.folds.size(); ++f) {
       const CrossValidation::Fold& fold = c.folds[f];
-      const char* wrong = !fold.error.empty() ? "no calibration: "
-                          : !fold.converged   ? "not converged"
-                          : !fold.determined
-                              ? "the other folds do not determine every freed parameter"
+      const char* wrong =
+          !fold.error.empty() ? "no calibration: "
+          : !fold.converged   ? "not converged"
+          : !fold.judged      ? "joint errors or targets of its own samples: not converged"
+          : !fold.determined  ? "the other folds do not determine every freed parameter"
                               : nullptr;
       if (wrong) out += text("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
     }
     std::string never;
     for (const std::string& n : c.never) never += (never.empty() ? "" : ", ") + n;
     if (!never.empty())
-      out += "  never held out (the only data of a sensor or target): " + never + "\n";
+      out += "  never held out (the only data of a sensor, target or joint): " + never + "\n";
   }
   if (!v.frames.empty()) {
     out += "\nFrames relative to " + v.frames[0].base +

@@ -11,4 +11,7 @@ namespace kincal {
 /// of these.
 std::string validation_table(const Report& report);
 
+/// Returns a line for each column of residuals that is not final; empty: all are.
+std::string unfinished_text(const std::vector<Unfinished>& all, bool held_out_only = false);
+
 }  // namespace kincal

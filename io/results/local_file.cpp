@@ -92,11 +92,14 @@ Json json_of(const Rig& rig, const LocalPosture& posture, const LocalCalibration
                  {"after", number(local.chi2)},
                  {"gain_sigma", number(local.gain_sigma)}};
   out["significance"] = number(local.significance);
+  out["not_converged"] = local.not_converged;
   out["offsets"] = Json::object();
   for (const LocalOffset& o : local.offsets) {
     const Joint& joint = rig.tree.joints[o.joint];
     Json one = {{"offset", number(o.offset)},
                 {"unit", joint.type == JointType::prismatic ? "m" : "rad"}};
+    if (!std::isfinite(o.offset))
+      one["unknown"] = "no sample within the bandwidth depends on this joint";
     if (local.gain) {
       one["sigma"] = number(o.sigma);
       one["variation"] = number(o.variation);

@@ -70,7 +70,9 @@ Json held_out_table(const std::vector<HeldOutError>& sensors) {
                 {"rms", number(e.rms)},
                 {"rms_95", interval(e.of_rms)},
                 {"rms_as_read", number(e.rms_as_read)},
-                {"rms_as_read_95", interval(e.of_rms_as_read)}};
+                {"rms_as_read_95", interval(e.of_rms_as_read)},
+                {"median", number(e.median)},
+                {"median_as_read", number(e.median_as_read)}};
     if (e.measures_pose) {
       one["rms_rotation"] = number(e.rotation);
       one["rms_rotation_95"] = interval(e.of_rotation);
@@ -95,11 +97,12 @@ Json validation_json(const Validation& v) {
     const CrossValidation& c = *v.cross_validation;
     Json folds = Json::array();
     for (const CrossValidation::Fold& f : c.folds) {
-      const char* status = !f.error.empty() ? "failed"
-                           : !f.converged   ? "not_converged"
-                           : !f.determined  ? "unobservable"
-                                            : "converged";
+      const char* status = !f.error.empty()            ? "failed"
+                           : !f.converged || !f.judged ? "not_converged"
+                           : !f.determined             ? "unobservable"
+                                                       : "converged";
       folds.push_back({{"held_out", f.held_out}, {"status", status}, {"error", f.error}});
+      if (c.reject) folds.back()["rejected"] = f.rejected.size();
     }
     out["cross_validation"] = {{"by", c.by_target ? "target" : "sample"},
                                {"folds", folds},
@@ -198,7 +201,10 @@ Json loop_list(const std::vector<Loop>& loops) {
 }
 
 Json restarts_json(const Restarts& restarts) {
-  Json out = {{"count", restarts.count}, {"failed", restarts.failed}, {"minima", Json::array()}};
+  Json out = {{"count", restarts.count},
+              {"failed", restarts.failed},
+              {"not_converged", restarts.not_converged},
+              {"minima", Json::array()}};
   for (const Minimum& m : restarts.minima) {
     Json differs = Json::object();
     for (const auto& d : m.differs) differs[d.first] = number(d.second);

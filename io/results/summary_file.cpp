@@ -42,6 +42,10 @@ Json set_json(const SetSummary& set) {
                                  {"initial", number(c.initial)},
                                  {"value", number(c.value)},
                                  {"sigma", number(c.sigma)}};
+  out["poses"] = Json::object();
+  for (const AbsolutePose& p : set.poses)
+    out["poses"][p.name] = {{"xyz", numbers({p.xyz.x(), p.xyz.y(), p.xyz.z()})},
+                            {"rpy", numbers({p.rpy.x(), p.rpy.y(), p.rpy.z()})}};
   return out;
 }
 
@@ -64,6 +68,11 @@ SetSummary read_set(const Json& json) {
                            number_or_none(v.at("initial")), number_or_none(v.at("value")),
                            number_or_none(v.at("sigma"))});
   }
+  const auto vector = [](const Json& v) {
+    return Vector3d(number_or_none(v.at(0)), number_or_none(v.at(1)), number_or_none(v.at(2)));
+  };
+  for (const auto& p : json.at("poses").items())
+    set.poses.push_back({p.key(), vector(p.value().at("xyz")), vector(p.value().at("rpy"))});
   return set;
 }
 
@@ -73,11 +82,21 @@ std::string heading(const std::string& name, const std::string& unit) {
   return unit.empty() ? name : name + " [" + unit + "]";
 }
 
-/// The columns of a set: of its sensors, or of its parameters. A value that is no number, and a
-/// parameter that did not change, need no column.
-std::vector<std::pair<std::string, double>> entries(const SetSummary& set, bool parameters) {
+/// What columns are of.
+enum class ColumnKind { sensors, changes, poses };
+constexpr ColumnKind kColumnKinds[] = {ColumnKind::sensors, ColumnKind::changes, ColumnKind::poses};
+
+/// The columns of a set. A value that is no number, and a parameter that did not change, need no
+/// column.
+std::vector<std::pair<std::string, double>> entries(const SetSummary& set, ColumnKind columns) {
   std::vector<std::pair<std::string, double>> all;
-  if (parameters) {
+  if (columns == ColumnKind::poses) {
+    const char* names[] = {"x", "y", "z", "roll", "pitch", "yaw"};
+    for (const AbsolutePose& p : set.poses)
+      for (int c = 0; c < 6; ++c)
+        all.push_back({heading("absolute " + p.name + "." + names[c], c < 3 ? "m" : "rad"),
+                       c < 3 ? p.xyz(c) : p.rpy(c - 3)});
+  } else if (columns == ColumnKind::changes) {
     for (const Change& c : set.changes)
       if (c.value != c.initial) all.push_back({heading(c.name, c.unit), c.value - c.initial});
   } else {
@@ -111,11 +130,14 @@ SetSummary summarize(const Report& report) {
     if (s.measures_pose)
       set.sensors.push_back({s.name + "/rotation", "rad", s.train.rotation, s.test.rotation});
   }
-  for (const ParameterEstimate& e : solution.parameters)
+  for (const ParameterEstimate& e : solution.parameters) {
+    if (e.pose)
+      set.poses.push_back({e.name, e.pose->translation, rpy_from_rotation(e.pose->rotation)});
     for (size_t c = 0; c < e.value.size(); ++c)
       if (e.sigma[c] != 0)  // 0: held
         set.changes.push_back(
             {e.component_name(c), e.units[c], e.initial[c], e.value[c], e.sigma[c]});
+  }
   return set;
 }
 
@@ -146,9 +168,9 @@ std::optional<BatchRecord> read_record(const std::string& path) {
 std::string summary_csv(const std::vector<SetSummary>& sets) {
   std::vector<std::string> columns;
   std::map<std::string, size_t> index;
-  for (bool parameters : {false, true})
+  for (ColumnKind kind : kColumnKinds)
     for (const SetSummary& set : sets)
-      for (const auto& e : entries(set, parameters))
+      for (const auto& e : entries(set, kind))
         if (index.emplace(e.first, columns.size()).second) columns.push_back(e.first);
 
   std::string out = "name,status,exit_code,error,chi2,dof,chi2_per_dof,warnings";
@@ -165,8 +187,8 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
              std::to_string(set.warnings.size());
     }
     std::vector<std::string> cells(columns.size());
-    for (bool parameters : {false, true})
-      for (const auto& e : entries(set, parameters)) cells[index[e.first]] = shortest(e.second);
+    for (ColumnKind kind : kColumnKinds)
+      for (const auto& e : entries(set, kind)) cells[index[e.first]] = shortest(e.second);
     for (const std::string& c : cells) out += "," + c;
     out += "\n";
   }

@@ -24,6 +24,13 @@ struct Change {
   double initial = 0, value = 0, sigma = 0;
 };
 
+/// An AbsolutePose is that of a pose parameter that a step freed, as the URDF writes it: it can be
+/// compared with other sets, whose changes count from starts of their own.
+struct AbsolutePose {
+  std::string name;
+  Vector3d xyz, rpy;
+};
+
 /// A SetSummary is one set of a batch.
 struct SetSummary {
   std::string name;
@@ -34,6 +41,7 @@ struct SetSummary {
   long dof = 0;
   std::vector<SensorRms> sensors;
   std::vector<Change> changes;
+  std::vector<AbsolutePose> poses;
   std::vector<std::string> warnings;
 
   bool fails() const { return exit_code != 0; }
@@ -55,8 +63,8 @@ std::string record_text(const BatchRecord& record);
 std::optional<BatchRecord> read_record(const std::string& path);
 
 /// Writes one line a set. Columns of sensors and parameters stand in the order in which the sets
-/// name them first; parameters that no set changed are left out. Nothing in it depends on time or
-/// on how many ran at once.
+/// name them first; parameters that no set changed are left out. Absolute poses stand last. Nothing
+/// in it depends on time or on how many ran at once.
 std::string summary_csv(const std::vector<SetSummary>& sets);
 /// Writes everything; `ignored` counts the folders that are no set.
 std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version,

@@ -46,6 +46,24 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   return {rms / factor, rms * factor};
 }
 
+namespace {
+
+/// Returns the median; NaN: of nothing. The values change places.
+double median_of(std::vector<double> values) {
+  if (values.empty()) return kNan;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Appends the length of each point's residual; of a pose, of its translation.
+void add_lengths(const VectorXd& raw, Eigen::Index rows, bool pose, std::vector<double>& to) {
+  for (Eigen::Index at = 0; at < raw.size(); at += rows)
+    to.push_back(raw.segment(at, pose ? 3 : rows).norm());
+}
+
+}  // namespace
+
 void HeldOutSums::add(const Recording& recording, const Residuals& residuals,
                       const std::vector<int>& index) {
   const Rig& rig = recording.rig;
@@ -59,6 +77,8 @@ void HeldOutSums::add(const Recording& recording, const Residuals& residuals,
       const bool whole = rig.sensors[r.view->sensor].model->measures_pose();
       const double squared = whole ? r.raw.head<3>().squaredNorm() : r.raw.squaredNorm();
       const double rotation = whole ? r.raw.tail<3>().squaredNorm() : 0;
+      add_lengths(r.raw, whole ? 6 : rig.sensors[r.view->sensor].model->rows(), whole,
+                  (read ? lengths_as_read : lengths)[r.view->sensor]);
       (read ? sums.as_read : sums.squared) += squared;
       (read ? sums.rotation_as_read : sums.rotation) += rotation;
       if (read) {
@@ -113,6 +133,12 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
     };
     judge(&BlockSums::squared, e.rms, e.of_rms);
     judge(&BlockSums::as_read, e.rms_as_read, e.of_rms_as_read);
+    const auto median = [&](const std::map<int, std::vector<double>>& by_sensor) {
+      const auto found = by_sensor.find(static_cast<int>(s));
+      return found == by_sensor.end() ? kNan : median_of(found->second);
+    };
+    e.median = median(held_out.lengths);
+    e.median_as_read = median(held_out.lengths_as_read);
     e.rotation = e.rotation_as_read = kNan;
     if (e.measures_pose) {
       judge(&BlockSums::rotation, e.rotation, e.of_rotation);

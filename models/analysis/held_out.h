@@ -9,6 +9,9 @@
 // inside and of any size. Nothing is random. The interval is how far rms would scatter with other
 // blocks of the same kind for this calibration; with fewer than three targets, or views, the blocks
 // are samples, and with fewer than three of those there is no interval.
+//
+// A median stands beside each root mean square: a few gross outliers decide the one and leave the
+// other alone.
 #pragma once
 
 #include <map>
@@ -38,6 +41,7 @@ struct HeldOutError {
   long blocks = 0;         // from which the intervals are made
   bool by_target = false;  // blocks are targets
   double rms, rms_as_read, rotation, rotation_as_read;
+  double median = kNan, median_as_read = kNan;  // of the residuals' lengths; poses: translation
   Interval of_rms, of_rms_as_read, of_rotation, of_rotation_as_read;
 };
 
@@ -53,8 +57,9 @@ struct BlockSums {
 
 /// HeldOutSums are sums of held-out residuals by sensor and sample.
 struct HeldOutSums {
-  std::map<std::pair<int, int>, BlockSums> all;  // (sensor, sample of the whole set)
-  std::map<int, long> missing;                   // sensor -> views
+  std::map<std::pair<int, int>, BlockSums> all;                 // (sensor, sample of the whole set)
+  std::map<int, long> missing;                                  // sensor -> views
+  std::map<int, std::vector<double>> lengths, lengths_as_read;  // of residuals, by sensor
 
   /// Adds the held-out residuals of a calibration of some samples; `index` says where each of these
   /// stands in the whole set.

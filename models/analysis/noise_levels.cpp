@@ -132,13 +132,15 @@ void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& st
     const std::vector<NoisePart> parts = sensor.model->noise_parts();
     const int first = kinds.of_sensor[r.view->sensor];
     const bool split = own_noise_only && parts.size() > 1;
+    Loss loss = setup.loss;  // as the rows were weighed with it
+    if (!setup.noise_ratios.empty()) loss.scale *= setup.noise_ratios[r.view->sensor];
     const Eigen::Index block = setup.noise == NoiseMode::marginal ? r.whitened.size()
                                : setup.noise == NoiseMode::point && sensor.model->point_form()
                                    ? 3
                                    : sensor.model->rows();
     for (Eigen::Index at = 0; at < r.whitened.size(); at += block) {
       double slope;
-      setup.loss(r.whitened.segment(at, block).squaredNorm(), slope);
+      loss(r.whitened.segment(at, block).squaredNorm(), slope);
       for (size_t p = 0; p < (split ? parts.size() : 1); ++p) {
         const long count = split ? parts[p].count : static_cast<long>(block);
         kinds.sums[first + p].weights += slope * count;
@@ -336,6 +338,34 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
     level.seen =
         std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
     out.push_back(std::move(level));
+  }
+  return out;
+}
+
+std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
+                                        const VectorXd& state) {
+  constexpr size_t kLeastSamples = 8;
+  std::vector<std::vector<double>> sizes(rig.joints.size());
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    const int k = problem.groups()[g].private_size;
+    MatrixXd rows;
+    std::vector<NoiseRows> kinds;
+    if (k == 0 || !problem.noise_rows(static_cast<int>(g), state, rows, kinds)) continue;
+    const MatrixXd own = Elimination(rows.leftCols(k)).basis();
+    for (const NoiseRows& w : kinds)
+      for (int i = w.first; w.joint >= 0 && i < w.first + w.count; ++i) {
+        const double left = 1 - own.row(i).squaredNorm();
+        if (left >= kLeastShare)
+          sizes[w.joint].push_back(std::abs(rows(i, rows.cols() - 1)) / std::sqrt(left));
+      }
+  }
+  std::vector<double> out(rig.joints.size(), 1.0);
+  for (size_t j = 0; j < sizes.size(); ++j) {
+    std::vector<double>& v = sizes[j];
+    if (v.size() < kLeastSamples) continue;
+    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+    std::nth_element(v.begin(), middle, v.end());
+    out[j] = 1.4826 * *middle;
   }
   return out;
 }

@@ -30,7 +30,8 @@
 //
 // With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it
 // would be for normal noise of the assumed size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the
-// block's m residuals.
+// block's m residuals. A loss whose scale comes from the data has its scale in units of the noise
+// that is there, not of the assumed one: b is that of normal noise of just this size.
 //
 // Helmert 1907; Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und Kovarianzkomponenten",
 // Allg. Vermessungs-Nachrichten 86 (1979); Koch, "Parameter Estimation and Hypothesis Testing in
@@ -73,6 +74,13 @@ NoiseLevels noise_levels(const Linearisation& at);
 /// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
                                      const MatrixXd& covariance);
+
+/// Returns by joint the noise of its readings over what the rig states, at a fit of mode latent
+/// that may have gross outliers in it: the median size of its errors, each over what its sample's
+/// own fit leaves of one (1 - h_ii), so that a minority of wrong readings changes little. 1: too
+/// few samples tell.
+std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
+                                        const VectorXd& state);
 
 /// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all
 /// views, those with sigmas or covariances of their own included.

@@ -48,7 +48,7 @@ struct Judge {
 };
 
 struct Judged {
-  bool converged = true;
+  std::vector<std::string> not_converged;  // samples
   double chi2 = 0;
   long dof = 0;
   std::vector<Sums> sums;  // by sensor
@@ -126,7 +126,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
     Estimation& problem = *one.problem;
     const VectorXd& state = one.state;
     const SolveSummary& summary = one.summary;
-    out.converged = out.converged && summary.outcome == Outcome::converged;
+    if (summary.outcome != Outcome::converged)
+      for (int i : group) out.not_converged.push_back(recording.samples[i].id);
     out.chi2 += summary.cost.chi2;
     if (how.with_dof) {
       problem.renew(state);
@@ -137,6 +138,11 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
     std::move(residuals.begin(), residuals.end(), std::back_inserter(out.residuals));
   }
   return out;
+}
+
+void note_unfinished(const Judged& judged, bool train, const char* column,
+                     std::vector<Unfinished>& out) {
+  if (!judged.not_converged.empty()) out.push_back({train, column, judged.not_converged});
 }
 
 double rms(double squared, long points) { return points ? std::sqrt(squared / points) : kNan; }
@@ -224,6 +230,9 @@ Residuals residuals(const Linearisation& at) {
       set_statistics(now.sums[i], read.sums[i], before.sums[i], sensor.measures_pose,
                      train ? sensor.train : sensor.test);
     }
+    note_unfinished(now, train, "rms", out.unfinished);
+    note_unfinished(read, train, "rms_as_read", out.unfinished);
+    note_unfinished(before, train, "rms_before", out.unfinished);
     for (const std::string& id : before.undefined) out.undefined.push_back({id, true});
     for (const std::string& id : now.undefined) out.undefined.push_back({id, false});
     append(now.residuals, out.after);
@@ -269,7 +278,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
           "' cannot be evaluated: a point lies behind a camera wherever its target is put" +
           (some_sensor_tells_no_pose(rig) ? ", or what sees its target does not tell where it is"
                                           : ""));
-    out.converged = out.converged && now.converged;
+    note_unfinished(now, train, "rms", out.unfinished);
+    note_unfinished(read, train, "rms_as_read", out.unfinished);
     out.chi2 += now.chi2;
     out.dof += now.dof;
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
@@ -283,6 +293,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
       set_statistics(now.sums[i], read.sums[i], Sums(), sensor.measures_pose, s);
     }
   }
+  out.converged = out.unfinished.empty();
   for (const std::string& pattern : patterns) {
     const std::vector<Freed> found = table.select(pattern);
     if (std::none_of(found.begin(), found.end(),

@@ -37,11 +37,20 @@ struct UndefinedSample {
   bool before = false;  // at the initial values; else (held out) at the estimate
 };
 
+/// Unfinished is a column of root mean squares behind which a minimisation (of free targets, joint
+/// errors or what only held-out samples see) ended without convergence: its numbers are not final.
+struct Unfinished {
+  bool train = true;                 // the split
+  std::string column;                // "rms", "rms_as_read", "rms_before"
+  std::vector<std::string> samples;  // whose minimisation it was
+};
+
 struct Residuals {
   std::vector<SensorResult> sensors;  // that see something
   std::vector<ViewResiduals> after, before,
       as_read;                             // of all samples, the same views in the same order
   std::vector<UndefinedSample> undefined;  // missing from these
+  std::vector<Unfinished> unfinished;
 };
 
 struct Linearisation;
@@ -51,7 +60,8 @@ Residuals residuals(const Linearisation& at);
 
 /// An Evaluation is the table of residuals at given parameters.
 struct Evaluation {
-  bool converged = true;  // the estimation of targets and joint errors
+  bool converged = true;  // the estimation of targets and joint errors: nothing is unfinished
+  std::vector<Unfinished> unfinished;
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;  // without rms_before

@@ -76,9 +76,10 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, con
          views + ". Check poses, joint readings and the sensor's link";
 }
 
-/// A step's fit. `robust`: as StepVariations has it. Throws Ended.
+/// A step's fit. `robust`: as StepVariations has it; `noise_ratios`: of its loss, null: from the
+/// residuals. Throws Ended.
 Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust,
-             Solution& solution) {
+             const std::vector<double>* noise_ratios, Solution& solution) {
   const Recording& recording = *solution.recording;
   EstimationSetup setup;
   setup.noise = options.noise;
@@ -96,6 +97,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     fit_options.solver.relative_decrease = kRepeatedDecrease;
     fit_options.solver.max_iterations = std::min(options.max_iterations, kRepeatedIterations);
   }
+  fit_options.noise_ratios = noise_ratios;
   if (robust) {
     fit_options.start_loss = Loss{LossKind::soft_l1, 3};
     fit_options.leave_out_undefined = true;
@@ -160,7 +162,9 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     const auto begin = std::chrono::steady_clock::now();
     if (variations.before_step)
       variations.before_step(plan, solution.initial, solution.values.shared);
-    Fit step = fit_step(plan, options, variations.robust, solution);
+    const bool given = last && !variations.noise_ratios.empty();
+    Fit step = fit_step(plan, options, variations.robust,
+                        given ? &variations.noise_ratios : nullptr, solution);
     solution.columns = step.problem->columns();
     auto observed = std::make_unique<LastProblem>();
     observed->observability =

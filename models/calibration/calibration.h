@@ -36,6 +36,9 @@ struct StepVariations {
   /// It is called before each step with its plan, the values that estimates count from, and the
   /// values that the step starts from, to be moved.
   std::function<void(const StepPlan&, const VectorXd&, VectorXd&)> before_step;
+  /// By sensor: where the scales of the last step's loss end, if they come from the data; empty: at
+  /// what the residuals show.
+  std::vector<double> noise_ratios;
   bool robust = false;  // every step by a graduated fit (fitting/robust.h), not to convergence;
                         // samples that cannot start stay out
 };

@@ -60,7 +60,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.automatic = std::move(found.groups);
     left = report.solution.recording;
     solved = true;
-    if (ended(report.solution)) return left;
+    if (ended(report.solution)) return recording;
   }
   if (options.estimate_noise) {
     std::optional<NoiseEstimate> estimate = estimate_noise(left, calibration);
@@ -73,10 +73,20 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);
-  return automatic ? left : recording;
+  return automatic ? make_recording(report.solution.rig(), recording->samples) : recording;
 }
 
-void analyse(const StudyOptions& options, Report& report) {
+/// What cross-validation is made of: the samples as given, with the sigmas of the result.
+std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const Report& report) {
+  std::vector<Sample> samples = given.samples;
+  std::vector<NoiseLevel> levels = report.noise_levels;
+  for (NoiseLevel& level : levels) level.seen = level.used;
+  Rig ignored = given.rig;
+  if (report.noise_estimated) scale_noise(ignored, samples, levels);
+  return make_recording(report.solution.rig(), std::move(samples));
+}
+
+void analyse(const Recording& given, const StudyOptions& options, Report& report) {
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
   report.explanation = explain(at);
@@ -101,7 +111,8 @@ void analyse(const StudyOptions& options, Report& report) {
   validation.test = held_out_errors(solution, report.residuals);
   if (options.cross_validate > 0) {
     validation.cross_validation =
-        cross_validate(solution.recording, options.calibration, options.cross_validate);
+        cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
+                       options.calibration, options.cross_validate, options.reject);
     if (!validation.cross_validation) throw StudyCancelled();
   }
   if (!options.frames.empty()) {
@@ -137,7 +148,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const std::shared_ptr<const Recording> given = solve(recording, options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
-    if (!undefined) analyse(options, report);
+    if (!undefined) analyse(*given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
     if (options.diagnose && unexplained)

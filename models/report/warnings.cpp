@@ -72,6 +72,15 @@ void warn_of_undefined(const Residuals& residuals, Warnings& out) {
                                        "camera): it is missing from its rms"});
 }
 
+void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Warnings& out) {
+  for (const Unfinished& u : unfinished)
+    out.push_back({"unfinished",
+                   u.column + (u.train ? " of the training samples" : " of the held-out samples") +
+                       " is not final: what was estimated to judge them did not converge in " +
+                       count_text(u.samples.size(), "sample") + ", first '" + u.samples.front() +
+                       "'"});
+}
+
 void warn_of_steps(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   for (const StepResult& s : solution.steps)
@@ -130,6 +139,21 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
                        text("%+.3g sigmas (%.3g) in sample '", x.second.worst,
                             x.second.worst * rig.joints[x.first].sigma) +
                        solution.samples()[x.second.sample].id + "'"});
+}
+
+void warn_of_joint_noise(const Report& report, Warnings& out) {
+  constexpr double kFar = 3;
+  std::string list;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.joint >= 0 && level.used == level.assumed && level.differs() &&
+        level.seen >= kFar * level.assumed)
+      list += (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name +
+              "'" + text(" (stated %.3g, seen %.3g ", level.assumed, level.seen) + level.unit + ")";
+  if (!list.empty())
+    out.push_back({"joint_noise",
+                   "these joints are at least three times noisier than stated: " + list +
+                       ". What is stated of them is wrong, or the model lacks something of them; "
+                       "the sigmas of the result are too small"});
 }
 
 void warn_of_parameters(const Solution& solution, Warnings& out) {
@@ -287,8 +311,10 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_starts(report.solution, out);
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
+  warn_of_unfinished(report.residuals.unfinished, out);
   warn_of_chi2(report, out);
   warn_of_joint_errors(report.solution, out);
+  warn_of_joint_noise(report, out);
   warn_of_parameters(report.solution, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {

@@ -6,6 +6,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "geometry.h"
 #include "parameters.h"
 
 namespace kincal {
@@ -20,37 +21,57 @@ std::uint64_t hash(const std::string& text) {
   return h ^ (h >> 31);
 }
 
-/// Mounted targets whose pose some step frees; all of them where there are no steps yet.
+/// Mounted targets of which steps free the pose and nothing else, for another number of a target
+/// that is held out whole would be without data; all mounted ones where there are no steps yet.
 std::vector<char> movable_targets(const Rig& rig) {
   const ParameterTable table(rig);
-  std::vector<char> out(rig.targets.size(), 0);
+  std::vector<char> out(rig.targets.size(), 0), other(rig.targets.size(), 0);
   for (size_t t = 0; t < out.size(); ++t) out[t] = rig.steps.empty() && rig.targets[t].link >= 0;
   for (const Step& step : rig.steps)
     for (const std::string& pattern : step.free)
       for (const Freed& f : table.select(pattern))
-        for (size_t t = 0; t < out.size(); ++t)
+        for (size_t t = 0; t < out.size(); ++t) {
           out[t] = out[t] || table.target_pose[t] == f.parameter;
+          other[t] = other[t] || table.target_square[t] == f.parameter ||
+                     table.target_points[t] == f.parameter;
+        }
+  for (size_t t = 0; t < out.size(); ++t) out[t] = out[t] && !other[t];
   return out;
 }
 
-/// Those of them that are placements: a sensor sees several, one in a sample.
+/// Those of them that are placements: on one rigid body a sensor sees several, one in a sample.
 std::vector<char> placements(const Rig& rig, const std::vector<Sample>& samples) {
   const std::vector<char> movable = movable_targets(rig);
-  std::vector<std::set<int>> seen(rig.sensors.size());
-  std::vector<char> alone(rig.sensors.size(), 1);
+  using Place = std::pair<int, int>;  // sensor, body
+  std::map<Place, std::set<int>> seen;
+  std::set<Place> crowded;  // several in a sample
   for (const Sample& s : samples) {
-    std::vector<std::set<int>> together(rig.sensors.size());
+    std::map<Place, std::set<int>> together;
     for (const View& v : s.views)
-      if (movable[v.target]) together[v.sensor].insert(v.target);
-    for (size_t i = 0; i < together.size(); ++i) {
-      seen[i].insert(together[i].begin(), together[i].end());
-      if (together[i].size() > 1) alone[i] = 0;
+      if (movable[v.target])
+        together[{v.sensor, body_of(rig.tree, rig.targets[v.target].link)}].insert(v.target);
+    for (const auto& [place, targets] : together) {
+      seen[place].insert(targets.begin(), targets.end());
+      if (targets.size() > 1) crowded.insert(place);
     }
   }
   std::vector<char> out(rig.targets.size(), 0);
-  for (size_t i = 0; i < seen.size(); ++i)
-    if (alone[i] && seen[i].size() > 1)
-      for (int t : seen[i]) out[t] = 1;
+  for (const auto& [place, targets] : seen)
+    if (!crowded.count(place) && targets.size() > 1)
+      for (int t : targets) out[t] = 1;
+  // What a sensor sees as its only placement of a body is all that the sensor tells of the way
+  // there.
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const auto& [place, targets] : seen) {
+      std::vector<int> placed;
+      for (int t : targets)
+        if (out[t]) placed.push_back(t);
+      if (placed.size() != 1) continue;
+      out[placed[0]] = 0;
+      changed = true;
+    }
+  }
   return out;
 }
 
@@ -115,7 +136,8 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
   out.of.assign(samples.size(), -1);
   const std::vector<char> placement = placements(rig, samples);
   struct Card {
-    std::set<std::string> seen;  // sensors and targets: what must not all be in one fold
+    std::set<std::string> seen;    // sensors and targets
+    std::set<std::string> joints;  // on the ways between them
     std::uint64_t hash = 0;
     int block = -1, fold = -1;
   };
@@ -128,7 +150,11 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
     card.hash = hash(out.blocks.names[card.block]);
     for (const View& v : samples[i].views) {
       card.seen.insert("sensor/" + rig.sensors[v.sensor].name);
-      if (!placement[v.target]) card.seen.insert("target/" + rig.targets[v.target].name);
+      const Target& target = rig.targets[v.target];
+      if (!placement[v.target]) card.seen.insert("target/" + target.name);
+      const int to = target.link >= 0 ? target.link : rig.base;
+      for (const PathStep& step : find_path(rig.tree, rig.sensors[v.sensor].link, to))
+        card.joints.insert("joint/" + rig.tree.joints[driver(rig.tree, step.joint).joint].name);
     }
   }
   std::vector<Card> sorted;
@@ -140,13 +166,17 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
   });
   for (size_t i = 0; i < sorted.size(); ++i)
     sorted[i].fold = static_cast<int>(i % static_cast<size_t>(count));
+  // What must not all be in one fold.
   std::set<std::string> names;
-  for (const Card& card : sorted) names.insert(card.seen.begin(), card.seen.end());
+  for (const Card& card : sorted) {
+    names.insert(card.seen.begin(), card.seen.end());
+    names.insert(card.joints.begin(), card.joints.end());
+  }
   for (const std::string& name : names) {
     std::set<int> folds;
     Card* first = nullptr;
     for (Card& card : sorted)
-      if (card.seen.count(name)) {
+      if (card.seen.count(name) || card.joints.count(name)) {
         folds.insert(card.fold);
         if (!first) first = &card;
       }

@@ -1,17 +1,21 @@
 // What is held out of a fit together, and how that is dealt to folds.
 //
 // Blocks. A block is what is held out together: a sample; or, where a sensor's samples are spread
-// over several mounted targets whose poses some step frees, one in each sample (placements: a block
-// of sockets put here and there), all samples of one target. A placement of which some samples are
-// in the fit is known already and shows nothing of the others' error; held out as a whole, its pose
-// is estimated from its own samples when it is judged (the formats' `held_out`).
+// over several mounted targets of one rigid body whose poses some step frees, one in each sample
+// (placements: a block of sockets put here and there), all samples of one target. A placement of
+// which some samples are in the fit is known already and shows nothing of the others' error; held
+// out as a whole, its pose is estimated from its own samples when it is judged (the formats'
+// `held_out`). Targets on different bodies (a board in each hand) are no placements of one another:
+// without one of them its whole arm would be without data. Nor is a target that is all that some
+// sensor sees of the body, or of which a step frees more than the pose.
 //
 // Folds. Blocks are sorted by what is seen in them (names of sensors, and of targets that are no
 // placements) and, where that is the same, by a hash of their names, and dealt like cards to the K
 // folds; so every fold has its share of every kind, and neither the order nor the number of other
-// samples of the file plays a role. If all blocks of a sensor or of a target (placements aside)
-// came into one fold, the first of them is never held out, so that the fit always has something of
-// it. Where one fold only is held out, it is fold 0.
+// samples of the file plays a role. If all blocks of a sensor, of a target (placements aside) or of
+// a joint (on the way from a sensor to what it sees) came into one fold, the first of them is never
+// held out, so that the fit always has something of it. Where one fold only is held out, it is fold
+// 0.
 #pragma once
 
 #include <string>

@@ -1,14 +1,18 @@
 #include "cross_validation.h"
 
+#include <algorithm>
+
 #include "../analysis/linearisation.h"
 
 namespace kincal {
 
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
-                                              const CalibrationOptions& options, int count) {
+                                              const CalibrationOptions& options, int count,
+                                              bool reject) {
   const Folds folds = deal_folds(recording->rig, recording->samples, count);
   CrossValidation out;
   out.by_target = folds.by_target();
+  out.reject = reject;
   out.never = folds.held_out(-1);
   HeldOutSums sums;
   for (int f = 0; f < count; ++f) {
@@ -38,14 +42,26 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
       const std::shared_ptr<const Recording> without =
           make_recording(recording->rig, std::move(samples));
       check_steps(*without);
-      const Solution solution = calibrate(without, fold_options);
-      if (solution.status == Status::cancelled) return std::nullopt;
+      std::optional<Cleaned> clean;
+      if (reject)
+        clean = calibrate_without_outliers(without, fold_options);
+      else
+        clean = Cleaned{calibrate(without, fold_options), {}, "", indices(index.size())};
+      if (!clean || clean->solution.status == Status::cancelled) return std::nullopt;
+      const Solution& solution = clean->solution;
       if (solution.status == Status::undefined_start) {
         leave_out(solution.message);
       } else {
         fold.converged = solution.status != Status::not_converged;
         fold.determined = solution.unobservable.empty();
-        sums.add(*without, residuals(linearise(solution)), index);
+        fold.rejected = std::move(clean->rejected);
+        std::vector<int> place;
+        for (int i : clean->kept) place.push_back(index[i]);
+        const Residuals found = residuals(linearise(solution));
+        fold.judged =
+            std::none_of(found.unfinished.begin(), found.unfinished.end(),
+                         [](const Unfinished& u) { return !u.train && u.column != "rms_before"; });
+        sums.add(*solution.recording, found, place);
       }
     } catch (const std::exception& error) {
       leave_out(error.what());

@@ -1,5 +1,10 @@
 // Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold
 // that it lacks.
+//
+// With `reject` every calibration takes gross outliers out of its own training samples
+// (outliers.h) and is judged on everything of its fold, outliers included: what is judged must not
+// decide what it is judged on, and a robot in use does not know its outliers beforehand. They weigh
+// on the root mean square; the median beside it they leave alone.
 #pragma once
 
 #include <memory>
@@ -8,7 +13,7 @@
 #include <vector>
 
 #include "../analysis/held_out.h"
-#include "../calibration/calibration.h"
+#include "outliers.h"
 
 namespace kincal {
 
@@ -16,18 +21,23 @@ struct CrossValidation {
   struct Fold {
     std::vector<std::string> held_out;  // blocks
     bool converged = false, determined = false;
+    bool judged = false;  // and what its held-out samples have of their own converged as well
+    std::vector<Rejected> rejected;  // of the other folds
     std::string error;  // why there is no calibration without this fold; its views are missing
   };
   bool by_target = false;
+  bool reject = false;  // gross outliers were taken out of the training of each fold
   std::vector<Fold> folds;
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
 };
 /// Calibrates the training samples from the rig's values as often as there are folds, each time
-/// without one fold, and judges it on that fold. Samples that are held out already take no part.
+/// without one fold, and judges it on that fold; `reject`: without the gross outliers of the other
+/// folds. Samples that are held out already take no part.
 /// nullopt: options.progress cancelled.
 /// @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
-                                              const CalibrationOptions& options, int folds);
+                                              const CalibrationOptions& options, int folds,
+                                              bool reject = false);
 
 }  // namespace kincal

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <stdexcept>
 #include <string>
 
@@ -25,6 +26,7 @@ struct Near {
   double distance = 0;
   MatrixXd f;
   VectorXd z;
+  bool converged = true;  // the fit of its own unknowns
 };
 
 /// NaN: the sample lacks one of the joints.
@@ -61,6 +63,7 @@ void linearise(const Recording& recording, const std::vector<int>& joints, const
   options.leave_out_undefined = true;
   const Fit alone = fit(recording, {near.sample}, setup, std::move(values), options);
   if (!alone.defined()) return;
+  near.converged = alone.summary.outcome == Outcome::converged;
   for (int j : joints) setup.free.push_back({table.joint_offset[j], {0}});
   Estimation problem(recording, {near.sample}, setup);
   if (problem.groups().empty()) return;
@@ -90,6 +93,8 @@ void linearise(const Recording& recording, const std::vector<int>& joints, const
   while (rank < svd.values.size() && svd.values(rank) > kRank * svd.values(0)) ++rank;
   near.f = svd.values.head(rank).asDiagonal() * svd.v.leftCols(rank).transpose();
   near.z = svd.u.leftCols(rank).transpose() * z;
+  for (Eigen::Index j = 0; j < p; ++j)  // not to rounding: what it does not depend on
+    if (f.col(j).isZero(0)) near.f.col(j).setZero();
 }
 
 double weight(double distance, double bandwidth) {
@@ -196,7 +201,7 @@ VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, doubl
     double information = 0;
     for (const Near& n : near)
       information += weight(n.distance, bandwidth) * n.f.col(j).squaredNorm() * precision;
-    out(j) = total / information;
+    out(j) = information > 0 ? total / information : 1;  // 1: unknown, and so without effect
   }
   for (int iteration = 0; iteration < 100; ++iteration) {
     VectorXd next = VectorXd::Zero(p);
@@ -224,6 +229,7 @@ double normal_of_f(double f, double freedom1, double freedom2) {
 struct Errors {
   double squared = 0, rotation = 0;
   long points = 0;
+  bool converged = true;
 };
 
 /// Adds the errors of one sample at the rig's offsets plus `values`; false where they are not
@@ -236,8 +242,10 @@ bool add_errors(Rig rig, const Sample& sample, const std::vector<LocalOffset>& o
   alone.train = true;
   bool defined = true;
   try {
-    for (const SensorResult& s : evaluate(Recording(rig, {alone}), NoiseMode::none, {}).sensors) {
+    const Evaluation evaluation = evaluate(Recording(rig, {alone}), NoiseMode::none, {});
+    for (const SensorResult& s : evaluation.sensors) {
       Errors& e = errors[s.name];
+      e.converged = e.converged && evaluation.converged;
       const double n = static_cast<double>(s.train.points);
       e.squared += n * s.train.rms * s.train.rms;
       if (s.measures_pose) e.rotation += n * s.train.rotation * s.train.rotation;
@@ -253,7 +261,8 @@ using ErrorsBySensor = std::map<std::string, Errors>;
 
 /// The errors of samples within the radius.
 struct LocalErrors {
-  ErrorsBySensor of[2][2];  // training, held out; before, after
+  ErrorsBySensor of[2][2];              // training, held out; before, after
+  std::set<std::string> not_converged;  // samples
 
   void add(const Rig& rig, const Sample& sample, const std::vector<LocalOffset>& offsets,
            const VectorXd& values) {
@@ -266,6 +275,7 @@ struct LocalErrors {
           to.squared += e.second.squared;
           to.rotation += e.second.rotation;
           to.points += e.second.points;
+          if (!e.second.converged) not_converged.insert(sample.id);
         }
   }
   std::vector<SensorResult> by_sensor(const Rig& rig) {
@@ -426,6 +436,16 @@ void set_offsets(const std::vector<Near>& near, const Estimate& estimate,
   }
 }
 
+/// An offset that no sample within the bandwidth tells of is unknown: no number, not even 0.
+void forget_unreached(const WeightedSums& sums, std::vector<LocalOffset>& offsets) {
+  for (size_t j = 0; j < offsets.size(); ++j) {
+    const auto place = static_cast<Eigen::Index>(j);
+    if (sums.w(place, place) > 0) continue;
+    offsets[j].offset = offsets[j].sigma = offsets[j].variation = kNan;
+    offsets[j].determined = false;
+  }
+}
+
 /// Sets chi2 and the errors within the radius, with the robot's readings as they are.
 void set_errors(const Recording& recording, const LocalPosture& posture,
                 const std::vector<Near>& near, const LeftOut& left_out, const VectorXd& offsets,
@@ -442,6 +462,9 @@ void set_errors(const Recording& recording, const LocalPosture& posture,
       held_out.push_back({s.id, &s});
   std::sort(held_out.begin(), held_out.end());
   for (const auto& s : held_out) errors.add(recording.rig, *s.second, out.offsets, offsets);
+  for (const Near& n : near)
+    if (!n.converged) errors.not_converged.insert(recording.samples[n.sample].id);
+  out.not_converged.assign(errors.not_converged.begin(), errors.not_converged.end());
   out.sensors = errors.by_sensor(recording.rig);
 }
 
@@ -485,6 +508,7 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
   const LeftOut left_out = judge_gain(near, estimate, options.within, out);
   if (out.gain) set_offsets(near, estimate, out.offsets);
   set_errors(recording, posture, near, left_out, estimate.offsets, out);
+  forget_unreached(estimate.sums, out.offsets);
   return out;
 }
 

@@ -75,7 +75,9 @@ struct LocalOptions {
 
 struct LocalOffset {
   int joint = -1;
-  double offset = 0;  // rad, m: position = scale * reading + the rig's offset + this
+  /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, for no sample
+  /// within the bandwidth depends on the joint; `sigma` and `variation` are NaN as well.
+  double offset = 0;
   double sigma = 0;  // of the right offset at a posture near this one; NaN where no gain is claimed
   double variation =
       0;  // part of sigma: scatter from posture to posture beyond the noise as stated; NaN likewise
@@ -84,6 +86,8 @@ struct LocalOffset {
 };
 
 struct LocalCalibration {
+  std::vector<std::string>
+      not_converged;              // samples whose targets and joint errors did not converge
   std::vector<double> distances;  // of all training samples that have the joints, ascending
   int near = 0;         // of these within the limit with a view that depends on the joints
   bool enough = false;  // near >= kLocalSamples; else nothing below is set

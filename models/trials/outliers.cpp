@@ -5,7 +5,9 @@
 #include <stdexcept>
 
 #include "../../solver/decompositions.h"
+#include "../analysis/noise_levels.h"
 #include "../fitting/robust.h"
+#include "../rig/numbers.h"
 #include "consensus.h"
 
 namespace kincal {
@@ -13,14 +15,21 @@ namespace {
 
 constexpr int kRounds = 8;
 
+/// The samples that are not out as a whole.
+std::vector<int> kept_samples(const std::vector<Verdict>& verdicts) {
+  std::vector<int> out;
+  for (size_t i = 0; i < verdicts.size(); ++i)
+    if (!verdicts[i].out) out.push_back(static_cast<int>(i));
+  return out;
+}
+
 std::vector<Sample> all_without_rejected(const Recording& recording,
                                          const std::vector<Verdict>& verdicts) {
   std::vector<Sample> out;
-  for (size_t i = 0; i < verdicts.size(); ++i)
-    if (!verdicts[i].out)
-      out.push_back(verdicts[i].clean()
-                        ? recording.samples[i]
-                        : without_rejected(recording.rig, recording.samples[i], verdicts[i]));
+  for (int i : kept_samples(verdicts))
+    out.push_back(verdicts[i].clean()
+                      ? recording.samples[i]
+                      : without_rejected(recording.rig, recording.samples[i], verdicts[i]));
   return out;
 }
 
@@ -49,10 +58,54 @@ void describe(const Recording& recording, const std::vector<Verdict>& verdicts,
   }
 }
 
+/// Raises the joints' sigmas of `judged` to what is seen in a fit with them, where that is clearly
+/// more than is stated; true: it raised some.
+bool raise_joint_noise(const Rig& stated, const Solution& fit, Rig& judged) {
+  constexpr double kClearly = 1.5, kMore = 1.1;
+  const std::vector<double> ratios =
+      robust_joint_ratios(*fit.last->problem, fit.rig(), fit.last->state);
+  bool raised = false;
+  for (size_t j = 0; j < ratios.size(); ++j) {
+    const double before = judged.joints[j].sigma, seen = before * ratios[j];
+    if (before == 0 || seen < kClearly * stated.joints[j].sigma || seen < kMore * before) continue;
+    judged.joints[j].sigma = seen;
+    raised = true;
+  }
+  return raised;
+}
+
+/// True if a joint would be so noisy that its readings are wrong instead.
+bool beyond_noise(const Rig& stated, const Rig& judged) {
+  constexpr double kMost = 50;
+  for (size_t j = 0; j < judged.joints.size(); ++j)
+    if (judged.joints[j].sigma > kMost * stated.joints[j].sigma) return true;
+  return false;
+}
+
+/// The graduated fit of everything; `judged` becomes the rig with the joints' noise that is seen.
+Solution fit_everything(const std::shared_ptr<const Recording>& recording,
+                        const CalibrationOptions& options, Rig& judged) {
+  const Rig& stated = recording->rig;
+  StepVariations robust;
+  robust.robust = true;
+  Solution fit = calibrate(recording, options, robust);
+  const auto has_values = [&] {
+    return fit.status != Status::cancelled && fit.status != Status::undefined_start;
+  };
+  for (int round = 0; round < kRounds && has_values(); ++round) {
+    if (!raise_joint_noise(stated, fit, judged)) return fit;
+    const bool wrong = beyond_noise(stated, judged);
+    if (wrong) judged = stated;
+    fit = calibrate(make_recording(judged, recording->samples), options, robust);
+    if (wrong) return fit;
+  }
+  return fit;
+}
+
 /// Nothing is taken out: the plain calibration, and why.
 std::optional<Cleaned> without_consensus(const std::shared_ptr<const Recording>& recording,
                                          const CalibrationOptions& options, long out, size_t of) {
-  Cleaned plain{calibrate(recording, options), {}, ""};
+  Cleaned plain{calibrate(recording, options), {}, "", indices(recording->samples.size())};
   plain.no_consensus = std::to_string(out) + " of " + std::to_string(of) +
                        " samples do not fit the others: nothing was taken out";
   if (plain.solution.status == Status::cancelled) return std::nullopt;
@@ -71,7 +124,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   const std::vector<int> training = recording->training();
   const auto ended = [](Solution solution) -> std::optional<Cleaned> {
     if (solution.status == Status::cancelled) return std::nullopt;
-    return Cleaned{std::move(solution), {}, ""};
+    return Cleaned{std::move(solution), {}, "", {}};
   };
 
   CalibrationOptions quick = options;  // to find them
@@ -82,13 +135,12 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       return options.progress("looking for outliers", iteration == 0 ? iterations : ++iterations,
                               chi2, damping);
     };
-  StepVariations robust;
-  robust.robust = true;
-  Solution fit = calibrate(recording, quick, robust);
+  Rig judged = rig;
+  Solution fit = fit_everything(recording, quick, judged);
   if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
     return ended(std::move(fit));
   ReferenceFit reference{
-      Recording(rig, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
+      Recording(judged, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
   std::vector<Values> start(samples.size());
   for (const auto& t : fit.values.targets)
     start[t.first.first].targets[{0, t.first.second}] = t.second;
@@ -112,7 +164,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       return without_consensus(recording, options, out, training.size());
     if (round > 0 && verdicts == before) break;
     const std::shared_ptr<const Recording> left =
-        make_recording(rig, all_without_rejected(*recording, verdicts));
+        make_recording(judged, all_without_rejected(*recording, verdicts));
     check_steps(*left);
     fit = calibrate(left, quick);
     if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
@@ -129,7 +181,10 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       make_recording(rig, all_without_rejected(*recording, verdicts));
   check_steps(*left);
   std::optional<Cleaned> clean = ended(calibrate(left, options));
-  if (clean) describe(*recording, verdicts, clean->rejected);
+  if (clean) {
+    describe(*recording, verdicts, clean->rejected);
+    clean->kept = kept_samples(verdicts);
+  }
   return clean;
 }
 

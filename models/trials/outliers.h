@@ -5,6 +5,10 @@
 //   2. Every training sample is judged by that fit (consensus.h).
 //   3. A plain calibration of what is left, and 2. again at its values, until the same things are
 //   out. What was out may come back, once.
+// Joints that are clearly noisier than the rig states (by the median of their errors) are judged by
+// what is seen of them: that their sigmas are too small is a finding of its own, and no reason to
+// take right samples out. The result has the sigmas of the rig.
+//
 // They are found in mode `latent`; the result is an ordinary calibration of what is left in the
 // mode and with the losses that were asked for. The views of the last step's sensors are judged.
 // Held-out samples are never touched.
@@ -32,6 +36,7 @@ struct Cleaned {
   Solution solution;  // of status undefined_start where it, or a fit before it, cannot start
   std::vector<Rejected> rejected;
   std::string no_consensus;  // not empty: more than half would be out, so nothing was taken out
+  std::vector<int> kept;     // where each sample of the solution stands in the given recording
 };
 
 /// Calibrates without gross outliers. Where more than half of the training samples would be out

@@ -89,6 +89,7 @@ Solution run_again(const Solution& solution, const CalibrationOptions& options, 
     Scatter scatter{std::ldexp(1.0, -halving), Draws(static_cast<std::uint64_t>(n)), {}};
     scatter.moved.resize(solution.table().all.size());
     StepVariations other;
+    other.noise_ratios = solution.setup.noise_ratios;  // else costs could not be compared
     other.before_step = [&](const StepPlan& plan, const VectorXd& initial, VectorXd& values) {
       move_start(*solution.recording, plan, initial, scatter, values);
     };
@@ -124,8 +125,10 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
   for (int n = 1; n <= count; ++n) {
     Solution end = run_again(solution, options, n);
     if (end.status == Status::cancelled) return std::nullopt;
-    if (end.status == Status::undefined_start || !end.steps.back().converged) {
+    const bool started = end.status != Status::undefined_start;
+    if (!started || !end.steps.back().converged) {
       ++out.failed;
+      out.not_converged += started;
       continue;
     }
     const auto known =

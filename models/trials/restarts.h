@@ -15,6 +15,9 @@
 // start that cannot be evaluated (a point behind its camera) is tried again at half its distance,
 // up to six times: such a start would not be chosen.
 //
+// A loss whose scale comes from the data keeps the scales of the result's last step: else every
+// restart would minimise another cost.
+//
 // The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated
 // number apart by more than 0.01 of its sigma; what the data do not determine is not compared. An
 // end whose last step did not converge, or without a start, counts as failed.
@@ -40,6 +43,7 @@ struct Minimum {
 
 struct Restarts {
   int count = 0, failed = 0;
+  int not_converged = 0;        // of those that failed; the others have no start
   std::vector<Minimum> minima;  // the result's own first, the others by cost
 };
 

@@ -10,6 +10,7 @@ batch's is left alone; wrong usage is told. It does not prove estimates (data_te
 import csv
 import io
 import json
+import math
 import os
 import pty
 import re
@@ -49,6 +50,13 @@ def without_time(result):
     for step in result["steps"]:
         del step["seconds"]
     return result
+
+
+def quaternion(rpy):
+    """x y z w with w >= 0 of fixed-axis roll, pitch, yaw."""
+    (a, c), (b, d), (e, f) = [(math.sin(v / 2), math.cos(v / 2)) for v in rpy]
+    q = [a * d * f - c * b * e, c * b * f + a * d * e, c * d * e - a * b * f, c * d * f + a * b * e]
+    return q if q[3] >= 0 else [-v for v in q]
 
 
 def children(pid):
@@ -213,7 +221,15 @@ class Results(Case):
                     column = full + " [" + unit + "]" if unit else full
                     changed.add(column)
                     self.assertAlmostEqual(float(row[column]), value - initial, delta=1e-15)
-        self.assertEqual({c for c in table[0] if "/" in c and not c.startswith("rms ")}, changed)
+                self.assertEqual(name in entry["poses"], "pose" in p)
+                if "pose" not in p:
+                    continue
+                absolute = [float(row["absolute %s.%s" % (name, c)]) for c in ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")]
+                self.assertEqual(absolute, entry["poses"][name]["xyz"] + entry["poses"][name]["rpy"])
+                self.assertEqual(absolute[:3], p["pose"]["xyz"])
+                for got, expected in zip(quaternion(absolute[3:]), p["pose"]["quat"]):
+                    self.assertAlmostEqual(got, expected, delta=1e-12)
+        self.assertEqual({c for c in table[0] if "/" in c and not c.startswith(("rms ", "absolute "))}, changed)
         # the table on standard output
         self.assertIn("6 sets, 5 converged, 1 failed", run.out)
         ratios = [float(row["chi2_per_dof"]) for row in table if row["chi2_per_dof"]]
@@ -279,6 +295,61 @@ class Results(Case):
         self.assertEqual(p.wait(), 0)
         self.assertRegex(text.decode(), r"\r\x1b\[K\d of 6 sets, 0 failing, [\d.]+ a second, \d+ s left")
         self.assertRegex(text.decode(), r"\r\x1b\[K6 of 6 sets, 0 failing, [\d.]+ a second\r\n$")
+
+
+    def test_a_sensor_that_moved(self):
+        """Poses that the rig leaves open start anew in every set: their changes say nothing of a sensor that was moved between two of them, their
+        absolute poses do."""
+        shutil.rmtree(self.path("fleet"))
+        moved = [0.4, 0.1, 1.0]
+        for name, z in (("monday", 1.0), ("tuesday", 1.03)):
+            os.makedirs(self.path("fleet", name))
+            write(MOVED_URDF, self.dir, "fleet", name, "robot.urdf")
+            known = MOVED_RIG % ", pose: {xyz: [0.4, 0.1, %r], rpy: [3.0, 0.1, 0.2]}" % z
+            write(known, self.dir, "fleet", name, "known.yaml")
+            run = self.kincal("simulate", "fleet/%s/known.yaml" % name, "--samples", "12", "--seed", "3", "--out", "sim_" + name)
+            self.assertEqual(run.code, 0, run.err)
+            shutil.move(self.path("sim_" + name, "samples.jsonl"), self.path("fleet", name))
+            write(MOVED_RIG % "", self.dir, "fleet", name, "rig.yaml")
+        self.assertEqual(self.batch().code, 0)
+        monday, tuesday = self.table()
+        poses = self.summary()["results"]["tuesday"]["poses"]["sensor/eye/pose"]
+        self.assertAlmostEqual(poses["xyz"][2], 1.03, delta=2e-3)
+        for c, expected in zip("xyz", moved):
+            self.assertAlmostEqual(float(monday["absolute sensor/eye/pose.%s [m]" % c]), expected, delta=2e-3)
+        z = "absolute sensor/eye/pose.z [m]"
+        self.assertAlmostEqual(float(tuesday[z]) - float(monday[z]), 0.03, delta=2e-3)
+        self.assertAlmostEqual(float(tuesday["absolute sensor/eye/pose.roll [rad]"]), 3.0, delta=5e-3)
+        changes = [float(row["sensor/eye/pose.z [m]"] or 0) for row in (monday, tuesday)]
+        self.assertLess(abs(changes[1] - changes[0]), 0.01)
+
+    def test_progress_counts_this_run(self):
+        """Sets that failed before are not among those of this run."""
+        self.assertEqual(self.batch("--free", "sensor/left_arm/pose.rx").code, 1)   # all fail, and are done
+        self.grow(7)
+        run = self.batch("--free", "sensor/left_arm/pose.rx")
+        self.assertEqual(run.code, 1)
+        self.assertIn("7 sets, 6 done before", run.err)
+        self.assertRegex(run.err, r"(?m)^1 of 1 set, 1 failing")
+        self.assertIn("7 of 7 sets failed", run.err)
+
+
+MOVED_URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="hand"/>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0.4 0 0.2" rpy="0 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="lift" type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0 0 0.1" rpy="0 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-0.3" upper="0.3" effort="1" velocity="1"/></joint></robot>
+"""
+MOVED_RIG = """format: kincal/1
+robot: robot.urdf
+targets:
+  plate: {type: points, points: [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.05]], mount: {link: hand, pose: {xyz: [0.05, 0, 0.02], rpy: [0, 0, 0]}}}
+sensors:
+  eye: {type: point, link: base, sigma: 0.0002%s}
+estimate:
+  - step: all
+    free: [sensor/eye/pose, joint/lift/offset]
+"""
 
 
 class Failing(Case):

@@ -1210,7 +1210,7 @@ class Results(Case):
         run = self.calibrate("--restarts", "3")
         self.assertRegex(run.out, r"3 of 3 end in this minimum")
         r = self.result()
-        self.assertEqual(r["restarts"], {"count": 3, "failed": 0, "minima": [{"cost": r["cost"], "chi2": r["chi2"], "count": 3, "differs": {}}]})
+        self.assertEqual(r["restarts"], {"count": 3, "failed": 0, "not_converged": 0, "minima": [{"cost": r["cost"], "chi2": r["chi2"], "count": 3, "differs": {}}]})
         plain = self.calibrate("--force")
         self.assertEqual(plain.code, 0, plain.err)
         self.assertNotIn("restarts", self.result())
@@ -1294,6 +1294,16 @@ class Results(Case):
         self.assertEqual(run.code, 0, run.err)
         r = self.result("spare")
         self.assertEqual(r["steps"][-1]["held_out"], ["target/spare/pose"])
+        # the same by --free: listed and estimated
+        self.write("rig.yaml", text.replace("target/plate/pose, target/spare/pose, joint", "target/plate/pose, joint"))
+        run = self.calibrate("--free", "target/spare/pose", out="by_free")
+        self.assertEqual((run.code, "changes nothing" in run.out), (0, False), run.err)
+        self.assertEqual(self.result("by_free")["steps"][-1]["held_out"], ["target/spare/pose"])
+        self.assertEqual(self.result("by_free")["sensors"]["tracker"]["test"], r["sensors"]["tracker"]["test"])
+        # held again by --fix: neither
+        run = self.calibrate("--free", "target/spare/pose", "--fix", "target/spare/pose", out="by_fix")
+        self.assertEqual(self.result("by_fix")["steps"][-1]["held_out"], [])
+        self.assertGreater(self.result("by_fix")["sensors"]["tracker"]["test"]["rms"], 0.01)
         self.assertEqual(r["unobservable"], [])
         self.assertLess(r["sensors"]["tracker"]["test"]["rms"], 0.001)
 
@@ -1387,6 +1397,21 @@ class ExitCodes(Case):
         self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
         self.assertIn("not_converged", [w["id"] for w in r["warnings"]])
         self.assertIn("converge", run.out + run.err)
+        self.assertIn("Residuals (rms; a step did not converge)", run.out)
+
+    def test_evaluate_not_converged(self):
+        """The same of evaluate: the table says which of its numbers are not final."""
+        free = [word for name in re.search(r"step: all\n +free: \[(.*?)\]", RIG, re.S).group(1).split(",") for word in ("--free", name.strip())]
+        for sigma, mode in (("100", "marginal"), ("0.3", "point"), ("30", "marginal"), ("1", "marginal")):
+            self.write("rig.yaml", RIG.replace('"*": {sigma: 0.0005}', '"*": {sigma: %s}' % sigma).replace("slide: {sigma: 0.0002}", "slide: {sigma: %s}" % sigma))
+            run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--noise", mode, *free)
+            self.assertIn(run.code, (0, 3))
+            self.assertEqual(run.code == 3, "not converged: rms" in run.out)
+            self.assertEqual(run.code == 3, "did not converge" in run.err)
+            if run.code == 3:
+                self.assertRegex(run.out, r"not converged: rms\w* of (training|what is held out), in \d+ samples?, first '")
+                return
+        self.skipTest("everything converged")
 
 
 class Simulate(Case):

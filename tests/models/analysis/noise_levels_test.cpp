@@ -1,6 +1,7 @@
 // Variance components against the whole of R = 1 - J (J'J)^-1 J' written out; and what scaling them
 // does. That they find planted sigmas in simulations is in trust_words_test.py. Not proven here:
-// the uncertainties (there, roughly).
+// the uncertainties (there, roughly). Besides: a loss whose scale comes from the data does not bend
+// what is seen; the robust ratios of joints find planted noise, whatever a minority does.
 #include "../../../models/analysis/noise_levels.h"
 
 #include <Eigen/LU>
@@ -13,6 +14,7 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 #include "../../fixtures/stacked.h"
+#include "../../fixtures/study.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -184,4 +186,79 @@ TEST_CASE("noise levels: views with sigmas of their own") {
   Rig same = rig;
   scale_noise(same, with, {level});
   CHECK(same.sensors[level.sensor].sigma == rig.sensors[level.sensor].sigma);
+}
+
+namespace {
+
+/// An arm of two joints with three reflectors, and a tracker that is to be placed.
+Rig watched_arm(double joint_sigma, double tracker_sigma) {
+  Rig rig;
+  add_link(rig, "base");
+  add_joint(rig, JointType::revolute, "turn", "base", "upper", {0, 0, 1}, at({0, 0, 0.4}),
+            joint_sigma);
+  add_joint(rig, JointType::revolute, "bend", "upper", "fore", {0, 1, 0}, at({0.5, 0, 0}),
+            joint_sigma);
+  finish_tree(rig.tree);
+  Eigen::Matrix3Xd points(3, 3);
+  points << 0, 0.1, 0, 0, 0, 0.1, 0, 0.02, 0;
+  add_points(rig, "reflectors", points, "fore", at({0.4, 0, 0.02}));
+  add_tracker(rig, "tracker", "base", at({2, 0.3, 0.5}, {0, 0, 2}),
+              Vector3d::Constant(tracker_sigma));
+  Step step;
+  step.name = "all";
+  step.sensors = {0};
+  step.free = {"sensor/tracker/pose"};
+  rig.steps = {step};
+  return rig;
+}
+
+/// Samples of `truth` as `stated` would read them.
+std::vector<Sample> watched(const Rig& truth, const Rig& stated, int count) {
+  Random random(5);
+  std::vector<Sample> out;
+  for (int n = 0; n < count; ++n) {
+    const TruePosture p = random_posture(truth, random, 1, true);
+    out.push_back(make_sample(truth, p, "s" + std::to_string(n)));
+    REQUIRE(add_view(out.back(), truth, 0, 0, p, &random));
+    out.back().views[0].sigma = stated.sensors[0].sigma;
+  }
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("noise levels: a loss whose scale comes from the data sees the noise that is there") {
+  const Rig truth = watched_arm(0, 1e-3);
+  for (double factor : {0.2, 1.0, 5.0})  // of the stated sigma
+    for (LossKind kind : {LossKind::huber, LossKind::cauchy}) {
+      Rig stated = watched_arm(0, factor * 1e-3);
+      stated.steps[0].loss = Loss{kind, 2, true};
+      const Solution result = solution_of(stated, watched(truth, stated, 60));
+      const NoiseLevels levels = noise_levels(linearise(result));
+      INFO("stated " << factor << " of what is there");
+      REQUIRE(levels.size() == 1);
+      CHECK(levels[0].seen == Approx(1e-3).epsilon(0.08));
+    }
+}
+
+TEST_CASE("noise levels: the robust ratios of joints") {
+  for (double factor : {1.0, 4.0}) {
+    const Rig truth = watched_arm(factor * 1e-3, 3e-4), stated = watched_arm(1e-3, 3e-4);
+    std::vector<Sample> samples = watched(truth, stated, 80);
+    for (size_t i = 0; i < samples.size(); i += 5) samples[i].readings[1] += 0.5;
+    StepVariations robust;
+    robust.robust = true;
+    for (bool right : {true, false}) {
+      const Rig& rig = right ? truth : stated;
+      const Solution result = calibrate(make_recording(rig, samples), {}, robust);
+      const std::vector<double> ratios =
+          robust_joint_ratios(*result.last->problem, rig, result.last->state);
+      INFO(factor << " times as noisy as stated" << (right ? ", which is told" : ""));
+      for (double ratio : ratios) CHECK(ratio == Approx(right ? 1 : factor).epsilon(0.4));
+    }
+    samples.resize(7);
+    const Solution few = calibrate(make_recording(stated, samples), {}, robust);
+    CHECK(robust_joint_ratios(*few.last->problem, stated, few.last->state) ==
+          std::vector<double>(2, 1.0));
+  }
 }

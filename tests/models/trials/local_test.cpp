@@ -5,7 +5,8 @@
 // down to the noise; the radius is where the gain of a constant ends (one joint, known in closed
 // form); the estimate is that of a plain weighted least-squares fit with numeric derivatives; on
 // data without such an error no gain is claimed, over 100 seeds; nothing depends on the order of
-// samples; joints that the data do not determine stay; too few samples, joints that turn without
+// samples; joints that the data do not determine stay, and what no sample within
+// the bandwidth depends on is unknown; too few samples, joints that turn without
 // end, and split `test` are treated as documented. Does not prove: that real robots have such
 // errors, nor that sigma holds for errors that vary faster than samples are dense.
 #include "../../../models/trials/local.h"
@@ -20,6 +21,7 @@
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
+#include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -275,6 +277,56 @@ TEST_CASE("local: what the data do not determine stays") {
   CHECK(std::abs(almost.offsets[5].offset) < 1e-4);
   CHECK(almost.offsets[5].sigma > 0.9 * almost.prior);
   CHECK(almost.offsets[2].determined);
+}
+
+TEST_CASE("local: what no sample near reaches is unknown") {
+  // A second arm, of one joint, that is far from the posture whenever it is seen. Beyond the
+  // bandwidth nothing tells of it: no offset, no sigma, and the first arm's are as without it.
+  Rig rig = arm();
+  fixture::add_joint(rig, JointType::revolute, "other", "base", "other_hand", Vector3d::UnitZ(),
+                     fixture::at({0, 0.5, 0.3}), kSigma);
+  finish_tree(rig.tree);
+  Eigen::Matrix3Xd points(3, 3);
+  points << 0, 0.05, 0, 0, 0, 0.05, 0, 0, 0.02;
+  fixture::add_points(rig, "others", points, "other_hand", fixture::at({0.3, 0, 0}));
+  const int other = fixture::joint_index(rig, "other");
+  const Rig plain = arm();
+  for (const double a : {0.02, 0.0}) {  // with a gain, that ends soon, and without
+    std::vector<Sample> samples = samples_near(plain, 40, 1, 0.05, a);
+    for (Sample& s : samples_near(plain, 40, 2, 0.9, -a)) {
+      s.id += "_far";
+      samples.push_back(s);
+    }
+    for (Sample& s : samples) s.readings.push_back(0);
+    for (int i = 0; i < 12; ++i) {
+      fixture::TruePosture p = fixture::empty_posture(rig);
+      for (int j = 0; j < 6; ++j) p.readings[j] = kCentre[j];
+      p.readings[other] = 0.95;
+      Sample s = fixture::make_sample(rig, p, "other_" + std::to_string(i));
+      fixture::Random random(100 + i);
+      REQUIRE(fixture::add_view(s, rig, 0, 1, p, &random));
+      samples.push_back(s);
+    }
+    LocalPosture posture = centre();
+    posture[other] = 0;
+    const LocalCalibration local = calibrate_locally(rig, samples, posture, within(1));
+    INFO("bandwidth " << local.bandwidth);
+    REQUIRE(local.enough);
+    REQUIRE(local.offsets.size() == 7);
+    CHECK(local.gain == (a > 0));
+    for (const LocalOffset& o : local.offsets) {
+      INFO("joint " << o.joint);
+      const bool reached = o.joint != other || local.bandwidth > 0.95;
+      CHECK(std::isfinite(o.offset) == reached);
+      CHECK(std::isfinite(o.sigma) == (reached && local.gain));
+      CHECK(std::isfinite(o.variation) == (reached && local.gain));
+      CHECK((reached || !o.determined));
+    }
+    if (a == 0) continue;
+    CHECK(local.bandwidth < 0.95);
+    CHECK(local.offsets[2].offset ==
+          Approx(a * std::sin(kCentre[2])).margin(4 * local.offsets[2].sigma));
+  }
 }
 
 TEST_CASE("local: which samples take part") {

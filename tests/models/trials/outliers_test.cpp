@@ -4,9 +4,10 @@
 // minority does; the bound of chi2 lies above its quantile at 1e-9 (by the incomplete gamma
 // function in closed form) and not far above; gross outliers are found and named in every noise
 // mode, points, a view, a sample that cannot even start, and what is left is calibrated as if they
-// had never been; held-out samples are left alone. The program's tests (program/outliers_test.py)
-// prove figures. Does not prove: behaviour at outliers of less than seven sigmas, nor how one
-// sample is judged (consensus_test.cpp).
+// had never been; held-out samples are left alone; joints that are noisier than stated cost no
+// right sample, do not hide a wrong one, and are named. The program's tests
+// (program/outliers_test.py) prove figures. Does not prove: behaviour at outliers of less than
+// seven sigmas, nor how one sample is judged (consensus_test.cpp).
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -15,6 +16,8 @@
 #include "../../../models/trials/outliers.h"
 #include "../../fixtures/example.h"
 #include "../../fixtures/random.h"
+#include "../../fixtures/rigs.h"
+#include "../../fixtures/samples.h"
 #include "../../fixtures/study.h"
 
 using namespace kincal;
@@ -132,4 +135,55 @@ TEST_CASE("outliers: a sample that cannot start stays out, and none at all is an
   REQUIRE(clean);
   REQUIRE(clean->rejected.size() == 1);
   CHECK(clean->rejected[0].sample == lab.samples[two[0]].id);
+}
+
+TEST_CASE("outliers: joints noisier than stated cost no right sample and are named") {
+  Rig truth;
+  add_link(truth, "base");
+  add_joint(truth, JointType::revolute, "turn", "base", "upper", {0, 0, 1}, at({0, 0, 0.4}));
+  add_joint(truth, JointType::revolute, "lift", "upper", "fore", {0, 1, 0}, at({0.5, 0, 0}));
+  add_joint(truth, JointType::revolute, "roll", "fore", "hand", {1, 0, 0}, at({0.3, 0, 0}));
+  finish_tree(truth.tree);
+  Eigen::Matrix3Xd points(3, 3);
+  points << 0, 0.4, 0, 0, 0, 0.4, 0, 0.05, 0;
+  add_points(truth, "reflectors", points, "hand", at({0.1, 0, 0.02}));
+  add_tracker(truth, "tracker", "base", at({2, 0.3, 0.5}, {0, 0, 2}), Vector3d::Constant(1e-4));
+  Step step;
+  step.name = "all";
+  step.sensors = {0};
+  step.free = {"sensor/tracker/pose", "joint/lift/offset"};
+  truth.steps = {step};
+  for (JointSettings& joint : truth.joints) joint.sigma = 1e-3;
+  for (double factor : {1.0, 3.0, 5.0, 20.0})
+    for (bool wrong : {false, true}) {
+      Random random(9);
+      std::vector<Sample> samples;
+      for (int n = 0; n < 50; ++n) {
+        const TruePosture p = random_posture(truth, random, 1, true);
+        samples.push_back(make_sample(truth, p, "s" + std::to_string(n)));
+        REQUIRE(add_view(samples.back(), truth, 0, 0, p, &random));
+      }
+      if (wrong)
+        for (size_t i : {4, 17, 30}) samples[i].readings[i % 3] += 0.1;
+      Rig stated = truth;
+      for (JointSettings& joint : stated.joints) joint.sigma = 1e-3 / factor;
+      StudyOptions options;
+      options.reject = true;
+      options.loops = false;
+      const Report report = *study(make_recording(stated, samples), options);
+      INFO("joints " << factor << " times as noisy as stated" << (wrong ? ", some wrong" : ""));
+      CHECK(report.no_consensus.empty());
+      std::vector<std::string> out;
+      for (const Rejected& r : report.rejected) out.push_back(r.sample);
+      CHECK(out ==
+            (wrong ? std::vector<std::string>{"s4", "s17", "s30"} : std::vector<std::string>()));
+      CHECK(report.solution.rig().joints[0].sigma == stated.joints[0].sigma);
+      std::string named;
+      for (const Warning& w : report.warnings)
+        if (w.id == "joint_noise") named += w.text;
+      CHECK(named.empty() == (factor < 2));
+      INFO(named);
+      for (const char* joint : {"'turn'", "'lift'", "'roll'"})
+        CHECK((factor != 5 || named.find(joint) != std::string::npos));
+    }
 }

@@ -6,8 +6,9 @@
 // the right one are no reason for a warning; the result stays that of the rig's own start. On the
 // example all restarts end alike. Moves are of the priors' size where there are some. The same
 // starts every time; progress can cancel; starts that cannot be evaluated are halved, and counted
-// as failed if that does not help. Does not prove: that there is no other minimum where none was
-// found.
+// as failed if that does not help. A loss whose scale comes from the data keeps the result's
+// scales, so that all ends of one minimum have one cost. Does not prove: that there is no other
+// minimum where none was found.
 #include "../../../models/trials/restarts.h"
 
 #include <catch2/catch.hpp>
@@ -142,6 +143,26 @@ TEST_CASE(
   CHECK(wrong.restarts.minima[0].cost == Approx(right.restarts.minima[1].cost).epsilon(1e-6));
   CHECK(wrong.restarts.minima[1].cost == Approx(right.cost).epsilon(1e-6));
   CHECK_THAT(wrong.warning, Contains("better minimum") && Contains("joint/elbow/offset"));
+}
+
+TEST_CASE("restarts: a loss whose scale comes from the data keeps the scales of the result",
+          "[restarts]") {
+  // A tracker five times noisier than stated, and a loss that counts in its real noise.
+  const Rig nominal = arm();
+  Rig noisy = nominal;
+  noisy.sensors[0].sigma = {5e-5, 5e-5, 5e-5};
+  std::vector<Sample> samples = follow(noisy, 1);
+  for (Sample& s : samples)
+    for (View& v : s.views) v.sigma = nominal.sensors[0].sigma;
+  for (LossKind kind : {LossKind::cauchy, LossKind::huber}) {
+    Rig rig = nominal;
+    rig.steps[0].loss = Loss{kind, 2, true};
+    const Restarted result = restarted(rig, samples, 10);
+    CHECK(result.setup.noise_ratios[0] > 3);
+    CHECK(result.restarts.minima.size() == 1);
+    CHECK(result.restarts.minima[0].count == 10);
+    CHECK(result.warning.empty());
+  }
 }
 
 TEST_CASE("restarts: all alike on the example", "[restarts]") {
