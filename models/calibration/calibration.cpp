@@ -55,7 +55,9 @@ void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) 
   if (unknown.empty()) return;
   Values started;
   started.shared = solution.initial;
-  solution.lost_starts = start_unknown_poses(recording, recording.training(), unknown, started);
+  UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);
+  solution.lost_starts = std::move(starts.lost);
+  solution.ambiguous_starts = std::move(starts.ambiguous);
   solution.initial = solution.values.shared = started.shared;
 }
 

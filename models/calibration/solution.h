@@ -10,6 +10,7 @@
 
 #include "../../solver/observability.h"
 #include "../estimation/estimation.h"
+#include "../fitting/unknown_poses.h"
 #include "../rig/selection.h"
 
 namespace kincal {
@@ -80,8 +81,9 @@ struct Solution {
                                              // a prior: they start at the identity
   std::vector<std::string>
       lost_starts;  // those of computed_starts that nothing with a known pose ties down
-  std::vector<std::string> without_effect;  // as in the last step's plan
-  std::shared_ptr<LastProblem> last;        // null: to be made again (analysis/linearisation.h)
+  std::vector<AmbiguousStart> ambiguous_starts;  // those that the data give in several ways
+  std::vector<std::string> without_effect;       // as in the last step's plan
+  std::shared_ptr<LastProblem> last;  // null: to be made again (analysis/linearisation.h)
 
   // Estimates are made at the end of calibrate(), and again when they are asked for after a
   // repeated Calibration::solve().

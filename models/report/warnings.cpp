@@ -57,6 +57,15 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
                                   "the result may be "
                                   "wrong; give it a pose in the rig")});
   }
+  for (const AmbiguousStart& start : solution.ambiguous_starts)
+    out.push_back(
+        {"ambiguous_start",
+         start.first + " and " + start.second +
+             text(" are absent from the rig, and several solutions fit the readings equally well "
+                  "(the next one is turned by %.3g degrees): ",
+                  start.turned * 180 / kPi) +
+             "give one of them a pose in the rig, or record more postures, as different as "
+             "possible"});
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {

@@ -6,8 +6,9 @@
 // in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker,
 // stereo), alone and together; what cannot be tied to anything is returned by name, and a sensor
 // whose views tell no pose is named as the reason; the calibration finds the same optimum as from
-// given poses. Does not prove: good starts from few or very noisy views, or from targets much
-// smaller than their distance.
+// given poses; a tracker and its reflector, both unknown (40 sets); of nearly flat points the right
+// side; boards beside and behind a fisheye. Does not prove: good starts
+// from few or very noisy views, or from targets much smaller than their distance.
 #include <algorithm>
 #include <catch2/catch.hpp>
 
@@ -99,6 +100,7 @@ struct Unknown {
   }
   struct Found {
     std::vector<std::string> lost;
+    std::vector<AmbiguousStart> ambiguous;
     double worst = 0;
   };
   Found find() const {
@@ -109,7 +111,9 @@ struct Unknown {
     Values values;
     values.shared = table.initial;
     Found out;
-    out.lost = start_unknown_poses(recording, recording.training(), unknown, values);
+    UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, values);
+    out.lost = starts.lost;
+    out.ambiguous = starts.ambiguous;
     for (const int p : unknown) {
       if (std::count(out.lost.begin(), out.lost.end(), table.all[p].name)) {
         CHECK(difference(get_pose(values.shared, table.all[p].start), Pose()) ==
@@ -354,6 +358,99 @@ TEST_CASE("start_targets: of a plane's two mirror solutions the right one, with 
   }
 }
 
+namespace {
+
+/// 5 x 6 points, in a plane but for as much.
+Matrix3Xd nearly_flat_points(Random& random, double height) {
+  Matrix3Xd p(3, 30);
+  for (int i = 0; i < 30; ++i) p.col(i) << 0.05 * (i % 6), 0.05 * (i / 6), height * random.normal();
+  return p;
+}
+
+}  // namespace
+
+TEST_CASE("start_targets: points that are nearly in a plane start on the right side of it") {
+  for (const double height : {1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3})
+    for (unsigned long seed = 1; seed <= 20; ++seed) {
+      Random random(seed);
+      Rig rig;
+      add_link(rig, "base");
+      finish_tree(rig.tree);
+      const int camera = add_camera(rig, "camera", "base", Pose());
+      const int target = add_points(rig, "target", nearly_flat_points(random, height));
+      TruePosture p = empty_posture(rig);
+      p.boards[target] = in_front(rig, camera, target, p, 0.8, 0.8, random);
+      Sample sample = make_sample(rig, p, "s");
+      if (!add_view(sample, rig, camera, target, p, &random)) continue;
+      const Recording recording(rig, {sample});
+      Values values;
+      values.shared = recording.table.initial;
+      start_targets(recording, {0}, {camera}, {}, values);
+      INFO("height " << height << ", seed " << seed);
+      const Pose found = values.targets.at({0, target});
+      CHECK(log_so3(found.rotation.transpose() * p.boards[target].linear()).norm() < 0.05);
+    }
+}
+
+TEST_CASE("pose_from_rays: points that are nearly in a plane, two a view") {
+  for (const double height : {1e-5, 1e-4, 3e-4, 1e-3, 1e-2})
+    for (unsigned long seed = 1; seed <= 20; ++seed) {
+      Random random(seed);
+      const Matrix3Xd points = nearly_flat_points(random, height);
+      const Pose truth = random.pose(0.5, kPi);
+      Matrix3Xd p(3, 60), o(3, 60), d(3, 60);
+      for (int i = 0; i < 60; ++i) {
+        if (i % 2 == 0) o.col(i) = truth * Vector3d(random.vector(0.4) + Vector3d(0, 0, 1));
+        if (i % 2 == 1) o.col(i) = o.col(i - 1);
+        p.col(i) = points.col((7 * i) % 30);
+        d.col(i) = (truth * Vector3d(p.col(i)) - o.col(i)).normalized() + random.vector(0.0005);
+      }
+      Pose found;
+      INFO("height " << height << ", seed " << seed);
+      REQUIRE(pose_from_rays(p, o, d, found));
+      CHECK(log_so3(found.rotation.transpose() * truth.rotation).norm() < 0.02);
+    }
+}
+
+TEST_CASE("start_targets: a fisheye that sees a board beside and behind itself") {
+  for (const double angle : {60.0, 86.0, 89.0, 92.0, 100.0, 130.0}) {
+    Random random(static_cast<unsigned long>(angle));
+    Rig rig;
+    add_link(rig, "base");
+    finish_tree(rig.tree);
+    const int camera = add_camera(rig, "camera", "base", Pose(), Lens::kannala_brandt,
+                                  {0.01, -0.003, 0.0005, -0.00005});
+    const int board = add_grid(rig, "board", 4, 5, 0.05);
+    const double a = angle * kPi / 180;
+    const Pose sensor_T_board =
+        Pose{exp_so3({0, a, 0}), {}} * Pose{exp_so3({0.2, 0.3, 0}), {-0.1, -0.08, 0.8}};
+    TruePosture p = empty_posture(rig);
+    p.boards[board] = isometry(sensor_T_board);
+    View view;
+    view.sensor = camera;
+    view.target = board;
+    view.sigma = rig.sensors[camera].sigma;
+    for (int id = 0; id < 20; ++id) {
+      Eigen::Vector2d pixel;
+      REQUIRE(project(rig.sensors[camera],
+                      isometry(sensor_T_board) * target_point(rig.targets[board], id), pixel));
+      view.ids.push_back(id);
+      view.z.push_back(pixel.x() + 0.1 * random.normal());
+      view.z.push_back(pixel.y() + 0.1 * random.normal());
+    }
+    Sample sample = make_sample(rig, p, "s");
+    sample.views = {view};
+    const Recording recording(rig, {sample});
+    Values values;
+    values.shared = recording.table.initial;
+    INFO(angle << " degrees");
+    REQUIRE_NOTHROW(start_targets(recording, {0}, {camera}, {}, values));
+    const Pose found = values.targets.at({0, board});
+    CHECK(log_so3(found.rotation.transpose() * sensor_T_board.rotation).norm() < 0.02);
+    CHECK((found.translation - sensor_T_board.translation).norm() < 0.02);
+  }
+}
+
 TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") {
   Rig rig = nasty_robot();
   const int board = target_index(rig, "board"), probe = target_index(rig, "probe");
@@ -590,6 +687,105 @@ TEST_CASE(
     CHECK(found.lost.empty());
     CHECK(found.worst < 1e-6);
   }
+}
+
+namespace {
+
+/// A tracker on the base and one reflector on the tool, both poses at random.
+Unknown tracker_and_reflector(unsigned long seed, int samples, bool noise) {
+  Random random(seed);
+  Unknown u;
+  u.truth = arm();
+  const int tracker =
+      add_tracker(u.truth, "tracker", "base", random.pose(1.5, kPi), {1e-4, 1e-4, 1e-4});
+  const int reflector = add_points(u.truth, "reflector", Vector3d::Zero(), "tool",
+                                   {Matrix3d::Identity(), random.vector(0.2)});
+  for (JointSettings& j : u.truth.joints) j.sigma = 1e-4;
+  for (int k = 0; k < samples; ++k)
+    u.add(random_posture(u.truth, random, 1.5, noise), {{tracker, reflector}},
+          noise ? &random : nullptr);
+  u.names = {"sensor/tracker/pose", "target/reflector/pose"};
+  return u;
+}
+
+}  // namespace
+
+TEST_CASE("unknown poses: a tracker and its reflector, both unknown, in 40 sets of 10 samples") {
+  for (unsigned long seed = 1; seed <= 40; ++seed)
+    for (const bool noise : {false, true}) {
+      INFO("seed " << seed);
+      const auto found = tracker_and_reflector(seed, 10, noise).find();
+      CHECK(found.lost.empty());
+      CHECK(found.ambiguous.empty());
+      CHECK(found.worst < (noise ? 0.01 : 1e-6));
+    }
+}
+
+TEST_CASE("unknown poses: several solutions for a tracker and its reflector are said to be there") {
+  const auto found = tracker_and_reflector(3, 3, false).find();  // nine numbers, nine unknowns
+  CHECK(found.lost.empty());
+  REQUIRE(found.ambiguous.size() == 1);
+  CHECK(found.ambiguous[0].first == "sensor/tracker/pose");
+  CHECK(found.ambiguous[0].second == "target/reflector/pose");
+  CHECK(tracker_and_reflector(3, 2, false).find().lost.size() == 2);
+}
+
+TEST_CASE("calibration: a tracker and its reflector without poses end right, without warnings") {
+  for (unsigned long seed = 1; seed <= 3; ++seed) {
+    const Unknown u = tracker_and_reflector(seed, 20, true);
+    const Report report = study_of(u.given(), u.samples);
+    INFO("seed " << seed);
+    CHECK(report.solution.status == Status::converged);
+    CHECK(report.solution.chi2 < 2 * static_cast<double>(report.solution.dof));
+    CHECK((report.solution.pose("sensor/tracker/pose").translation -
+           u.truth.sensors[0].link_T_sensor.translation)
+              .norm() < 0.005);
+    for (const Warning& w : report.warnings) {
+      CHECK(w.id != "no_start");
+      CHECK(w.id != "moved");
+      CHECK(w.id != "ambiguous_start");
+    }
+  }
+}
+
+TEST_CASE("unknown poses: a robot that only slides, or slides and turns about one axis") {
+  for (const bool turns : {false, true})
+    for (unsigned long seed = 1; seed <= 5; ++seed) {
+      Random random(seed);
+      Unknown u;
+      add_link(u.truth, "base");
+      add_joint(u.truth, JointType::prismatic, "x", "base", "bridge", {1, 0, 0}, at({0, 0, 1}));
+      add_joint(u.truth, JointType::prismatic, "y", "bridge", "cart", {0, 1, 0}, Pose());
+      add_joint(u.truth, turns ? JointType::revolute : JointType::prismatic, "z", "cart", "tool",
+                {0, 0, 1}, Pose());
+      finish_tree(u.truth.tree);
+      const int camera = add_camera(u.truth, "camera", "tool", random.pose(0.2, kPi)),
+                board = add_grid(u.truth, "board", 5, 6, 0.06);
+      const TruePosture middle = empty_posture(u.truth);
+      u.truth.targets[board].link_T_target =
+          to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+      u.truth.targets[board].link = link_index(u.truth, "base");
+      for (int k = 0; k < 15; ++k)
+        u.add(random_posture(u.truth, random, 0.8, false), {{camera, board}}, &random);
+      if (u.samples.size() < 6) continue;  // the others do not see the whole board
+      Rig rig = u.truth;
+      rig.sensors[camera].link_T_sensor = rig.targets[board].link_T_target = Pose();
+      rig.sensors[camera].pose_given = rig.targets[board].pose_given = false;
+      Step step;
+      step.name = "all";
+      step.sensors = {camera};
+      step.free = {"sensor/camera/pose", "target/board/pose"};
+      rig.steps = {step};
+      const Solution solution = solution_of(rig, u.samples);
+      INFO("seed " << seed << (turns ? ", turns" : ", slides"));
+      CHECK(solution.lost_starts.empty());
+      CHECK(solution.status == Status::unobservable);  // where it is along the axis, or at all
+      CHECK(solution.chi2 < 1.3 * static_cast<double>(solution.dof));
+      CHECK(solution.steps[0].iterations < 10);
+      CHECK((solution.pose("sensor/camera/pose").rotation -
+             u.truth.sensors[camera].link_T_sensor.rotation)
+                .norm() < 0.02);
+    }
 }
 
 TEST_CASE("unknown poses: motion capture and a depth camera that see a board in the hand") {
