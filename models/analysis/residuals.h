@@ -4,7 +4,7 @@
 //
 // Shared parameters are held. Free targets, joint errors and what only held-out samples see are
 // estimated from the samples that are judged: sample by sample, or together where several depend on
-// something estimated.
+// something estimated. A pose among these that the rig does not give starts in closed form.
 #pragma once
 
 #include <string>

@@ -58,9 +58,10 @@ void deal(const Recording& recording, const Wanted& wanted, const std::vector<ch
     if (f.components.empty()) continue;
     const Parameter& p = table.all[f.parameter];
     if (p.kind == ParameterKind::target_pose && seen_held_out[p.owner] &&
-        !seen_in_training[p.owner])
+        !seen_in_training[p.owner]) {
       plan.held_out.push_back(p.name);
-    else if (!used[f.parameter] && !wanted.plain[f.parameter])
+      merge(plan.seen_held_out, {f});
+    } else if (!used[f.parameter] && !wanted.plain[f.parameter])
       plan.unused.push_back(p.name);
     else
       plan.free.push_back(f);
@@ -126,10 +127,6 @@ StepPlan resolve(const Recording& recording, const Step& step, const std::vector
     take_away(table.find(fix[i], place("fix", i)), wanted.free);
   deal(recording, wanted, used, plan);
   place_priors(table, step, with_fixed, plan);
-  for (const std::string& pattern : step.free)
-    for (const Freed& f : table.select(pattern))
-      if (std::count(plan.held_out.begin(), plan.held_out.end(), table.all[f.parameter].name))
-        merge(plan.seen_held_out, {f});
   return plan;
 }
 
@@ -156,8 +153,9 @@ std::vector<std::string> without_effect(const Recording& recording, const Step& 
   const auto freed = [&](const std::vector<std::string>& free,
                          const std::vector<std::string>& fix) {
     std::map<int, std::vector<int>> out;
-    for (const Freed& f : resolve(recording, step, used, free, fix).free)
-      out[f.parameter] = f.components;
+    const StepPlan plan = resolve(recording, step, used, free, fix);
+    for (const std::vector<Freed>* list : {&plan.free, &plan.seen_held_out})
+      for (const Freed& f : *list) out[f.parameter] = f.components;
     return out;
   };
   std::vector<std::string> out;
