@@ -57,6 +57,16 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
                                   "the result may be "
                                   "wrong; give it a pose in the rig")});
   }
+  for (const ReplacedStart& start : solution.replaced_starts)
+    out.push_back(
+        {"given_pose",
+         start.name +
+             text(": the data contradict the given pose; the estimate is %.3g m and %.3g degrees "
+                  "from it. ",
+                  start.moved, start.turned * 180 / kPi) +
+             (start.cost_per_dof > 0 ? text("From there chi2/dof ended at %.3g", start.cost_per_dof)
+                                     : std::string("No calibration can start there")) +
+             ", so it was started where the data put it: correct it in the rig, or leave it away"});
   for (const AmbiguousStart& start : solution.ambiguous_starts)
     out.push_back(
         {"ambiguous_start",
@@ -142,9 +152,10 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
 }
 
 void warn_of_parameters(const Solution& solution, Warnings& out) {
-  const std::vector<std::string>& identity = solution.identity_starts;
+  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
+  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
   for (const ParameterEstimate& e : solution.parameters) {
-    if (e.pose && std::find(identity.begin(), identity.end(), e.name) == identity.end()) {
+    if (e.pose && std::find(explained.begin(), explained.end(), e.name) == explained.end()) {
       const double moved = std::hypot(e.value[0], e.value[1], e.value[2]),
                    turned = std::hypot(e.value[3], e.value[4], e.value[5]);
       if (moved > 0.1)

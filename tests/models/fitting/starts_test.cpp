@@ -7,7 +7,8 @@
 // stereo), alone and together; what cannot be tied to anything is returned by name, and a sensor
 // whose views tell no pose is named as the reason; the calibration finds the same optimum as from
 // given poses; a tracker and its reflector, both unknown (40 sets); of nearly flat points the right
-// side; boards beside and behind a fisheye. Does not prove: good starts
+// side; boards beside and behind a fisheye. A calibration from given poses that are turned by 90 or
+// 180 degrees ends where it would from the right ones and names them. Does not prove: good starts
 // from few or very noisy views, or from targets much smaller than their distance.
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -920,5 +921,125 @@ TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
     REQUIRE(values[0].size() == values[1].size());
     for (size_t i = 0; i < values[0].size(); ++i)
       CHECK(std::abs(values[0][i] - values[1][i]) < 1e-6);
+  }
+}
+
+namespace {
+
+/// A solution of one step that frees these.
+Report study_freeing(Rig rig, const std::vector<Sample>& samples,
+                     const std::vector<std::string>& free) {
+  Step step;
+  step.name = "all";
+  step.sensors = all_sensors(rig);
+  step.free = free;
+  rig.steps = {step};
+  return study_of(std::move(rig), samples);
+}
+
+bool warns_of(const Report& report, const std::string& id) {
+  return std::any_of(report.warnings.begin(), report.warnings.end(),
+                     [&](const Warning& w) { return w.id == id; });
+}
+
+}  // namespace
+
+TEST_CASE("calibration: a given pose that the data contradict is left for where they put it") {
+  const std::vector<std::string> free = {"sensor/camera/pose", "target/board/pose"};
+  for (unsigned long seed = 51; seed <= 54; ++seed) {
+    const Unknown u = eye_in_hand(seed, true);
+    const Report right = study_freeing(u.truth, u.samples, free);
+    REQUIRE(right.solution.status == Status::converged);
+    CHECK(right.solution.replaced_starts.empty());
+    for (const Vector3d& turn : {Vector3d(kPi, 0, 0), Vector3d(0, kPi, 0), Vector3d(0, 0, kPi),
+                                 Vector3d(kPi / 2, 0, 0), Vector3d(0, 0, -kPi / 2)}) {
+      Rig rig = u.truth;
+      rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3(turn), {}};
+      INFO("seed " << seed << ", turned by " << turn.transpose());
+      const Report wrong = study_freeing(rig, u.samples, free);
+      CHECK(wrong.solution.status == Status::converged);
+      CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
+      CHECK((wrong.solution.pose("sensor/camera/pose").rotation -
+             right.solution.pose("sensor/camera/pose").rotation)
+                .norm() < 1e-4);
+      // Estimates count from the given pose; where no iteration found the way, a warning says so.
+      CHECK(wrong.solution["sensor/camera/pose"].value[3] != 0);
+      REQUIRE(warns_of(wrong, "given_pose") == !wrong.solution.replaced_starts.empty());
+      if (turn.norm() < 3 || wrong.solution.replaced_starts.empty()) continue;
+      CHECK(wrong.solution.replaced_starts.size() == 1);
+      CHECK(wrong.solution.replaced_starts[0].name == "sensor/camera/pose");
+      CHECK(wrong.solution.replaced_starts[0].turned == Approx(kPi).margin(0.05));
+      CHECK_FALSE(warns_of(wrong, "moved"));
+    }
+  }
+}
+
+TEST_CASE("calibration: a given pose that is held in part or has a prior is never left") {
+  const Unknown u = eye_in_hand(51, true);
+  Rig rig = u.truth;
+  rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3({kPi, 0, 0}), {}};
+  const Report report = study_freeing(rig, u.samples, {"sensor/camera/pose.r[xyz]"});
+  CHECK(report.solution.replaced_starts.empty());
+  CHECK(report.solution.status == Status::undefined_start);
+}
+
+TEST_CASE("calibration: the origin of a fixed joint that looks the wrong way is found too") {
+  for (unsigned long seed = 61; seed <= 63; ++seed) {
+    Random random(seed);
+    Unknown u;
+    u.truth = arm();
+    const Pose mount = random.pose(0.2, kPi);
+    const int joint =
+        add_joint(u.truth, JointType::fixed, "mount", "tool", "head", {1, 0, 0}, mount);
+    add_joint(u.truth, JointType::fixed, "optical", "head", "eye", {1, 0, 0},
+              at({0, 0, 0.02}, {-kPi / 2, 0, -kPi / 2}));
+    finish_tree(u.truth.tree);
+    const int camera = add_camera(u.truth, "camera", "eye", at({0.01, 0, 0}));
+    const TruePosture middle = random_posture(u.truth, random, 1, false);
+    const int board = add_grid(u.truth, "board", 5, 6, 0.06);
+    const Pose base_T_board = to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+    u.truth.targets[board].link_T_target = base_T_board;
+    u.truth.targets[board].link = link_index(u.truth, "base");
+    for (int k = 0; k < 12; ++k)
+      u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, &random);
+    Rig rig = u.truth;
+    rig.tree.joints[joint].parent_T_joint = mount * Pose{exp_so3({0, kPi, 0}), {}};
+    finish_tree(rig.tree);
+    INFO("seed " << seed);
+    const std::vector<std::string> free = {"joint/mount/origin", "target/board/pose"};
+    const Report right = study_freeing(u.truth, u.samples, free),
+                 wrong = study_freeing(rig, u.samples, free);
+    CHECK(wrong.solution.status == Status::converged);
+    CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
+    REQUIRE(wrong.solution.replaced_starts.size() == 1);
+    CHECK(wrong.solution.replaced_starts[0].name == "joint/mount/origin");
+  }
+}
+
+TEST_CASE("calibration: poses half a turn off are no place to stay") {
+  // At half a turn the logarithm's sign is noise's: readings pull either way.
+  for (unsigned long seed = 71; seed <= 80; ++seed) {
+    Random random(seed);
+    Rig rig;
+    add_link(rig, "base");
+    add_joint(rig, JointType::revolute, "pan", "base", "head", {0, 0, 1}, at({0, 0, 0.5}));
+    finish_tree(rig.tree);
+    const int mocap = add_mocap(rig, "mocap", "head", Pose(), 0.001, 0.002);
+    const int body =
+        add_points(rig, "body", random_points(random, 3, 0.2), "base", random.pose(0.5, kPi));
+    std::vector<Sample> samples;
+    for (int k = 0; k < 2 + static_cast<int>(seed % 3); ++k) {
+      const TruePosture p = random_posture(rig, random, 1, false);
+      samples.push_back(make_sample(rig, p, "s" + std::to_string(k)));
+      REQUIRE(add_view(samples.back(), rig, mocap, body, p, &random));
+    }
+    const Report right = study_freeing(rig, samples, {"target/body/pose"});
+    Rig turned = rig;
+    turned.targets[body].link_T_target =
+        rig.targets[body].link_T_target * Pose{exp_so3(kPi * random.direction()), {}};
+    const Report wrong = study_freeing(turned, samples, {"target/body/pose"});
+    INFO("seed " << seed);
+    CHECK(wrong.solution.status == Status::converged);
+    CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
   }
 }
