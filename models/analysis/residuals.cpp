@@ -263,6 +263,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     merge(free, found);
   }
   Evaluation out;
+  const std::vector<int> open = open_poses(rig, table);
+  for (int p : open) merge(free, {whole(table, p)});
   std::vector<char> influences(table.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig.sensors.size(), -1);
   for (bool train : {true, false}) {
@@ -301,6 +303,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
       set_statistics(now.sums[i], read.sums[i], Sums(), sensor.measures_pose, s);
     }
   }
+  for (int p : open)
+    if (influences[p]) out.open.push_back(table.all[p].name);
   for (const std::string& pattern : patterns) {
     const std::vector<Freed> found = table.select(pattern);
     if (std::none_of(found.begin(), found.end(),

@@ -55,12 +55,13 @@ struct Evaluation {
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;  // without rms_before
+  std::vector<std::string> open;      // poses absent from the rig that were estimated in each split
   std::vector<std::string>
       without_effect;  // names that were to be freed and on which no measurement depends
 };
 
-/// Evaluates both splits at the rig's values; free targets, joint errors and what `free` names are
-/// estimated in each split.
+/// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
+/// what the rig leaves open (rig/selection.h) are estimated in each split.
 /// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be
 /// evaluated.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,

@@ -328,6 +328,9 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
     out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
   if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5)
     out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
+  for (const std::string& name : evaluation.open)
+    out.push_back({"open_pose", name + " is absent from the rig: it was estimated from the samples "
+                                       "of each split"});
   for (const std::string& pattern : evaluation.without_effect)
     out.push_back(
         {"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});

@@ -663,3 +663,17 @@ TEST_CASE("held-out placements are estimated where a free of the caller names th
   for (const Warning& w : by_caller.warnings) CHECK(w.id != "no_effect");
   CHECK(by_caller.solution.steps[0].held_out == in_step.solution.steps[0].held_out);
 }
+
+TEST_CASE("evaluate: a pose that the rig leaves open is estimated in each split") {
+  Rig rig = placed_blocks(3);
+  std::vector<Sample> samples = placed_samples(rig, 8);
+  for (Sample& s : samples) s.train = s.id.rfind("place_1", 0) != 0;
+  const Evaluation given = evaluate(Recording(rig, samples), NoiseMode::none, {"target/*/pose"});
+  CHECK(given.open.empty());
+  for (Target& t : rig.targets) t.link_T_target = Pose(), t.pose_given = false;
+  const Evaluation open = evaluate(Recording(rig, samples), NoiseMode::none, {});
+  CHECK(open.converged);
+  CHECK(open.open.size() == 3);
+  CHECK(open.chi2 == Approx(given.chi2).epsilon(1e-6));
+  CHECK(open.dof == given.dof);
+}
