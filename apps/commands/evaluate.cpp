@@ -26,7 +26,7 @@ int evaluate(const EvaluateArguments& a) {
   const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
-    rig_file.rig.steps.clear();  // new data to judge: no step has anything to fit
+    clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
   try {

@@ -42,6 +42,10 @@ int local(const LocalArguments& a) {
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
+  for (const std::string& name : local.open)
+    std::fprintf(stderr,
+                 "kincal: warning: %s is absent from the rig: it was estimated from the samples\n",
+                 name.c_str());
   if (!local.enough) {
     std::fprintf(stderr,
                  "kincal: error: %s: %d samples within %g rad or m of the posture have views that "

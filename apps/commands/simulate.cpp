@@ -21,6 +21,29 @@ struct SimulateArguments {
   bool force = false;
 };
 
+/// Where something is that the rig gives no pose for must be said, by the truth or a spread at
+/// least.
+void refuse_open_poses(const Rig& rig, const ParameterTable& table, const VectorXd& truth,
+                       const std::vector<Spread>& spread) {
+  std::vector<char> said(table.all.size(), 0);
+  for (const Spread& s : spread)
+    for (const Freed& f : table.select(s.pattern)) said[f.parameter] = 1;
+  for (int p : open_poses(rig, table)) {
+    const Parameter& parameter = table.all[p];
+    if (said[p] || truth.segment<12>(parameter.start) != table.initial.segment<12>(parameter.start))
+      continue;
+    const bool sensor = parameter.kind == ParameterKind::sensor_pose;
+    const std::string& name =
+        sensor ? rig.sensors[parameter.owner].name : rig.targets[parameter.owner].name;
+    throw InputError("simulate: " + parameter.name +
+                     " is absent from the rig, so it is not known " + "where " +
+                     (sensor ? "sensor '" : "target '") + name + "' is: write " +
+                     (sensor ? "sensors." + name + ".pose" : "targets." + name + ".mount.pose") +
+                     " into the rig, or say it by --truth, or draw it by --spread '" +
+                     parameter.name + "=0.01' (around the identity)");
+  }
+}
+
 int simulate(const SimulateArguments& a) {
   check_output(a.out, a.force);
   const RigFile rig_file = read_rig(rig_path(a.rig));
@@ -47,6 +70,7 @@ int simulate(const SimulateArguments& a) {
   } catch (const NameError& error) {
     throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
+  refuse_open_poses(rig_file.rig, table, truth, spread);
   options.progress = [](int) { return not_interrupted(); };
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
   if (!not_interrupted()) return say_interrupted();

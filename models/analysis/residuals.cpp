@@ -7,6 +7,7 @@
 
 #include "../fitting/fit.h"
 #include "../fitting/free_targets.h"
+#include "../fitting/unknown_poses.h"
 #include "../rig/numbers.h"
 #include "linearisation.h"
 
@@ -91,6 +92,22 @@ Values known_values(const Recording& recording, const std::vector<int>& samples,
   return out;
 }
 
+/// Poses of mounted targets and sensors that are estimated with the samples and that the rig does
+/// not give start where these put them.
+void start_open_poses(const Recording& recording, const std::vector<int>& samples,
+                      const std::vector<Freed>& free, Values& values) {
+  std::vector<int> unknown;
+  for (const Freed& f : free) {
+    const Parameter& p = recording.table.all[f.parameter];
+    const bool given =
+        p.kind == ParameterKind::sensor_pose
+            ? recording.rig.sensors[p.owner].pose_given
+            : p.kind != ParameterKind::target_pose || recording.rig.targets[p.owner].pose_given;
+    if (!given && f.whole(p)) unknown.push_back(f.parameter);
+  }
+  if (!unknown.empty()) start_unknown_poses(recording, samples, unknown, values);
+}
+
 Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared,
              const VectorXd& initial, const Judge& how) {
   Judged out;
@@ -111,10 +128,11 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
       setup.free.clear();
     FitOptions options;
     options.trust_start = true;
+    Values start = known_values(recording, group, shared, how.start);
+    start_open_poses(recording, group, setup.free, start);
     Fit one;
     try {
-      one =
-          fit(recording, group, setup, known_values(recording, group, shared, how.start), options);
+      one = fit(recording, group, setup, std::move(start), options);
     } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
       one.summary.outcome = Outcome::undefined_start;
     }
@@ -254,6 +272,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     merge(free, found);
   }
   Evaluation out;
+  const std::vector<int> open = open_poses(rig, table);
+  for (int p : open) merge(free, {whole(table, p)});
   std::vector<char> influences(table.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig.sensors.size(), -1);
   for (bool train : {true, false}) {
@@ -294,6 +314,8 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     }
   }
   out.converged = out.unfinished.empty();
+  for (int p : open)
+    if (influences[p]) out.open.push_back(table.all[p].name);
   for (const std::string& pattern : patterns) {
     const std::vector<Freed> found = table.select(pattern);
     if (std::none_of(found.begin(), found.end(),

@@ -4,7 +4,7 @@
 //
 // Shared parameters are held. Free targets, joint errors and what only held-out samples see are
 // estimated from the samples that are judged: sample by sample, or together where several depend on
-// something estimated.
+// something estimated. A pose among these that the rig does not give starts in closed form.
 #pragma once
 
 #include <string>
@@ -65,12 +65,13 @@ struct Evaluation {
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;  // without rms_before
+  std::vector<std::string> open;      // poses absent from the rig that were estimated in each split
   std::vector<std::string>
       without_effect;  // names that were to be freed and on which no measurement depends
 };
 
-/// Evaluates both splits at the rig's values; free targets, joint errors and what `free` names are
-/// estimated in each split.
+/// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
+/// what the rig leaves open (rig/selection.h) are estimated in each split.
 /// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be
 /// evaluated.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,

@@ -6,8 +6,8 @@
 #include <stdexcept>
 
 #include "../fitting/fit.h"
-#include "../fitting/unknown_poses.h"
 #include "../rig/numbers.h"
+#include "start_poses.h"
 
 namespace kincal {
 
@@ -29,40 +29,6 @@ struct Ended {
   Status status;
   std::string message;
 };
-
-/// Poses that the rig leaves open and the steps free wholly, without a prior, start where the data
-/// put them; the others at the identity.
-void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) {
-  const Recording& recording = *solution.recording;
-  const ParameterTable& table = recording.table;
-  std::vector<int> unknown;
-  for (size_t i = 0; i < table.all.size(); ++i) {
-    const Parameter& parameter = table.all[i];
-    const int p = static_cast<int>(i);
-    const bool open = (parameter.kind == ParameterKind::sensor_pose &&
-                       !recording.rig.sensors[parameter.owner].pose_given) ||
-                      (parameter.kind == ParameterKind::target_pose &&
-                       !recording.rig.targets[parameter.owner].pose_given);
-    if (!open) continue;
-    bool whole = false, prior = false, freed = false;
-    for (const StepPlan& plan : plans) {
-      const Freed* f = find_freed(plan.free, p);
-      freed = freed || f;
-      whole = whole || (f && f->whole(parameter));
-      for (const Prior& q : plan.priors) prior = prior || q.parameter == p;
-    }
-    if (whole && !prior)
-      unknown.push_back(p);
-    else if (freed)
-      solution.identity_starts.push_back(parameter.name);
-  }
-  for (int p : unknown) solution.computed_starts.push_back(table.all[p].name);
-  if (unknown.empty()) return;
-  Values started;
-  started.shared = solution.initial;
-  solution.lost_starts = start_unknown_poses(recording, recording.training(), unknown, started);
-  solution.initial = solution.values.shared = started.shared;
-}
 
 std::string undefined_text(const Recording& recording, const StepPlan& plan, const Sample& sample) {
   std::string views;
@@ -150,11 +116,10 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
   return out;
 }
 
-/// A solution, and the solver of its last step, to be used again.
+/// From the solution's values: a solution, and the solver of its last step, to be used again.
 void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
                const StepVariations& variations, CalibrationRun& run) {
   Solution& solution = run.solution;
-  start_absent_poses(plans, solution);
   if (variations.start) solution.values.shared = *variations.start;
   bool all_converged = true;
   for (const StepPlan& plan : plans) {
@@ -196,21 +161,44 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
   }
 }
 
-CalibrationRun run(const std::shared_ptr<const Recording>& recording,
-                   const CalibrationOptions& options, const StepVariations& variations) {
-  const std::vector<StepPlan> plans = resolve_steps(*recording, options);
+/// A run that is to begin, at the rig's values.
+CalibrationRun new_run(const std::shared_ptr<const Recording>& recording,
+                       const CalibrationOptions& options, const std::vector<StepPlan>& plans) {
   CalibrationRun out;
   out.solution.recording = recording;
   out.solution.noise = options.noise;
   out.solution.initial = out.solution.values.shared = recording->table.initial;
   out.solution.without_effect = plans.back().without_effect;
-  try {
-    run_steps(plans, options, variations, out);
-  } catch (const Ended& ended) {
-    out.solution.status = ended.status;
-    out.solution.message = ended.message;
-  }
   return out;
+}
+
+void run_to_end(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
+                const StepVariations& variations, CalibrationRun& run) {
+  try {
+    run_steps(plans, options, variations, run);
+  } catch (const Ended& ended) {
+    run.solution.status = ended.status;
+    run.solution.message = ended.message;
+  }
+}
+
+CalibrationRun run(const std::shared_ptr<const Recording>& recording,
+                   const CalibrationOptions& options, const StepVariations& variations) {
+  const std::vector<StepPlan> plans = resolve_steps(*recording, options);
+  CalibrationRun first = new_run(recording, options, plans);
+  start_absent_poses(plans, first.solution);
+  run_to_end(plans, options, variations, first);
+  // A robust run's cost is in units of what its residuals show: it compares with no other.
+  const bool again_possible =
+      !variations.start && !variations.before_step && first.solution.status != Status::cancelled &&
+      (!variations.robust || first.solution.status == Status::undefined_start);
+  if (!again_possible || !ended_badly(first.solution)) return first;
+  CalibrationRun again = new_run(recording, options, plans);
+  if (!start_given_poses(plans, first.solution, again.solution)) return first;
+  run_to_end(plans, options, variations, again);
+  if (!decisively_better(again.solution, first.solution)) return first;
+  name_replaced_starts(plans, first.solution, again.solution);
+  return again;
 }
 
 /// The same views with the same points and numbers of sigmas.

@@ -10,6 +10,7 @@
 
 #include "../../solver/observability.h"
 #include "../estimation/estimation.h"
+#include "../fitting/unknown_poses.h"
 #include "../rig/selection.h"
 
 namespace kincal {
@@ -51,6 +52,14 @@ struct ParameterEstimate {
 /// camera); `message` names the sample and its views.
 enum class Status { converged, unobservable, not_converged, undefined_start, cancelled };
 
+/// A ReplacedStart is a pose that the rig gives, that the data contradict, and from which the
+/// calibration did not start (calibration/start_poses.h).
+struct ReplacedStart {
+  std::string name;
+  double moved = 0, turned = 0;  // from the given pose to the estimate: m, rad
+  double cost_per_dof = 0;       // where the run from the given pose ended; 0: it could not start
+};
+
 /// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only
 /// analysis/linearisation needs it.
 struct LastProblem {
@@ -88,9 +97,11 @@ struct Solution {
                                              // a prior: they start at the identity
   std::vector<std::string>
       lost_starts;  // those of computed_starts that nothing with a known pose ties down
-  std::vector<std::string> without_effect;  // as in the last step's plan
+  std::vector<AmbiguousStart> ambiguous_starts;  // those that the data give in several ways
+  std::vector<ReplacedStart> replaced_starts;    // given poses that the data contradict
+  std::vector<std::string> without_effect;       // as in the last step's plan
   std::optional<Prediction> prediction;
-  std::shared_ptr<LastProblem> last;        // null: to be made again (analysis/linearisation.h)
+  std::shared_ptr<LastProblem> last;  // null: to be made again (analysis/linearisation.h)
 
   // Estimates are made at the end of calibrate(), and again when they are asked for after a
   // repeated Calibration::solve().

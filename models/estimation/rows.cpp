@@ -76,6 +76,7 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
   in.ids = v.layout->ids.data();
   in.count = static_cast<int>(v.layout->ids.size());
   in.z = v.view->z.data();
+  in.sigma = v.view->sigma.data();
 }
 
 /// Whitened rows [L r] of a view into scratch.rows (derivatives) or r alone into scratch.r, the

@@ -9,6 +9,7 @@
 #include "../rig/draws.h"
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
+#include "rotation_minima.h"
 
 namespace kincal {
 
@@ -19,6 +20,56 @@ Matrix3d nearest_rotation(const Matrix3d& m) {
   const Matrix3d u = svd.u, v = svd.v;
   const double sign = (u * v.transpose()).determinant() < 0 ? -1 : 1;
   return u * Vector3d(1, 1, sign).asDiagonal() * v.transpose();
+}
+
+/// How far points spread along their principal axes, the largest first.
+struct Spread3d {
+  Vector3d lengths = Vector3d::Zero();
+  Matrix3d axes;  // columns, right-handed
+
+  bool flat() const { return lengths(2) <= 1e-6 * lengths(0); }
+  /// Noise decides on which side of its plane such a target is seen: there are two minima.
+  bool nearly_flat() const { return !flat() && lengths(2) < 0.1 * lengths(1); }
+};
+
+Spread3d spread_of(const Matrix3Xd& centred) {
+  const SingularValues svd = singular_values(centred, Eigen::ComputeFullU);
+  Spread3d out;
+  out.lengths.head(svd.values.size()) = svd.values;
+  out.axes = svd.u;
+  if (out.axes.determinant() < 0) out.axes.col(2) *= -1;
+  return out;
+}
+
+/// The poses at which points p are nearest to rays o + s d, the least distances first: minima of
+/// sum |(1 - d d') (R p + t - o)|^2.
+std::vector<Pose> poses_at_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d) {
+  const Vector3d mean = p.rowwise().mean();
+  MatrixXd s = MatrixXd::Zero(13, 13), row(3, 13);
+  for (Eigen::Index i = 0; i < p.cols(); ++i) {
+    const Vector3d direction = d.col(i).normalized();
+    const Matrix3d across = Matrix3d::Identity() - direction * direction.transpose();
+    set_rotation_columns(across, p.col(i) - mean, row.leftCols<9>());
+    row.middleCols<3>(9) = across;
+    row.col(12) = -across * o.col(i);
+    s += row.transpose() * row;
+  }
+  std::vector<Pose> out;
+  for (const RotationMinimum& minimum : rotation_minima(s))
+    out.push_back({minimum.rotation, minimum.others - minimum.rotation * mean});
+  return out;
+}
+
+/// Those of poses_at_rays() from one place that have all points before it.
+std::vector<Pose> poses_in_front(const Matrix3Xd& p, const Matrix3Xd& d) {
+  std::vector<Pose> out;
+  for (const Pose& pose : poses_at_rays(p, Matrix3Xd::Zero(3, p.cols()), d)) {
+    bool in_front = true;
+    for (Eigen::Index i = 0; i < p.cols() && in_front; ++i)
+      in_front = d.col(i).dot(pose * Vector3d(p.col(i))) > 0;
+    if (in_front) out.push_back(pose);
+  }
+  return out;
 }
 
 /// X and Y of A_i X = Y B_i. False if the rotations do not determine them.
@@ -89,14 +140,14 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   if (n == 0) return out;
   const Vector3d mean = c.rowwise().mean(), sight = xy1.rowwise().mean();
   const Matrix3Xd centred = c.colwise() - mean;
-  const SingularValues svd = singular_values(centred, Eigen::ComputeFullU);
-  Vector3d spread = Vector3d::Zero();
-  spread.head(svd.values.size()) = svd.values;
-  Matrix3d axes = svd.u;  // columns: principal axes in the target's frame
-  if (axes.determinant() < 0) axes.col(2) *= -1;
+  const Spread3d spread = spread_of(centred);
+  const Matrix3d& axes = spread.axes;
   const double size = std::max(centred.colwise().norm().maxCoeff(), 1e-6);
-  const bool flat = spread(2) <= 1e-6 * spread(0);
-  if (n >= 4 && spread(1) > 1e-6 * spread(0) && (flat || n >= 6)) {
+  const bool flat = spread.flat(), sideways = (xy1.row(2).array() != 1).any();
+  const bool by_distances = spread.nearly_flat() || (sideways && n >= 4);
+  if (by_distances) {
+    out = poses_in_front(c, xy1);
+  } else if (n >= 4 && spread.lengths(1) > 1e-6 * spread.lengths(0) && (flat || n >= 6)) {
     const Matrix3Xd q = axes.transpose() * centred / size;
     const double scale =
         std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
@@ -141,10 +192,11 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       out.push_back(pose);
     }
   }
-  const bool in_front = std::any_of(out.begin(), out.end(), [&](const Pose& p) {
-    return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
-  });
-  if (!in_front || n < 6)  // too few points, or all but degenerate ones
+  const bool in_front =
+      (by_distances && !out.empty()) || std::any_of(out.begin(), out.end(), [&](const Pose& p) {
+        return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
+      });
+  if (!in_front || (n < 6 && !by_distances))  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
       pose.rotation.diagonal() << 1, sign, sign;
@@ -171,11 +223,14 @@ bool pose_from_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d,
   const Eigen::Index n = p.cols();
   if (n < 4 || on_a_line(p)) return false;
   const Vector3d mean = p.rowwise().mean();
-  const SingularValues svd = singular_values(p.colwise() - mean, Eigen::ComputeFullU);
-  Matrix3d axes = svd.u;
-  if (axes.determinant() < 0) axes.col(2) *= -1;
+  const Spread3d spread = spread_of(p.colwise() - mean);
+  if (spread.nearly_flat()) {
+    frame_T_target = poses_at_rays(p, o, d)[0];
+    return true;
+  }
+  const Matrix3d& axes = spread.axes;
   const Matrix3Xd q = axes.transpose() * (p.colwise() - mean);
-  const int k = svd.values(2) <= 1e-6 * svd.values(0) ? 2 : 3;
+  const int k = spread.flat() ? 2 : 3;
   Eigen::MatrixXd a(3 * n, 3 * k + 3);
   VectorXd right(3 * n);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -264,6 +319,54 @@ bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<P
     if (!robot_world_hand_eye(kept_a, kept_b, x, y)) break;
   }
   return true;
+}
+
+std::optional<SinglePointPose> pose_from_single_points(const std::vector<SinglePoint>& readings,
+                                                       int points) {
+  constexpr double kChance = 25;  // of a chi2: five sigmas
+  const Eigen::Index n = static_cast<Eigen::Index>(readings.size()), k = 3 + 3 * points;
+  Matrix3Xd measured(3, n);
+  for (Eigen::Index i = 0; i < n; ++i) measured.col(i) = readings[i].measured;
+  if (3 * n < 6 + 3 * points || on_a_line(measured)) return std::nullopt;
+  const Vector3d mean = measured.rowwise().mean();
+  MatrixXd s = MatrixXd::Zero(10 + k, 10 + k), row(3, 10 + k);
+  for (const SinglePoint& one : readings) {  // R (p - mean) + t - R_A y - t_A, t of the mean
+    row.setZero();
+    set_rotation_columns(Matrix3d::Identity(), one.measured - mean, row.leftCols<9>());
+    row.middleCols<3>(9).setIdentity();
+    row.middleCols<3>(12 + 3 * one.point) = -one.a.rotation;
+    row.col(9 + k) = -one.a.translation;
+    s += row.transpose() * row;
+  }
+  const std::vector<RotationMinimum> minima = rotation_minima(s);
+  const RotationMinimum& best = minima[0];
+  if (best.directions < 2) return std::nullopt;
+  SinglePointPose out;
+  out.x = {best.rotation, best.others.head<3>() - best.rotation * mean};
+  out.y = Eigen::Map<const Matrix3Xd>(best.others.data() + 3, 3, points);
+  const double size = (measured.colwise() - mean).norm(),
+               excess = static_cast<double>(3 * n - 6 - 3 * points);
+  const double chance =
+      excess > 0 ? kChance * (best.cost / excess + 1e-18 * size * size) : kInfinity;
+  if (best.directions == 3 && minima.size() > 1 && minima[1].cost <= best.cost + chance) {
+    out.ambiguous = true;
+    out.turned = log_so3(best.rotation.transpose() * minima[1].rotation).norm();
+  }
+  return out;
+}
+
+std::optional<SinglePointPose> robot_world_hand_eye_by_points(const std::vector<Pose>& a,
+                                                              const std::vector<Pose>& b, Pose& y) {
+  Matrix3Xd corner(3, 4);  // of Y's body: its origin and a step along each axis
+  corner << Vector3d::Zero(), 0.1 * Matrix3d::Identity();
+  std::vector<SinglePoint> readings;
+  for (size_t i = 0; i < a.size(); ++i) {  // X B^-1 q = A^-1 Y q
+    const Pose x_T_y = inverse(b[i]), y_T_x = inverse(a[i]);
+    for (int k = 0; k < 4; ++k) readings.push_back({x_T_y * Vector3d(corner.col(k)), y_T_x, k});
+  }
+  std::optional<SinglePointPose> out = pose_from_single_points(readings, 4);
+  if (out) y = fit_points(corner, out->y);
+  return out;
 }
 
 }  // namespace kincal

@@ -2,11 +2,16 @@
 //
 // Points and points: Kabsch's rigid fit. Points and directions from one place (perspective): the
 // homography of a plane with both of its mirror solutions, else a direct linear transform. Points
-// and rays from many places: d x (R p + t) = d x o, linear in R and t. Two unknown poses, A_i X = Y
+// and rays from many places: d x (R p + t) = d x o, linear in R and t. Of points nearly in a plane
+// (what they stick out is less than a tenth of their spread in it) neither is safe: noise decides
+// between the mirror solutions. There all minima of the points' distances from the rays are taken
+// (rotation_minima.h), of which the residuals decide. Two unknown poses, A_i X = Y
 // B_i over many i (robot-world-hand-eye): rotations from the largest singular vectors of sum R_B
-// (x) R_A (Shah 2013), translations by linear least squares.
+// (x) R_A (Shah 2013), translations by linear least squares. A sensor's pose and the places of
+// points that it sees one at a time, X p_i = A_i y: linear in R_X, t_X and y (rotation_minima.h).
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "../../kinematics/transform.h"
@@ -22,8 +27,8 @@ Eigen::Matrix3Xd select_columns(const Eigen::Matrix3Xd& points, const std::vecto
 /// or points on a line, determine only a part of it.
 Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 
-/// Returns poses sensor_T_target of points c whose directions (x, y, 1) are xy1: by DLT, for planes
-/// both mirror solutions.
+/// Returns poses sensor_T_target of points c whose directions are xy1, (x, y, 1) or unit vectors
+/// beside and behind: by DLT, for planes and what is nearly one both mirror solutions.
 std::vector<Pose> perspective_poses(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
 
 /// Finds the pose of one camera from points and directions of many views together: of
@@ -47,5 +52,31 @@ Pose robust_mean(const std::vector<Pose>& poses, double length);
 /// false if the rotations do not determine them.
 bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x,
                                  Pose& y);
+
+/// A SinglePoint is what relates a sensor's pose X and a point's place y:  X measured = A y.
+struct SinglePoint {
+  Vector3d measured;  // in the sensor's frame
+  Pose a;             // from the link that y is fixed to, to the link that X is fixed to
+  int point = 0;      // which y
+};
+
+/// A SinglePointPose is what leaves the least.
+struct SinglePointPose {
+  Pose x;
+  Matrix3Xd y;             // one a column
+  bool ambiguous = false;  // another solution leaves no more than chance explains
+  double turned = 0;       // by how much X of the other is turned from this, rad
+};
+
+/// Finds a sensor's pose and the places of `points` points from readings of single points. nullopt
+/// where these do not determine it: fewer than a point's unknowns, or all in one line.
+std::optional<SinglePointPose> pose_from_single_points(const std::vector<SinglePoint>& readings,
+                                                       int points);
+
+/// Finds X and Y of A_i X = Y B_i where the rotations alone do not determine them (a robot that
+/// only slides, or turns about one axis): by four points of Y's body as X's body sees them. What
+/// the relations leave open is the shortest translation, or any turn.
+std::optional<SinglePointPose> robot_world_hand_eye_by_points(const std::vector<Pose>& a,
+                                                              const std::vector<Pose>& b, Pose& y);
 
 }  // namespace kincal

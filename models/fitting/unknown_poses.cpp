@@ -55,7 +55,8 @@ class PoseGraph {
 
   const std::vector<int>& open() const { return open_; }
   bool settle_one();
-  bool settle_two();
+  bool settle_two(std::vector<AmbiguousStart>& ambiguous);
+  bool settle_by_points(std::vector<AmbiguousStart>& ambiguous);
   void settle(int parameter, const Pose& pose);
   Pose pose_of(int parameter) const {
     return get_pose(values_.shared, table_.all[parameter].start);
@@ -291,13 +292,15 @@ Pairs PoseGraph::pairs_of_unknowns() const {
   return pairs;
 }
 
-/// Settles the two poses that most relations tie to each other. Returns false if no two are
+/// Settles the two poses that most relations tie to each other, by the rotations of the relations,
+/// or where these do not determine them by their translations too. Returns false if no two are
 /// determined.
-bool PoseGraph::settle_two() {
+bool PoseGraph::settle_two(std::vector<AmbiguousStart>& ambiguous) {
   std::pair<int, int> chosen(-1, -1);
   Pose x, y;
   size_t most = 0;
-  for (const auto& [parameters, pair] : pairs_of_unknowns()) {
+  const Pairs pairs = pairs_of_unknowns();
+  for (const auto& [parameters, pair] : pairs) {
     Pose trial_x, trial_y;
     if (pair.a.size() <= most || !robust_robot_world_hand_eye(pair.a, pair.b, trial_x, trial_y))
       continue;
@@ -306,28 +309,98 @@ bool PoseGraph::settle_two() {
     x = trial_x;
     y = trial_y;
   }
+  std::optional<SinglePointPose> by_points;
+  for (const auto& [parameters, pair] : pairs) {
+    if ((most > 0 && !by_points) || pair.a.size() <= most) continue;
+    Pose trial_y;
+    std::optional<SinglePointPose> trial = robot_world_hand_eye_by_points(pair.a, pair.b, trial_y);
+    if (!trial) continue;
+    most = pair.a.size();
+    chosen = parameters;
+    x = trial->x;
+    y = trial_y;
+    by_points = std::move(trial);
+  }
   if (chosen.first < 0) return false;
   settle(chosen.first, x);
   settle(chosen.second, y);
+  if (by_points && by_points->ambiguous)
+    ambiguous.push_back(
+        {table_.all[chosen.first].name, table_.all[chosen.second].name, by_points->turned});
+  return true;
+}
+
+/// Settles a sensor and a mounted target of which single views show too few points for a pose:
+/// those with the most points. Returns false if no two are determined.
+bool PoseGraph::settle_by_points(std::vector<AmbiguousStart>& ambiguous) {
+  std::map<std::pair<int, int>, std::vector<SinglePoint>> pairs;  // by sensor and target
+  for (const Relation& relation : relations_) {
+    const View& v = *relation.view;
+    const Sensor& sensor = rig_.sensors[v.sensor];
+    const MeasurementKind kind = sensor.model->measurement_kind();
+    const bool scan = kind == MeasurementKind::scan;
+    if ((!scan && kind != MeasurementKind::points) || known_sensor(v) ||
+        rig_.targets[v.target].link < 0 || known_[table_.target_pose[v.target]])
+      continue;
+    const Configuration posture = robot(relation.sample);
+    const Pose base_T_target_link = posture.base_T_link(rig_.targets[v.target].link);
+    const std::vector<int> ids = view_ids(v, rig_.targets[v.target]);
+    for (size_t i = 0; i < ids.size(); ++i) {
+      const double* z = v.z.data() + 3 * i;
+      const Pose base_T_link =
+          (scan ? posture.with(sensor.scanning_joint, z[0]) : posture).base_T_link(sensor.link);
+      pairs[{v.sensor, v.target}].push_back(
+          {scan ? TiltingLaser::measured_point(z) : Vector3d(z[0], z[1], z[2]),
+           inverse(base_T_link) * base_T_target_link, ids[i]});
+    }
+  }
+  std::pair<int, int> chosen(-1, -1);
+  SinglePointPose found;
+  Matrix3Xd points;  // those that were seen, in the target's frame
+  size_t most = 0;
+  for (auto& [pair, readings] : pairs) {
+    std::vector<int> ids;
+    for (const SinglePoint& one : readings) ids.push_back(one.point);
+    std::sort(ids.begin(), ids.end());
+    ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+    for (SinglePoint& one : readings)
+      one.point =
+          static_cast<int>(std::lower_bound(ids.begin(), ids.end(), one.point) - ids.begin());
+    if (readings.size() <= most) continue;
+    std::optional<SinglePointPose> solution =
+        pose_from_single_points(readings, static_cast<int>(ids.size()));
+    if (!solution) continue;
+    most = readings.size();
+    chosen = pair;
+    found = std::move(*solution);
+    points = select_columns(target_points(rig_, table_, values_.shared, pair.second), ids);
+  }
+  if (chosen.first < 0) return false;
+  const int sensor = table_.sensor_pose[chosen.first], target = table_.target_pose[chosen.second];
+  settle(sensor, found.x);
+  settle(target, fit_points(points, found.y));
+  if (found.ambiguous)
+    ambiguous.push_back({table_.all[sensor].name, table_.all[target].name, found.turned});
   return true;
 }
 
 }  // namespace
 
-std::vector<std::string> start_unknown_poses(const Recording& recording,
-                                             const std::vector<int>& samples,
-                                             const std::vector<int>& unknown, Values& values) {
+UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
+                                  const std::vector<int>& unknown, Values& values) {
   PoseGraph graph(recording, samples, unknown, values);
-  std::vector<std::string> failed;
+  UnknownStarts out;
   while (!graph.open().empty()) {
-    if (graph.settle_one() || graph.settle_two()) continue;
+    if (graph.settle_one() || graph.settle_two(out.ambiguous) ||
+        graph.settle_by_points(out.ambiguous))
+      continue;
     const int first =
         graph.open()
             .front();  // nothing ties it to anything: the identity, and the others from there
-    failed.push_back(recording.table.all[first].name);
+    out.lost.push_back(recording.table.all[first].name);
     graph.settle(first, graph.pose_of(first));
   }
-  return failed;
+  return out;
 }
 
 }  // namespace kincal

@@ -5,7 +5,8 @@
 // found one after the other: where everything else of a relation is known, as the robust mean over
 // all samples; point correspondences, and directions of all views together, serve where single
 // views do not determine a pose. Where two are unknown, A_i X = Y B_i is solved over all samples
-// (closed_form.h).
+// (closed_form.h). Where a sensor and a target are unknown whose single views give no pose (a
+// tracker and its reflector), all their points together do, seen from the target's link.
 #pragma once
 
 #include <string>
@@ -15,10 +16,20 @@
 
 namespace kincal {
 
+/// An AmbiguousStart is a pair of poses that the data give in several ways, which fit equally well.
+struct AmbiguousStart {
+  std::string first, second;  // names of the parameters
+  double turned = 0;          // rad, the first pose from one solution to the next
+};
+
+struct UnknownStarts {
+  std::vector<std::string> lost;  // names of poses that could not be found and stay as they were
+  std::vector<AmbiguousStart> ambiguous;
+};
+
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in
-/// values.shared. Returns the names of those that could not be found and stay at the identity.
-std::vector<std::string> start_unknown_poses(const Recording& recording,
-                                             const std::vector<int>& samples,
-                                             const std::vector<int>& unknown, Values& values);
+/// values.shared.
+UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
+                                  const std::vector<int>& unknown, Values& values);
 
 }  // namespace kincal

@@ -12,36 +12,79 @@ namespace kincal {
 
 namespace {
 
-/// Directions (x, y, 1) of a view's pixels, by Newton's method on the sensor's own projection far
-/// away (where a baseline does not show). False for each that does not converge.
-std::vector<bool> directions(const Sensor& sensor, const double* parameters, const View& view,
-                             int count, Matrix3Xd& xy1) {
+/// Residual of a camera's pixel z for a point far away in a direction (where a baseline does not
+/// show), and its derivatives by the direction. False where it is undefined.
+bool far_residual(const Sensor& sensor, const double* parameters, const double* z,
+                  const Vector3d& direction, Eigen::Vector2d& r,
+                  Eigen::Matrix<double, 2, 3>& derivative) {
   constexpr double kFar = 1e6;
-  std::vector<bool> good(count, false);
-  Matrix3Xd point(3, 1);
+  const Matrix3Xd point = kFar * direction;
   const int id = 0;
-  Columns columns;
-  RowMatrix rows(2, 6);
+  ViewInput in;
+  in.parameters = parameters;
+  in.points = &point;
+  in.ids = &id;
+  in.count = 1;
+  in.z = z;
+  RowMatrix rows = RowMatrix::Zero(2, 6);
+  Eigen::Ref<RowMatrix> l(rows);
+  if (!sensor.model->evaluate(in, Columns(), r.data(), &l)) return false;
+  derivative = rows.leftCols<3>() * kFar;
+  return true;
+}
+
+/// The direction (x, y, 1) of a pixel, by Newton's method on the sensor's own projection. False
+/// where it does not converge: beyond 88.85 degrees, where x, y reach 50.
+bool direction_before(const Sensor& sensor, const double* parameters, const double* z,
+                      Vector3d& direction) {
+  Eigen::Vector2d p(0, 0), r;
+  Eigen::Matrix<double, 2, 3> derivative;
+  bool good = false;
+  for (int step = 0; step < 100 && !good; ++step) {
+    if (!far_residual(sensor, parameters, z, {p.x(), p.y(), 1}, r, derivative)) break;
+    const Eigen::Vector2d step_p = Eigen::Matrix2d(derivative.leftCols<2>()).inverse() * r;
+    if (!step_p.allFinite()) break;
+    p -= step_p;
+    if (p.norm() > 50) p *= 50 / p.norm();
+    good = step_p.norm() < 1e-9;
+  }
+  direction << p, 1;
+  return good;
+}
+
+/// The same on the sphere of directions, from the axis, by steps along great circles: of lenses
+/// that see sideways and backwards.
+bool direction_around(const Sensor& sensor, const double* parameters, const double* z,
+                      Vector3d& direction) {
+  Eigen::Vector2d r;
+  Eigen::Matrix<double, 2, 3> derivative;
+  direction = Vector3d::UnitZ();
+  for (int step = 0; step < 100; ++step) {
+    if (!far_residual(sensor, parameters, z, direction, r, derivative)) return false;
+    Eigen::Matrix<double, 3, 2> across;
+    across.col(0) = direction.unitOrthogonal();
+    across.col(1) = direction.cross(Vector3d(across.col(0)));
+    const Eigen::Vector2d turn = -Eigen::Matrix2d(derivative * across).inverse() * r;
+    if (!turn.allFinite()) return false;
+    const double angle = turn.norm();
+    if (angle < 1e-9) return true;
+    const double limited = std::min(angle, kPi / 2);
+    direction =
+        (std::cos(limited) * direction + std::sin(limited) / angle * (across * turn)).normalized();
+  }
+  return false;
+}
+
+/// Directions of a view's pixels; false for each that is not found.
+std::vector<bool> directions(const Sensor& sensor, const double* parameters, const View& view,
+                             int count, Matrix3Xd& out) {
+  std::vector<bool> good(count, false);
   for (int i = 0; i < count; ++i) {
-    Eigen::Vector2d p(0, 0), r;
-    for (int step = 0; step < 100 && !good[i]; ++step) {
-      point << kFar * p, kFar;
-      ViewInput in;
-      in.parameters = parameters;
-      in.points = &point;
-      in.ids = &id;
-      in.count = 1;
-      in.z = view.z.data() + 2 * i;
-      rows.setZero();
-      Eigen::Ref<RowMatrix> l(rows);
-      if (!sensor.model->evaluate(in, columns, r.data(), &l)) break;
-      const Eigen::Vector2d step_p = Eigen::Matrix2d(rows.leftCols<2>() * kFar).inverse() * r;
-      if (!step_p.allFinite()) break;
-      p -= step_p;
-      if (p.norm() > 50) p *= 50 / p.norm();
-      good[i] = step_p.norm() < 1e-9;
-    }
-    xy1.col(i) << p, 1;
+    const double* z = view.z.data() + 2 * i;
+    Vector3d direction;
+    good[i] = direction_before(sensor, parameters, z, direction) ||
+              direction_around(sensor, parameters, z, direction);
+    out.col(i) = direction;
   }
   return good;
 }

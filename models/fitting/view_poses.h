@@ -10,8 +10,9 @@
 
 namespace kincal {
 
-/// Finds the directions (x, y, 1) of the pixels of a camera's view of `count` points. Those that
-/// could not be found are left out; `keep` gets the places in the view of the others.
+/// Finds the directions of the pixels of a camera's view of `count` points: (x, y, 1), or unit
+/// vectors where these are further from the axis than 88.85 degrees (fisheyes). Those that could
+/// not be found are left out; `keep` gets the places in the view of the others.
 Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table,
                                  const VectorXd& values, const View& view, int count,
                                  std::vector<int>& keep);

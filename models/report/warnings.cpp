@@ -57,6 +57,25 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
                                   "the result may be "
                                   "wrong; give it a pose in the rig")});
   }
+  for (const ReplacedStart& start : solution.replaced_starts)
+    out.push_back(
+        {"given_pose",
+         start.name +
+             text(": the data contradict the given pose; the estimate is %.3g m and %.3g degrees "
+                  "from it. ",
+                  start.moved, start.turned * 180 / kPi) +
+             (start.cost_per_dof > 0 ? text("From there chi2/dof ended at %.3g", start.cost_per_dof)
+                                     : std::string("No calibration can start there")) +
+             ", so it was started where the data put it: correct it in the rig, or leave it away"});
+  for (const AmbiguousStart& start : solution.ambiguous_starts)
+    out.push_back(
+        {"ambiguous_start",
+         start.first + " and " + start.second +
+             text(" are absent from the rig, and several solutions fit the readings equally well "
+                  "(the next one is turned by %.3g degrees): ",
+                  start.turned * 180 / kPi) +
+             "give one of them a pose in the rig, or record more postures, as different as "
+             "possible"});
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
@@ -157,9 +176,10 @@ void warn_of_joint_noise(const Report& report, Warnings& out) {
 }
 
 void warn_of_parameters(const Solution& solution, Warnings& out) {
-  const std::vector<std::string>& identity = solution.identity_starts;
+  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
+  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
   for (const ParameterEstimate& e : solution.parameters) {
-    if (e.pose && std::find(identity.begin(), identity.end(), e.name) == identity.end()) {
+    if (e.pose && std::find(explained.begin(), explained.end(), e.name) == explained.end()) {
       const double moved = std::hypot(e.value[0], e.value[1], e.value[2]),
                    turned = std::hypot(e.value[3], e.value[4], e.value[5]);
       if (moved > 0.1)
@@ -334,6 +354,9 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
     out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
   if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5)
     out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
+  for (const std::string& name : evaluation.open)
+    out.push_back({"open_pose", name + " is absent from the rig: it was estimated from the samples "
+                                       "of each split"});
   for (const std::string& pattern : evaluation.without_effect)
     out.push_back(
         {"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});

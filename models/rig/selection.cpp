@@ -153,6 +153,37 @@ Freed whole(const ParameterTable& table, int parameter) {
   return {parameter, indices(table.all[parameter].components.size())};
 }
 
+std::vector<int> open_poses(const Rig& rig, const ParameterTable& table) {
+  std::vector<char> freed(table.all.size(), rig.steps.empty()), prior(table.all.size(), 0);
+  for (const Step& step : rig.steps) {
+    for (const std::string& pattern : step.free)
+      for (const Freed& f : table.select(pattern))
+        if (f.whole(table.all[f.parameter])) freed[f.parameter] = 1;
+    for (const PriorSetting& setting : step.priors)
+      for (const Freed& f : table.select(setting.pattern)) prior[f.parameter] = 1;
+  }
+  std::vector<int> out;
+  const auto add = [&](int p, bool given) {
+    if (p >= 0 && !given && freed[p] && !prior[p]) out.push_back(p);
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    add(table.sensor_pose[s], rig.sensors[s].pose_given);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
+  return out;
+}
+
+void clear_steps(Rig& rig) {
+  const ParameterTable table(rig);
+  const std::vector<int> open = open_poses(rig, table);
+  const auto held = [&](int p) { return std::find(open.begin(), open.end(), p) == open.end(); };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (held(table.sensor_pose[s])) rig.sensors[s].pose_given = true;
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (held(table.target_pose[t])) rig.targets[t].pose_given = true;
+  rig.steps.clear();
+}
+
 std::vector<Component> components_of(const std::vector<Freed>& free) {
   std::vector<Component> out;
   for (const Freed& f : free)

@@ -49,6 +49,13 @@ const Freed* find_freed(const std::vector<Freed>& free, int parameter);
 /// Frees a whole parameter.
 Freed whole(const ParameterTable& table, int parameter);
 
+/// Returns the poses that a rig leaves open: absent from it, of a sensor or mounted target, and
+/// wholly freed without a prior by one of its steps. Of a rig without steps every absent pose is
+/// open. (Any other absent pose is the identity.)
+std::vector<int> open_poses(const Rig& rig, const ParameterTable& table);
+/// Takes the steps out of a rig; an absent pose that is not open is the identity from then on.
+void clear_steps(Rig& rig);
+
 /// Returns the components one by one, in order: the columns of a problem that frees them.
 std::vector<Component> components_of(const std::vector<Freed>& free);
 

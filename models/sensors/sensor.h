@@ -66,6 +66,7 @@ struct ViewInput {
   const int* ids = nullptr;                  // which of them are seen
   int count = 0;                             // how many
   const double* z = nullptr;  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
+  const double* sigma = nullptr;  // sigmas() standard deviations, for own_noise(); null: not known
 };
 
 /// Columns says where the columns of L are. A group of columns that the caller does not want is

@@ -15,7 +15,9 @@
 // Own noise: derivative of the measured point, taken as fixed in the world, by (joint, bearing,
 // range) times their sigmas. An error of the joint moves the sensor, so m as seen from the far side
 // turns by the joint's motion; back in the sensor's frame that is
-// -(d p_sensor / d q) at p_sensor = m, times d q / d t.
+// -(d p_sensor / d q) at p_sensor = m, times d q / d t. A ray along the joint's axis would have no
+// noise across the scanning plane; but it is along the axis only up to the bearing's noise, so the
+// derivative across the plane is at least what it would be one sigma of the bearing beside it.
 #pragma once
 
 #include <cmath>
@@ -87,6 +89,8 @@ class TiltingLaser final : public SensorModel {
     b.col(0) = scan.model->by_reading(z[0], scan.own) * by_q;
     b.col(1) << -m.y(), m.x(), 0;
     b.col(2) << std::cos(z[1]), std::sin(z[1]), 0;
+    const double least = view.sigma ? view.sigma[1] * (scan.prismatic ? 1 : z[2]) : 0;
+    if (std::abs(b(2, 0)) < least) b(2, 0) = std::copysign(least, b(2, 0));
   }
 };
 

@@ -8,9 +8,11 @@
 #include <string>
 
 #include "../../solver/decompositions.h"
+#include "../calibration/calibration.h"
 #include "../fitting/fit.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -468,6 +470,43 @@ void set_errors(const Recording& recording, const LocalPosture& posture,
   out.sensors = errors.by_sensor(recording.rig);
 }
 
+/// The rig without steps, and with the poses that it leaves open estimated from all training
+/// samples, everything else held. `names` gets those.
+Rig with_open_poses(Rig rig, const std::vector<Sample>& samples, NoiseMode noise,
+                    std::vector<std::string>& names) {
+  clear_steps(rig);
+  const ParameterTable table(rig);
+  Step step;
+  step.name = "open poses";
+  step.sensors = indices(rig.sensors.size());
+  for (int p : open_poses(rig, table))
+    for (const Sample& s : samples)
+      if (s.train && std::any_of(s.views.begin(), s.views.end(), [&](const View& v) {
+            return table.sensor_pose[v.sensor] == p || table.target_pose[v.target] == p;
+          })) {
+        step.free.push_back(table.all[p].name);
+        break;
+      }
+  if (step.free.empty()) return rig;
+  Rig with_step = rig;
+  with_step.steps = {step};
+  CalibrationOptions options;
+  options.noise = noise;
+  const Solution solution = calibrate(make_recording(std::move(with_step), samples), options);
+  if (!solution.usable())
+    throw std::runtime_error("poses that the rig does not give cannot be estimated: " +
+                             solution.message);
+  names = step.free;
+  for (const std::string& name : names) {
+    const Parameter& p = table.all[table.select(name).at(0).parameter];
+    const bool sensor = p.kind == ParameterKind::sensor_pose;
+    (sensor ? rig.sensors[p.owner].link_T_sensor : rig.targets[p.owner].link_T_target) =
+        solution.pose(name);
+    (sensor ? rig.sensors[p.owner].pose_given : rig.targets[p.owner].pose_given) = true;
+  }
+  return rig;
+}
+
 }  // namespace
 
 LocalPosture posture_of(const Rig& rig, const Sample& sample) {
@@ -487,13 +526,11 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
                      [j = joint](const Sample& s) { return !std::isnan(s.readings[j]); }))
       throw std::invalid_argument("no sample has a reading of joint '" +
                                   given.tree.joints[joint].name + "'");
-  Rig without_steps = given;
-  without_steps.steps.clear();
-  const Recording recording(std::move(without_steps), samples);
+  LocalCalibration out;
+  const Recording recording(with_open_poses(given, samples, options.noise, out.open), samples);
   std::vector<int> joints;
   for (const auto& at : posture) joints.push_back(at.first);
 
-  LocalCalibration out;
   std::vector<Near> near = find_near(recording, posture, joints, options, out.distances);
   out.near = static_cast<int>(near.size());
   out.enough = out.near >= kLocalSamples;

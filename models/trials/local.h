@@ -88,6 +88,7 @@ struct LocalOffset {
 struct LocalCalibration {
   std::vector<std::string>
       not_converged;              // samples whose targets and joint errors did not converge
+  std::vector<std::string> open;  // poses absent from the rig, estimated from all training samples
   std::vector<double> distances;  // of all training samples that have the joints, ascending
   int near = 0;         // of these within the limit with a view that depends on the joints
   bool enough = false;  // near >= kLocalSamples; else nothing below is set
@@ -113,9 +114,11 @@ struct LocalCalibration {
 /// Returns the positions of the joints that the sample's views depend on.
 LocalPosture posture_of(const Rig& rig, const Sample& sample);
 
-/// Estimates the offsets around a posture of a calibrated `rig`, whose steps play no role. Samples
-/// whose split is `test` take no part; they are judged.
+/// Estimates the offsets around a posture of a calibrated `rig`. Of its steps nothing counts but
+/// which absent poses they leave open: these are estimated first. Samples whose split is `test`
+/// take no part; they are judged.
 /// @throws std::invalid_argument: a posture without joints; a joint of it that no sample has.
+/// std::runtime_error: an open pose that the samples do not give.
 LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples,
                                    const LocalPosture& posture, const LocalOptions& options);
 

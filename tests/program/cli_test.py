@@ -1473,6 +1473,21 @@ class Simulate(Case):
         self.assertEqual([[v["sensor"] for v in s["views"]] for s in samples], [["tracker"], ["mocap"]])
         self.assertAlmostEqual(samples[0]["joints"]["turn"], 0.1, delta=0.004)
 
+    def test_open_pose(self):
+        """A pose that is absent and that a step frees wholly is never the identity without a word."""
+        given = "    pose: {xyz: [0.5, -2.0, 0.3], rpy: [0, 0, 1.2]}\n"
+        self.assertIn(given, RIG)
+        self.write("rig.yaml", RIG.replace(given, "")[:RIG.replace(given, "").index("estimate:")])
+        self.fails(self.simulate("sim"), "sensor/tracker/pose", "sensors.tracker.pose", "--truth", "--spread")
+        self.fails(self.simulate("sim", "--spread", "sensor/tracker/pose=0.01"), "target/reflectors/pose", "targets.reflectors.mount.pose")
+        self.assertEqual(self.simulate("sim", "--spread", "*/pose=0.01").code, 0)
+        run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
+        self.assertEqual(run.code, 0, run.err)
+        self.assertIn("sensor/tracker/pose is absent from the rig", run.err)
+        self.write("rig.yaml", RIG)
+        given = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
+        self.assertLess(strict_json(run.out)["chi2"], strict_json(given.out)["chi2"])  # an estimate is no worse than where it is given
+
     def test_wrong(self):
         for args, words in ((["--spread", "joint/lift/ofset=0.01"], ["joint/lift/ofset", "nearest", "joint/lift/offset"]), (["--spread", "joint/lift/offset=x"], ["--spread", "joint/lift/offset=x"]),
                             (["--spread", "joint/lift/offset"], ["--spread", "joint/lift/offset"]), (["--spread", "joint/lift/offset=-1"], ["joint/lift/offset"]),

@@ -142,7 +142,7 @@ class Init(Program):
 
     def test_batch_stages_too(self):
         self.init("--sensor", "pose:base", "--target", "points:0,0,0@tool", "--out", "rig.yaml")
-        self.kincal("simulate", "rig.yaml", "--samples", "20", "--seed", "2", "--out", "sim")
+        self.kincal("simulate", "rig.yaml", "--samples", "20", "--seed", "2", "--spread", "*/pose=0", "--out", "sim")
         self.write("list", "rig.yaml sim/samples.jsonl one\n")
         self.kincal("batch", "list", "--out", "results")
         self.assertIn("staging", json.loads(self.read("results", "one", "result.json")))
@@ -176,7 +176,7 @@ class Init(Program):
 
     def test_geometry_in_steps_and_options(self):
         self.init("--sensor", "pose:base", "--target", "points:0,0,0@tool", "--out", "rig.yaml")
-        self.kincal("simulate", "rig.yaml", "--samples", "5", "--seed", "1", "--out", "sim")
+        self.kincal("simulate", "rig.yaml", "--samples", "5", "--seed", "1", "--spread", "*/pose=0", "--out", "sim")
         steps = ("estimate:\n  - step: all\n    free: [sensor/pose/pose, target/points/pose, geometry/base..tool]\n"
                  "    priors: {geometry/base..tool: {translation: 0.001, rotation: 0.002}}\n")
         self.write("a.yaml", self.read("rig.yaml") + steps)

@@ -6,8 +6,10 @@
 // in the set-ups of the formats (eye in hand, eye to hand, camera and hand, laser, tracker,
 // stereo), alone and together; what cannot be tied to anything is returned by name, and a sensor
 // whose views tell no pose is named as the reason; the calibration finds the same optimum as from
-// given poses. Does not prove: good starts from few or very noisy views, or from targets much
-// smaller than their distance.
+// given poses; a tracker and its reflector, both unknown (40 sets); of nearly flat points the right
+// side; boards beside and behind a fisheye. A calibration from given poses that are turned by 90 or
+// 180 degrees ends where it would from the right ones and names them. Does not prove: good starts
+// from few or very noisy views, or from targets much smaller than their distance.
 #include <algorithm>
 #include <catch2/catch.hpp>
 
@@ -99,6 +101,7 @@ struct Unknown {
   }
   struct Found {
     std::vector<std::string> lost;
+    std::vector<AmbiguousStart> ambiguous;
     double worst = 0;
   };
   Found find() const {
@@ -109,7 +112,9 @@ struct Unknown {
     Values values;
     values.shared = table.initial;
     Found out;
-    out.lost = start_unknown_poses(recording, recording.training(), unknown, values);
+    UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, values);
+    out.lost = starts.lost;
+    out.ambiguous = starts.ambiguous;
     for (const int p : unknown) {
       if (std::count(out.lost.begin(), out.lost.end(), table.all[p].name)) {
         CHECK(difference(get_pose(values.shared, table.all[p].start), Pose()) ==
@@ -354,6 +359,99 @@ TEST_CASE("start_targets: of a plane's two mirror solutions the right one, with 
   }
 }
 
+namespace {
+
+/// 5 x 6 points, in a plane but for as much.
+Matrix3Xd nearly_flat_points(Random& random, double height) {
+  Matrix3Xd p(3, 30);
+  for (int i = 0; i < 30; ++i) p.col(i) << 0.05 * (i % 6), 0.05 * (i / 6), height * random.normal();
+  return p;
+}
+
+}  // namespace
+
+TEST_CASE("start_targets: points that are nearly in a plane start on the right side of it") {
+  for (const double height : {1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3})
+    for (unsigned long seed = 1; seed <= 20; ++seed) {
+      Random random(seed);
+      Rig rig;
+      add_link(rig, "base");
+      finish_tree(rig.tree);
+      const int camera = add_camera(rig, "camera", "base", Pose());
+      const int target = add_points(rig, "target", nearly_flat_points(random, height));
+      TruePosture p = empty_posture(rig);
+      p.boards[target] = in_front(rig, camera, target, p, 0.8, 0.8, random);
+      Sample sample = make_sample(rig, p, "s");
+      if (!add_view(sample, rig, camera, target, p, &random)) continue;
+      const Recording recording(rig, {sample});
+      Values values;
+      values.shared = recording.table.initial;
+      start_targets(recording, {0}, {camera}, {}, values);
+      INFO("height " << height << ", seed " << seed);
+      const Pose found = values.targets.at({0, target});
+      CHECK(log_so3(found.rotation.transpose() * p.boards[target].linear()).norm() < 0.05);
+    }
+}
+
+TEST_CASE("pose_from_rays: points that are nearly in a plane, two a view") {
+  for (const double height : {1e-5, 1e-4, 3e-4, 1e-3, 1e-2})
+    for (unsigned long seed = 1; seed <= 20; ++seed) {
+      Random random(seed);
+      const Matrix3Xd points = nearly_flat_points(random, height);
+      const Pose truth = random.pose(0.5, kPi);
+      Matrix3Xd p(3, 60), o(3, 60), d(3, 60);
+      for (int i = 0; i < 60; ++i) {
+        if (i % 2 == 0) o.col(i) = truth * Vector3d(random.vector(0.4) + Vector3d(0, 0, 1));
+        if (i % 2 == 1) o.col(i) = o.col(i - 1);
+        p.col(i) = points.col((7 * i) % 30);
+        d.col(i) = (truth * Vector3d(p.col(i)) - o.col(i)).normalized() + random.vector(0.0005);
+      }
+      Pose found;
+      INFO("height " << height << ", seed " << seed);
+      REQUIRE(pose_from_rays(p, o, d, found));
+      CHECK(log_so3(found.rotation.transpose() * truth.rotation).norm() < 0.02);
+    }
+}
+
+TEST_CASE("start_targets: a fisheye that sees a board beside and behind itself") {
+  for (const double angle : {60.0, 86.0, 89.0, 92.0, 100.0, 130.0}) {
+    Random random(static_cast<unsigned long>(angle));
+    Rig rig;
+    add_link(rig, "base");
+    finish_tree(rig.tree);
+    const int camera = add_camera(rig, "camera", "base", Pose(), Lens::kannala_brandt,
+                                  {0.01, -0.003, 0.0005, -0.00005});
+    const int board = add_grid(rig, "board", 4, 5, 0.05);
+    const double a = angle * kPi / 180;
+    const Pose sensor_T_board =
+        Pose{exp_so3({0, a, 0}), {}} * Pose{exp_so3({0.2, 0.3, 0}), {-0.1, -0.08, 0.8}};
+    TruePosture p = empty_posture(rig);
+    p.boards[board] = isometry(sensor_T_board);
+    View view;
+    view.sensor = camera;
+    view.target = board;
+    view.sigma = rig.sensors[camera].sigma;
+    for (int id = 0; id < 20; ++id) {
+      Eigen::Vector2d pixel;
+      REQUIRE(project(rig.sensors[camera],
+                      isometry(sensor_T_board) * target_point(rig.targets[board], id), pixel));
+      view.ids.push_back(id);
+      view.z.push_back(pixel.x() + 0.1 * random.normal());
+      view.z.push_back(pixel.y() + 0.1 * random.normal());
+    }
+    Sample sample = make_sample(rig, p, "s");
+    sample.views = {view};
+    const Recording recording(rig, {sample});
+    Values values;
+    values.shared = recording.table.initial;
+    INFO(angle << " degrees");
+    REQUIRE_NOTHROW(start_targets(recording, {0}, {camera}, {}, values));
+    const Pose found = values.targets.at({0, board});
+    CHECK(log_so3(found.rotation.transpose() * sensor_T_board.rotation).norm() < 0.02);
+    CHECK((found.translation - sensor_T_board.translation).norm() < 0.02);
+  }
+}
+
 TEST_CASE("start_targets: one to five points, seen by anything, crash nothing") {
   Rig rig = nasty_robot();
   const int board = target_index(rig, "board"), probe = target_index(rig, "probe");
@@ -592,6 +690,105 @@ TEST_CASE(
   }
 }
 
+namespace {
+
+/// A tracker on the base and one reflector on the tool, both poses at random.
+Unknown tracker_and_reflector(unsigned long seed, int samples, bool noise) {
+  Random random(seed);
+  Unknown u;
+  u.truth = arm();
+  const int tracker =
+      add_tracker(u.truth, "tracker", "base", random.pose(1.5, kPi), {1e-4, 1e-4, 1e-4});
+  const int reflector = add_points(u.truth, "reflector", Vector3d::Zero(), "tool",
+                                   {Matrix3d::Identity(), random.vector(0.2)});
+  for (JointSettings& j : u.truth.joints) j.sigma = 1e-4;
+  for (int k = 0; k < samples; ++k)
+    u.add(random_posture(u.truth, random, 1.5, noise), {{tracker, reflector}},
+          noise ? &random : nullptr);
+  u.names = {"sensor/tracker/pose", "target/reflector/pose"};
+  return u;
+}
+
+}  // namespace
+
+TEST_CASE("unknown poses: a tracker and its reflector, both unknown, in 40 sets of 10 samples") {
+  for (unsigned long seed = 1; seed <= 40; ++seed)
+    for (const bool noise : {false, true}) {
+      INFO("seed " << seed);
+      const auto found = tracker_and_reflector(seed, 10, noise).find();
+      CHECK(found.lost.empty());
+      CHECK(found.ambiguous.empty());
+      CHECK(found.worst < (noise ? 0.01 : 1e-6));
+    }
+}
+
+TEST_CASE("unknown poses: several solutions for a tracker and its reflector are said to be there") {
+  const auto found = tracker_and_reflector(3, 3, false).find();  // nine numbers, nine unknowns
+  CHECK(found.lost.empty());
+  REQUIRE(found.ambiguous.size() == 1);
+  CHECK(found.ambiguous[0].first == "sensor/tracker/pose");
+  CHECK(found.ambiguous[0].second == "target/reflector/pose");
+  CHECK(tracker_and_reflector(3, 2, false).find().lost.size() == 2);
+}
+
+TEST_CASE("calibration: a tracker and its reflector without poses end right, without warnings") {
+  for (unsigned long seed = 1; seed <= 3; ++seed) {
+    const Unknown u = tracker_and_reflector(seed, 20, true);
+    const Report report = study_of(u.given(), u.samples);
+    INFO("seed " << seed);
+    CHECK(report.solution.status == Status::converged);
+    CHECK(report.solution.chi2 < 2 * static_cast<double>(report.solution.dof));
+    CHECK((report.solution.pose("sensor/tracker/pose").translation -
+           u.truth.sensors[0].link_T_sensor.translation)
+              .norm() < 0.005);
+    for (const Warning& w : report.warnings) {
+      CHECK(w.id != "no_start");
+      CHECK(w.id != "moved");
+      CHECK(w.id != "ambiguous_start");
+    }
+  }
+}
+
+TEST_CASE("unknown poses: a robot that only slides, or slides and turns about one axis") {
+  for (const bool turns : {false, true})
+    for (unsigned long seed = 1; seed <= 5; ++seed) {
+      Random random(seed);
+      Unknown u;
+      add_link(u.truth, "base");
+      add_joint(u.truth, JointType::prismatic, "x", "base", "bridge", {1, 0, 0}, at({0, 0, 1}));
+      add_joint(u.truth, JointType::prismatic, "y", "bridge", "cart", {0, 1, 0}, Pose());
+      add_joint(u.truth, turns ? JointType::revolute : JointType::prismatic, "z", "cart", "tool",
+                {0, 0, 1}, Pose());
+      finish_tree(u.truth.tree);
+      const int camera = add_camera(u.truth, "camera", "tool", random.pose(0.2, kPi)),
+                board = add_grid(u.truth, "board", 5, 6, 0.06);
+      const TruePosture middle = empty_posture(u.truth);
+      u.truth.targets[board].link_T_target =
+          to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+      u.truth.targets[board].link = link_index(u.truth, "base");
+      for (int k = 0; k < 15; ++k)
+        u.add(random_posture(u.truth, random, 0.8, false), {{camera, board}}, &random);
+      if (u.samples.size() < 6) continue;  // the others do not see the whole board
+      Rig rig = u.truth;
+      rig.sensors[camera].link_T_sensor = rig.targets[board].link_T_target = Pose();
+      rig.sensors[camera].pose_given = rig.targets[board].pose_given = false;
+      Step step;
+      step.name = "all";
+      step.sensors = {camera};
+      step.free = {"sensor/camera/pose", "target/board/pose"};
+      rig.steps = {step};
+      const Solution solution = solution_of(rig, u.samples);
+      INFO("seed " << seed << (turns ? ", turns" : ", slides"));
+      CHECK(solution.lost_starts.empty());
+      CHECK(solution.status == Status::unobservable);  // where it is along the axis, or at all
+      CHECK(solution.chi2 < 1.3 * static_cast<double>(solution.dof));
+      CHECK(solution.steps[0].iterations < 10);
+      CHECK((solution.pose("sensor/camera/pose").rotation -
+             u.truth.sensors[camera].link_T_sensor.rotation)
+                .norm() < 0.02);
+    }
+}
+
 TEST_CASE("unknown poses: motion capture and a depth camera that see a board in the hand") {
   for (unsigned long seed = 1; seed <= 6; ++seed) {
     Random random(seed);
@@ -724,5 +921,125 @@ TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
     REQUIRE(values[0].size() == values[1].size());
     for (size_t i = 0; i < values[0].size(); ++i)
       CHECK(std::abs(values[0][i] - values[1][i]) < 1e-6);
+  }
+}
+
+namespace {
+
+/// A solution of one step that frees these.
+Report study_freeing(Rig rig, const std::vector<Sample>& samples,
+                     const std::vector<std::string>& free) {
+  Step step;
+  step.name = "all";
+  step.sensors = all_sensors(rig);
+  step.free = free;
+  rig.steps = {step};
+  return study_of(std::move(rig), samples);
+}
+
+bool warns_of(const Report& report, const std::string& id) {
+  return std::any_of(report.warnings.begin(), report.warnings.end(),
+                     [&](const Warning& w) { return w.id == id; });
+}
+
+}  // namespace
+
+TEST_CASE("calibration: a given pose that the data contradict is left for where they put it") {
+  const std::vector<std::string> free = {"sensor/camera/pose", "target/board/pose"};
+  for (unsigned long seed = 51; seed <= 54; ++seed) {
+    const Unknown u = eye_in_hand(seed, true);
+    const Report right = study_freeing(u.truth, u.samples, free);
+    REQUIRE(right.solution.status == Status::converged);
+    CHECK(right.solution.replaced_starts.empty());
+    for (const Vector3d& turn : {Vector3d(kPi, 0, 0), Vector3d(0, kPi, 0), Vector3d(0, 0, kPi),
+                                 Vector3d(kPi / 2, 0, 0), Vector3d(0, 0, -kPi / 2)}) {
+      Rig rig = u.truth;
+      rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3(turn), {}};
+      INFO("seed " << seed << ", turned by " << turn.transpose());
+      const Report wrong = study_freeing(rig, u.samples, free);
+      CHECK(wrong.solution.status == Status::converged);
+      CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
+      CHECK((wrong.solution.pose("sensor/camera/pose").rotation -
+             right.solution.pose("sensor/camera/pose").rotation)
+                .norm() < 1e-4);
+      // Estimates count from the given pose; where no iteration found the way, a warning says so.
+      CHECK(wrong.solution["sensor/camera/pose"].value[3] != 0);
+      REQUIRE(warns_of(wrong, "given_pose") == !wrong.solution.replaced_starts.empty());
+      if (turn.norm() < 3 || wrong.solution.replaced_starts.empty()) continue;
+      CHECK(wrong.solution.replaced_starts.size() == 1);
+      CHECK(wrong.solution.replaced_starts[0].name == "sensor/camera/pose");
+      CHECK(wrong.solution.replaced_starts[0].turned == Approx(kPi).margin(0.05));
+      CHECK_FALSE(warns_of(wrong, "moved"));
+    }
+  }
+}
+
+TEST_CASE("calibration: a given pose that is held in part or has a prior is never left") {
+  const Unknown u = eye_in_hand(51, true);
+  Rig rig = u.truth;
+  rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3({kPi, 0, 0}), {}};
+  const Report report = study_freeing(rig, u.samples, {"sensor/camera/pose.r[xyz]"});
+  CHECK(report.solution.replaced_starts.empty());
+  CHECK(report.solution.status == Status::undefined_start);
+}
+
+TEST_CASE("calibration: the origin of a fixed joint that looks the wrong way is found too") {
+  for (unsigned long seed = 61; seed <= 63; ++seed) {
+    Random random(seed);
+    Unknown u;
+    u.truth = arm();
+    const Pose mount = random.pose(0.2, kPi);
+    const int joint =
+        add_joint(u.truth, JointType::fixed, "mount", "tool", "head", {1, 0, 0}, mount);
+    add_joint(u.truth, JointType::fixed, "optical", "head", "eye", {1, 0, 0},
+              at({0, 0, 0.02}, {-kPi / 2, 0, -kPi / 2}));
+    finish_tree(u.truth.tree);
+    const int camera = add_camera(u.truth, "camera", "eye", at({0.01, 0, 0}));
+    const TruePosture middle = random_posture(u.truth, random, 1, false);
+    const int board = add_grid(u.truth, "board", 5, 6, 0.06);
+    const Pose base_T_board = to_pose(in_front(u.truth, camera, board, middle, 1, 0.5, random));
+    u.truth.targets[board].link_T_target = base_T_board;
+    u.truth.targets[board].link = link_index(u.truth, "base");
+    for (int k = 0; k < 12; ++k)
+      u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, &random);
+    Rig rig = u.truth;
+    rig.tree.joints[joint].parent_T_joint = mount * Pose{exp_so3({0, kPi, 0}), {}};
+    finish_tree(rig.tree);
+    INFO("seed " << seed);
+    const std::vector<std::string> free = {"joint/mount/origin", "target/board/pose"};
+    const Report right = study_freeing(u.truth, u.samples, free),
+                 wrong = study_freeing(rig, u.samples, free);
+    CHECK(wrong.solution.status == Status::converged);
+    CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
+    REQUIRE(wrong.solution.replaced_starts.size() == 1);
+    CHECK(wrong.solution.replaced_starts[0].name == "joint/mount/origin");
+  }
+}
+
+TEST_CASE("calibration: poses half a turn off are no place to stay") {
+  // At half a turn the logarithm's sign is noise's: readings pull either way.
+  for (unsigned long seed = 71; seed <= 80; ++seed) {
+    Random random(seed);
+    Rig rig;
+    add_link(rig, "base");
+    add_joint(rig, JointType::revolute, "pan", "base", "head", {0, 0, 1}, at({0, 0, 0.5}));
+    finish_tree(rig.tree);
+    const int mocap = add_mocap(rig, "mocap", "head", Pose(), 0.001, 0.002);
+    const int body =
+        add_points(rig, "body", random_points(random, 3, 0.2), "base", random.pose(0.5, kPi));
+    std::vector<Sample> samples;
+    for (int k = 0; k < 2 + static_cast<int>(seed % 3); ++k) {
+      const TruePosture p = random_posture(rig, random, 1, false);
+      samples.push_back(make_sample(rig, p, "s" + std::to_string(k)));
+      REQUIRE(add_view(samples.back(), rig, mocap, body, p, &random));
+    }
+    const Report right = study_freeing(rig, samples, {"target/body/pose"});
+    Rig turned = rig;
+    turned.targets[body].link_T_target =
+        rig.targets[body].link_T_target * Pose{exp_so3(kPi * random.direction()), {}};
+    const Report wrong = study_freeing(turned, samples, {"target/body/pose"});
+    INFO("seed " << seed);
+    CHECK(wrong.solution.status == Status::converged);
+    CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
   }
 }

@@ -571,6 +571,30 @@ TEST_CASE("tilting laser: value, derivatives and own noise") {
   }
 }
 
+TEST_CASE("tilting laser: a ray along the joint's axis has noise across its plane all the same") {
+  Random random(23);
+  Stage s = laser_stage(random, false, -1);
+  s.scan->sensor_T_before = Pose();  // the joint turns about x: a ray at bearing 0 lies on its axis
+  s.scan->axis = Vector3d::UnitX();
+  const double sigma[3] = {0.0005, 0.002, 0.005};
+  for (const double bearing : {0.0, 1e-14, 1e-6, 0.001, 0.0021, 0.5, kPi}) {
+    s.z = {0.3, bearing, 2.0};
+    s.ids = {0};
+    ViewInput in = s.input();
+    MatrixXd plain, b;
+    s.model->own_noise(in, 0, plain);
+    in.sigma = sigma;
+    s.model->own_noise(in, 0, b);
+    INFO("bearing " << bearing);
+    CHECK(b.rightCols(2) == plain.rightCols(2));
+    // As far across as one sigma of the bearing beside the axis; beyond that nothing changes.
+    const double off_axis = 2.0 * std::abs(std::sin(bearing));
+    CHECK(std::abs(b(2, 0)) ==
+          Approx(std::max(off_axis, 2.0 * sigma[1]) * s.joint[1]).epsilon(0.2));
+    if (off_axis > 2.0 * sigma[1] * 1.3) CHECK(b == plain);
+  }
+}
+
 TEST_CASE("tilting laser: derivatives with everything at the identity but for 1e-8") {
   Random random(21);
   for (const bool prismatic : {false, true}) {

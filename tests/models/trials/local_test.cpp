@@ -374,3 +374,24 @@ TEST_CASE("local: which samples take part") {
     CHECK(plain.sensors[0].test.points == 0);
   }
 }
+
+TEST_CASE("local: a pose that the rig leaves open is estimated, never the identity") {
+  const Rig rig = arm();
+  const std::vector<Sample> samples = samples_near(rig, 40, 3, 0.3, 0);
+  Rig open = rig;
+  open.sensors[0].link_T_sensor = Pose();
+  open.sensors[0].pose_given = false;
+  const LocalCalibration given = calibrate_locally(rig, samples, centre(), within(1)),
+                         found = calibrate_locally(open, samples, centre(), within(1));
+  CHECK(given.open.empty());
+  CHECK(found.open == std::vector<std::string>{"sensor/tracker/pose"});
+  REQUIRE(found.sensors.size() == 1);
+  CHECK(found.sensors[0].train.rms_before < 1.5 * given.sensors[0].train.rms_before);
+  // A rig whose steps hold the absent pose means the identity by it.
+  Step step;
+  step.name = "offsets";
+  step.sensors = {0};
+  step.free = {"joint/*/offset"};
+  open.steps = {step};
+  CHECK(calibrate_locally(open, samples, centre(), within(1)).open.empty());
+}

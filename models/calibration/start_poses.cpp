@@ -1,0 +1,222 @@
+#include "start_poses.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "../fitting/unknown_poses.h"
+#include "../rig/configuration.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kPoor = 4;               // of cost per degree of freedom; of two costs
+constexpr double kUnexplainedCost = 100;  // per degree of freedom: no solution at all
+constexpr double kElsewhere = 0.2;        // m, rad: another minimum may be there
+constexpr double kFarM = 0.1, kFarRad = 10 * kPi / 180;
+
+/// How the steps free a parameter.
+struct HowFreed {
+  bool at_all = false, whole = false, prior = false;
+};
+
+HowFreed how_freed(const std::vector<StepPlan>& plans, const ParameterTable& table, int parameter) {
+  HowFreed out;
+  for (const StepPlan& plan : plans) {
+    const Freed* f = find_freed(plan.free, parameter);
+    out.at_all = out.at_all || f;
+    out.whole = out.whole || (f && f->whole(table.all[parameter]));
+    for (const Prior& q : plan.priors) out.prior = out.prior || q.parameter == parameter;
+  }
+  return out;
+}
+
+/// Whether a parameter is the pose of a sensor or of a mounted target.
+bool is_pose_of_body(const Parameter& p) {
+  return p.kind == ParameterKind::sensor_pose || p.kind == ParameterKind::target_pose;
+}
+
+bool is_given(const Rig& rig, const Parameter& p) {
+  return p.kind == ParameterKind::sensor_pose ? rig.sensors[p.owner].pose_given
+                                              : rig.targets[p.owner].pose_given;
+}
+
+/// Poses that the rig leaves open and the steps free wholly, without a prior.
+std::vector<int> absent_poses_to_find(const std::vector<StepPlan>& plans,
+                                      const Recording& recording) {
+  const ParameterTable& table = recording.table;
+  std::vector<int> out;
+  for (size_t i = 0; i < table.all.size(); ++i) {
+    const int p = static_cast<int>(i);
+    if (!is_pose_of_body(table.all[i]) || is_given(recording.rig, table.all[i])) continue;
+    const HowFreed freed = how_freed(plans, table, p);
+    if (freed.whole && !freed.prior) out.push_back(p);
+  }
+  return out;
+}
+
+/// A given pose that the steps free wholly, without a prior. A fixed joint's origin is found by the
+/// pose of a sensor or target behind it, `body`, with nothing but fixed joints between.
+struct GivenPose {
+  int parameter, body;
+  Pose child_T_link;  // of a joint's origin: from its child to the link of the body
+};
+
+/// Whether nothing moves between two links.
+bool rigidly_joined(const Tree& tree, int a, int b) {
+  for (const PathStep& step : find_path(tree, a, b))
+    if (tree.joints[step.joint].type != JointType::fixed) return false;
+  return true;
+}
+
+/// Adds the origin of a fixed joint, if a body behind it that is not to be found itself can stand
+/// in for it.
+void add_origin(const Recording& recording, int parameter, const std::vector<char>& taken,
+                std::vector<GivenPose>& out) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  const Joint& joint = rig.tree.joints[table.all[parameter].owner];
+  if (joint.type != JointType::fixed) return;
+  const auto stands_in = [&](int link, int body) {
+    if (link < 0 || body < 0 || taken[body] || !rigidly_joined(rig.tree, joint.child, link))
+      return false;
+    for (int l = link; l != joint.child;) {  // behind the joint, not before it
+      const int above = rig.tree.joint_above[l];
+      if (above < 0) return false;
+      l = rig.tree.joints[above].parent;
+    }
+    const std::vector<double> readings(rig.tree.joints.size(), 0.0);
+    out.push_back({parameter, body,
+                   Configuration(rig, table, table.initial, readings).a_T_b(joint.child, link)});
+    return true;
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (stands_in(rig.sensors[s].link, table.sensor_pose[s])) return;
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (stands_in(rig.targets[t].link, table.target_pose[t])) return;
+}
+
+std::vector<GivenPose> given_poses(const std::vector<StepPlan>& plans, const Recording& recording) {
+  const ParameterTable& table = recording.table;
+  std::vector<GivenPose> out;
+  std::vector<char> taken(table.all.size(), 0);
+  for (const bool origins : {false, true})
+    for (size_t i = 0; i < table.all.size(); ++i) {
+      const int p = static_cast<int>(i);
+      const Parameter& parameter = table.all[i];
+      const bool origin = parameter.kind == ParameterKind::joint_origin;
+      if (origin != origins || (!origin && !is_pose_of_body(parameter))) continue;
+      const HowFreed freed = how_freed(plans, table, p);
+      if (!origin && freed.at_all) taken[i] = 1;
+      if (!freed.whole || freed.prior) continue;
+      if (origin)
+        add_origin(recording, p, taken, out);
+      else if (is_given(recording.rig, parameter))
+        out.push_back({p, p, Pose()});
+      if (origin && !out.empty() && out.back().parameter == p) taken[out.back().body] = 1;
+    }
+  return out;
+}
+
+/// From one value of a pose to another: m, rad.
+std::pair<double, double> movement(const ParameterTable& table, int parameter, const VectorXd& from,
+                                   const VectorXd& to) {
+  const int start = table.all[parameter].start;
+  const Pose change = inverse(get_pose(from, start)) * get_pose(to, start);
+  return {change.translation.norm(), log_so3(change.rotation).norm()};
+}
+
+double cost_per_dof(const Solution& s) {
+  return s.dof > 0 ? 2 * s.cost / static_cast<double>(s.dof) : 0;
+}
+
+}  // namespace
+
+void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) {
+  const Recording& recording = *solution.recording;
+  const ParameterTable& table = recording.table;
+  const std::vector<int> unknown = absent_poses_to_find(plans, recording);
+  for (size_t i = 0; i < table.all.size(); ++i) {
+    const int p = static_cast<int>(i);
+    if (!is_pose_of_body(table.all[i]) || is_given(recording.rig, table.all[i]) ||
+        std::count(unknown.begin(), unknown.end(), p))
+      continue;
+    if (how_freed(plans, table, p).at_all) solution.identity_starts.push_back(table.all[i].name);
+  }
+  for (int p : unknown) solution.computed_starts.push_back(table.all[p].name);
+  if (unknown.empty()) return;
+  Values started;
+  started.shared = solution.initial;
+  UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);
+  solution.lost_starts = std::move(starts.lost);
+  solution.ambiguous_starts = std::move(starts.ambiguous);
+  solution.initial = solution.values.shared = started.shared;
+}
+
+bool ended_badly(const Solution& solution) {
+  return solution.status == Status::undefined_start || solution.status == Status::not_converged ||
+         cost_per_dof(solution) > kPoor;
+}
+
+bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first,
+                       Solution& solution) {
+  const Recording& recording = *solution.recording;
+  const ParameterTable& table = recording.table;
+  const std::vector<GivenPose> given = given_poses(plans, recording);
+  if (given.empty()) return false;
+  const std::vector<int> absent = absent_poses_to_find(plans, recording);
+  std::vector<int> unknown = absent;
+  for (const GivenPose& g : given) unknown.push_back(g.body);
+  std::sort(unknown.begin(), unknown.end());
+  Values started;
+  started.shared = solution.initial;
+  UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);
+  for (const GivenPose& g : given) {
+    if (g.parameter == g.body) continue;
+    // origin child_T_link found = new_origin child_T_link pose
+    const int at = table.all[g.parameter].start, body = table.all[g.body].start;
+    const Pose pose = get_pose(solution.initial, body), found = get_pose(started.shared, body);
+    set_pose(started.shared, at,
+             get_pose(solution.initial, at) * g.child_T_link * found * inverse(pose) *
+                 inverse(g.child_T_link));
+    set_pose(started.shared, body, pose);
+  }
+  bool elsewhere = first.status == Status::undefined_start;
+  for (const GivenPose& g : given) {
+    const auto [moved, turned] = movement(table, g.parameter, first.values.shared, started.shared);
+    elsewhere = elsewhere || moved > kElsewhere || turned > kElsewhere;
+  }
+  if (!elsewhere) return false;
+  solution.identity_starts = first.identity_starts;
+  for (int p : absent) {
+    const std::string& name = table.all[p].name;
+    solution.computed_starts.push_back(name);
+    if (std::count(starts.lost.begin(), starts.lost.end(), name))
+      solution.lost_starts.push_back(name);
+    set_pose(solution.initial, table.all[p].start, get_pose(started.shared, table.all[p].start));
+  }
+  solution.ambiguous_starts = std::move(starts.ambiguous);
+  solution.values.shared = started.shared;
+  return true;
+}
+
+bool decisively_better(const Solution& again, const Solution& first) {
+  if (again.status == Status::undefined_start) return false;
+  if (again.status == Status::cancelled) return true;
+  if (first.status == Status::undefined_start) return cost_per_dof(again) < kUnexplainedCost;
+  return kPoor * again.cost < first.cost;
+}
+
+void name_replaced_starts(const std::vector<StepPlan>& plans, const Solution& first,
+                          Solution& solution) {
+  const ParameterTable& table = solution.table();
+  for (const GivenPose& g : given_poses(plans, *solution.recording)) {
+    const auto [moved, turned] =
+        movement(table, g.parameter, table.initial, solution.values.shared);
+    if (moved < kFarM && turned < kFarRad) continue;
+    solution.replaced_starts.push_back(
+        {table.all[g.parameter].name, moved, turned,
+         first.status == Status::undefined_start ? 0.0 : cost_per_dof(first)});
+  }
+}
+
+}  // namespace kincal
