@@ -3,6 +3,7 @@
 // one place, after everything is known.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -32,6 +33,8 @@ struct Warning {
 struct NoiseRounds {
   int count = 0;           // calibrations that estimated the noise
   bool converged = false;  // the last of them moved no sigma by more than 1 %
+  double stated = std::numeric_limits<double>::quiet_NaN();  // automatic path: chi2/dof of the data
+                                                             // with the stated sigmas
 };
 
 struct Report {

@@ -1,5 +1,6 @@
 #include "study.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -12,6 +13,13 @@ namespace kincal {
 namespace {
 
 struct StudyCancelled {};
+
+// Noise on the automatic path.
+constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
+constexpr double kHopeless = 25;       // chi2/dof above which it is not the noise
+constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
+constexpr int kNoiseRounds = 4;
+
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
   return solution.status == Status::undefined_start;
@@ -36,6 +44,117 @@ std::shared_ptr<const Recording> with_steps(const std::shared_ptr<const Recordin
   return make_recording(std::move(rig), recording->samples);
 }
 
+/// Mistakes are looked for in the samples as they were used, with the rig as it was given.
+void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options,
+                   Report& report) {
+  DoctorOptions doctor;
+  doctor.noise = options.calibration.noise;
+  doctor.threads = options.calibration.threads;
+  if (const auto& progress = options.calibration.progress)
+    doctor.progress = [&progress](int, int) {
+      return progress("looking for mistakes", 0, kNan, kNan);
+    };
+  report.diagnosis = diagnose(rig, samples, doctor);
+  if (!report.diagnosis) throw StudyCancelled();
+}
+
+/// chi2/dof of the data alone, and how many standard deviations of its own it is off 1.
+struct Explained {
+  double ratio = kNan, deviations = kNan;
+};
+Explained explained(const Solution& solution) {
+  double chi2 = solution.chi2, dof = static_cast<double>(solution.dof);
+  for (size_t i = 0; i < solution.columns.size(); ++i)
+    for (const Prior& prior : solution.setup.priors) {
+      if (solution.columns[i] != Component{prior.parameter, prior.component}) continue;
+      const ParameterEstimate& e = solution[solution.table().all[prior.parameter].name];
+      const double off = (e.value[prior.component] - e.initial[prior.component]) / prior.sigma;
+      const auto k = static_cast<Eigen::Index>(i);
+      chi2 -= off * off;
+      dof -= 1 - solution.covariance(k, k) / (prior.sigma * prior.sigma);
+    }
+  return {chi2 / dof, std::abs(chi2 / dof - 1) / std::sqrt(2 / dof)};
+}
+
+/// The rig with joints that are stated exact taken for noisy.
+Rig with_noisy_joints(const Recording& recording) {
+  Rig out = recording.rig;
+  std::vector<char> scans(out.joints.size(), 0);
+  for (const Sensor& sensor : out.sensors)
+    if (sensor.scanning_joint >= 0) scans[sensor.scanning_joint] = 1;
+  for (size_t j = 0; j < out.joints.size(); ++j)
+    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0)
+      out.joints[j].sigma = kStatedExact;
+  return out;
+}
+
+double first_sigma(const Rig& rig, const NoiseLevel& level) {
+  return level.joint >= 0 ? rig.joints[level.joint].sigma
+                          : rig.sensors[level.sensor].sigma[level.first];
+}
+
+/// Sets levels that were estimated from sigmas between to those that the rig states: what is used
+/// is within a factor of ten of them. Returns the largest change of a level in this round.
+double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
+                    std::vector<NoiseLevel>& levels) {
+  double moved = 0;
+  for (NoiseLevel& level : levels) {
+    const double first = first_sigma(stated, level), before = first_sigma(between, level),
+                 now = first_sigma(estimated, level);
+    const double factor = std::clamp(now / first, 1 / kLargestFactor, kLargestFactor);
+    moved = std::max(moved, std::abs(std::log(factor * first / before)));
+    level.assumed *= first / before;
+    level.used = level.assumed * factor;
+  }
+  return moved;
+}
+
+/// On the automatic path, where the residuals are not of the stated size and no mistake explains
+/// that: sigmas of joints and sensors are estimated together, and everything again with these.
+void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
+                Report& report) {
+  const Explained stated = explained(report.solution);
+  const bool as_stated = stated.ratio > 0.8 && stated.ratio < 1.25;
+  if (!report.solution.usable() || as_stated || !(stated.deviations > 4) ||
+      stated.ratio > kHopeless || options.estimate_noise ||
+      (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
+    return;
+  const std::shared_ptr<const Recording> first = report.solution.recording;
+  if (options.diagnose) {
+    add_diagnosis(first->rig, first->samples, options, report);
+    if (!report.diagnosis->findings.empty()) return;
+    report.diagnosis.reset();
+  }
+  const Rig noisy = with_noisy_joints(*first);
+  std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
+  NoiseRounds rounds;
+  rounds.stated = stated.ratio;
+  for (int round = 0; round < kNoiseRounds; ++round) {
+    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
+    if (!estimate) throw StudyCancelled();
+    if (!estimate->solution.usable()) return;
+    rounds.count += estimate->rounds;
+    const double moved =
+        bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
+    Rig rig = noisy;
+    std::vector<Sample> samples = first->samples;
+    std::vector<NoiseLevel> used = estimate->levels;
+    for (NoiseLevel& level : used) level.seen = level.used;
+    scale_noise(rig, samples, used);
+    AutomaticCalibration found = calibrate_automatically(
+        Recording(std::move(rig), std::move(samples)), automatic_options(options));
+    if (found.solution.status == Status::cancelled) throw StudyCancelled();
+    if (!found.solution.usable()) return;
+    report.solution = std::move(found.solution);
+    report.automatic = std::move(found.groups);
+    report.noise_levels = std::move(estimate->levels);
+    rounds.converged = moved < kLevelsAtRest;
+    report.noise_estimated = rounds;
+    recording = report.solution.recording;
+    if (rounds.converged) return;
+  }
+}
+
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
 std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& given,
                                        const StudyOptions& options, Report& report) {
@@ -58,9 +177,10 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
     report.solution = std::move(found.solution);
     report.automatic = std::move(found.groups);
-    left = report.solution.recording;
     solved = true;
     if (ended(report.solution)) return recording;
+    find_noise(options, calibration, report);
+    left = report.solution.recording;
   }
   if (options.estimate_noise) {
     std::optional<NoiseEstimate> estimate = estimate_noise(left, calibration);
@@ -125,20 +245,6 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
         judge_requirement(r, validation, report.residuals.sensors, solution.chi2, solution.dof));
 }
 
-/// Mistakes are looked for in the samples as they were used, with the rig as it was given.
-void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options,
-                   Report& report) {
-  DoctorOptions doctor;
-  doctor.noise = options.calibration.noise;
-  doctor.threads = options.calibration.threads;
-  if (const auto& progress = options.calibration.progress)
-    doctor.progress = [&progress](int, int) {
-      return progress("looking for mistakes", 0, kNan, kNan);
-    };
-  report.diagnosis = diagnose(rig, samples, doctor);
-  if (!report.diagnosis) throw StudyCancelled();
-}
-
 }  // namespace
 
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
@@ -151,7 +257,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     if (!undefined) analyse(*given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
-    if (options.diagnose && unexplained)
+    if (options.diagnose && unexplained && !report.diagnosis)
       add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
   } catch (const StudyCancelled&) {
     return std::nullopt;

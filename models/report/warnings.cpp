@@ -291,6 +291,21 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
+  if (std::isfinite(report.noise_estimated->stated)) {
+    std::string levels;
+    for (const NoiseLevel& level : report.noise_levels)
+      if (level.used != level.assumed)
+        levels +=
+            (levels.empty() ? "" : "; ") + level.of + (level.part.empty() ? "" : " " + level.part) +
+            text(": %.3g, stated ", level.used) + text("%.3g ", level.assumed) + level.unit +
+            (std::abs(std::log(level.used / level.assumed)) > std::log(9.99) ? " (at the bound)"
+                                                                             : "");
+    out.push_back({"noise", text("with the stated sigmas chi2/dof is %.3g, and no mistake explains "
+                                 "that: sigmas were estimated from the data (joints stated exact "
+                                 "began with 0.0001). ",
+                                 report.noise_estimated->stated) +
+                                levels});
+  }
   if (!report.noise_estimated->converged)
     out.push_back({"noise", "the noise was estimated in " +
                                 std::to_string(report.noise_estimated->count) +
