@@ -309,6 +309,29 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
   return out;
 }
 
+/// Rotations of mounts that nothing seen can tell, as those of points on a line about it:
+/// directions of the mounts' step that turn one pose alone, by their largest component.
+std::vector<Freed> blind_rotations(const Solution& mounts) {
+  std::vector<Freed> out;
+  const LastProblem* last = mounts.last.get();
+  if (!last) return out;
+  for (const auto& direction : last->observability.directions) {
+    const Component* largest = nullptr;
+    double coefficient = 0;
+    bool alone = true;
+    for (const auto& entry : direction) {
+      const Component& c = mounts.columns[entry.first];
+      alone = alone && c.index >= 3 && c.parameter == mounts.columns[direction[0].first].parameter;
+      if (std::abs(entry.second) > coefficient) {
+        coefficient = std::abs(entry.second);
+        largest = &c;
+      }
+    }
+    if (alone && largest) merge(out, {{largest->parameter, {largest->index}}});
+  }
+  return out;
+}
+
 /// The options of a calibration with such steps: what `fix` names is in none of them.
 CalibrationOptions plain(const AutomaticOptions& options) {
   CalibrationOptions out = options;
@@ -340,22 +363,24 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options) {
   AutomaticCalibration out;
-  const AutomaticGroups groups = groups_of(recording, options);
+  AutomaticGroups groups = groups_of(recording, options);
   const VectorXd ones = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
-  const std::shared_ptr<const Recording> at_start =
-      with_steps(recording, steps_of(recording, groups, ones, {}));
   const CalibrationOptions run = plain(options);
-  const StepPlan plan = resolve_steps(*at_start, run).back();
   Solution& solution = out.solution;
+  const auto at_start = [&] {
+    return with_steps(recording, steps_of(recording, groups, ones, {}));
+  };
   if (groups.mounts.empty()) {
-    solution.recording = at_start;
+    solution.recording = at_start();
     solution.initial = solution.values.shared = recording.table.initial;
   } else {
     CalibrationOptions mounts = run;
     mounts.last_step = kMounts;
     mounts.free.clear();
-    solution = calibrate(at_start, mounts);
+    solution = calibrate(at_start(), mounts);
+    merge(groups.pointing, blind_rotations(solution));
   }
+  const StepPlan plan = resolve_steps(*at_start(), run).back();
   if (plan.name != kEverything || solution.status == Status::undefined_start ||
       solution.status == Status::cancelled)
     return out;
@@ -365,7 +390,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     return out;
   }
   if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
-    solution = calibrate(at_start, run);  // says what is wrong
+    solution = calibrate(at_start(), run);  // says what is wrong
     return out;
   }
   const Holding holding = hold(learned.problem, learned.widths);
