@@ -212,6 +212,7 @@ std::optional<Report> run(
   try {
     std::optional<Report> report = study(job.recording, options);
     if (!report) return std::nullopt;
+    if (!report->automatic.empty()) set_nominal(job.rig_file, nominal_values(report->solution));
     for (Warning& w : report->warnings)
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
     if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())

@@ -384,6 +384,54 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   return settings;
 }
 
+/// Sigmas for the automatic path.
+std::vector<PriorSetting> read_priors(const Field& field, const Rig& rig) {
+  std::vector<PriorSetting> out;
+  if (is_null(field)) return out;
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of parameter names or globs to sigmas is expected");
+  const ParameterTable table(rig);
+  for (const auto& member : field.node->members) {
+    out.push_back(read_prior(member.first, field[member.first]));
+    table.find(member.first, out.back().where);
+  }
+  return out;
+}
+
+/// Written by an automatic calibration.
+std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
+  std::vector<NominalValue> out;
+  if (is_null(field)) return out;
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of parameter names to values is expected");
+  const ParameterTable table(rig);
+  for (const auto& member : field.node->members) {
+    const Field value = field[member.first];
+    const auto p = std::find_if(table.all.begin(), table.all.end(),
+                                [&](const Parameter& q) { return q.name == member.first; });
+    if (p == table.all.end())
+      value.fail("there is no parameter '" + member.first + "'" +
+                 nearest_names(member.first, table.names()));
+    NominalValue nominal;
+    nominal.parameter = member.first;
+    if (p->kind == ParameterKind::joint_origin) {
+      nominal.pose = value.pose();
+    } else if (p->pose) {
+      value.fail("a mount has no nominal value");
+    } else {
+      nominal.numbers = value.node->kind == Node::Kind::scalar ? std::vector<double>{value.number()}
+                                                               : value.vector();
+      if (static_cast<int>(nominal.numbers.size()) != p->size())
+        value.fail(std::to_string(p->size()) + " numbers are expected");
+      for (size_t c = 0; c < nominal.numbers.size(); ++c)
+        if (const char* wrong = improper_value(*p, static_cast<int>(c), nominal.numbers[c]))
+          value.fail(wrong);
+    }
+    out.push_back(std::move(nominal));
+  }
+  return out;
+}
+
 RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
   RigFile file;
   file.path = path;
@@ -391,7 +439,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.text = read_file(path);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
-  all.check_keys({"format", "robot", "sensors", "targets"}, {"base", "joints", "estimate"});
+  all.check_keys({"format", "robot", "sensors", "targets"},
+                 {"base", "joints", "estimate", "priors", "nominal"});
   if (all["format"].string() != "kincal/1")
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
   const std::string robot = urdf_path.empty() ? robot_path(all["robot"], path) : urdf_path;
@@ -413,6 +462,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   for (const auto& entry : sensors.node->members)
     rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
+  if (all.has("priors")) rig.priors = read_priors(all["priors"], rig);
+  if (all.has("nominal")) rig.nominal = read_nominal(all["nominal"], rig);
   return file;
 }
 

@@ -221,46 +221,21 @@ RigValues values_of(const Rig& rig) {
   return values;
 }
 
-void set_steps(RigFile& rig, const std::vector<Step>& steps) {
-  static const char* const losses[] = {"none", "huber", "soft_l1", "cauchy", "tukey"};
-  const auto names_node = [](const Names& names) {
-    Node node;
-    node.kind = Node::Kind::sequence;
-    for (const std::string& name : names) node.items.push_back(scalar_node(name));
-    return node;
-  };
-  rig.rig.steps = steps;
-  Node list;
-  list.kind = Node::Kind::sequence;
-  for (const Step& step : steps) {
-    Node node = mapping_node();
-    member(node, "step") = scalar_node(step.name);
-    if (step.sensors.size() < rig.rig.sensors.size()) {
-      Names sensors;
-      for (int s : step.sensors) sensors.push_back(rig.rig.sensors[s].name);
-      member(node, "sensors") = names_node(sensors);
+void set_nominal(RigFile& rig, const std::vector<NominalValue>& values) {
+  rig.rig.nominal = values;
+  Node nominal = mapping_node();
+  for (const NominalValue& value : values) {
+    Node& node = member(nominal, value.parameter);
+    if (!value.numbers.empty()) {
+      node = list_node(value.numbers.data(), static_cast<int>(value.numbers.size()));
+      continue;
     }
-    member(node, "free") = names_node(step.free);
-    if (step.loss && step.loss->kind != LossKind::none) {
-      Node loss = mapping_node();
-      member(loss, losses[static_cast<int>(step.loss->kind)]) = number_node(step.loss->scale);
-      member(node, "loss") = loss;
-    }
-    Node priors = mapping_node();
-    for (const PriorSetting& prior : step.priors) {
-      Node& sigma = member(priors, prior.pattern);
-      if (!prior.split) {
-        sigma = number_node(prior.translation);
-        continue;
-      }
-      sigma = mapping_node();
-      member(sigma, "translation") = number_node(prior.translation);
-      member(sigma, "rotation") = number_node(prior.rotation);
-    }
-    if (!step.priors.empty()) member(node, "priors") = priors;
-    list.items.push_back(node);
+    node = mapping_node();
+    const Eigen::Vector4d q = quaternion_from_rotation(value.pose.rotation);
+    member(node, "xyz") = list_node(value.pose.translation.data(), 3);
+    member(node, "quat") = list_node(q.data(), 4);
   }
-  member(rig.node, "estimate") = list;
+  member(rig.node, "nominal") = nominal;
 }
 
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {

@@ -8,8 +8,8 @@
 
 namespace kincal {
 
-/// Replaces the steps of the rig, in its meaning and in its text.
-void set_steps(RigFile& rig, const std::vector<Step>& steps);
+/// Replaces the nominal values of the rig, in its meaning and in its text.
+void set_nominal(RigFile& rig, const std::vector<NominalValue>& values);
 
 /// RigValues are new values for a rig's text.
 struct RigValues {

@@ -47,11 +47,16 @@ AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& op
   for (size_t i = 0; i < options.fix.size(); ++i)
     merge(fixed, recording.table.find(options.fix[i], "fix[" + std::to_string(i) + "]"));
   take_away(fixed, out.mounts);
-  for (WidthGroup& g : out.groups)
-    for (std::vector<Member>* members : {&g.members, &g.unseen})
-      members->erase(std::remove_if(members->begin(), members->end(),
-                                    [&](const Member& m) { return is_among(fixed, m.component); }),
-                     members->end());
+  const auto drop = [&](std::vector<Member>& members) {
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](const Member& m) { return is_among(fixed, m.component); }),
+                  members.end());
+  };
+  drop(out.stated);
+  for (WidthGroup& g : out.groups) {
+    drop(g.members);
+    drop(g.unseen);
+  }
   return out;
 }
 
@@ -102,6 +107,14 @@ std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& gr
       everything.free.push_back(prior.pattern);
       everything.priors.push_back(prior);
     }
+  for (const Member& m : groups.stated) {
+    PriorSetting prior;
+    prior.pattern = table.name(m.component);
+    prior.where = "priors";
+    prior.translation = prior.rotation = m.start;
+    if (!is_among(groups.mounts, m.component)) everything.free.push_back(prior.pattern);
+    if (!is_among(groups.pointing, m.component)) everything.priors.push_back(prior);
+  }
   for (Step* step : {&mounts, &everything})
     step->free.insert(step->free.end(), held_out.begin(), held_out.end());
   std::vector<Step> out;
@@ -176,6 +189,7 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
   for (size_t g = 0; g < groups.groups.size(); ++g)
     for (const Member& m : groups.groups[g].members)
       members[m.component] = {static_cast<int>(g), m.start};
+  for (const Member& m : groups.stated) members[m.component] = {-1, m.start};
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);
     if (found == members.end()) continue;
@@ -340,6 +354,30 @@ CalibrationOptions plain(const AutomaticOptions& options) {
 }
 
 }  // namespace
+
+std::vector<NominalValue> nominal_values(const Solution& solution) {
+  std::vector<NominalValue> out;
+  const ParameterTable& table = solution.table();
+  const VectorXd &now = solution.values.shared, &initial = solution.initial;
+  for (const Parameter& p : table.all) {
+    if (p.kind == ParameterKind::sensor_pose || p.kind == ParameterKind::target_pose ||
+        p.kind == ParameterKind::joint_offset || p.kind == ParameterKind::points)
+      continue;
+    const int size = p.pose ? 12 : p.size();
+    bool changed = now.segment(p.start, size) != initial.segment(p.start, size);
+    NominalValue value;
+    value.parameter = p.name;
+    if (p.kind == ParameterKind::joint_origin) {  // the URDF takes up offsets there
+      const int offset = table.joint_offset[p.owner];
+      changed = changed || (offset >= 0 && now(table.all[offset].start) != 0);
+      value.pose = get_pose(initial, p.start);
+    } else {
+      value.numbers.assign(initial.data() + p.start, initial.data() + p.start + size);
+    }
+    if (changed) out.push_back(std::move(value));
+  }
+  return out;
+}
 
 std::string held_text(const AutomaticNumber& n) {
   const bool metres = n.unit == "m", radians = n.unit == "rad";

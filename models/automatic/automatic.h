@@ -47,6 +47,10 @@ struct AutomaticOptions : CalibrationOptions {
   GroupChoice groups;
 };
 
+/// Returns the values that the widths of a solution's numbers count from, of the parameters that it
+/// changed.
+std::vector<NominalValue> nominal_values(const Solution& solution);
+
 /// Returns in words why a number was held, and how well it is known.
 std::string held_text(const AutomaticNumber& number);
 

@@ -291,6 +291,35 @@ std::vector<char> chosen(const std::vector<WidthGroup>& groups,
   return out;
 }
 
+/// Takes numbers that the rig's own priors name out of the groups.
+void place_stated(const Recording& recording, AutomaticGroups& out) {
+  for (const PriorSetting& prior : recording.rig.priors)
+    for (const Freed& f : recording.table.find(prior.pattern, prior.where))
+      for (int c : f.components) {
+        const Component component{f.parameter, c};
+        const auto is = [&](const Member& m) { return m.component == component; };
+        const Freed* mount = find_freed(out.mounts, f.parameter);
+        bool known = mount && std::count(mount->components.begin(), mount->components.end(), c);
+        for (std::vector<Member>* members : [&] {
+               std::vector<std::vector<Member>*> all = {&out.stated};
+               for (WidthGroup& g : out.groups) all.push_back(&g.members);
+               return all;
+             }()) {
+          const auto found = std::find_if(members->begin(), members->end(), is);
+          if (found == members->end()) continue;
+          members->erase(found);
+          known = true;
+        }
+        if (known)
+          out.stated.push_back(
+              {component, prior.split && c >= 3 ? prior.rotation : prior.translation});
+      }
+  out.groups.erase(
+      std::remove_if(out.groups.begin(), out.groups.end(),
+                     [](const WidthGroup& g) { return g.members.empty() && g.unseen.empty(); }),
+      out.groups.end());
+}
+
 }  // namespace
 
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice) {
@@ -302,6 +331,7 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
     if (!without[g] && (with[g] || out.groups[g].name != "gears"))
       kept.push_back(std::move(out.groups[g]));
   out.groups = std::move(kept);
+  place_stated(recording, out);
   return out;
 }
 

@@ -251,7 +251,10 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                             const StudyOptions& options) {
   Report report;
   try {
-    const std::shared_ptr<const Recording> given = solve(recording, options, report);
+    const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
+    const std::shared_ptr<const Recording> given =
+        solve(centre ? make_recording(centred(recording->rig), recording->samples) : recording,
+              options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(*given, options, report);

@@ -128,6 +128,44 @@ ParameterTable::ParameterTable(const Rig& rig)
   initial = Eigen::Map<VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
+Rig centred(Rig rig) {
+  const ParameterTable table(rig);
+  for (const NominalValue& nominal : rig.nominal)
+    for (const Parameter& p : table.all) {
+      if (p.name != nominal.parameter) continue;
+      switch (p.kind) {
+        case ParameterKind::joint_origin:
+          rig.tree.joints[p.owner].parent_T_joint = nominal.pose;
+          break;
+        case ParameterKind::joint_scale:
+          rig.joints[p.owner].scale = nominal.numbers[0];
+          break;
+        case ParameterKind::joint_shape: {
+          JointSettings& joint = rig.joints[p.owner];
+          std::vector<double> values;
+          for (const JointNumber& number : further_numbers(joint)) values.push_back(number.value);
+          values[p.start - table.all[table.joint_offset[p.owner] + 2].start] = nominal.numbers[0];
+          joint.further = values;
+          break;
+        }
+        case ParameterKind::square:
+          rig.targets[p.owner].square = nominal.numbers[0];
+          break;
+        case ParameterKind::intrinsics:
+        case ParameterKind::distortion:
+        case ParameterKind::baseline:
+          for (ParameterBlock& block : rig.sensors[p.owner].parameters)
+            if ("sensor/" + rig.sensors[p.owner].name + "/" + block.name == p.name)
+              block.values = nominal.numbers;
+          break;
+        default:
+          break;
+      }
+    }
+  rig.nominal.clear();
+  return rig;
+}
+
 double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values) {
   const Parameter& p = table.all[component.parameter];
   if (p.yardstick > 0) return p.yardstick;

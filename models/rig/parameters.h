@@ -107,6 +107,9 @@ std::vector<JointNumber> further_numbers(const JointSettings& joint);
 /// it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
+/// Returns the rig with its nominal values in place, and none left.
+Rig centred(Rig rig);
+
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 

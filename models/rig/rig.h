@@ -70,6 +70,14 @@ struct Step {
   std::vector<PriorSetting> priors;
 };
 
+/// A NominalValue is what a parameter was before any calibration: what the automatic path's widths
+/// are centred on. A pose's stands in `pose`.
+struct NominalValue {
+  std::string parameter;
+  std::vector<double> numbers;
+  Pose pose;
+};
+
 struct Rig {
   Tree tree;
   int base = 0;                       // link: frame of free target poses
@@ -77,6 +85,8 @@ struct Rig {
   std::vector<Target> targets;
   std::vector<Sensor> sensors;
   std::vector<Step> steps;
+  std::vector<PriorSetting> priors;   // of the automatic path, where there are no steps
+  std::vector<NominalValue> nominal;  // of what an automatic calibration changed
 };
 
 enum class NoiseMode { latent, marginal, point, none };
