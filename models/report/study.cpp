@@ -109,8 +109,62 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
   return moved;
 }
 
+/// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
+bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
+                    std::vector<NoiseLevel> levels, const StudyOptions& options, Report& report) {
+  Rig rig = stated;
+  std::vector<Sample> scaled = samples;
+  std::vector<NoiseLevel> used = levels;
+  for (NoiseLevel& level : used) level.seen = level.used;
+  scale_noise(rig, scaled, used);
+  AutomaticCalibration found = calibrate_automatically(Recording(std::move(rig), std::move(scaled)),
+                                                       automatic_options(options));
+  if (found.solution.status == Status::cancelled) throw StudyCancelled();
+  if (!found.solution.usable()) return false;
+  report.solution = std::move(found.solution);
+  report.automatic = std::move(found.groups);
+  report.noise_levels = std::move(levels);
+  return true;
+}
+
+/// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
+/// what all corners of a view share).
+void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
+                       NoiseRounds rounds, Report& report) {
+  const std::shared_ptr<const Recording> first = report.solution.recording;
+  const Rig noisy = with_noisy_joints(*first);
+  std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
+  for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
+    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
+    if (!estimate) throw StudyCancelled();
+    if (!estimate->solution.usable()) return;
+    rounds.count += estimate->rounds;
+    const double moved =
+        bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
+    if (!calibrate_with(noisy, first->samples, std::move(estimate->levels), options, report))
+      return;
+    rounds.converged = moved < kLevelsAtRest;
+    report.noise_estimated = rounds;
+    recording = report.solution.recording;
+  }
+}
+
+/// Residuals smaller than stated: all sigmas by the same factor, which leaves the estimates where
+/// they are. (Levels of their own would take what the model lacks for noise of this or that joint,
+/// and let go of its readings.)
+void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
+  const std::shared_ptr<const Recording> first = report.solution.recording;
+  std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
+  const double factor = std::max(std::sqrt(rounds.stated), 1 / kLargestFactor);
+  for (NoiseLevel& level : levels) level.used = level.assumed * factor;
+  rounds.count = 1;
+  rounds.converged = true;
+  if (calibrate_with(first->rig, first->samples, levels, options, report))
+    report.noise_estimated = rounds;
+}
+
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
-/// that: sigmas of joints and sensors are estimated together, and everything again with these.
+/// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
                 Report& report) {
   const Explained stated = explained(report.solution);
@@ -119,40 +173,18 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
       stated.ratio > kHopeless || options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
-  const std::shared_ptr<const Recording> first = report.solution.recording;
   if (options.diagnose) {
-    add_diagnosis(first->rig, first->samples, options, report);
+    const Recording& recording = *report.solution.recording;
+    add_diagnosis(recording.rig, recording.samples, options, report);
     if (!report.diagnosis->findings.empty()) return;
     report.diagnosis.reset();
   }
-  const Rig noisy = with_noisy_joints(*first);
-  std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
   NoiseRounds rounds;
   rounds.stated = stated.ratio;
-  for (int round = 0; round < kNoiseRounds; ++round) {
-    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
-    if (!estimate) throw StudyCancelled();
-    if (!estimate->solution.usable()) return;
-    rounds.count += estimate->rounds;
-    const double moved =
-        bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
-    Rig rig = noisy;
-    std::vector<Sample> samples = first->samples;
-    std::vector<NoiseLevel> used = estimate->levels;
-    for (NoiseLevel& level : used) level.seen = level.used;
-    scale_noise(rig, samples, used);
-    AutomaticCalibration found = calibrate_automatically(
-        Recording(std::move(rig), std::move(samples)), automatic_options(options));
-    if (found.solution.status == Status::cancelled) throw StudyCancelled();
-    if (!found.solution.usable()) return;
-    report.solution = std::move(found.solution);
-    report.automatic = std::move(found.groups);
-    report.noise_levels = std::move(estimate->levels);
-    rounds.converged = moved < kLevelsAtRest;
-    report.noise_estimated = rounds;
-    recording = report.solution.recording;
-    if (rounds.converged) return;
-  }
+  if (stated.ratio < 1)
+    find_smaller_noise(options, rounds, report);
+  else
+    find_larger_noise(options, calibration, rounds, report);
 }
 
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.

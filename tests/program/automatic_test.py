@@ -1,7 +1,8 @@
-"""`kincal init`, geometry/BASE..TIP and automatic staging through the program. Usage: staging_test.py SOURCE KINCAL GROUP
+"""`kincal init`, geometry/BASE..TIP and the automatic path through the program. Usage: automatic_test.py SOURCE KINCAL GROUP
 
 Aubo, Panda, Others need the data (KINCAL_DATA or ../shared/data), else they are skipped (77). The figures are those of the data's READMEs.
-Not proved: that staging finds the best choice; only that its choice is as good on held-out samples as the hand-made one, within 10 %.
+Not proved: that its errors are as predicted on real robots; that needs a truth (benchmarks/automatic.py). Here held-out samples are fitted as
+well as with hand-made steps, within 10 %.
 """
 import json
 import os
@@ -46,30 +47,32 @@ class Program(unittest.TestCase):
         text = text.replace("robot: robot.urdf", "robot: " + os.path.abspath(os.path.join(os.path.dirname(rig), "robot.urdf")))
         return self.write("rig.yaml", text)
 
-    def staged(self, rig, *samples, options=()):
+    def automatic(self, rig, *samples, options=()):
         self.kincal("calibrate", rig, os.path.join(DATA, *samples), "--out", "out", "--force", "--quiet", *options)
         result = json.loads(self.read("out", "result.json"))
         self.assertEqual(result["status"], "converged")
-        self.assertGreater(len(result["staging"]), 1)
-        for trial in result["staging"]:
-            self.assertEqual(list(trial), ["group", "trial", "kept", "error_before", "error_after", "parameters"])
+        self.assertEqual([s["step"] for s in result["steps"]], ["mounts", "everything"])
+        for group in result["automatic"]:
+            self.assertEqual(list(group), ["group", "members", "unseen", "n", "gamma", "unit", "width", "start", "gain", "held", "largest"])
+            self.assertLessEqual(group["gamma"], group["n"] + 1e-6)
         return result
 
     def again(self, *samples):
-        """The result's own rig has explicit steps and ends in the same place without a search."""
-        rms = {n: s["test"]["rms"] for n, s in json.loads(self.read("out", "result.json"))["sensors"].items()}
+        """The result's own rig knows the nominal values, so that calibrating it ends in the same place."""
+        first = json.loads(self.read("out", "result.json"))
+        self.assertIn("nominal:", self.read("out", "rig.yaml"))
         self.kincal("calibrate", "out/rig.yaml", os.path.join(DATA, *samples), "--out", "again", "--force", "--quiet")
-        result = json.loads(self.read("again", "result.json"))
-        self.assertNotIn("staging", result)
-        for name, value in rms.items():
-            if value is not None:
-                self.assertLess(abs(result["sensors"][name]["test"]["rms"] - value), 0.01 * value)
+        second = json.loads(self.read("again", "result.json"))
+        self.assertEqual(list(first["parameters"]), list(second["parameters"]))
+        for name, p in first["parameters"].items():
+            q = second["parameters"][name]
+            values = (p["pose"]["xyz"], q["pose"]["xyz"]) if "pose" in p else (p["value"], q["value"])
+            for a, b, sigma in zip(*values, p["sigma"]):
+                if sigma:
+                    self.assertLess(abs(a - b) / sigma, 0.01, name)
 
-    def kept(self, result):
-        state = {}
-        for t in result["staging"]:
-            state[t["group"]] = t["kept"]
-        return sorted(g for g, k in state.items() if k)
+    def estimated(self, result):
+        return sorted(g["group"].split("/")[0] for g in result["automatic"] if not g["held"])
 
     def at_most(self, result, sensor, figure, unit=1.0):
         value = result["sensors"][sensor]["test"]["rms"] / unit
@@ -124,13 +127,23 @@ class Init(Program):
             "joint/j2/offset": 0.01, "sensor/pose/pose": [1, 0.5, 0.2, 0.3, 0, 1], "target/points/pose": [0.1, 0, 0.05, 0, 0.2, 0]}}))
         self.kincal("simulate", "rig.yaml", "--samples", "30", "--seed", "1", "--truth", truth, "--out", "sim")
         out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--dry-run")
-        self.assertIn("stages it automatically", out)
-        self.assertIn("geometry/base..tool", out)
+        self.assertIn("everything below is free", out)
+        self.assertIn("angles/j1..s3", out)
         out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "out")
-        self.assertIn("Automatic staging", out)
+        self.assertIn("What could be wrong", out)
         result = json.loads(self.read("out", "result.json"))
         self.assertLess(abs(result["sensors"]["pose"]["train"]["rms"]), 0.002)
-        self.assertNotIn("gear scales", self.kept(result))
+        self.assertIn("offsets", self.estimated(result))
+        self.assertNotIn("gears", [g["group"] for g in result["automatic"]])
+        for name, value in (("joint/j1/offset", 0), ("joint/j2/offset", 0.01)):
+            p = result["parameters"].get(name, {"value": [0], "sigma": [held["sigma"] for held in result["held"] if held["parameter"] == name]})
+            self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0])
+        self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "gears", "--group", "gears", "--no-group", "lengths*", "--quiet")
+        groups = [g["group"] for g in json.loads(self.read("gears", "result.json"))["automatic"]]
+        self.assertIn("gears", groups)
+        self.assertNotIn("lengths/j1..s3", groups)
+        _, err = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "no", "--group", "geers", code=1)
+        self.assertIn("there is no group 'geers'; nearest: gears", err)
         # The example, its comment signs removed.
         head, example = self.read("rig.yaml").split("# estimate:\n")
         steps = "estimate:\n" + "".join(line[2:] + "\n" for line in example.splitlines())
@@ -140,12 +153,12 @@ class Init(Program):
             self.assertIn(step, out)
         self.kincal("evaluate", "rig.yaml", "sim/samples.jsonl")  # needs no steps
 
-    def test_batch_stages_too(self):
+    def test_batch_too(self):
         self.init("--sensor", "pose:base", "--target", "points:0,0,0@tool", "--out", "rig.yaml")
         self.kincal("simulate", "rig.yaml", "--samples", "20", "--seed", "2", "--spread", "*/pose=0", "--out", "sim")
         self.write("list", "rig.yaml sim/samples.jsonl one\n")
         self.kincal("batch", "list", "--out", "results")
-        self.assertIn("staging", json.loads(self.read("results", "one", "result.json")))
+        self.assertIn("automatic", json.loads(self.read("results", "one", "result.json")))
 
     def test_errors_teach(self):
         sensor, target = ["--sensor", "point:base"], ["--target", "points:0,0,0@tool"]
@@ -205,22 +218,20 @@ class Aubo(Program):
         self.at_most(result, "tracker", 0.0929, 1e-3)
         self.assertLessEqual(result["sensors"]["camera"]["test"]["rms_as_read"], 1.1 * 1.17)
         self.assertLessEqual(result["sensors"]["tracker"]["test"]["rms_as_read"], 1.1 * 0.169e-3)
-        kept = self.kept(result)
-        for group in ("mounts", "joint offsets", "geometry/base_link..flange"):
-            self.assertIn(group, kept)
-        for trial in result["staging"]:  # what is the tracker's or the camera's own is held
-            self.assertNotIn("joint/joint_1/offset", trial["parameters"])
-            self.assertNotIn("target/reflector/pose.rx", trial["parameters"])
+        self.assertIn("lengths", self.estimated(result))
+        self.assertIn("angles", self.estimated(result))
+        self.assertEqual(result["parameters"]["target/reflector/pose"]["sigma"][3:], [0, 0, 0])  # nothing turns a point
 
     def test_the_given_rig(self):
-        self.check(self.staged(self.without_steps("aubo-i10", "rig_both.yaml"), *self.SAMPLES))
+        self.check(self.automatic(self.without_steps("aubo-i10", "rig_both.yaml"), *self.SAMPLES))
         self.again(*self.SAMPLES)
 
-    def test_outliers_do_not_choose(self):
-        """Four images with wrong joint readings: with --reject the steps are those of the others."""
+    def test_outliers_do_not_decide(self):
+        """Four images with wrong joint readings: with --reject the result is that of the others."""
         rig = self.without_steps("aubo-i10", "rig_images.yaml")
-        clean = self.kept(self.staged(rig, "aubo-i10", "samples_images.jsonl"))
-        self.assertEqual(self.kept(self.staged(rig, "aubo-i10", "samples_with_bad_group.jsonl", options=("--reject",))), clean)
+        clean = self.automatic(rig, "aubo-i10", "samples_images.jsonl")
+        rest = self.automatic(rig, "aubo-i10", "samples_with_bad_group.jsonl", options=("--reject",))
+        self.assertEqual(self.estimated(rest), self.estimated(clean))
 
     def init(self, *camera):
         self.kincal("init", os.path.join(DATA, "aubo-i10", "robot.urdf"), "--sensor", "camera:flange", *camera, "--sensor",
@@ -243,26 +254,24 @@ class Aubo(Program):
                          ("# distortion: [0, 0, 0, 0, 0]", "distortion: [-0.00664, -0.00687, -0.00019, -0.00025, 0.05621]")]:
             self.assertIn(old, text)
             text = text.replace(old, new)
-        self.check(self.staged(self.write("rig.yaml", text), *self.SAMPLES))
+        self.check(self.automatic(self.write("rig.yaml", text), *self.SAMPLES))
 
     def test_from_init_and_nothing_else(self):
         # No pose, a focal length guessed 5 % too long, no distortion, guessed sigmas: worse by little.
         self.init("--image-size", "2400x1800")
-        result = self.staged(self.path("rig.yaml"), *self.SAMPLES)
+        result = self.automatic(self.path("rig.yaml"), *self.SAMPLES)
         self.at_most(result, "camera", 0.0891)
         self.at_most(result, "tracker", 0.0929, 1e-3)
-        self.assertIn("intrinsics", self.kept(result))
+        self.assertIn("focal lengths", self.estimated(result))
 
 
 class Panda(Program):
     def test_the_given_rig(self):
         samples = ("panda-sockets", "panda_3", "samples.jsonl")
-        result = self.staged(self.without_steps("panda-sockets", "panda_3", "rig.yaml"), *samples)
+        result = self.automatic(self.without_steps("panda-sockets", "panda_3", "rig.yaml"), *samples)
         self.at_most(result, "ball", 0.212, 1e-3)
-        self.assertIn("geometry/panda_link0..ball_link", self.kept(result))
-        last = self.read("out", "rig.yaml")
-        self.assertIn("target/backright/pose.ry", last)      # the held-out placement is named like the others,
-        self.assertNotIn("pose.rx", last)                    # and what two sockets do not show is held
+        self.assertIn("offsets", self.estimated(result))
+        self.assertEqual(result["parameters"]["target/backleft/pose"]["sigma"][3], 0)  # what two sockets do not show is held
         self.assertIn("target/backright/pose", result["steps"][-1]["held_out"])
         self.again(*samples)
 
@@ -285,14 +294,14 @@ class Panda(Program):
             at = text.index(no_pose, text.index("  " + name + ":"))
             text = text[:at] + "pose: " + pose + text[at + len(no_pose):]
         text = text.replace("\"*\": {sigma: 0.0002}", "\"*\": {sigma: 0}").replace("sigma: 0.0002  ", "sigma: 0.0003  ")
-        result = self.staged(self.write("rig.yaml", text), "panda-sockets", "panda_3", "samples.jsonl")
+        result = self.automatic(self.write("rig.yaml", text), "panda-sockets", "panda_3", "samples.jsonl")
         self.at_most(result, "ball", 0.212, 1e-3)
 
 
 class Others(Program):
-    def test_pr2_keeps_what_was_made_wrong(self):
-        result = self.staged(self.without_steps("pr2-simulated", "rig.yaml"), "pr2-simulated", "samples.jsonl")
-        self.assertEqual(self.kept(result), ["baselines", "joint offsets", "mounts"])
+    def test_pr2_finds_what_was_made_wrong(self):
+        result = self.automatic(self.without_steps("pr2-simulated", "rig.yaml"), "pr2-simulated", "samples.jsonl")
+        self.assertEqual(self.estimated(result), ["baselines", "offsets"])
         with open(os.path.join(DATA, "pr2-simulated", "truth.json")) as f:
             truth = json.load(f)["parameters"]
         off = []
@@ -309,7 +318,7 @@ class Others(Program):
                 ({"ball": 0.853e-3}, ("panda-sockets", "panda_2", "rig.yaml"), ("panda-sockets", "panda_2", "samples.jsonl")),
                 ({"camera": 1.97}, ("ros-industrial-charuco", "rig.yaml"), ("ros-industrial-charuco", "samples.jsonl")),
                 ({"metrology": 0.430e-3}, ("ros-industrial-positioner", "rig.yaml"), ("ros-industrial-positioner", "samples.jsonl"))]:
-            result = self.staged(self.without_steps(*rig), *samples)
+            result = self.automatic(self.without_steps(*rig), *samples)
             for sensor, figure in figures.items():
                 self.at_most(result, sensor, figure)
 
