@@ -113,8 +113,13 @@ void GroupMaker::make_mounts() {
   for (size_t t = 0; t < rig_.targets.size(); ++t)
     if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]])
       merge(out_.mounts, {whole(table_, table_.target_pose[t])});
+  std::vector<char> turns(rig_.targets.size(), 0);  // a sensor measures how it is turned
+  for (const Sample& sample : samples_)
+    for (const View& v : sample.views)
+      if (rig_.sensors[v.sensor].model->measures_pose()) turns[v.target] = 1;
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] && rig_.targets[t].count() == 1)
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] &&
+        rig_.targets[t].count() == 1 && !turns[t])
       out_.pointing.push_back({table_.target_pose[t], {3, 4, 5}});
 }
 

@@ -464,7 +464,7 @@ class WrongRig(Case):
         self.fails(self.calibrate(), "eyes", ("frees nothing", "target/plate"))
         text = RIG[:RIG.index("estimate:")]
         self.write("rig.yaml", text)
-        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: staged automatically (staging_test.py)
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: the automatic path (automatic_test.py)
         self.assertEqual(run.code, 0, run.err)
         self.assertIn("stages it automatically", run.out)
         for option in ("--free", "--fix"):  # as the real run
