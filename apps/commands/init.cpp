@@ -105,8 +105,8 @@ Command init_command(CLI::App& app) {
       "point:base_link:tracker \\\n"
       "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out "
       "rig.yaml\n"
-      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` stages it "
-      "automatically.");
+      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` "
+      "frees all that could be wrong.");
   return {command, [a] { return init(*a); }};
 }
 

@@ -74,24 +74,13 @@ std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& 
 
 std::string automatic_table(const std::vector<AutomaticGroup>& groups) {
   std::vector<std::vector<std::string>> rows = {
-      {"group", "numbers", "determined", "width found", "evidence", "", "largest"}};
-  for (const AutomaticGroup& g : groups) {
-    if (g.numbers.empty()) continue;
-    std::string largest;
-    std::vector<AutomaticNumber> numbers = g.numbers;
-    std::stable_sort(numbers.begin(), numbers.end(),
-                     [](const AutomaticNumber& a, const AutomaticNumber& b) {
-                       return std::abs(a.value) / a.sigma > std::abs(b.value) / b.sigma;
-                     });
-    for (size_t i = 0; i < numbers.size() && i < 2 && numbers[i].value != 0; ++i)
-      largest += (i ? ", " : "") + numbers[i].name + " " +
-                 readable(numbers[i].value, numbers[i].unit) + " ± " +
-                 readable(numbers[i].sigma, numbers[i].unit);
-    rows.push_back({g.name, std::to_string(g.numbers.size()), text("%.1f", g.gamma),
-                    readable(g.numbers[0].width, g.numbers[0].unit), text("%.1f", g.gain),
-                    g.held ? "held: as the rig has it" : "estimated", largest});
-  }
-  return align(rows, 1);
+      {"group", "", "numbers", "determined", "width found", "evidence"}};
+  for (const AutomaticGroup& g : groups)
+    if (!g.numbers.empty())
+      rows.push_back({g.name, g.held ? "as the rig has it" : "estimated",
+                      std::to_string(g.numbers.size()), text("%.1f", g.gamma),
+                      readable(g.numbers[0].width, g.numbers[0].unit), text("%.1f", g.gain)});
+  return align(rows, 2);
 }
 
 }  // namespace kincal

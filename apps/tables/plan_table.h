@@ -14,7 +14,7 @@ namespace kincal {
 std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable& table);
 /// Shows what the automatic path lets be wrong: the mounts, each group's name, widths and numbers.
 std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& table);
-/// Shows what it found: widths, how much the data determine, evidence, largest members.
+/// Shows what it found: widths, how many numbers the data determine, evidence.
 std::string automatic_table(const std::vector<AutomaticGroup>& groups);
 
 }  // namespace kincal

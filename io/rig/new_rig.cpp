@@ -245,10 +245,11 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
     if (!t.link.empty()) poses += ", " + yaml_text("target/" + t.name + "/pose");
   const std::string chain = example_chain(tree, rig);
   std::string out =
-      "\n# Without `estimate`, `kincal calibrate` chooses by cross-validation what to free, and "
-      "writes the steps it found into the "
-      "result's\n"
-      "# rig.yaml. To choose yourself, steps such as these (each starts where the one before "
+      "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong, learns from the "
+      "data "
+      "how far such numbers are off,\n"
+      "# and keeps what there is no evidence against. To choose yourself, steps such as these "
+      "(each starts where the one before "
       "ended; `kincal calibrate --dry-run` shows "
       "what\n"
       "# they free; offsets of the first and last joint are often the mounts' own: --fix them "
