@@ -77,7 +77,7 @@ void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauge
   for (size_t j = 0; j < null.size(); ++j) space.col(j) = vectors.col(null[j]);
   for (int i = 0; i < n; ++i)
     if (scale(i) == 0) space.row(i).setZero();
-  MatrixXd basis = large_singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
+  MatrixXd basis = singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
   separate(basis);
   for (int j = 0; j < gauges; ++j) {
     Eigen::Index largest;
@@ -131,7 +131,7 @@ Observability observe(Problem& problem, const VectorXd& state,
       add_null(out, VectorXd::Unit(n, i));
     }
   }
-  const SingularValues svd = large_singular_values(r, Eigen::ComputeFullV);
+  const SingularValues svd = singular_values(r, Eigen::ComputeFullV);
   VectorXd eigenvalue = VectorXd::Zero(n);
   eigenvalue.head(svd.values.size()) = svd.values.cwiseAbs2();
   std::vector<int> null;  // right singular vectors without information, those of dead columns aside
