@@ -43,13 +43,18 @@ std::string residuals_csv(const Report& report) {
 }
 
 std::string covariance_csv(const Solution& solution) {
+  std::vector<char> known;  // by column: its sigma is
+  for (const Component& column : solution.columns)
+    for (const ParameterEstimate& e : solution.parameters)
+      if (e.parameter == column.parameter) known.push_back(std::isfinite(e.sigma[column.index]));
   std::string out;
   for (size_t i = 0; i < solution.columns.size(); ++i)
     out += (i ? "," : "") + csv_field(solution.table().name(solution.columns[i]));
   out += "\n";
   for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i) {
     for (Eigen::Index j = 0; j < solution.covariance.cols(); ++j)
-      out += (j ? "," : "") + shortest(solution.covariance(i, j));
+      out += (j ? "," : "") +
+             (known[i] && known[j] ? shortest(solution.covariance(i, j)) : std::string());
     out += "\n";
   }
   return out;
