@@ -91,8 +91,8 @@ void analyse(const StudyOptions& options, Report& report) {
   report.residuals = residuals(at);
   report.misfits = misfits(report.solution, report.residuals);
   const Solution& solution = report.solution;
-  const bool badly = solution.status == Status::not_converged ||
-                     solution.chi2 > 10 * static_cast<double>(solution.dof);
+  const bool badly =
+      solution.status == Status::not_converged || solution.chi2_data > 10 * solution.dof_data;
   if (badly && !options.reject) {
     std::optional<std::vector<Rejected>> outliers =
         find_outliers(solution.recording, options.calibration);
@@ -118,7 +118,7 @@ void analyse(const StudyOptions& options, Report& report) {
   }
   for (const Requirement& r : options.requirements)
     validation.requirements.push_back(
-        judge_requirement(r, validation, report.residuals.sensors, solution.chi2, solution.dof));
+        judge_requirement(r, validation, report.residuals.sensors, solution.chi2_per_dof()));
 }
 
 /// Mistakes are looked for in the samples as they were used, with the rig as it was given.
@@ -153,7 +153,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(options, report);
     const bool unexplained = solution.status != Status::converged ||
-                             solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
+                             solution.chi2_data > kUnexplained * solution.dof_data;
     if (options.diagnose && unexplained)
       add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
   } catch (const StudyCancelled&) {
