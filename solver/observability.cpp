@@ -82,7 +82,7 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
 
 /// 1 / norm of each column of data and priors together; 0: dead. Of what is rounding in the data
 /// nothing is left.
-VectorXd scale_of(Remainder& left) {
+VectorXd unit_scale(Remainder& left) {
   VectorXd scale(left.data.cols());
   for (Eigen::Index i = 0; i < scale.size(); ++i) {
     const double data = left.data.col(i).norm();
@@ -175,7 +175,7 @@ Observability observe(Problem& problem, const VectorXd& state,
   out.unobservable.assign(n, 0);
   out.null_space.setZero(n, 0);
   if (n == 0) return out;
-  const VectorXd scale = scale_of(left);
+  const VectorXd scale = unit_scale(left);
   int dead = 0;
   for (int i = 0; i < n; ++i)
     if (scale(i) == 0) {
