@@ -30,10 +30,6 @@ SingularValues singular_values(const MatrixXd& matrix, unsigned parts) {
   return parts_of(Eigen::JacobiSVD<MatrixXd>(matrix, parts));
 }
 
-SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts) {
-  return parts_of(Eigen::BDCSVD<MatrixXd>(matrix, parts));
-}
-
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {
   return a.colPivHouseholderQr().solve(b);
 }

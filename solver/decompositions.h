@@ -19,14 +19,15 @@ struct SymmetricEigen {
 SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
 
 /// SingularValues has the singular values, descending, and what `parts` asks for
-/// (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only); they come by Jacobi's method.
+/// (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only). They come by Jacobi's method: the
+/// divide-and-conquer one of Eigen 3.4 is faster from some 50 columns on, but where several values
+/// are the same (gauges: several zeros) it reads beside its arrays, and one in ten comes out as
+/// NaN.
 struct SingularValues {
   VectorXd values;
   MatrixXd u, v;
 };
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
-/// Returns the same by dividing and conquering: much faster from some 50 columns on.
-SingularValues large_singular_values(const MatrixXd& matrix, unsigned parts);
 
 /// Returns x of the least |a x - b|^2, by QR with column pivoting; where the rank is not full the
 /// columns that come last get 0.

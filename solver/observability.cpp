@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
+constexpr double kHeld = 1e-13;  // singular value of priors above which they are no rounding
 
 /// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit
 /// length.
@@ -26,14 +27,22 @@ void separate(MatrixXd& basis) {
   for (Eigen::Index j = 0; j < k; ++j) basis.col(j).normalize();
 }
 
-/// R with R'R = S, at least one row: the remainders of all groups, stacked and compressed whenever
-/// the stack is full. Counts rows and private rank; `squared_norm`: of the columns before the
-/// elimination.
-MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observability& out,
-                     VectorXd& squared_norm, std::vector<MatrixXd>* reduced_rows) {
+/// What all groups say of the shared unknowns when their own are eliminated.
+struct Remainder {
+  MatrixXd data;          // R with R'R = S of all groups but the priors', at least one row
+  MatrixXd priors;        // the rows of that group
+  VectorXd squared_norm;  // of the data's columns before the elimination
+};
+
+/// The remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and
+/// private rank.
+Remainder remainder_of(const Problem& problem, const VectorXd& state, Observability& out,
+                       std::vector<MatrixXd>* reduced_rows) {
   const int n = problem.shared_size();
+  Remainder to;
+  to.priors.setZero(0, n);
+  to.squared_norm.setZero(n);
   MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
-  squared_norm.setZero(n);
   Eigen::Index used = 0;
   const auto compress = [&] {
     if (used <= n) return;
@@ -47,7 +56,15 @@ MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observabilit
     problem.square_root(static_cast<int>(g), state, 0, rows);
     const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
     out.rows += shape.rows;
-    for (int i = 0; i < m; ++i) squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
+    if (static_cast<int>(g) == problem.prior_group()) {
+      out.prior_rows = shape.rows;
+      out.prior_chi2 = rows.col(m).squaredNorm();
+      to.priors.setZero(rows.rows(), n);
+      for (int i = 0; i < m; ++i) to.priors.col(shape.columns[i]) = rows.col(i);
+      if (reduced_rows) reduced_rows->push_back(rows);
+      continue;
+    }
+    for (int i = 0; i < m; ++i) to.squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
     const MatrixXd left = eliminate(rows, k, out.rank);
     if (reduced_rows) reduced_rows->push_back(left);
     for (Eigen::Index r = 0; r < left.rows() && m > 0; ++r) {
@@ -58,9 +75,54 @@ MatrixXd triangle_of(const Problem& problem, const VectorXd& state, Observabilit
     }
   }
   compress();
-  MatrixXd r = stack.topRows(std::max<Eigen::Index>(used, 1));
-  if (used == 0) r.setZero();
-  return r;
+  to.data = stack.topRows(std::max<Eigen::Index>(used, 1));
+  if (used == 0) to.data.setZero();
+  return to;
+}
+
+/// 1 / norm of each column of data and priors together; 0: dead. Of what is rounding in the data
+/// nothing is left.
+VectorXd unit_scale(Remainder& left) {
+  VectorXd scale(left.data.cols());
+  for (Eigen::Index i = 0; i < scale.size(); ++i) {
+    const double data = left.data.col(i).norm();
+    if (data * data <= kDeadColumn * left.squared_norm(i)) left.data.col(i).setZero();
+    const double norm = std::hypot(left.data.col(i).norm(), left.priors.col(i).norm());
+    scale(i) = norm == 0 ? 0 : 1 / norm;
+  }
+  return scale;
+}
+
+/// Adds a direction to the covariance: a unit vector of the scaled columns and its singular value.
+void add_determined(const VectorXd& v, double value, const VectorXd& scale, Eigen::Index place,
+                    Observability& out) {
+  const VectorXd scaled = v.cwiseProduct(scale);
+  out.covariance.noalias() += scaled / (value * value) * scaled.transpose();
+  out.root.col(place) = scaled / value;
+  ++out.rank;
+}
+
+/// Adds those of the candidates (orthonormal columns) that the priors hold to the covariance, from
+/// `place` of the root on; returns the others. `r`: data and priors, columns scaled.
+MatrixXd hold_by_priors(const MatrixXd& candidates, const MatrixXd& r, const Remainder& left,
+                        const VectorXd& scale, double largest, Observability& out) {
+  const Eigen::Index k = candidates.cols(), p = left.priors.rows();
+  if (k == 0 || p == 0) return candidates;
+  const SingularValues said = singular_values(r.bottomRows(p) * candidates, Eigen::ComputeFullV);
+  const MatrixXd turned = candidates * said.v;
+  const VectorXd before = left.squared_norm.cwiseSqrt().cwiseProduct(scale);
+  const auto limit = [&](Eigen::Index j) {
+    return kHeld * std::max(largest, before.cwiseProduct(turned.col(j)).norm());
+  };
+  Eigen::Index held = 0;
+  while (held < said.values.size() && said.values(held) > limit(held)) ++held;
+  if (held == 0) return candidates;
+  const SingularValues own = singular_values(r * turned.leftCols(held), Eigen::ComputeThinV);
+  const MatrixXd directions = turned.leftCols(held) * own.v;
+  const Eigen::Index place = scale.size() - k;
+  for (Eigen::Index j = 0; j < held; ++j)
+    add_determined(directions.col(j), own.values(j), scale, place + j, out);
+  return turned.rightCols(k - held);
 }
 
 void add_null(Observability& out, const VectorXd& direction) {
@@ -68,16 +130,13 @@ void add_null(Observability& out, const VectorXd& direction) {
   out.null_space.rightCols<1>() = direction;
 }
 
-/// The directions among the right singular vectors `null` that are orthogonal to the dead columns
-/// (scale 0).
-void add_gauges(const MatrixXd& vectors, const std::vector<int>& null, int gauges,
-                const VectorXd& scale, Observability& out) {
+/// The directions of `space` (orthonormal columns) that are orthogonal to the dead columns (scale
+/// 0).
+void add_gauges(MatrixXd space, int gauges, const VectorXd& scale, Observability& out) {
   const Eigen::Index n = scale.size();
-  MatrixXd space(n, null.size());
-  for (size_t j = 0; j < null.size(); ++j) space.col(j) = vectors.col(null[j]);
   for (int i = 0; i < n; ++i)
     if (scale(i) == 0) space.row(i).setZero();
-  MatrixXd basis = large_singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
+  MatrixXd basis = singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
   separate(basis);
   for (int j = 0; j < gauges; ++j) {
     Eigen::Index largest;
@@ -110,46 +169,38 @@ Observability observe(Problem& problem, const VectorXd& state,
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);
-  VectorXd squared_norm;
-  MatrixXd r = triangle_of(problem, state, out, squared_norm, reduced_rows);
+  Remainder left = remainder_of(problem, state, out, reduced_rows);
   out.covariance.setZero(n, n);
   out.root.setZero(n, n);
   out.unobservable.assign(n, 0);
   out.null_space.setZero(n, 0);
   if (n == 0) return out;
-  VectorXd scale(n);  // 1 / column norm; 0: dead
-  int alive = 0;
-  for (int i = 0; i < n; ++i) {
-    const double norm = r.col(i).norm();
-    const bool dead = norm * norm <= kDeadColumn * squared_norm(i) || norm == 0;
-    scale(i) = dead ? 0 : 1 / norm;
-    alive += !dead;
-    r.col(i) *= scale(i);
-    if (dead) {
+  const VectorXd scale = unit_scale(left);
+  int dead = 0;
+  for (int i = 0; i < n; ++i)
+    if (scale(i) == 0) {
+      ++dead;
       out.unobservable[i] = 1;
       out.directions.push_back({{i, 1.0}});
       add_null(out, VectorXd::Unit(n, i));
     }
-  }
-  const SingularValues svd = large_singular_values(r, Eigen::ComputeFullV);
+  MatrixXd r(left.data.rows() + left.priors.rows(), n);
+  r.topRows(left.data.rows()) = left.data * scale.asDiagonal();
+  r.bottomRows(left.priors.rows()) = left.priors * scale.asDiagonal();
+  const SingularValues svd = singular_values(r, Eigen::ComputeFullV);
   VectorXd eigenvalue = VectorXd::Zero(n);
   eigenvalue.head(svd.values.size()) = svd.values.cwiseAbs2();
-  std::vector<int> null;  // right singular vectors without information, those of dead columns aside
-  for (int i = 0; i < n; ++i) {
-    const VectorXd v = svd.v.col(i);
-    if (eigenvalue(i) > kNullEigenvalue * eigenvalue(0)) {
-      const VectorXd scaled = v.cwiseProduct(scale);
-      out.covariance.noalias() += scaled / eigenvalue(i) * scaled.transpose();
-      out.root.col(i) = scaled / svd.values(i);
-      ++out.rank;
-    } else {
-      null.push_back(i);
-    }
+  int determined = 0;
+  while (determined < n && eigenvalue(determined) > kNullEigenvalue * eigenvalue(0)) {
+    add_determined(svd.v.col(determined), svd.values(determined), scale, determined, out);
+    ++determined;
   }
-  // The null space of the scaled columns contains a unit vector for every dead one; what is
-  // orthogonal to these are gauges.
-  const int gauges = static_cast<int>(null.size()) - (n - alive);
-  if (gauges > 0) add_gauges(svd.v, null, gauges, scale, out);
+  const MatrixXd space =
+      hold_by_priors(svd.v.rightCols(n - determined), r, left, scale, svd.values(0), out);
+  // It contains a unit vector for every dead column; what is orthogonal to these are gauges.
+  const int gauges = static_cast<int>(space.cols()) - dead;
+  if (gauges > 0) add_gauges(space, gauges, scale, out);
+  out.decided_by_priors = (left.priors * out.root).squaredNorm();
   return out;
 }
 

@@ -6,10 +6,23 @@
 // compressed to a triangle R with R'R = S. Nothing is squared, so that 1e-14 of a squared column
 // norm can be distinguished from rounding, which the normal equations cannot.
 //
-// Unobservable: a column of which elimination leaves at most 1e-14 of its squared norm, by itself.
-// Of the others, columns scaled to unit length: a squared singular value of at most 1e-9 of the
-// largest. Several such directions form a subspace; its basis is brought to reduced echelon form
-// with pivoting, which keeps independent gauges apart (gauges of disjoint parameters exactly).
+// Unobservable: a column of which elimination leaves at most 1e-14 of its squared norm, by itself,
+// unless a prior is on it. Of the others, columns scaled to unit length: a squared singular value
+// of at most 1e-9 of the largest, unless priors hold the direction.
+//
+// So small a singular value of the data may be rounding. Rows of priors are exact: however wide
+// they are beside precise data, what they say of such a direction is true. With W an orthonormal
+// basis of the candidates and R_p the rows of the priors, the singular values of R_p W split W:
+// those above rounding (1e-13 of the largest of R; or of what the columns were before elimination,
+// whose rounding stays in what is left) are held, and their covariance is W (W'R'R W)^-1 W'. R maps
+// W and its complement to orthogonal spaces, so this adds to the covariance of the others.
+//
+// The rest is unobservable. Several such directions form a subspace; its basis is brought to
+// reduced echelon form with pivoting, which keeps independent gauges apart (gauges of disjoint
+// parameters exactly).
+//
+// Of the unknowns the priors decide tr(R_p C R_p') and the data the rest, the effective number of
+// parameters tr(H_data H^-1): by it chi2 of the data alone is to be judged.
 #pragma once
 
 #include <Eigen/Core>
@@ -39,6 +52,16 @@ struct Observability {
   /// The rank is that of the derivatives by all unknowns, private ones included.
   long rank = 0;
   long dof() const { return rows - rank; }
+  /// Of these rows, so many are those of the priors of shared unknowns; chi2 of them.
+  long prior_rows = 0;
+  double prior_chi2 = 0;
+  /// So many unknowns are decided by these priors and not by the data.
+  double decided_by_priors = 0;
+  /// Returns the degrees of freedom of the data alone; what is rounding is none.
+  double dof_data() const {
+    const double left = static_cast<double>(rows - prior_rows - rank) + decided_by_priors;
+    return left > 1e-6 ? left : 0;
+  }
 };
 
 /// Computes all this at a solution, with covariances as they were last renewed. It allocates.

@@ -55,6 +55,8 @@ class Problem {
   virtual ~Problem() = default;
   virtual int shared_size() const = 0;
   virtual const std::vector<GroupShape>& groups() const = 0;
+  /// Returns the group of the priors of shared unknowns, which has no private ones; -1: none.
+  virtual int prior_group() const { return -1; }
   /// Makes scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;
 

@@ -38,8 +38,7 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
     found->values.push_back({v, set});
   };
   for (const SetSummary& s : sets)
-    if (s.status != "failed" && s.dof > 0)
-      add("chi2/dof", "", s.chi2 / static_cast<double>(s.dof), s.name);
+    if (s.status != "failed") add("chi2/dof", "", s.chi2_per_dof(), s.name);
   for (const SetSummary& s : sets)
     for (const SensorRms& r : s.sensors) {
       add("rms " + r.name, r.unit, r.train, s.name);

@@ -23,7 +23,9 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
            {component_name(d.name, d.components[c]), unit.name,
             text("%.7g", d.a[c] * unit.factor + 0.0), text("%.7g", d.b[c] * unit.factor + 0.0),
             text("%+.4g", d.difference[c] * unit.factor),
-            std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor) : "-",
+            std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor)
+            : d.undetermined[c]       ? "not determined"
+                                      : "-",
             std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
     }
   sort_by_weight(lines);
@@ -45,9 +47,10 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
         const double rms = rotation ? f.rotation_rms : f.position_rms,
                      worst = rotation ? f.rotation_worst : f.position_worst;
         const double sigma = rotation ? f.rotation_sigma : f.position_sigma;
+        const std::string none = comparison.sigmas && f.postures > 0 ? "not determined" : "-";
         rows.push_back({rotation ? "" : f.frame, rotation ? "mrad" : "mm",
                         rotation ? "" : std::to_string(f.postures), value(rms, 1e3),
-                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : "-",
+                        value(worst, 1e3), std::isfinite(sigma) ? "± " + value(sigma, 1e3) : none,
                         value(rms / sigma)});
       }
     out += align(rows, 2);

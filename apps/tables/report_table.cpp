@@ -290,9 +290,12 @@ std::string report_text(const Report& report, const ResultFiles& files) {
       }
     out += align(poses, 1);
   }
-  out += text("\nchi2 %.8g, %ld degrees of freedom", report.solution.chi2, report.solution.dof);
-  if (report.solution.dof > 0)
-    out += text(", chi2/dof %.4g", report.solution.chi2 / report.solution.dof);
+  const Solution& solution = report.solution;
+  out += solution.setup.priors.empty()
+             ? text("\nchi2 %.8g, %ld degrees of freedom", solution.chi2, solution.dof)
+             : text("\nchi2 of the data %.8g, %.1f degrees of freedom", solution.chi2_data,
+                    solution.dof_data);
+  if (solution.dof_data > 0) out += text(", chi2/dof %.4g", solution.chi2_per_dof());
   out += "\n";
   out += noise_text(report);
   out += weak_text(report.explanation);

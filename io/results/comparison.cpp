@@ -102,6 +102,7 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
   for (int c = 0; c < in_a.size(); ++c) {
     const double s = of_a == a.sigma.end() ? 0 : of_a->second[c],
                  t = of_b == b.sigma.end() ? 0 : of_b->second[c];
+    out.undetermined.push_back(std::isnan(s) || std::isnan(t));
     const double both = a.status.empty() || b.status.empty() ? kNan : std::hypot(s, t);
     out.sigma.push_back(both > 0 ? both : kNan);
   }
@@ -187,6 +188,7 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   for (const auto& f : frames)
     out.frames.push_back(compare_frame(a.robot(), b.robot(), f.first, f.second, postures, in_b));
 
+  out.sigmas = a.unknowns && b.unknowns;
   for (const CalibratedFiles* f : {&a, &b}) {
     if (f->status.empty())
       out.notes.push_back(f->path +

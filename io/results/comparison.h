@@ -19,12 +19,14 @@ struct ParameterDifference {
   std::vector<double> a, b;        // poses: xyz and rpy
   std::vector<double> difference;  // b - a; poses: E
   std::vector<double> sigma;  // of the difference; NaN: unknown, not determined, or held in both
+  std::vector<char> undetermined;  // by component, in a or b
 };
 
 struct Comparison {
   std::string base;
   std::vector<ParameterDifference> parameters;  // that either freed, or that differ
   std::vector<FrameDifference> frames;
+  bool sigmas = true;  // both have some: where a frame has none, it is not determined
   std::vector<std::string> only_in_a, only_in_b;  // parameters
   std::string workspace;                          // `samples` or `limits`
   std::vector<std::string> notes;                 // what to keep in mind

@@ -47,13 +47,18 @@ std::string covariance_csv(const Solution& solution) {
   const std::vector<Component>& columns =
       predicted ? solution.prediction->columns : solution.columns;
   const MatrixXd& covariance = predicted ? solution.prediction->covariance : solution.covariance;
+  std::vector<char> known(columns.size(), 1);  // by column: its sigma is
+  for (size_t i = 0; i < columns.size(); ++i)
+    for (const ParameterEstimate& e : solution.parameters)
+      if (e.parameter == columns[i].parameter && std::isnan(e.sigma[columns[i].index]))
+        known[i] = 0;
   std::string out;
   for (size_t i = 0; i < columns.size(); ++i)
     out += (i ? "," : "") + csv_field(solution.table().name(columns[i]));
   out += "\n";
   for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
     for (Eigen::Index j = 0; j < covariance.cols(); ++j)
-      out += (j ? "," : "") + shortest(covariance(i, j));
+      out += (j ? "," : "") + (known[i] && known[j] ? shortest(covariance(i, j)) : std::string());
     out += "\n";
   }
   return out;

@@ -9,6 +9,7 @@
 namespace kincal {
 
 std::string residuals_csv(const Report& report);
+/// Rows and columns of what the data do not determine are empty: a covariance of it there is none.
 std::string covariance_csv(const Solution& solution);
 
 /// Returns a field, quoted where commas, quotes or line ends ask for it.

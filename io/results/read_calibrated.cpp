@@ -1,5 +1,6 @@
 #include "read_calibrated.h"
 
+#include <cmath>
 #include <filesystem>
 #include <utility>
 
@@ -67,15 +68,18 @@ void unfold(const Field& result, CalibratedFiles& out) {
   }
 }
 
-/// Unknowns of the last step from covariance.csv and result.json.
-Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table) {
+/// Unknowns of the last step from covariance.csv and result.json. Every component whose sigma is
+/// not known is an undetermined direction of its own: how they cancel in a frame is not in the
+/// files.
+Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table,
+                       const std::map<std::string, std::vector<double>>& sigma) {
   const std::vector<std::vector<std::string>> rows = read_csv(path);
   if (rows.empty() || rows.size() != rows[0].size() + 1)
     throw InputError(path + ": as many rows as columns and a header are expected");
   Unknowns out;
   const Eigen::Index n = static_cast<Eigen::Index>(rows[0].size());
   out.covariance.setZero(n, n);
-  std::map<std::string, int> column;
+  std::vector<int> unknown;
   std::map<int, int> components;
   for (Eigen::Index c = 0; c < n; ++c) {
     const Component found = find_component(table, rows[0][c]);
@@ -83,12 +87,15 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
       throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
     out.columns.push_back(found);
     ++components[found.parameter];
-    column[rows[0][c]] = static_cast<int>(c);
+    const auto known = sigma.find(table.all[found.parameter].name);
+    if (known == sigma.end() || !std::isfinite(known->second[found.index]))
+      unknown.push_back(static_cast<int>(c));
     if (rows[c + 1].size() != rows[0].size())
       throw InputError(path + ":" + std::to_string(c + 2) +
                        ": a number for every name is expected");
     for (Eigen::Index d = 0; d < n; ++d)
-      out.covariance(c, d) = csv_number(rows[c + 1][d], path + ":" + std::to_string(c + 2));
+      if (!rows[c + 1][d].empty())
+        out.covariance(c, d) = csv_number(rows[c + 1][d], path + ":" + std::to_string(c + 2));
   }
   for (const auto& p : components)
     if (table.all[p.first].pose && p.second < 6) {
@@ -96,15 +103,9 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
           numbers_or_null(result["parameters"][table.all[p.first].name]["value"]);
       out.charts[p.first] = right_jacobian_se3(Eigen::Map<const Vector6d>(xi.data()));
     }
-  const Field directions = result["unobservable"];
-  out.undetermined.setZero(n, static_cast<Eigen::Index>(directions.size()));
-  for (size_t k = 0; k < directions.size(); ++k) {
-    const Field direction = directions.item(k);
-    for (const auto& member : direction.node->members)
-      if (column.count(member.first))
-        out.undetermined(column[member.first], static_cast<Eigen::Index>(k)) =
-            direction[member.first].number();
-  }
+  out.undetermined.setZero(n, static_cast<Eigen::Index>(unknown.size()));
+  for (size_t k = 0; k < unknown.size(); ++k)
+    out.undetermined(unknown[k], static_cast<Eigen::Index>(k)) = 1;
   return out;
 }
 
@@ -153,7 +154,7 @@ CalibratedFiles read_calibrated(const std::string& given) {
   }
   const fs::path covariance = rig.parent_path() / "covariance.csv";
   if (fs::exists(covariance, ignored))
-    out.unknowns = read_unknowns(covariance.string(), all, out.table);
+    out.unknowns = read_unknowns(covariance.string(), all, out.table, out.sigma);
   return out;
 }
 

@@ -290,6 +290,8 @@ Json result_json(const Report& report) {
   json["chi2"] = number(solution.chi2);
   json["cost"] = number(solution.cost);
   json["dof"] = solution.dof;
+  json["chi2_data"] = number(solution.chi2_data);
+  json["dof_data"] = number(solution.dof_data);
   json["steps"] = Json::array();
   for (const StepResult& s : solution.steps) {
     Json history = Json::array();
@@ -301,6 +303,8 @@ Json result_json(const Report& report) {
                              {"chi2", number(s.chi2)},
                              {"cost", number(s.cost)},
                              {"dof", s.dof},
+                             {"chi2_data", number(s.chi2_data)},
+                             {"dof_data", number(s.dof_data)},
                              {"seconds", s.seconds},
                              {"linear_solver", s.linear_solver},
                              {"history", history},

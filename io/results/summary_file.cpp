@@ -27,8 +27,9 @@ Json set_json(const SetSummary& set) {
   if (set.status != "failed") {
     out["chi2"] = number(set.chi2);
     out["dof"] = set.dof;
-    out["chi2_per_dof"] =
-        set.dof > 0 ? number(set.chi2 / static_cast<double>(set.dof)) : Json(nullptr);
+    out["chi2_data"] = number(set.chi2_data);
+    out["dof_data"] = number(set.dof_data);
+    out["chi2_per_dof"] = number(set.chi2_per_dof());
   }
   out["seconds"] = number(set.seconds);
   out["warnings"] = set.warnings;
@@ -56,6 +57,8 @@ SetSummary read_set(const Json& json) {
   set.error = json.at("error").get<std::string>();
   set.chi2 = number_or_none(json.at("chi2"));
   set.dof = json.at("dof").get<long>();
+  set.chi2_data = number_or_none(json.at("chi2_data"));
+  set.dof_data = number_or_none(json.at("dof_data"));
   set.seconds = number_or_none(json.at("seconds"));
   set.warnings = json.at("warnings").get<std::vector<std::string>>();
   for (const auto& s : json.at("sensors").items())
@@ -113,12 +116,16 @@ std::vector<std::pair<std::string, double>> entries(const SetSummary& set, Colum
 
 }  // namespace
 
+double SetSummary::chi2_per_dof() const { return dof_data > 0 ? chi2_data / dof_data : kNone; }
+
 SetSummary summarize(const Report& report) {
   const Solution& solution = report.solution;
   SetSummary set;
   set.status = status_name(solution.status);
   set.chi2 = solution.chi2;
   set.dof = solution.dof;
+  set.chi2_data = solution.chi2_data;
+  set.dof_data = solution.dof_data;
   for (const Warning& w : report.warnings) {
     if (set.error.empty() && w.id == set.status) set.error = w.text;
     set.warnings.push_back(w.id + ": " + w.text);
@@ -182,8 +189,7 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
     if (set.status == "failed") {
       out += ",,,";
     } else {
-      out += cell(set.chi2) + "," + std::to_string(set.dof) + "," +
-             (set.dof > 0 ? cell(set.chi2 / static_cast<double>(set.dof)) : std::string()) + "," +
+      out += cell(set.chi2) + "," + std::to_string(set.dof) + "," + cell(set.chi2_per_dof()) + "," +
              std::to_string(set.warnings.size());
     }
     std::vector<std::string> cells(columns.size());

@@ -39,11 +39,14 @@ struct SetSummary {
   std::string error;   // why it is not converged, or which tolerance it does not meet
   double chi2 = 0, seconds = 0;
   long dof = 0;
+  double chi2_data = 0, dof_data = 0;  // as of the solution
   std::vector<SensorRms> sensors;
   std::vector<Change> changes;
   std::vector<AbsolutePose> poses;
   std::vector<std::string> warnings;
 
+  /// Returns chi2_data / dof_data; NaN where there are no degrees of freedom.
+  double chi2_per_dof() const;
   bool fails() const { return exit_code != 0; }
 };
 

@@ -83,7 +83,7 @@ struct Found {
     std::vector<std::pair<double, int>> order;
     for (int i = 0; i < columns.count(); ++i) {
       const double size = std::abs(d(i)) / columns.yardstick(i) * columns.yardstick(first);
-      if (size > kListed) order.push_back({i == first ? -1e300 : -size, i});
+      if (i == first || size > kListed) order.push_back({i == first ? -1e300 : -size, i});
     }
     std::stable_sort(order.begin(), order.end());
     WeakDirection named;

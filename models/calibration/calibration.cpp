@@ -112,6 +112,8 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
   out.chi2 = step.summary.cost.chi2;
   out.cost = step.summary.cost.doubled / 2;
   out.dof = observability.dof();
+  out.chi2_data = out.chi2 - observability.prior_chi2;
+  out.dof_data = observability.dof_data();
   out.unobservable = named_directions(solution.table(), solution.columns, observability);
   return out;
 }
@@ -146,6 +148,8 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     solution.chi2 = end.chi2;
     solution.cost = end.cost;
     solution.dof = end.dof;
+    solution.chi2_data = end.chi2_data;
+    solution.dof_data = end.dof_data;
     solution.unobservable = end.unobservable;
     solution.status = !all_converged              ? Status::not_converged
                       : !end.unobservable.empty() ? Status::unobservable
@@ -273,6 +277,9 @@ const Solution& Calibration::solve() {
   problem.renew(state);
   solution.chi2 = summary.cost.chi2;
   solution.cost = summary.cost.doubled / 2;
+  Cost priors;
+  if (problem.prior_group() >= 0) problem.evaluate(problem.prior_group(), state, 0, priors);
+  solution.chi2_data = solution.chi2 - priors.chi2;
   solution.stale = true;
   solution.message.clear();
   solution.status = solution.unobservable.empty() ? Status::converged : Status::unobservable;

@@ -80,9 +80,15 @@ void Solution::refresh() const {
   problem.renew(state);
   const Observability observability = observe(problem, state);
   covariance = observability.covariance;
+  dof_data = observability.dof_data();
   unobservable = named_directions(table(), columns, observability);
   set_sigmas(*this, observability, steps.back().name, setup.priors);
   set_values(*this);
+}
+
+double Solution::chi2_per_dof() const {
+  refresh();
+  return dof_data > 0 ? chi2_data / dof_data : kNan;
 }
 
 const ParameterEstimate& Solution::operator[](const std::string& name) const {

@@ -25,6 +25,7 @@ struct StepResult {
   int iterations = 0;
   double chi2_initial = 0, chi2 = 0, cost = 0, seconds = 0;
   long dof = 0;
+  double chi2_data = 0, dof_data = 0;  // as the solution's
   const char* linear_solver = "";
   std::vector<std::pair<double, double>>
       history;  // chi2 and damping: at the start and after each iteration
@@ -83,6 +84,13 @@ struct Solution {
   NoiseMode noise = NoiseMode::latent;
   double chi2 = 0, cost = 0;
   long dof = 0;
+  // Measurements and joint errors only: without the terms of priors of shared parameters, and with
+  // the effective number of parameters, tr(H_data H^-1), in place of that of the unknowns. What
+  // priors decide costs the data no freedom; so chi2_data / dof_data is near 1 where the noise is
+  // as stated, however many priors there are. (chi2 / dof is not: a prior wider than
+  // the error it allows for adds a degree of freedom and next to nothing to chi2.)
+  double chi2_data = 0;
+  mutable double dof_data = 0;  // made with the covariance
   std::vector<StepResult> steps;
   std::vector<Component> columns;  // unknowns of the last step, in the order of the covariance
   VectorXd initial;  // shared values that estimates count from: the rig's, closed-form ones of
@@ -118,6 +126,8 @@ struct Solution {
   const ParameterTable& table() const { return recording->table; }
   const std::vector<Sample>& samples() const { return recording->samples; }
   std::vector<int> training() const { return recording->training(); }
+  /// Returns chi2_data / dof_data; NaN where there are no degrees of freedom.
+  double chi2_per_dof() const;
 
   /// True if there are values that can be used: every step converged. (Directions may be
   /// unobservable: these keep their initial values, and their sigmas are NaN.)

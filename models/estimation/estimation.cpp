@@ -55,6 +55,9 @@ std::string Estimation::column_name(int column) const {
 const std::vector<Component>& Estimation::columns() const { return parts_->layout.columns; }
 int Estimation::shared_size() const { return static_cast<int>(columns().size()); }
 const std::vector<GroupShape>& Estimation::groups() const { return parts_->layout.groups; }
+int Estimation::prior_group() const {
+  return setup().priors.empty() ? -1 : static_cast<int>(parts_->layout.samples.size());
+}
 
 void Estimation::reload() { parts_->layout.reload(); }
 

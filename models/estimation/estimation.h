@@ -96,6 +96,7 @@ class Estimation final : public Problem {
 
   int shared_size() const override;
   const std::vector<GroupShape>& groups() const override;
+  int prior_group() const override;
   void set_workers(int count) override;
   void prepare(const VectorXd& state) override;
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;

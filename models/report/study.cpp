@@ -58,24 +58,6 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   if (!report.diagnosis) throw StudyCancelled();
 }
 
-/// chi2/dof of the data alone, and how many standard deviations of its own it is off 1.
-struct Explained {
-  double ratio = kNan, deviations = kNan;
-};
-Explained explained(const Solution& solution) {
-  double chi2 = solution.chi2, dof = static_cast<double>(solution.dof);
-  for (size_t i = 0; i < solution.columns.size(); ++i)
-    for (const Prior& prior : solution.setup.priors) {
-      if (solution.columns[i] != Component{prior.parameter, prior.component}) continue;
-      const ParameterEstimate& e = solution[solution.table().all[prior.parameter].name];
-      const double off = (e.value[prior.component] - e.initial[prior.component]) / prior.sigma;
-      const auto k = static_cast<Eigen::Index>(i);
-      chi2 -= off * off;
-      dof -= 1 - solution.covariance(k, k) / (prior.sigma * prior.sigma);
-    }
-  return {chi2 / dof, std::abs(chi2 / dof - 1) / std::sqrt(2 / dof)};
-}
-
 /// The rig with joints that are stated exact taken for noisy.
 Rig with_noisy_joints(const Recording& recording) {
   Rig out = recording.rig;
@@ -167,10 +149,10 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
 /// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
                 Report& report) {
-  const Explained stated = explained(report.solution);
-  const bool as_stated = stated.ratio > 0.8 && stated.ratio < 1.25;
-  if (!report.solution.usable() || as_stated || !(stated.deviations > 4) ||
-      stated.ratio > kHopeless || options.estimate_noise ||
+  const double ratio = report.solution.chi2_per_dof(),
+               by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
+  const bool as_stated = (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
+  if (!report.solution.usable() || as_stated || ratio > kHopeless || options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
   if (options.diagnose) {
@@ -180,8 +162,8 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
     report.diagnosis.reset();
   }
   NoiseRounds rounds;
-  rounds.stated = stated.ratio;
-  if (stated.ratio < 1)
+  rounds.stated = ratio;
+  if (ratio < 1)
     find_smaller_noise(options, rounds, report);
   else
     find_larger_noise(options, calibration, rounds, report);
@@ -246,8 +228,8 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
   report.residuals = residuals(at);
   report.misfits = misfits(report.solution, report.residuals);
   const Solution& solution = report.solution;
-  const bool badly = solution.status == Status::not_converged ||
-                     solution.chi2 > 10 * static_cast<double>(solution.dof);
+  const bool badly =
+      solution.status == Status::not_converged || solution.chi2_data > 10 * solution.dof_data;
   if (badly && !options.reject) {
     std::optional<std::vector<Rejected>> outliers =
         find_outliers(solution.recording, options.calibration);
@@ -274,7 +256,7 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
   }
   for (const Requirement& r : options.requirements)
     validation.requirements.push_back(
-        judge_requirement(r, validation, report.residuals.sensors, solution.chi2, solution.dof));
+        judge_requirement(r, validation, report.residuals.sensors, solution.chi2_per_dof()));
 }
 
 }  // namespace
@@ -291,7 +273,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(*given, options, report);
     const bool unexplained = solution.status != Status::converged ||
-                             solution.chi2 > kUnexplained * static_cast<double>(solution.dof);
+                             solution.chi2_data > kUnexplained * solution.dof_data;
     if (options.diagnose && unexplained && !report.diagnosis)
       add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
   } catch (const StudyCancelled&) {

@@ -17,7 +17,7 @@ const HeldOutError* find_sensor(const std::vector<HeldOutError>& all, const std:
 }  // namespace
 
 Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
-                            const std::vector<SensorResult>& sensors, double chi2, long dof) {
+                            const std::vector<SensorResult>& sensors, double chi2_per_dof) {
   Judgement out;
   out.requirement = requirement;
   out.measured = kNan;
@@ -47,10 +47,9 @@ Judgement judge_requirement(const Requirement& requirement, const Validation& va
         out.measured = requirement.rotation ? sigma.rotation.rms : sigma.position.rms;
       }
     if (!std::isfinite(out.measured)) out.why = "the data do not determine it";
-  } else if (dof > 0) {
-    out.measured = chi2 / static_cast<double>(dof);
   } else {
-    out.why = "there are no degrees of freedom";
+    out.measured = chi2_per_dof;
+    if (!std::isfinite(chi2_per_dof)) out.why = "there are no degrees of freedom";
   }
   out.met = out.why.empty() && out.measured < requirement.limit;
   return out;

@@ -29,6 +29,6 @@ struct Validation {
 
 /// Measures what is required; the frames of `validation` must contain that of the requirement.
 Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
-                            const std::vector<SensorResult>& sensors, double chi2, long dof);
+                            const std::vector<SensorResult>& sensors, double chi2_per_dof);
 
 }  // namespace kincal

@@ -15,6 +15,15 @@ using Warnings = std::vector<Warning>;
 
 constexpr size_t kShown = 5;
 
+/// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
+/// more, and by four of its standard deviations, sqrt(2/dof).
+bool exceeds(double ratio, double dof) {
+  return dof > 0 && ratio > std::max(1.25, 1 + 4 * std::sqrt(2 / dof));
+}
+bool falls_short(double ratio, double dof) {
+  return dof > 0 && ratio < std::min(0.8, 1 - 4 * std::sqrt(2 / dof));
+}
+
 std::string excess_text(double ratio) {
   return text("chi2/dof is %.3g: the residuals are larger than the rig's sigmas allow", ratio);
 }
@@ -121,20 +130,21 @@ void warn_of_steps(const Report& report, Warnings& out) {
 
 void warn_of_chi2(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
-  const double ratio = solution.chi2 / solution.dof;
-  if (solution.dof > 0 && ratio > 1.5) out.push_back({"chi2", excess_text(ratio)});
-  if (solution.dof > 0 && ratio < 1 / 1.5 &&
+  const double ratio = solution.chi2_per_dof();
+  if (exceeds(ratio, solution.dof_data)) out.push_back({"chi2", excess_text(ratio)});
+  if (falls_short(ratio, solution.dof_data) &&
       solution.noise != NoiseMode::point)  // there it means nothing
     out.push_back({"chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of "
                                 "the rig say; the sigmas of the result are too large",
                                 ratio)});
-  for (const SensorResult& s : report.residuals.sensors)
-    if (s.train.whitened_count && s.train.whitened_squared / s.train.whitened_count > 1.5)
-      out.push_back(
-          {"chi2", "sensor '" + s.name + "': " +
-                       text("chi2/n is %.3g, its residuals are %.2g times its sigma",
-                            s.train.whitened_squared / s.train.whitened_count,
-                            std::sqrt(s.train.whitened_squared / s.train.whitened_count))});
+  for (const SensorResult& s : report.residuals.sensors) {
+    const double count = static_cast<double>(s.train.whitened_count),
+                 each = s.train.whitened_squared / count;
+    if (exceeds(each, count))  // what the unknowns took makes it small: that says nothing
+      out.push_back({"chi2", "sensor '" + s.name + "': " +
+                                 text("chi2/n is %.3g, its residuals are %.2g times its sigma",
+                                      each, std::sqrt(each))});
+  }
 }
 
 void warn_of_joint_errors(const Solution& solution, Warnings& out) {
@@ -367,8 +377,9 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
   Warnings out;
   if (!evaluation.converged)
     out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
-  if (evaluation.dof > 0 && evaluation.chi2 / evaluation.dof > 1.5)
-    out.push_back({"chi2", excess_text(evaluation.chi2 / evaluation.dof)});
+  const double dof = static_cast<double>(evaluation.dof);
+  if (exceeds(evaluation.chi2 / dof, dof))
+    out.push_back({"chi2", excess_text(evaluation.chi2 / dof)});
   for (const std::string& name : evaluation.open)
     out.push_back({"open_pose", name + " is absent from the rig: it was estimated from the samples "
                                        "of each split"});

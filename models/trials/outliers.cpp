@@ -173,9 +173,8 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
         robust_noise_ratios(rig, fit.last->problem->residuals(fit.last->state));
     reference.shared = fit.values.shared;
     reference.free = fit.setup.free;
-    reference.root =
-        std::sqrt(fit.dof > 0 ? std::max(1.0, fit.chi2 / static_cast<double>(fit.dof)) : 1.0) *
-        root_of_covariance(fit.covariance);
+    reference.root = std::sqrt(fit.dof_data > 0 ? std::max(1.0, fit.chi2_per_dof()) : 1.0) *
+                     root_of_covariance(fit.covariance);
   }
   const std::shared_ptr<const Recording> left =
       make_recording(rig, all_without_rejected(*recording, verdicts));

@@ -826,7 +826,7 @@ class Results(Case):
         self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
         self.assertEqual(set(os.listdir(self.dir)), {"out", "rig.yaml", "robot.urdf", "samples.jsonl"})
         r = self.result()
-        must = {"kincal", "status", "noise", "chi2", "cost", "dof", "input", "steps", "parameters", "samples", "sensors", "unobservable", "warnings"}
+        must = {"kincal", "status", "noise", "chi2", "cost", "dof", "chi2_data", "dof_data", "input", "steps", "parameters", "samples", "sensors", "unobservable", "warnings"}
         self.assertEqual(must - set(r), set())
         self.assertRegex(r["kincal"], r"^\d+\.\d+\.\d+$")
         self.assertEqual((r["status"], r["noise"], r["unobservable"]), ("converged", "latent", []))
@@ -839,7 +839,7 @@ class Results(Case):
         # steps
         self.assertEqual([s["step"] for s in r["steps"]], ["eyes", "all"])
         for s in r["steps"]:
-            self.assertEqual({"step", "status", "iterations", "chi2_initial", "chi2", "dof", "seconds", "linear_solver", "history", "unused", "held_out", "unobservable"} - set(s), set())
+            self.assertEqual({"step", "status", "iterations", "chi2_initial", "chi2", "dof", "chi2_data", "dof_data", "seconds", "linear_solver", "history", "unused", "held_out", "unobservable"} - set(s), set())
             self.assertEqual(s["status"], "converged")
             self.assertEqual(len(s["history"]), s["iterations"] + 1)
             self.assertTrue(all(len(h) == 2 and h[1] > 0 for h in s["history"]))
@@ -850,6 +850,7 @@ class Results(Case):
             self.assertEqual((s["unused"], s["held_out"], s["unobservable"]), ([], [], []))
         self.assertEqual(r["steps"][-1]["chi2"], r["chi2"])
         self.assertEqual(r["steps"][-1]["dof"], r["dof"])
+        self.assertEqual((r["chi2_data"], r["dof_data"]), (r["chi2"], r["dof"]), "there are no priors")
         # degrees of freedom by hand: 18 arm samples (3 points, a pose, 3 joint errors), 6 boards (12 corners, 4 points; free pose; no joint in the way)
         self.assertEqual(r["dof"], 18 * (9 + 6 + 3 - 3) + 6 * (24 + 12 - 6) - (6 + 6 + 6 + 6 + 3 + 5))
         self.assertTrue(0.7 < r["chi2"] / r["dof"] < 1.3, r["chi2"] / r["dof"])
@@ -1350,6 +1351,33 @@ class ExitCodes(Case):
         # sigmas of all that takes part are null; the others' as without the gauge
         self.assertEqual(r["parameters"]["joint/turn/offset"]["sigma"], [None])
         self.assertIsNone(r["parameters"]["sensor/tracker/pose"]["sigma"][0])
+        # covariance.csv has nothing in their rows and columns, and `diff` says that it knows nothing
+        with open(self.path("out", "covariance.csv"), newline="") as f:
+            names, *c = list(csv.reader(f))
+        components = ["x", "y", "z", "rx", "ry", "rz"]
+        known = []
+        for name in names:
+            block, _, component = name.partition(".")
+            known.append(r["parameters"][block]["sigma"][components.index(component) if component else 0] is not None)
+        self.assertTrue(any(known) and not all(known))
+        self.assertEqual([[x != "" for x in row] for row in c], [[a and b for b in known] for a in known])
+        text = self.run_kincal("diff", "out", "base", "--frame", "sensor/tracker")
+        self.assertEqual(text.code, 0, text.err)
+        self.assertRegex(text.out, r"joint/turn/offset .* not determined +-\n")
+        self.assertRegex(text.out, r"sensor/tracker +mm .* not determined +-\n")
+        # a prior on it, however wide, holds the gauge
+        with open(self.path("rig.yaml")) as f:
+            rig = f.read()
+        for width in ("1e-6", "0.01", "10"):
+            with open(self.path("prior.yaml"), "w") as f:
+                f.write(rig.replace("joint/turn/scale,", "joint/turn/scale, joint/turn/offset,").rstrip("\n") + "\n    priors: {joint/turn/offset: %s}\n" % width)
+            run = self.run_kincal("calibrate", "prior.yaml", "samples.jsonl", "--out", "held", "--force")
+            self.assertEqual(run.code, 0, run.out + run.err)
+            held = self.result("held")
+            self.assertAlmostEqual(held["parameters"]["joint/turn/offset"]["sigma"][0], float(width), delta=1e-4 * float(width))
+            self.assertAlmostEqual(held["chi2_data"], held["chi2"], delta=1e-6 * held["chi2"])
+            self.assertAlmostEqual(held["dof_data"], held["dof"], delta=1e-3)
+        self.extra |= {"prior.yaml", "held"}
         lift = r["parameters"]["joint/lift/offset"]["sigma"][0]
         self.assertIsNotNone(lift)
         whole = self.calibrate(out="whole")

@@ -74,7 +74,7 @@ class Case(unittest.TestCase):
         got, out, err = self.kincal("evaluate", rig, samples, "--json", *args)
         e = strict_json(out)
         self.assertEqual(got, 0)
-        self.assertEqual([line.startswith("kincal: warning: chi2/dof is") for line in err.splitlines()], [True] if e["chi2"] > 1.5 * e["dof"] else [])
+        self.assertEqual([line.startswith("kincal: warning: chi2/dof is") for line in err.splitlines()], [True] if e["chi2"] > max(1.25, 1 + 4 * math.sqrt(2 / e["dof"])) * e["dof"] else [])
         return e
 
     def changed_rig(self, name, *replacements, folder):

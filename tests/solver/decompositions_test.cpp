@@ -9,6 +9,7 @@
 #include "../../solver/decompositions.h"
 
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <catch2/catch.hpp>
 #include <vector>
@@ -73,16 +74,30 @@ TEST_CASE("decompositions: singular values") {
     CHECK((bare.u.size() == 0 && bare.v.size() == 0));
     CHECK(largest(bare.values - full.values) < 1e-13);
   }
-  for (const int n : {5, 60}) {
-    const MatrixXd m = random_matrix(random, n, n);
-    const SingularValues large =
-        large_singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    check_singular(large, m);
-    CHECK(largest(large.values - singular_values(m).values) < 1e-12);
-  }
+  const MatrixXd sixty = random_matrix(random, 60, 60);
+  check_singular(singular_values(sixty, Eigen::ComputeFullU | Eigen::ComputeFullV), sixty);
   const MatrixXd nine = with_rank(random, 9, 9, 6);
   check_singular(singular_values(nine, Eigen::ComputeFullU | Eigen::ComputeFullV), nine);
   CHECK(singular_values(nine).values(6) < 1e-12);
+}
+
+TEST_CASE("decompositions: singular values of which many are the same, as where there are gauges") {
+  Random random(12);
+  const auto orthogonal = [&](Eigen::Index n) {
+    return MatrixXd(Eigen::HouseholderQR<MatrixXd>(random_matrix(random, n, n)).householderQ());
+  };
+  for (int n = 20; n < 60; ++n) {
+    VectorXd values = VectorXd::Ones(n);
+    for (int i = n / 2; i < n; ++i) values(i) = i % 3 == 0 ? 1e-15 : 0;
+    const MatrixXd m = orthogonal(n) * values.asDiagonal() * orthogonal(n);
+    const SingularValues full = singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    check_singular(full, m);
+    CHECK(largest(full.values - values) < 1e-13);
+    // Orthonormal columns of which some rows are taken away.
+    MatrixXd part = orthogonal(n).leftCols(n / 2);
+    part.bottomRows(n / 4).setZero();
+    check_singular(singular_values(part, Eigen::ComputeThinU | Eigen::ComputeThinV), part);
+  }
 }
 
 TEST_CASE("decompositions: least squares") {

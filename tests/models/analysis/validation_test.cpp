@@ -573,7 +573,7 @@ TEST_CASE("tolerances are judged on data that the fit did not see", "[validation
   Validation validation;
   std::vector<SensorResult> sensors;
   const auto judged = [&](const Requirement& requirement) {
-    return judge_requirement(requirement, validation, sensors, 120, 100);
+    return judge_requirement(requirement, validation, sensors, 1.2);
   };
   SensorResult sensor;
   sensor.name = "tracker";
