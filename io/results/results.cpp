@@ -183,12 +183,12 @@ std::string changes_text(const RigFile& rig_file, const Rig& rig, const UrdfChan
 }
 
 /// Returns result.json's `robot`: what the URDF's file now holds, to be taken out of it again.
-Json robot_json(const Rig& rig, const Rig& read, const RobotModel& model,
-                const UrdfChanges& changes, const ResultOptions& options,
-                const std::vector<Reduction>& reductions, const std::vector<BentJoint>& bent) {
+Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& changes,
+                const ResultOptions& options, const std::vector<Reduction>& reductions,
+                const std::vector<BentJoint>& bent) {
   Json joints = Json::object();
   for (const auto& c : changes.origins) {
-    const Joint& joint = read.tree.joints[c.first];
+    const Joint& joint = rig.tree.joints[c.first];
     joints[joint.name] = {{"offset", model.offsets[c.first]},
                           {"motion", motion_text(rig.tree, joint)},
                           {"old", exact_pose(joint.parent_T_joint)},
@@ -248,7 +248,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                  {"samples", out.samples_hash},
                  {"urdf", out.urdf_hash}}}};
   json.update(result_json(report));
-  json["robot"] = robot_json(rig, rig_file.rig, model, changes, options, out.reductions, bent);
+  json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
   out.result_json = json.dump(1) + "\n";
 
   out.covariance_csv = covariance_csv(solution);

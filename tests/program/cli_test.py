@@ -466,7 +466,7 @@ class WrongRig(Case):
         self.write("rig.yaml", text)
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: the automatic path (automatic_test.py)
         self.assertEqual(run.code, 0, run.err)
-        self.assertIn("stages it automatically", run.out)
+        self.assertIn("everything below is free", run.out)
         for option in ("--free", "--fix"):  # as the real run
             run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", option, "sensor/trackr/pose")
             self.fails(run, option, ("sensor/trackr/pose", "matches no parameter"), ("sensor/tracker/pose",))
