@@ -439,11 +439,14 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
       with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
   VectorXd start = learned.values.shared;
   put_back(recording.table, solution.initial, held, start);
+  const Solution mounts = std::move(solution);
   StepVariations variations;
+  variations.start = mounts.values.shared;
   variations.before_step = [&](const StepPlan& step, const VectorXd&, VectorXd& shared) {
     if (step.name == kEverything) shared = start;
   };
   solution = calibrate(final, run, variations);
+  solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
   solution.prediction = prediction_of(groups, learned, holding);
   set_predicted_sigmas(solution);
