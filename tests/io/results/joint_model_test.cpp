@@ -5,9 +5,9 @@
 // bend are calibrated to it; the result's rig.yaml has the number and reads back; changes.yaml and
 // result.json have it; the URDF is proved to hold the rest, its gear's reduction is left alone, and
 // a warning says what it lacks; applying the result says so too; a rig without such a joint says
-// nothing of models. Staging has a group for the numbers, and a joint that never moves is named
-// with them. Does not prove: the estimate's sigma (tests/models/joints/joint_model_test.cpp), nor
-// what the program prints.
+// nothing of models. The automatic path has a group for the numbers, and a joint that never moves
+// is named with them. Does not prove: the estimate's sigma
+// (tests/models/joints/joint_model_test.cpp), nor what the program prints.
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -17,9 +17,9 @@
 #include "../../../io/results/apply.h"
 #include "../../../io/results/results.h"
 #include "../../../io/rig/samples_file.h"
+#include "../../../models/automatic/groups.h"
 #include "../../../models/doctor/doctor.h"
 #include "../../../models/simulation/simulation.h"
-#include "../../../models/trials/groups.h"
 #include "../../fixtures/quadratic_joint.h"
 #include "../../fixtures/study.h"
 
@@ -168,17 +168,22 @@ TEST_CASE("joint models through the files: nothing is said where all joints are 
 }
 
 TEST_CASE(
-    "joint models: staging has a group for their numbers, and a still joint is named with them") {
+    "joint models: the automatic path has a group for their numbers, and a still joint is named") {
   const Place place;
   const JointModels models = {linear_joint(), std::make_shared<QuadraticJoint>(0)};
   place.write("robot.urdf", kRobot);
   const RigFile rig = read_rig(place.write("rig.yaml", kRig), "", models);
   std::vector<Sample> samples = samples_of(rig.rig, 0.04);
-  const auto groups = staging_groups(rig.rig, samples);
-  const auto shapes = std::find_if(groups.begin(), groups.end(),
-                                   [](const auto& group) { return group.first == "joint shapes"; });
-  REQUIRE(shapes != groups.end());
-  CHECK(shapes->second == std::vector<std::string>{"joint/elbow/bend"});
+  const Recording recording(rig.rig, samples);
+  const AutomaticGroups groups = make_groups(recording, {});
+  const auto shapes = std::find_if(groups.groups.begin(), groups.groups.end(),
+                                   [](const WidthGroup& group) { return group.name == "shapes"; });
+  REQUIRE(shapes != groups.groups.end());
+  REQUIRE(shapes->members.size() == 1);
+  CHECK(recording.table.name(shapes->members[0].component) == "joint/elbow/bend");
+  CHECK(shapes->members[0].start ==
+        usual_error(recording.table, shapes->members[0].component, recording.table.initial));
+  CHECK(shapes->unseen.empty());
 
   for (Sample& sample : samples) sample.readings[joint_index(rig.rig, "elbow")] = 0.3;
   bool named = false;
