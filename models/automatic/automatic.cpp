@@ -129,21 +129,34 @@ std::shared_ptr<const Recording> with_steps(const Recording& recording, std::vec
   return make_recording(std::move(rig), recording.samples);
 }
 
-/// Moves components back to where they count from.
+/// Moves what is held back to where it counts from: a pose of which nothing is estimated any more
+/// to the last bit.
 void put_back(const ParameterTable& table, const VectorXd& initial,
-              const std::vector<Component>& held, VectorXd& shared) {
-  std::map<int, std::vector<int>> by_parameter;
-  for (const Component& c : held) by_parameter[c.parameter].push_back(c.index);
-  for (const auto& h : by_parameter) {
-    const Parameter& p = table.all[h.first];
+              const std::vector<Component>& columns, const std::vector<char>& held,
+              VectorXd& shared) {
+  struct PoseColumns {
+    std::vector<int> held;
+    bool estimated = false;  // some other component is
+  };
+  std::map<int, PoseColumns> poses;
+  for (size_t i = 0; i < columns.size(); ++i) {
+    const Component& c = columns[i];
+    const Parameter& p = table.all[c.parameter];
     if (!p.pose) {
-      for (int c : h.second) shared(p.start + c) = initial(p.start + c);
-      continue;
+      if (held[i]) shared(p.start + c.index) = initial(p.start + c.index);
+    } else if (held[i]) {
+      poses[c.parameter].held.push_back(c.index);
+    } else {
+      poses[c.parameter].estimated = true;
     }
-    const Pose from = get_pose(initial, p.start);
-    Vector6d xi = log_se3(inverse(from) * get_pose(shared, p.start));
-    for (int c : h.second) xi(c) = 0;
-    set_pose(shared, p.start, from * exp_se3(xi));
+  }
+  for (const auto& entry : poses) {
+    if (entry.second.held.empty()) continue;
+    const int start = table.all[entry.first].start;
+    const Pose from = get_pose(initial, start);
+    Vector6d xi = log_se3(inverse(from) * get_pose(shared, start));
+    for (int c : entry.second.held) xi(c) = 0;
+    set_pose(shared, start, entry.second.estimated ? from * exp_se3(xi) : from);
   }
 }
 
@@ -438,7 +451,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   const std::shared_ptr<const Recording> final =
       with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
   VectorXd start = learned.values.shared;
-  put_back(recording.table, solution.initial, held, start);
+  put_back(recording.table, solution.initial, learned.columns, holding.held, start);
   const Solution mounts = std::move(solution);
   StepVariations variations;
   variations.start = mounts.values.shared;

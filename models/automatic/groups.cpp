@@ -93,18 +93,18 @@ void GroupMaker::make_mounts() {
         away[v.sensor] = 1;
   for (size_t s = 0; s < rig_.sensors.size(); ++s) {
     if (done[s] || !used_[table_.sensor_pose[s]]) continue;
-    bool pair = false;
+    std::vector<size_t> others;
     for (size_t t = s + 1; t < rig_.sensors.size(); ++t)
-      if (used_[table_.sensor_pose[t]] && is_pair(rig_, static_cast<int>(s), static_cast<int>(t))) {
-        pair = true;
-        done[t] = 1;
-      }
+      if (used_[table_.sensor_pose[t]] && is_pair(rig_, static_cast<int>(s), static_cast<int>(t)))
+        others.push_back(t);
     // A pair is moved by the fixed joint above its link; any other sensor on that link moves along,
     // and has a pose of its own.
     const int above = rig_.tree.joint_above[rig_.sensors[s].link];
-    const bool shared = pair && above >= 0 && rig_.tree.joints[above].type == JointType::fixed &&
+    const bool shared = !others.empty() && above >= 0 &&
+                        rig_.tree.joints[above].type == JointType::fixed &&
                         used_[table_.joint_origin[above]];
-    if (pair && !shared) done.assign(done.size(), 0);
+    if (shared)
+      for (const size_t t : others) done[t] = 1;
     merge(out_.mounts,
           {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
     if (!away[s] && !shared)

@@ -12,8 +12,9 @@ const double kSpread = std::log(3.0);                       // of the hyperprior
 constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
 constexpr int kGrid = 8;             // of them, to either side
-constexpr double kEvidence = 3;      // log evidence that keeps a group
-constexpr double kDetermined = 0.1;  // share of a number that the data tell, to keep it
+constexpr double kSmallestPivot = 1e-6;  // of H's factor, scaled: above rounding
+constexpr double kEvidence = 3;          // log evidence that keeps a group
+constexpr double kDetermined = 0.1;      // share of a number that the data tell, to keep it
 
 /// 1 / t_i^2; 0: no prior.
 VectorXd precision(const WidthProblem& p, const VectorXd& factor) {
@@ -93,7 +94,7 @@ Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covarian
   if (!(h.diagonal().minCoeff() > 0)) return out;
   const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
   const Cholesky factorised(scale.asDiagonal() * h * scale.asDiagonal());
-  if (!factorised.good()) return out;
+  if (!factorised.good() || !(factorised.diagonal().minCoeff() > kSmallestPivot)) return out;
   const MatrixXd root = factorised.inverse_factor() * scale.asDiagonal();  // C = root' root
   out.defined = root.allFinite();
   out.value = -(root.transpose() * (root * b));
