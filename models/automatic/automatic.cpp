@@ -278,7 +278,7 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
     for (const Member& m : groups.groups[g].unseen) {
       const double width = learned.widths.factor(static_cast<Eigen::Index>(g)) * m.start;
       out.columns.push_back(m.component);
-      variance.push_back(width * width);
+      variance.push_back(width * width * holding.inflation(static_cast<Eigen::Index>(g)));
     }
   const auto n = static_cast<Eigen::Index>(learned.columns.size()),
              all = static_cast<Eigen::Index>(out.columns.size());
@@ -328,8 +328,8 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
     }
     for (const Member& m : groups.groups[g].unseen) {
       const double width = one.factor * m.start;
-      one.unseen.push_back(
-          {table.name(m.component), table.unit(m.component), 0, width, width, 0, true});
+      one.unseen.push_back({table.name(m.component), table.unit(m.component), 0,
+                            width * std::sqrt(holding.inflation(k)), width, 0, true});
     }
     out.push_back(std::move(one));
   }

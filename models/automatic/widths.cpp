@@ -138,12 +138,13 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
 
 /// What wider priors of one group, weighed by their evidence and hyperprior, add to the second
 /// moment (see the header).
-MatrixXd width_uncertainty(const WidthProblem& p, const Widths& widths, int group) {
+MatrixXd width_uncertainty(const WidthProblem& p, const Widths& widths, int group,
+                           double& inflation) {
   const MatrixXd& c = widths.posterior.covariance;
   const VectorXd& x = widths.posterior.value;
   MatrixXd out = MatrixXd::Zero(c.rows(), c.cols());
   const std::vector<int> members = members_of(p, group);
-  if (members.empty()) return out;
+  inflation = 1;
   std::vector<int> all(p.group.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
   const MatrixXd ck = block(c, all, members), ckk = block(c, members, members);
@@ -151,30 +152,31 @@ MatrixXd width_uncertainty(const WidthProblem& p, const Widths& widths, int grou
   const VectorXd root = prior.cwiseSqrt();
   // In units of the best widths the group's part of the posterior is ckk; with widths f times those
   // H loses d = (1 - 1 / f^2) of each prior: C_f = C + ck M ck', M = (D^-1 - ckk)^-1.
-  const SymmetricEigen e =
-      symmetric_eigen(root.asDiagonal() * ckk * root.asDiagonal());  // shares that are prior
+  SymmetricEigen e{VectorXd(0), MatrixXd(0, 0)};  // shares that are prior
+  if (!members.empty()) e = symmetric_eigen(root.asDiagonal() * ckk * root.asDiagonal());
   const VectorXd y = e.vectors.transpose() * root.cwiseProduct(xk);
   const MatrixXd gain = ck * root.asDiagonal() * e.vectors;
   const double best = std::log(widths.factor(group));
   double total = 0;
   const auto n = static_cast<double>(members.size());
   for (int step = -kGrid; step <= kGrid; ++step) {
-    const double u = step * kLargestWidth * kSpread / kGrid, f2 = std::exp(2 * (u - best));
+    const double by = step * kLargestWidth * kSpread / kGrid, u = best + by, f2 = std::exp(2 * by);
     const double d = 1 - 1 / f2;
-    double log_weight = -u * u / (2 * kSpread * kSpread) - n * (u - best);
+    double log_weight = (best * best - u * u) / (2 * kSpread * kSpread) - n * by;
     VectorXd m(e.values.size());
     for (Eigen::Index i = 0; i < m.size(); ++i) {
       const double left = 1 - d * std::min(e.values(i), 1.0);
       log_weight += -0.5 * std::log(left) + 0.5 * d / left * y(i) * y(i);
       m(i) = d / left;
     }
-    // Relative to the best widths, whose weight is that of their hyperprior.
-    const double weight = std::exp(log_weight + best * best / (2 * kSpread * kSpread));
+    const double weight = std::exp(log_weight);  // 1 at the best widths
     total += weight;
     if (d <= 0) continue;
+    inflation += weight * (f2 - 1);
     const VectorXd moved = gain * m.cwiseProduct(y);
     out += weight * (gain * m.asDiagonal() * gain.transpose() + moved * moved.transpose());
   }
+  inflation = 1 + (inflation - 1) / total;
   return out / total;
 }
 
@@ -208,9 +210,11 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
     out.whole[least] = 1;
     put_to_0(members_of(p, least), 1 / (1 + std::exp(-out.gain(least))));
   }
-  for (int k = 0; k < p.groups; ++k)
-    added +=
-        (out.whole[k] ? 1 / (1 + std::exp(-out.gain(k))) : 1.0) * width_uncertainty(p, widths, k);
+  out.inflation.setOnes(p.groups);
+  for (int k = 0; k < p.groups; ++k) {
+    const double probability = out.whole[k] ? 1 / (1 + std::exp(-out.gain(k))) : 1.0;
+    added += probability * width_uncertainty(p, widths, k, out.inflation(k));
+  }
   std::vector<int> blind;
   for (int i = 0; i < prior.size(); ++i)
     if (p.group[i] >= 0 && !out.held[i] && 1 - c(i, i) * prior(i) < kDetermined) blind.push_back(i);

@@ -72,6 +72,8 @@ struct Holding {
   std::vector<char> held;   // by unknown
   std::vector<char> whole;  // by group
   VectorXd gain;            // by group: when it was held, or at the end
+  VectorXd inflation;       // by group: mean of the squared widths that may be, at least the best,
+                            // over the best squared
   MatrixXd second_moment;   // of the errors of all unknowns
 };
 /// Holds groups whose gain is below 3, the smallest first and the rest judged anew, and of the

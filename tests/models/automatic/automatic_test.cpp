@@ -311,7 +311,8 @@ TEST_CASE("automatic: joints that no measurement sees count in frames relative t
   CHECK(waist.value == 0);
   CHECK(waist.held);
   CHECK(waist.width == Approx(offsets.factor * 0.005));  // as far off as the others
-  CHECK(waist.sigma == waist.width);
+  CHECK(waist.sigma >= waist.width);                     // and what wider ones may be
+  CHECK(waist.sigma < 3 * waist.width);
   CHECK_FALSE(offsets.held);
   check_errors(found, truth);
   CHECK(of_frame(found.solution, truth, "target/board").predicted > 0.4 * waist.width);

@@ -322,6 +322,14 @@ TEST_CASE("widths: groups are held one after the other, each judged beside those
   CHECK(held_in_all >= 30);
 }
 
+namespace {
+
+double smallest_eigenvalue(const MatrixXd& m) {
+  return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).eigenvalues().minCoeff();
+}
+
+}  // namespace
+
 TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in the errors") {
   for (const bool open : {false, true})
     for (unsigned long seed = 20; seed < 26; ++seed) {
@@ -335,12 +343,12 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const std::vector<int> h = numbers_of(l.problem, 1);
       const Dense all = solve(l, widths.factor), fixed = solve(l, widths.factor, h);
       const VectorXd m = all.value - fixed.value;
-      // What the held numbers add, all of it with the probability that they are off.
-      const MatrixXd off = all.covariance - fixed.covariance + m * m.transpose(),
-                     added = holding.second_moment - fixed.covariance;
-      const double p = added.trace() / off.trace();
-      CHECK(relative(added, p * off) < 1e-8);
-      CHECK(p == Approx(1 / (1 + std::exp(-holding.gain(1)))).epsilon(1e-8));
+      // What the held numbers add with the probability that they are off, and what wider widths do.
+      const MatrixXd off = all.covariance - fixed.covariance + m * m.transpose();
+      const double p = 1 / (1 + std::exp(-holding.gain(1)));
+      const MatrixXd wider = holding.second_moment - fixed.covariance - p * off;
+      CHECK(smallest_eigenvalue(wider) > -1e-9 * off.trace());
+      CHECK(wider.trace() < 3 * (all.covariance.trace() + off.trace()));
       const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(holding.second_moment);
       CHECK(eigen.eigenvalues().minCoeff() > -1e-12 * eigen.eigenvalues().maxCoeff());
       CHECK((holding.second_moment.diagonal() - fixed.covariance.diagonal()).minCoeff() > -1e-15);
@@ -361,7 +369,8 @@ TEST_CASE("widths: single numbers that the data do not tell are put back with al
       CHECK(bool(holding.held[i]) == (static_cast<int>(i) == blind));
     const Dense all = solve(l, widths.factor), fixed = solve(l, widths.factor, {blind});
     const VectorXd m = all.value - fixed.value;
-    CHECK(relative(holding.second_moment, all.covariance + m * m.transpose()) < 1e-9);
+    const MatrixXd at_least = all.covariance + m * m.transpose();
+    CHECK(smallest_eigenvalue(holding.second_moment - at_least) > -1e-9 * at_least.trace());
     const double t = widths.factor(0) * l.problem.start(blind);
     CHECK(holding.second_moment(blind, blind) > 0.9 * t * t);
   }
@@ -383,8 +392,11 @@ TEST_CASE("widths: a group of which the data say nothing keeps its width, in its
     CHECK(holding.whole == std::vector<char>{0, 1});
     CHECK(holding.gain(1) == Approx(0).margin(1e-6));
     for (const int i : numbers_of(l.problem, 1)) {
-      const double t = l.problem.start(i);
-      CHECK(std::sqrt(holding.second_moment(i, i)) == Approx(t).epsilon(1e-3));
+      // Nominal with a probability of a half, but perhaps several times wider if not.
+      const double share = holding.second_moment(i, i) / std::pow(l.problem.start(i), 2);
+      CHECK(share > 1);
+      CHECK(share == Approx(0.5 * holding.inflation(1)).epsilon(1e-3));
+      CHECK(holding.inflation(1) < 10);
     }
   }
 }
@@ -422,7 +434,10 @@ TEST_CASE("widths: errors are covered whatever a group's true width is") {
       }
       INFO("sigma " << sigma << ", true width " << width << ": " << beyond << " beyond, " << held
                     << " held, predicted / actual " << std::sqrt(predicted / squares));
-      CHECK(beyond <= 0.01 * kDraws);
+      // Twice the start, seen with as much: whether a group is off cannot be told, and half of the
+      // belief that it is nominal is misplaced. 5.5 % when this was written; see the header's
+      // limit.
+      CHECK(beyond <= (width > 5e-3 && sigma > 5e-3 ? 0.08 : 0.02) * kDraws);
       if (width == 0 && sigma > 0.5e-3) CHECK(held > 0.9 * kDraws);
       if (width >= 10 * sigma) CHECK(held == 0);
       beyond_in_all += beyond;
