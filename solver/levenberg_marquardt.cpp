@@ -18,6 +18,7 @@ constexpr double kRounding = 1e-12;    // of a whitened residual, standard devia
 constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
 constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 5;             // steps that the acceleration looks back
+constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
 
 }  // namespace
@@ -105,9 +106,9 @@ struct LevenbergMarquardt::Workspace {
     return arrowhead.evaluate(moved, trial.cost) &&
            (trial.cost.doubled < doubled + 10 * rounding(doubled) || trial.decrement < kConverged);
   }
-  /// Tries the undamped step of the assembled system, first accelerated; true if `moved` may be
-  /// kept. `plain`: the step may be tried as it is.
-  bool try_newton(const VectorXd& state, double doubled, bool plain, Trial& trial) {
+  /// Tries the undamped step of the assembled system: accelerated, as it is, and a share of it;
+  /// true if `moved` may be kept.
+  bool try_newton(const VectorXd& state, double doubled, Trial& trial) {
     if (!arrowhead.step(state, kNegligible, trial.promised, trial.length)) return false;
     trial.damping = kNegligible;
     trial.decrement = trial.length;
@@ -119,9 +120,15 @@ struct LevenbergMarquardt::Workspace {
       forget();
     }
     const VectorXd& f = found[remembered];
-    arrowhead.shared_step = f.head(arrowhead.n);
-    arrowhead.private_step = f.tail(arrowhead.private_size);
-    return (plain || trial.decrement < kConverged) && accepts(state, doubled, trial);
+    double share = 1;
+    for (int part = 0; part < kParts; ++part, share /= 4) {
+      arrowhead.shared_step = share * f.head(arrowhead.n);
+      arrowhead.private_step = share * f.tail(arrowhead.private_size);
+      if (accepts(state, doubled, trial) &&
+          (part == 0 || doubled - trial.cost.doubled > 0.1 * share * trial.promised))
+        return true;
+    }
+    return false;
   }
   /// Raises the damping until a step is accepted; false if none is. `assembled`: the system is
   /// there at this damping.
@@ -140,10 +147,9 @@ struct LevenbergMarquardt::Workspace {
         return true;
     }
   }
-  /// The damping after an accepted step. Gains that are rounding say nothing.
+  /// The damping after an accepted step. Undamped steps and gains that are rounding say nothing.
   double next_damping(double lambda, double doubled, const Trial& trial) const {
-    if (trial.accelerated || trial.damping < lambda || trial.promised <= 100 * rounding(doubled))
-      return lambda;
+    if (trial.damping <= kNegligible || trial.promised <= 100 * rounding(doubled)) return lambda;
     const double gain = (doubled - trial.cost.doubled) / trial.promised;
     if (std::abs(gain - 1) < kFaithful) return std::max(lambda / 30, kNegligible);
     return std::max(lambda * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)),
@@ -224,7 +230,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     if (summary.iterations >= w.options.max_iterations) return summary;
     const bool fine = assembly == Assembly::fine;
     Workspace::Trial trial;
-    bool found = near && fine && w.try_newton(state, doubled, lambda <= kNegligible, trial);
+    bool found = near && fine && w.try_newton(state, doubled, trial);
     if (!found) {
       if (near && lambda <= kNegligible) lambda = 1e-6;
       found = w.find_step(state, doubled, fine && !near, lambda, trial);

@@ -16,14 +16,14 @@
 // Far from the minimum steps are damped: Nielsen's update, but a thirtieth where the gain is within
 // 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones
 // that were accepted) the undamped step is solved for first, which is what the decrement needs
-// anyway; then come, until one lowers the cost: its Anderson acceleration, itself, damped steps.
-// With residuals that the model cannot explain the undamped step is a poor map: second derivatives
-// that it lacks make it too short, or so long that it raises the cost. The last few undamped steps
-// and where the iteration really went tell what is lacking, whichever step was taken.
-// Covariances that depend on the state are renewed after each step near the minimum: the point
-// where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
-// A rejected step repeats the elimination, not the evaluation (a RangeProblem: both; there only the
-// test of the end is undamped). Groups are partitioned by the
+// anyway; then come, until one lowers the cost: its Anderson acceleration, itself, shares of it (it
+// leads downhill), damped steps. With residuals that the model cannot explain the undamped step is
+// a poor map: second derivatives that it lacks make it too short, or so long that it raises the
+// cost. The last few undamped steps and where the iteration really went tell what is lacking,
+// whichever step was taken. Covariances that depend on the state are renewed after each step near
+// the minimum: the point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete
+// minimisations in turn. A rejected step repeats the elimination, not the evaluation (a
+// RangeProblem: both; there only the test of the end is undamped). Groups are partitioned by the
 // problem's size alone, each worker sums one piece at a time, and pieces are added in their order:
 // the result is the same to the last bit for any number of threads.
 #pragma once
