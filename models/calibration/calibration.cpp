@@ -59,7 +59,9 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   fit_options.solver.linear_solver = options.linear_solver;
   fit_options.solver.max_iterations = options.max_iterations;
   fit_options.solver.stop = options.stop;
-  if (plan.repeated && options.stop) {
+  // (Where covariances follow the state, a cost that hardly falls says nothing.)
+  const bool steady = options.noise == NoiseMode::latent || options.noise == NoiseMode::none;
+  if (plan.repeated && options.stop && steady) {
     fit_options.solver.relative_decrease = kRepeatedDecrease;
     fit_options.solver.max_iterations = std::min(options.max_iterations, kRepeatedIterations);
   }
