@@ -168,6 +168,16 @@ double value_of(const ParameterTable& table, const VectorXd& initial, const Vect
   return log_se3(inverse(get_pose(initial, p.start)) * get_pose(shared, p.start))(c.index);
 }
 
+/// Group (-1: none, its prior stays) and starting width of every number that has a prior.
+std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups) {
+  std::map<Component, std::pair<int, double>> out;
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].members)
+      out[m.component] = {static_cast<int>(g), m.start};
+  for (const Member& m : groups.stated) out[m.component] = {-1, m.start};
+  return out;
+}
+
 /// The data's quadratic model at a fit.
 WidthProblem width_problem(const Recording& recording, const Fit& fit,
                            const AutomaticGroups& groups) {
@@ -198,11 +208,7 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
         out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
     }
   }
-  std::map<Component, std::pair<int, double>> members;
-  for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].members)
-      members[m.component] = {static_cast<int>(g), m.start};
-  for (const Member& m : groups.stated) members[m.component] = {-1, m.start};
+  const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);
     if (found == members.end()) continue;
@@ -232,10 +238,7 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
   setup.sensors = plan.sensors;
   setup.free = plan.free;
   setup.initial = mounts.initial;
-  std::map<Component, std::pair<int, double>> members;
-  for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].members)
-      members[m.component] = {static_cast<int>(g), m.start};
+  const auto members = starting_widths(groups);
   FitOptions fit_options;
   fit_options.trust_start = true;
   fit_options.solver.threads = options.threads;
@@ -250,7 +253,8 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     setup.priors = plan.priors;
     for (Prior& prior : setup.priors) {
       const auto found = members.find({prior.parameter, prior.component});
-      if (found != members.end()) prior.sigma = factor(found->second.first) * found->second.second;
+      if (found != members.end() && found->second.first >= 0)
+        prior.sigma = factor(found->second.first) * found->second.second;
     }
     Fit done = fit(recording, recording.training(), setup, out.values, fit_options);
     out.outcome = done.summary.outcome;

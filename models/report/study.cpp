@@ -204,6 +204,12 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
+    if (automatic && report.solution.usable()) {  // what may be wrong is to be learned with these
+      AutomaticCalibration found =
+          calibrate_automatically(*report.solution.recording, automatic_options(options));
+      report.solution = std::move(found.solution);
+      report.automatic = std::move(found.groups);
+    }
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);

@@ -138,6 +138,9 @@ class Init(Program):
         for name, value in (("joint/j1/offset", 0), ("joint/j2/offset", 0.01)):
             p = result["parameters"].get(name, {"value": [0], "sigma": [held["sigma"] for held in result["held"] if held["parameter"] == name]})
             self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0])
+        # Sigmas that are estimated as well: what is held counts all the same.
+        self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "noise", "--estimate-noise", "--quiet")
+        self.assertEqual(self.read("out", "covariance.csv").split("\n")[0], self.read("noise", "covariance.csv").split("\n")[0])
         self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "gears", "--group", "gears", "--no-group", "lengths*", "--quiet")
         groups = [g["group"] for g in json.loads(self.read("gears", "result.json"))["automatic"]]
         self.assertIn("gears", groups)
