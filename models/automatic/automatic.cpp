@@ -178,9 +178,40 @@ std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroup
   return out;
 }
 
-/// The data's quadratic model at a fit.
+/// The columns that offsets have of joints whose readings are taken for exact.
+std::vector<int> exact_joints(const Recording& recording, const std::vector<Component>& columns) {
+  std::vector<int> out;
+  for (size_t i = 0; i < columns.size(); ++i) {
+    const Parameter& p = recording.table.all[columns[i].parameter];
+    if (p.kind == ParameterKind::joint_offset && recording.rig.joints[p.owner].sigma == 0)
+      out.push_back(static_cast<int>(i));
+  }
+  return out;
+}
+
+/// Score test for errors of readings that are taken for exact. With a sample's whitened residuals
+/// r ~ N(0, 1 + v A A'), A their derivative by the readings, i.e. by the joints' offsets, the
+/// likelihood's derivative by the variance v is at v = 0
+///   1/2 sum over samples of |A' r|^2 - tr A'A,   variance 1/2 tr (A'A)^2.
+/// (Fitted residuals are smaller than r: that makes it smaller, never larger.)
+struct ReadingScore {
+  double score = 0, variance = 0;
+  void add(const MatrixXd& gram, const GroupShape& shape, const std::vector<int>& offsets) {
+    std::vector<Eigen::Index> own;
+    for (size_t i = 0; i < shape.columns.size(); ++i)
+      if (std::binary_search(offsets.begin(), offsets.end(), shape.columns[i]))
+        own.push_back(static_cast<Eigen::Index>(i));
+    for (const Eigen::Index i : own) {
+      score += gram(i, gram.cols() - 1) * gram(i, gram.cols() - 1) - gram(i, i);
+      for (const Eigen::Index j : own) variance += 2 * gram(i, j) * gram(i, j);
+    }
+  }
+  double in_sigmas() const { return variance > 0 ? score / std::sqrt(variance) : 0; }
+};
+
+/// The data's quadratic model at a fit. `readings` becomes the score of their errors.
 WidthProblem width_problem(const Recording& recording, const Fit& fit,
-                           const AutomaticGroups& groups) {
+                           const AutomaticGroups& groups, double& readings) {
   EstimationSetup setup = fit.problem->setup();
   setup.priors.clear();
   Estimation data(recording, recording.training(), setup);
@@ -194,6 +225,8 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
                    static_cast<int>(groups.groups.size())};
+  const std::vector<int> exact = exact_joints(recording, columns);
+  ReadingScore score;
   MatrixXd rows;
   long rank = 0;
   for (size_t g = 0; g < data.groups().size(); ++g) {
@@ -207,7 +240,9 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
       for (Eigen::Index j = 0; j < m; ++j)
         out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
     }
+    score.add(gram, shape, exact);
   }
+  readings = score.in_sigmas();
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);
@@ -227,6 +262,7 @@ struct Learned {
   std::vector<Component> columns;
   WidthProblem problem;
   Widths widths;
+  double reading_errors = 0;
 };
 
 Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,
@@ -261,7 +297,7 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     if (!done.defined() || out.outcome == Outcome::cancelled) return out;
     out.values = done.values;
     out.columns = done.problem->columns();
-    out.problem = width_problem(recording, done, groups);
+    out.problem = width_problem(recording, done, groups, out.reading_errors);
     out.widths = learn_widths(out.problem, factor, kWidthRounds);
     if (!out.widths.defined) return out;
     const double change =
@@ -468,6 +504,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   solution.prediction = prediction_of(groups, learned, holding);
   set_predicted_sigmas(solution);
   out.groups = told(groups, learned, holding, solution);
+  out.reading_errors = learned.reading_errors;
   return out;
 }
 

@@ -230,29 +230,24 @@ std::map<int, std::string> GroupMaker::runs() const {
 }
 
 void GroupMaker::make_geometry() {
-  const std::vector<Chain> all = chains();
-  std::vector<char> has_pose(rig_.tree.links.size(), 0);
-  for (const Chain& c : all) has_pose[c.base] = has_pose[c.tip] = 1;
   const std::map<int, std::string> run = runs();
-  const auto own = [&](int j, int component) {  // the offset has it
-    const Joint& joint = rig_.tree.joints[j];
-    return joint.moves() && (component < 3) == (joint.type == JointType::prismatic) &&
-           component % 3 == component_along(joint.axis);
-  };
-  const auto add_component = [&](int j, int c) {
-    if (!own(j, c))
-      add((c < 3 ? "lengths/" : "angles/") + run.at(j), table_.joint_origin[j], c,
-          c < 3 ? kLength : kAngle);
-  };
-  std::vector<char> seen(rig_.tree.joints.size(), 0);
-  for (const OriginComponents& o : independent_geometry(rig_.tree, all, has_pose)) {
-    seen[o.joint] = 1;
-    if (!is_mount(table_.joint_origin[o.joint]) && used_[table_.joint_origin[o.joint]])
-      for (int c : o.components) add_component(o.joint, c);
+  std::vector<char> moves_on(rig_.tree.joints.size(), 0);  // it moves, or one below it does
+  for (const auto& entry : run)
+    if (rig_.tree.joints[entry.first].moves())
+      for (int j = entry.first; j >= 0; j = rig_.tree.joint_above[rig_.tree.joints[j].parent])
+        moves_on[j] = 1;
+  for (const auto& entry : run) {
+    const Joint& joint = rig_.tree.joints[entry.first];
+    const int origin = table_.joint_origin[entry.first];
+    if (!moves_on[entry.first] || is_mount(origin) || !(used_[origin] || carries_[entry.first]))
+      continue;
+    for (int c = 0; c < 6; ++c) {
+      const bool own = joint.moves() && (c < 3) == (joint.type == JointType::prismatic) &&
+                       c % 3 == component_along(joint.axis);  // the offset has it
+      if (!own)
+        add((c < 3 ? "lengths/" : "angles/") + entry.second, origin, c, c < 3 ? kLength : kAngle);
+    }
   }
-  for (size_t j = 0; j < carries_.size(); ++j)
-    if (carries_[j] && !seen[j] && !used_[table_.joint_origin[j]])
-      for (int c = 0; c < 6; ++c) add_component(static_cast<int>(j), c);
 }
 
 void GroupMaker::make_targets_and_sensors() {
@@ -287,7 +282,8 @@ std::vector<char> chosen(const std::vector<WidthGroup>& groups,
     for (size_t g = 0; g < groups.size(); ++g) {
       valid.push_back(groups[g].name);
       if (groups[g].name != names[i] && !glob_matches(names[i], groups[g].name)) continue;
-      found = out[g] = 1;
+      out[g] = 1;
+      found = true;
     }
     if (!found)
       throw NameError::group(std::string(list) + "[" + std::to_string(i) + "]", names[i],

@@ -9,18 +9,25 @@
 // x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
 // (widths.h). Numbers of a kind are exchangeable: that is an assumption.
 //
-//   offsets              of revolute joints         5 mrad     slides        of prismatic ones  1
-//   mm lengths, angles      independent numbers of     1 mm,      sizes         of boards 2 %
-//                        origins, by run            2 mrad     baselines                        2
-//                        mm
-//   focal lengths, centres  2 % of the focal length            distortion                       0.5
-//   scan scales, scan offsets  of a laser's joint   2 %, 10 mrad              shapes  usual errors
-//   gears                scales of all others       1e-3       only when asked for
+//   offsets          of revolute joints                5 mrad
+//   slides           of prismatic ones                 1 mm
+//   lengths, angles  numbers of origins, by run        1 mm, 2 mrad
+//   sizes            of boards                         2 %
+//   baselines                                          2 mm
+//   focal lengths    of each camera                    2 %
+//   centres                                            2 % of the focal length
+//   distortion                                         0.5
+//   scan scales, scan offsets  of a laser's joint      2 %, 10 mrad
+//   shapes           of joint models                   their usual errors
+//   gears            scales of all others              1e-3; only when asked for
 //
-// A run is an unbranched row of joints. Of an origin the independent numbers (rig/geometry.h) are
-// meant without what moves along the joint's own axis, which is its offset's. Joints that carry a
-// sensor or target relative to the base, but stand before the paths between those part, are
-// members too that no measurement sees: known only as well as their group.
+// A run is an unbranched row of joints. Of their origins all numbers are members but what moves
+// along the joint's own axis, which is its offset's, and fixed joints below which nothing moves,
+// which the mounts there have. They are not independent of each other or of the mounts (of n joints
+// the data tell 4 n or so), but each is off by itself: without those that others could express
+// (rig/geometry.h) an error of one is taken for many times as much of another, or for a board's
+// size. Joints that carry a sensor or target relative to the base, but stand before the paths
+// between those part, are members too that no measurement sees: known only as well as their group.
 #pragma once
 
 #include <string>

@@ -13,7 +13,10 @@ constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
 constexpr int kGrid = 8;             // of them, to either side
 constexpr double kSmallestPivot = 1e-6;  // of H's factor, scaled: above rounding
+constexpr double kNominal = 2;           // odds beforehand that a group's numbers are nominal
+constexpr double kBeyondThree = 0.0027;  // share of normal errors beyond three sigmas
 constexpr double kEvidence = 3;          // log evidence that keeps a group
+constexpr double kResolved = 1e-3;       // share that is prior, below which only the mean counts
 constexpr double kDetermined = 0.1;      // share of a number that the data tell, to keep it
 
 /// 1 / t_i^2; 0: no prior.
@@ -136,48 +139,72 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
   return out;
 }
 
-/// What wider priors of one group, weighed by their evidence and hyperprior, add to the second
-/// moment (see the header).
-MatrixXd width_uncertainty(const WidthProblem& p, const Widths& widths, int group,
-                           double& inflation) {
+/// What the widths of one group may be besides the best, weighed by evidence and hyperprior (see
+/// the header).
+struct OtherWidths {
+  MatrixXd second_moment;  // that wider ones add
+  double inflation = 1;    // of the squared width of what the data do not tell
+};
+
+/// The variance of which three standard deviations are seldom exceeded by a normal error whose
+/// variance is one of these, by their weights.
+double bounding_variance(const VectorXd& variance, const VectorXd& weight) {
+  double low = std::sqrt(variance.minCoeff()), high = std::sqrt(variance.maxCoeff());
+  for (int i = 0; i < 40; ++i) {
+    const double s = 0.5 * (low + high);
+    double beyond = 0;
+    for (Eigen::Index j = 0; j < variance.size(); ++j)
+      beyond += weight(j) * std::erfc(3 * s / std::sqrt(2 * variance(j)));
+    (beyond > kBeyondThree * weight.sum() ? low : high) = s;
+  }
+  return high * high;
+}
+
+OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group) {
+  OtherWidths out;
   const MatrixXd& c = widths.posterior.covariance;
-  const VectorXd& x = widths.posterior.value;
-  MatrixXd out = MatrixXd::Zero(c.rows(), c.cols());
   const std::vector<int> members = members_of(p, group);
-  inflation = 1;
   std::vector<int> all(p.group.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
-  const MatrixXd ck = block(c, all, members), ckk = block(c, members, members);
-  const VectorXd xk = block(x, members), prior = block(precision(p, widths.factor), members);
-  const VectorXd root = prior.cwiseSqrt();
-  // In units of the best widths the group's part of the posterior is ckk; with widths f times those
-  // H loses d = (1 - 1 / f^2) of each prior: C_f = C + ck M ck', M = (D^-1 - ckk)^-1.
-  SymmetricEigen e{VectorXd(0), MatrixXd(0, 0)};  // shares that are prior
-  if (!members.empty()) e = symmetric_eigen(root.asDiagonal() * ckk * root.asDiagonal());
-  const VectorXd y = e.vectors.transpose() * root.cwiseProduct(xk);
-  const MatrixXd gain = ck * root.asDiagonal() * e.vectors;
+  const VectorXd root = block(precision(p, widths.factor), members).cwiseSqrt();
+  // In units of the best widths: the shares of the group's directions that are prior.
+  SymmetricEigen e{VectorXd(0), MatrixXd(0, 0)};
+  if (!members.empty())
+    e = symmetric_eigen(root.asDiagonal() * block(c, members, members) * root.asDiagonal());
+  const VectorXd prior = e.values.cwiseMin(1.0),
+                 y = e.vectors.transpose() *
+                     root.cwiseProduct(block(widths.posterior.value, members)),
+                 square = y.cwiseAbs2();
+  // With widths f times the best H loses d = 1 - 1 / f^2 of each direction's prior.
+  const VectorXd by = VectorXd::LinSpaced(2 * kGrid + 1, -kLargestWidth * kSpread,
+                                          kLargestWidth * kSpread),
+                 f2 = (2 * by).array().exp(), d = 1 - f2.array().inverse();
   const double best = std::log(widths.factor(group));
-  double total = 0;
-  const auto n = static_cast<double>(members.size());
-  for (int step = -kGrid; step <= kGrid; ++step) {
-    const double by = step * kLargestWidth * kSpread / kGrid, u = best + by, f2 = std::exp(2 * by);
-    const double d = 1 - 1 / f2;
-    double log_weight = (best * best - u * u) / (2 * kSpread * kSpread) - n * by;
-    VectorXd m(e.values.size());
-    for (Eigen::Index i = 0; i < m.size(); ++i) {
-      const double left = 1 - d * std::min(e.values(i), 1.0);
-      log_weight += -0.5 * std::log(left) + 0.5 * d / left * y(i) * y(i);
-      m(i) = d / left;
-    }
-    const double weight = std::exp(log_weight);  // 1 at the best widths
-    total += weight;
-    if (d <= 0) continue;
-    inflation += weight * (f2 - 1);
-    const VectorXd moved = gain * m.cwiseProduct(y);
-    out += weight * (gain * m.asDiagonal() * gain.transpose() + moved * moved.transpose());
+  VectorXd weight(by.size());  // 1 at the best widths
+  for (Eigen::Index i = 0; i < by.size(); ++i) {
+    const VectorXd left = 1 - d(i) * prior.array();
+    const double u = best + by(i);
+    weight(i) = std::exp((best * best - u * u) / (2 * kSpread * kSpread) -
+                         static_cast<double>(members.size()) * by(i) +
+                         0.5 * (d(i) * square.array() / left.array() - left.array().log()).sum());
   }
-  inflation = 1 + (inflation - 1) / total;
-  return out / total;
+  out.inflation = std::max(1.0, bounding_variance(f2, weight));
+  const MatrixXd gain = block(c, all, members) * root.asDiagonal() * e.vectors;
+  const VectorXd wider = weight.array() * (d.array() > 0).cast<double>() / weight.sum();
+  MatrixXd moment = MatrixXd::Zero(prior.size(), prior.size());
+  for (Eigen::Index k = 0; k < prior.size(); ++k) {
+    const VectorXd variance = (1 - prior(k) * d.array()).inverse();  // over that at the best
+    const double mean = (wider.array() * (variance.array() - 1)).sum();
+    const double bound = bounding_variance(variance, weight) - 1;
+    moment(k, k) = prior(k) > kResolved ? std::max(mean, bound) / prior(k)
+                                        : (wider.array() * d.array() * variance.array()).sum();
+  }
+  for (Eigen::Index i = 0; i < by.size(); ++i) {
+    const VectorXd moved = d(i) * y.array() / (1 - d(i) * prior.array());
+    moment += wider(i) * moved * moved.transpose();
+  }
+  out.second_moment = gain * moment * gain.transpose();
+  return out;
 }
 
 Holding hold(const WidthProblem& p, const Widths& widths) {
@@ -195,6 +222,12 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
     added += probability * (before - c + moved * moved.transpose());
   };
   const VectorXd prior = precision(p, widths.factor);
+  std::vector<OtherWidths> others;
+  for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, k));
+  const auto probability = [&](int k) {  // that a group held whole is off all the same
+    const bool told = widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
+    return told ? 1 / (1 + kNominal * std::exp(-out.gain(k))) : 1.0;
+  };
   for (;;) {
     int least = -1;
     for (int k = 0; k < p.groups; ++k) {
@@ -208,12 +241,12 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;
     out.whole[least] = 1;
-    put_to_0(members_of(p, least), 1 / (1 + std::exp(-out.gain(least))));
+    put_to_0(members_of(p, least), probability(least));
   }
   out.inflation.setOnes(p.groups);
   for (int k = 0; k < p.groups; ++k) {
-    const double probability = out.whole[k] ? 1 / (1 + std::exp(-out.gain(k))) : 1.0;
-    added += probability * width_uncertainty(p, widths, k, out.inflation(k));
+    out.inflation(k) = others[k].inflation;
+    added += (out.whole[k] ? probability(k) : 1.0) * others[k].second_moment;
   }
   std::vector<int> blind;
   for (int i = 0; i < prior.size(); ++i)

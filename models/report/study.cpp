@@ -16,6 +16,7 @@ struct StudyCancelled {};
 
 // Noise on the automatic path.
 constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
+constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
 constexpr double kHopeless = 25;       // chi2/dof above which it is not the noise
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr int kNoiseRounds = 4;
@@ -148,10 +149,11 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
 /// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                Report& report) {
+                double reading_errors, Report& report) {
   const double ratio = report.solution.chi2_per_dof(),
                by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
-  const bool as_stated = (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
+  const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
+                         reading_errors < kReadingErrors;
   if (!report.solution.usable() || as_stated || ratio > kHopeless || options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
@@ -163,7 +165,7 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   }
   NoiseRounds rounds;
   rounds.stated = ratio;
-  if (ratio < 1)
+  if (ratio < 1 && reading_errors < kReadingErrors)
     find_smaller_noise(options, rounds, report);
   else
     find_larger_noise(options, calibration, rounds, report);
@@ -193,7 +195,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.automatic = std::move(found.groups);
     solved = true;
     if (ended(report.solution)) return recording;
-    find_noise(options, calibration, report);
+    find_noise(options, calibration, found.reading_errors, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise) {

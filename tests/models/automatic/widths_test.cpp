@@ -345,7 +345,7 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const VectorXd m = all.value - fixed.value;
       // What the held numbers add with the probability that they are off, and what wider widths do.
       const MatrixXd off = all.covariance - fixed.covariance + m * m.transpose();
-      const double p = 1 / (1 + std::exp(-holding.gain(1)));
+      const double p = 1 / (1 + 2 * std::exp(-holding.gain(1)));
       const MatrixXd wider = holding.second_moment - fixed.covariance - p * off;
       CHECK(smallest_eigenvalue(wider) > -1e-9 * off.trace());
       CHECK(wider.trace() < 3 * (all.covariance.trace() + off.trace()));
@@ -392,11 +392,11 @@ TEST_CASE("widths: a group of which the data say nothing keeps its width, in its
     CHECK(holding.whole == std::vector<char>{0, 1});
     CHECK(holding.gain(1) == Approx(0).margin(1e-6));
     for (const int i : numbers_of(l.problem, 1)) {
-      // Nominal with a probability of a half, but perhaps several times wider if not.
+      // Perhaps several times wider than its start: 0.27 % of errors from widths that the
+      // hyperprior (to two of its spreads) allows are beyond three times 4.72 starts.
       const double share = holding.second_moment(i, i) / std::pow(l.problem.start(i), 2);
-      CHECK(share > 1);
-      CHECK(share == Approx(0.5 * holding.inflation(1)).epsilon(1e-3));
-      CHECK(holding.inflation(1) < 10);
+      CHECK(share == Approx(holding.inflation(1)).epsilon(1e-3));
+      CHECK(holding.inflation(1) == Approx(4.72 * 4.72).epsilon(0.01));
     }
   }
 }
@@ -434,15 +434,16 @@ TEST_CASE("widths: errors are covered whatever a group's true width is") {
       }
       INFO("sigma " << sigma << ", true width " << width << ": " << beyond << " beyond, " << held
                     << " held, predicted / actual " << std::sqrt(predicted / squares));
-      // Twice the start, seen with as much: whether a group is off cannot be told, and half of the
-      // belief that it is nominal is misplaced. 5.5 % when this was written; see the header's
-      // limit.
-      CHECK(beyond <= (width > 5e-3 && sigma > 5e-3 ? 0.08 : 0.02) * kDraws);
+      // A group as wide as the data can just resolve: that it is off cannot be told, and two thirds
+      // of the belief that it is nominal are misplaced. (At even odds 2 % were beyond; but then the
+      // predicted errors of robots whose groups are mostly right or wrong by much, as in
+      // benchmarks/automatic.py, are 1.34 times the actual ones in the median, not 1.26.)
+      CHECK(beyond <= (width > 5e-3 && sigma > 5e-3 ? 0.08 : 0.05) * kDraws);
       if (width == 0 && sigma > 0.5e-3) CHECK(held > 0.9 * kDraws);
       if (width >= 10 * sigma) CHECK(held == 0);
       beyond_in_all += beyond;
       draws += kDraws;
     }
   INFO(beyond_in_all << " of " << draws);
-  CHECK(beyond_in_all <= 0.006 * draws);
+  CHECK(beyond_in_all <= 0.01 * draws);
 }
