@@ -267,6 +267,18 @@ sensors:
         self.assertFalse(told["met"])
         self.assertGreater(told["measured"], 3)
 
+    def test_a_gear_taken_for_noise(self):
+        """A joint whose gear is not as stated looks noisy: the warning says what else it may be, and that is right."""
+        self.write("truth.json", json.dumps({"parameters": {"joint/j4/scale": 1.03}}))
+        samples = os.path.join(self.dir, self.simulate(1))
+        (text,) = [w["text"] for w in self.automatic(self.path("rig.yaml"), samples)["warnings"] if w["id"] == "noise"]
+        self.assertIn("joint/j4: ", text)
+        self.assertIn("'j4' may have another gear ratio than stated, which looks like noise: --group gears estimates it", text)
+        result = self.automatic(self.path("rig.yaml"), samples, options=("--group", "gears"))
+        p = result["parameters"]["joint/j4/scale"]
+        self.assertLess(abs(p["value"][0] - 1.03), 4 * p["sigma"][0])
+        self.assertNotIn("noise", [w["id"] for w in result["warnings"]])
+
     def test_images_whose_centre_is_at_0_0(self):
         """Pixels counted from the image's centre: the same result, and the centre is as free as elsewhere."""
         samples = self.simulate(1)
