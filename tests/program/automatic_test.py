@@ -156,6 +156,17 @@ class Init(Program):
             self.assertIn(step, out)
         self.kincal("evaluate", "rig.yaml", "sim/samples.jsonl")  # needs no steps
 
+    def test_its_steps_for_a_reflector(self):
+        """Nothing turns a single point: the example of steps frees its place only, and ends well."""
+        self.init("--sensor", "point:base:tracker", "--target", "points:0,0,0@tool:ball", "--out", "rig.yaml")
+        truth = self.write("truth.json", json.dumps({"parameters": {
+            "joint/j2/offset": 0.01, "sensor/tracker/pose": [1, 0.5, 0.2, 0.3, 0, 1], "target/ball/pose": [0.1, 0.05, 0.05, 0, 0, 0]}}))
+        self.kincal("simulate", "rig.yaml", "--samples", "30", "--seed", "1", "--truth", truth, "--out", "sim")
+        head, example = self.read("rig.yaml").split("# estimate:\n")
+        self.write("steps.yaml", head + "estimate:\n" + "".join(line[2:] + "\n" for line in example.splitlines()))
+        self.kincal("calibrate", "steps.yaml", "sim/samples.jsonl", "--step", "offsets", "--out", "out", "--quiet")
+        self.assertLess(abs(json.loads(self.read("out", "result.json"))["parameters"]["joint/j2/offset"]["value"][0] - 0.01), 1e-3)
+
     def test_batch_too(self):
         self.init("--sensor", "pose:base", "--target", "points:0,0,0@tool", "--out", "rig.yaml")
         self.kincal("simulate", "rig.yaml", "--samples", "20", "--seed", "2", "--spread", "*/pose=0", "--out", "sim")
