@@ -15,6 +15,7 @@ constexpr double kConverged = 1e-7;  // Newton decrement, standard deviations
 constexpr double kNegligible =
     1e-10;  // damping: keeps directions without information where they are, biases nothing else
 constexpr double kRounding = 1e-12;    // of a whitened residual, standard deviations
+constexpr double kSummed = 1e-14;      // of the cost: residuals of much smaller noise than real
 constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
 constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
 constexpr int kMemory = 5;             // steps that the acceleration looks back
@@ -98,8 +99,10 @@ struct LevenbergMarquardt::Workspace {
     double decrement = kInfinity;  // length of the undamped step
     bool accelerated = false;
   };
-  /// What the cost does not resolve: |r| |error of r|.
-  double rounding(double doubled) const { return kRounding * std::sqrt(doubled * arrowhead.rows); }
+  /// What the cost does not resolve: |r| |error of r|, and its own digits.
+  double rounding(double doubled) const {
+    return kRounding * std::sqrt(doubled * arrowhead.rows) + kSummed * doubled;
+  }
   /// Moves to the step's end; true if it may be kept: what rounding could hide is no increase.
   bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);

@@ -10,8 +10,8 @@
 //
 // Converged: the Newton decrement, the length |J d| of the undamped step at the point where it
 // starts, is below 1e-7 standard deviations, whatever damping earlier steps needed; or it no longer
-// halves and its square is below what the cost resolves (a whitened residual is known to some
-// 1e-12, so the cost to |r| |error of r|); or the residuals are nothing (noise-free data).
+// halves and its square is below what the cost resolves (a whitened residual is known to 1e-12,
+// so the cost to |r| |error of r| + 1e-14 |r|^2); or the residuals are nothing (noise-free data).
 //
 // Far from the minimum steps are damped: Nielsen's update, but a thirtieth where the gain is within
 // 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones

@@ -236,13 +236,28 @@ std::string example_chain(const Tree& tree, const NewRig& rig) {
   return "";
 }
 
+/// Whether anything tells how a target is turned: not a single point, if nobody measures its pose.
+bool has_orientation(const NewRig& rig, const NewTarget& target) {
+  return target.type != "points" || target.points.size() > 3 ||
+         std::any_of(rig.sensors.begin(), rig.sensors.end(), [](const NewSensor& sensor) {
+           return sensor.type == "pose" || sensor.type == "chain";
+         });
+}
+
 /// An example of steps, with names that exist.
 std::string steps_text(const Tree& tree, const NewRig& rig) {
   std::string poses;
-  for (const NewSensor& s : rig.sensors)
-    poses += (poses.empty() ? "" : ", ") + yaml_text("sensor/" + s.name + "/pose");
-  for (const NewTarget& t : rig.targets)
-    if (!t.link.empty()) poses += ", " + yaml_text("target/" + t.name + "/pose");
+  const auto add = [&](const std::string& name) {
+    poses += (poses.empty() ? "" : ", ") + yaml_text(name);
+  };
+  for (const NewSensor& s : rig.sensors) add("sensor/" + s.name + "/pose");
+  for (const NewTarget& t : rig.targets) {
+    if (t.link.empty()) continue;
+    if (has_orientation(rig, t))
+      add("target/" + t.name + "/pose");
+    else
+      for (const char* axis : {"x", "y", "z"}) add("target/" + t.name + "/pose." + axis);
+  }
   const std::string chain = example_chain(tree, rig);
   std::string out =
       "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong, learns from the "

@@ -308,6 +308,17 @@ std::string robot_path(const Field& field, const std::string& rig_path) {
   return path.string();
 }
 
+/// Arguments in another order, or a robot in a rig's place: said before YAML's grammar is judged.
+void refuse_other_formats(const std::string& text, const std::string& path) {
+  const size_t begin = text.find_first_not_of("\xEF\xBB\xBF \t\r\n");
+  if (begin == std::string::npos) return;
+  if (text[begin] == '<')
+    throw InputError(path + ": this is XML, no rig; a rig names its robot's URDF (robot: ...)");
+  const std::string first_line = text.substr(begin, text.find('\n', begin) - begin);
+  if (first_line[0] == '{' && first_line.find("\"views\"") != std::string::npos)
+    throw InputError(path + ": these are samples, no rig; the rig comes first");
+}
+
 }  // namespace
 
 namespace {
@@ -437,6 +448,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.path = path;
   file.joint_models = models;
   file.text = read_file(path);
+  refuse_other_formats(file.text, path);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
   all.check_keys({"format", "robot", "sensors", "targets"},

@@ -14,6 +14,7 @@ namespace {
 using Warnings = std::vector<Warning>;
 
 constexpr size_t kShown = 5;
+constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
 /// more, and by four of its standard deviations, sqrt(2/dof).
@@ -171,11 +172,10 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
 }
 
 void warn_of_joint_noise(const Report& report, Warnings& out) {
-  constexpr double kFar = 3;
   std::string list;
   for (const NoiseLevel& level : report.noise_levels)
     if (level.joint >= 0 && level.used == level.assumed && level.differs() &&
-        level.seen >= kFar * level.assumed)
+        level.seen >= kNoisy * level.assumed)
       list += (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name +
               "'" + text(" (stated %.3g, seen %.3g ", level.assumed, level.seen) + level.unit + ")";
   if (!list.empty())
@@ -299,6 +299,21 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
                                   "; a calibration that rejects outliers takes them out"});
 }
 
+/// Joints whose noise may be a gear of another ratio: nothing else was free to take that up.
+std::string doubted_gears(const Report& report) {
+  for (const AutomaticGroup& group : report.automatic)
+    if (group.name == "gears") return "";
+  std::string list;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.joint >= 0 && level.assumed > 0 && level.used >= kNoisy * level.assumed)
+      list +=
+          (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
+  return list.empty() ? ""
+                      : ". " + list +
+                            " may have another gear ratio than stated, which looks like noise: "
+                            "the group gears estimates it";
+}
+
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
   if (std::isfinite(report.noise_estimated->stated)) {
@@ -314,7 +329,7 @@ void warn_of_noise(const Report& report, Warnings& out) {
                                  "that: sigmas were estimated from the data (joints stated exact "
                                  "began with 0.0001). ",
                                  report.noise_estimated->stated) +
-                                levels});
+                                levels + doubted_gears(report)});
   }
   if (!report.noise_estimated->converged)
     out.push_back({"noise", "the noise was estimated in " +

@@ -451,6 +451,23 @@ TEST_CASE("every mistake in a rig is refused with file, line, field and what is 
              Contains("rig.yaml:4: targets: a mapping of targets is expected, at least one"));
 }
 
+TEST_CASE("another file where a rig is wanted is called what it is", "[rig]") {
+  const Place place;
+  const auto said = [&](const std::string& text) {
+    place.write("rig.yaml", text);
+    return error_of([&] { read_rig(place.rig); });
+  };
+  const std::string sample = R"({"id": "a", "joints": {}, "views": []})";
+  for (const std::string& samples : {sample, sample + "\n" + sample + "\n", "\n" + sample})
+    CHECK_THAT(said(samples), Contains("rig.yaml: these are samples, no rig; the rig comes first"));
+  for (const std::string& before :
+       {"", "\xEF\xBB\xBF", "<?xml version=\"1.0\"?>\n", "\r\n <!-- x -->"})
+    CHECK_THAT(said(std::string(before) + kRobot),
+               Contains("rig.yaml: this is XML, no rig; a rig names its "
+                        "robot's URDF"));
+  CHECK_THAT(said("{format: kincal/1, robots: robot.urdf}"), Contains("unknown key 'robots'"));
+}
+
 TEST_CASE("what a rig may leave away", "[rig]") {
   const Place place;
   place.write("rig.yaml",

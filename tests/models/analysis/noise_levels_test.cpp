@@ -60,6 +60,20 @@ std::vector<int> owners(const Setting& s, const std::vector<NoiseLevel>& levels,
   return out;
 }
 
+/// The same robot and samples, all sigmas times a factor.
+Setting scaled(const Setting& s, std::vector<NoiseLevel> levels, double factor) {
+  Setting out;
+  out.rig = s.rig;
+  out.samples = s.samples;
+  out.boards = s.boards;
+  for (NoiseLevel& level : levels) level.seen = factor * level.assumed;
+  scale_noise(out.rig, out.samples, levels);
+  std::vector<std::string> sensors;
+  for (const Sensor& sensor : out.rig.sensors) sensors.push_back(sensor.name);
+  out.make(sensors, kDetermined);
+  return out;
+}
+
 }  // namespace
 
 TEST_CASE("noise levels: Helmert's equations, written out") {
@@ -133,23 +147,12 @@ TEST_CASE("noise levels: a scaled rig sees the same noise") {
   std::vector<NoiseLevel> levels =
       noise_levels(*s.problem, s.rig, state, observe(*s.problem, state).covariance);
   // All sigmas three times as large: nothing else changes, so a third of that is seen.
-  Rig rig = s.rig;
-  std::vector<Sample> samples = s.samples;
-  std::vector<NoiseLevel> three = levels;
-  for (NoiseLevel& level : three) level.seen = 3 * level.assumed;
-  scale_noise(rig, samples, three);
-  CHECK(rig.joints[joint_index(rig, "elbow")].sigma ==
-        3 * s.rig.joints[joint_index(rig, "elbow")].sigma);
-  CHECK(rig.sensors[sensor_index(rig, "laser")].sigma[2] ==
-        3 * s.rig.sensors[sensor_index(rig, "laser")].sigma[2]);
-  CHECK(samples[0].views[0].sigma[0] == 3 * s.samples[0].views[0].sigma[0]);
-  Setting wide;
-  wide.rig = rig;
-  wide.samples = samples;
-  wide.boards = s.boards;
-  std::vector<std::string> sensors;
-  for (const Sensor& sensor : rig.sensors) sensors.push_back(sensor.name);
-  wide.make(sensors, kDetermined);
+  Setting wide = scaled(s, levels, 3);
+  CHECK(wide.rig.joints[joint_index(s.rig, "elbow")].sigma ==
+        3 * s.rig.joints[joint_index(s.rig, "elbow")].sigma);
+  CHECK(wide.rig.sensors[sensor_index(s.rig, "laser")].sigma[2] ==
+        3 * s.rig.sensors[sensor_index(s.rig, "laser")].sigma[2]);
+  CHECK(wide.samples[0].views[0].sigma[0] == 3 * s.samples[0].views[0].sigma[0]);
   const VectorXd wide_state = solved(wide);
   const std::vector<NoiseLevel> again = noise_levels(*wide.problem, wide.rig, wide_state,
                                                      observe(*wide.problem, wide_state).covariance);
@@ -159,6 +162,22 @@ TEST_CASE("noise levels: a scaled rig sees the same noise") {
     CHECK(again[l].assumed == Approx(3 * levels[l].assumed));
     CHECK(again[l].redundancy == Approx(levels[l].redundancy).epsilon(1e-4).margin(1e-4));
     if (std::isfinite(levels[l].seen)) CHECK(again[l].seen == Approx(levels[l].seen).epsilon(1e-3));
+  }
+}
+
+TEST_CASE("noise levels: the minimum is the same whatever all sigmas are, and known as one") {
+  Setting s = nasty_in(NoiseMode::latent, Loss(), 14, 6, 0.002);
+  const VectorXd state = solved(s);
+  const MatrixXd covariance = observe(*s.problem, state).covariance;
+  const std::vector<NoiseLevel> levels = noise_levels(*s.problem, s.rig, state, covariance);
+  for (double factor : {1e-3, 1e-5, 1e-7}) {
+    INFO("sigmas times " << factor);
+    Setting other = scaled(s, levels, factor);
+    const VectorXd found = solved(other);  // or it says so: not_converged
+    for (Eigen::Index i = 0; i < covariance.rows(); ++i)
+      CHECK(std::abs(found(i) - state(i)) < 1e-4 * std::sqrt(covariance(i, i)));
+    const MatrixXd other_covariance = observe(*other.problem, found).covariance;
+    CHECK((other_covariance / (factor * factor) - covariance).norm() < 1e-3 * covariance.norm());
   }
 }
 
