@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "../io/document/files.h"
 #include "../io/document/names.h"
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
@@ -21,6 +22,20 @@ const std::map<std::string, NoiseMode> kNoiseModes = {{"latent", NoiseMode::late
 const std::map<std::string, LinearSolver> kLinearSolvers = {{"auto", LinearSolver::automatic},
                                                             {"dense", LinearSolver::dense},
                                                             {"cholmod", LinearSolver::cholmod}};
+
+namespace {
+
+std::string activity = "starting";
+
+}  // namespace
+
+void now(const std::string& what) { activity = what; }
+
+std::string error_text(const std::exception& error) {
+  const bool memory =
+      dynamic_cast<const std::bad_alloc*>(&error) || dynamic_cast<const std::length_error*>(&error);
+  return memory ? "out of memory while " + activity : error.what();
+}
 
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
@@ -84,9 +99,12 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
 }
 
 Job read_job(const std::string& rig, const std::string& samples, int holdout) {
+  now("reading " + rig);
   RigFile rig_file = read_rig(rig_path(rig));
+  now("reading " + samples);
+  const std::string text = read_file(samples);  // once: it may be a pipe
   std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, read_samples(samples, rig_file.rig), samples);
+      checked_recording(rig_file, parse_samples(text, samples, rig_file.rig), samples);
   if (recording->training().empty())
     throw InputError(samples +
                      ": every sample has \"split\": \"test\": nothing is left to calibrate with");
@@ -104,7 +122,7 @@ Job read_job(const std::string& rig, const std::string& samples, int holdout) {
       throw InputError("--holdout: " + std::string(error.what()));
     }
   }
-  return {std::move(rig_file), samples, std::move(recording), std::move(held_out)};
+  return {std::move(rig_file), samples, sha256(text), std::move(recording), std::move(held_out)};
 }
 
 namespace {
@@ -199,7 +217,12 @@ std::optional<Report> run(
   check_validation(job, settings);
   StudyOptions options;
   options.calibration = options_of(settings);
-  options.calibration.progress = progress;
+  now("calibrating");
+  options.calibration.progress = [&](const std::string& step, int iteration, double chi2,
+                                     double damping) {
+    now("calibrating, step '" + step + "'");
+    return !progress || progress(step, iteration, chi2, damping);
+  };
   options.groups = {settings.groups, settings.no_groups};
   options.reject = settings.reject;
   options.estimate_noise = settings.estimate_noise;
@@ -227,9 +250,10 @@ std::optional<Report> run(
 }
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings) {
+  now("making the files of the result");
   ResultOptions options;
   options.command = settings.command;
-  options.samples_path = job.samples_path;
+  options.samples_hash = job.samples_hash;
   options.version = KINCAL_VERSION;
   options.residuals = !settings.no_report;
   options.write_reduction = settings.write_reduction;

@@ -1,6 +1,7 @@
 // "Calibrate this rig with these samples", as the commands calibrate and batch share it.
 #pragma once
 
+#include <exception>
 #include <functional>
 #include <map>
 #include <optional>
@@ -25,6 +26,11 @@ enum ExitCode {
   kToleranceNotMet = 4,
   kInterrupted = 130
 };
+/// Says what the program is at, "reading rig.yaml": for the message where the memory ends.
+void now(const std::string& what);
+/// Returns the words of an error; where the memory ended, those of what the program was at.
+std::string error_text(const std::exception& error);
+
 /// Returns the exit code of the status; kToleranceNotMet where that is good but a --require is not
 /// met.
 ExitCode exit_code(const Report& report);
@@ -49,7 +55,7 @@ struct CalibrateSettings {
 /// A Job is a rig and its samples, read and checked.
 struct Job {
   RigFile rig_file;
-  std::string samples_path;
+  std::string samples_path, samples_hash;
   std::shared_ptr<const Recording> recording;
   std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
 };

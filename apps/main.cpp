@@ -99,7 +99,10 @@ int main(int argc, char** argv) {
     app.parse(argc, argv);
     int code = kBadInput;
     for (const Command& command : commands)
-      if (*command.app) code = command.run();
+      if (*command.app) {
+        now("running `kincal " + command.app->get_name() + "`");
+        code = command.run();
+      }
     if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout))
       throw InputError("standard output cannot be written");
     return code;
@@ -120,7 +123,7 @@ int main(int argc, char** argv) {
         unknown.empty() ? error.what() : unknown.c_str(),
         app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "kincal: error: %s\n", error.what());
+    std::fprintf(stderr, "kincal: error: %s\n", error_text(error).c_str());
   }
   return kBadInput;
 }

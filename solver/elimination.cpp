@@ -23,6 +23,22 @@ double scale_of(double norm, double& first_scale, bool first) {
   return std::max(norm, 1e-6 * first_scale);
 }
 
+/// The turn of a piece to add its sums, which passes to the next one when this ends, also by an
+/// exception: the others wait for it. Pieces are taken in order, so the one whose turn it is is
+/// always at work.
+struct Turn {
+  std::atomic<int>& turn;
+  const int piece;
+
+  void await() const {
+    while (turn.load(std::memory_order_acquire) != piece) std::this_thread::yield();
+  }
+  ~Turn() {
+    await();
+    turn.store(piece + 1, std::memory_order_release);
+  }
+};
+
 }  // namespace
 
 Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
@@ -269,6 +285,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
   const bool fresh = linearise || ranges;
   turn = 0;
   over(pieces, [&](Piece& p, int worker) {
+    const Turn mine{turn, static_cast<int>(&p - pieces.data())};
     Worker& w = workers[worker];
     p.defined = p.definite = true;
     if (fresh) {
@@ -295,9 +312,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
       }
     }
     if (stacked > 0) multiply(worker, stacked);
-    // Pieces are taken in order, so the one whose turn it is is always at work.
-    const int piece = static_cast<int>(&p - pieces.data());
-    while (turn.load(std::memory_order_acquire) != piece) std::this_thread::yield();
+    mine.await();
     if (linearise) {
       if (ranges)
         kernels().add(shared_matrix.data(), w.shared.data(),
@@ -314,7 +329,6 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     else
       system.accumulate(damped_matrix.data(), w.eliminated.data());
     reduced_gradient += w.eliminated_gradient;
-    turn.store(piece + 1, std::memory_order_release);
   });
   bool defined = true, definite = true;
   for (const Piece& p : pieces) {

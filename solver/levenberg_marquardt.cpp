@@ -22,6 +22,23 @@ constexpr int kMemory = 5;             // steps that the acceleration looks back
 constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
 
+/// The first group whose residual is undefined; where none is, and only the sum of all costs
+/// overflows, that of the largest cost.
+int worst_group(const Problem& problem, const VectorXd& state) {
+  int worst = 0;
+  double largest = 0;
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    Cost c;
+    if (!problem.evaluate(static_cast<int>(g), state, 0, c) || std::isnan(c.doubled))
+      return static_cast<int>(g);
+    if (c.doubled > largest) {
+      largest = c.doubled;
+      worst = static_cast<int>(g);
+    }
+  }
+  return worst;
+}
+
 }  // namespace
 
 struct LevenbergMarquardt::Workspace {
@@ -217,11 +234,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start
                                             // can be undefined
       summary.outcome = Outcome::undefined_start;
-      for (size_t g = 0; g < w.arrowhead.groups.size() && summary.undefined_group < 0; ++g) {
-        Cost c;
-        if (!problem.evaluate(static_cast<int>(g), state, 0, c))
-          summary.undefined_group = static_cast<int>(g);
-      }
+      summary.undefined_group = worst_group(problem, state);
       return summary;
     }
     if (first) summary.history.push_back({summary.cost.chi2, lambda});

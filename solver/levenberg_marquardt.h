@@ -60,7 +60,7 @@ struct SolveSummary {
   Cost cost;
   std::vector<std::pair<double, double>>
       history;               // chi2, damping: at the start and after each iteration
-  int undefined_group = -1;  // first group whose residual is undefined at the start
+  int undefined_group = -1;  // of an undefined start: its first such group, or the costliest
 };
 
 class LevenbergMarquardt {

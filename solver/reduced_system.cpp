@@ -71,8 +71,9 @@ struct ReducedSystem::Sparse {
   }
   bool compute(const double* values) {
     matrix.x = const_cast<double*>(values);  // read only
-    return cholmod_factorize(&matrix, factor, &common) && common.status == CHOLMOD_OK &&
-           factor->minor == factor->n;
+    const bool done = cholmod_factorize(&matrix, factor, &common) != 0;
+    if (common.status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+    return done && common.status == CHOLMOD_OK && factor->minor == factor->n;
   }
   void solve(double* b) {
     cholmod_dense right{};
@@ -81,7 +82,8 @@ struct ReducedSystem::Sparse {
     right.x = b;
     right.xtype = CHOLMOD_REAL;
     right.dtype = CHOLMOD_DOUBLE;
-    cholmod_solve2(CHOLMOD_A, factor, &right, nullptr, &x, nullptr, &y, &e, &common);
+    if (!cholmod_solve2(CHOLMOD_A, factor, &right, nullptr, &x, nullptr, &y, &e, &common))
+      throw std::bad_alloc();
     std::copy_n(static_cast<double*>(x->x), matrix.nrow, b);
   }
 };

@@ -3,8 +3,12 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
+#include <string>
+#include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace kincal {
@@ -14,25 +18,29 @@ namespace kincal {
 /// started.
 class Crew {
  public:
+  /// @throws std::system_error where the system does not give so many threads.
   explicit Crew(int count) {
-    for (int worker = 1; worker < count; ++worker)
-      threads_.emplace_back([this, worker] { serve(worker); });
-  }
-  ~Crew() {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      stop_ = true;
+    try {
+      for (int worker = 1; worker < count; ++worker)
+        threads_.emplace_back([this, worker] { serve(worker); });
+    } catch (const std::system_error& error) {  // those that were started must end first
+      const std::string started = std::to_string(size());
+      stop();
+      throw std::system_error(error.code(), "only " + started + " of " + std::to_string(count) +
+                                                " threads can be started");
+    } catch (...) {
+      stop();
+      throw;
     }
-    wake_.notify_all();
-    for (std::thread& t : threads_) t.join();
   }
+  ~Crew() { stop(); }
   Crew(const Crew&) = delete;
   Crew& operator=(const Crew&) = delete;
 
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 
   /// Calls work(piece, worker) for every piece 0 .. pieces - 1 and returns when all are done.
-  /// `work` must not throw.
+  /// Throws what `work` throws; then not every piece was done.
   template <class Work>
   void run(int pieces, const Work& work) {
     if (threads_.empty()) {
@@ -55,6 +63,7 @@ class Crew {
     for (int spin = 0; spin < kSpins && busy_ != 0; ++spin) pause();
     std::unique_lock<std::mutex> lock(mutex_);
     done_.wait(lock, [this] { return busy_ == 0; });
+    if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
   }
 
  private:
@@ -65,8 +74,21 @@ class Crew {
     __builtin_ia32_pause();
 #endif
   }
+  void stop() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      stop_ = true;
+    }
+    wake_.notify_all();
+    for (std::thread& t : threads_) t.join();
+  }
   void take(int worker) {
-    for (int piece = next_++; piece < pieces_; piece = next_++) call_(work_, piece, worker);
+    try {
+      for (int piece = next_++; piece < pieces_; piece = next_++) call_(work_, piece, worker);
+    } catch (...) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      error_ = std::current_exception();
+    }
   }
   void serve(int worker) {
     for (long seen = 0;;) {
@@ -90,6 +112,7 @@ class Crew {
   std::atomic<int> next_{0}, busy_{0};
   std::atomic<long> round_{0};
   std::atomic<bool> stop_{false};
+  std::exception_ptr error_;
   int pieces_ = 0;
 };
 

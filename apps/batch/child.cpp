@@ -46,7 +46,7 @@ namespace fs = std::filesystem;
     write_results(output.result(set.name).string(), files, true, nullptr, output.scratch.string());
     _exit(record.set.exit_code);
   } catch (const std::exception& error) {
-    std::string text = error.what();
+    std::string text = error_text(error);
     std::replace(text.begin(), text.end(), '\n', ' ');
     try {
       write_file(output.error(set.name).string(), text);

@@ -25,6 +25,7 @@ int check(const CheckArguments& a) {
   const RigFile rig_file = read_rig(rig_path(a.rig));
   for (const std::string& warning : rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  now("reading " + a.samples);
   std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
   const std::shared_ptr<const Recording> recording =
@@ -37,6 +38,7 @@ int check(const CheckArguments& a) {
     if (show && of > 0 && done >= 0) std::fprintf(stderr, "\r%d of %d hypotheses\033[K", done, of);
     return not_interrupted();
   };
+  now("checking");
   std::optional<Diagnosis> diagnosis;
   try {
     diagnosis = diagnose(recording->rig, recording->samples, options);

@@ -23,12 +23,14 @@ struct EvaluateArguments {
 
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
+  now("reading " + a.samples);
   const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
     clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
+  now("evaluating");
   try {
     const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
     std::vector<Warning> words = warnings(evaluation);

@@ -36,7 +36,10 @@ int local(const LocalArguments& a) {
   if (!a.out.empty() && !a.force && std::filesystem::exists(a.out, ignored))
     throw InputError(a.out + ": exists already; --force replaces it, another --out keeps it");
   const RigFile rig_file = read_rig(rig_path(a.rig));
-  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  now("reading " + a.samples);
+  const std::string text = read_file(a.samples);  // once: it may be a pipe
+  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig);
+  now("calibrating around the posture");
   const LocalPosture posture = read_local_posture(a.near, rig_file.rig, samples);
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
@@ -57,12 +60,8 @@ int local(const LocalArguments& a) {
                  distances_text(local.distances, 2 * kLocalSamples).c_str());
     return kUnobservable;
   }
-  const LocalSource source = {KINCAL_VERSION,
-                              a.command,
-                              a.near,
-                              sha256(rig_file.text),
-                              sha256(read_file(a.samples)),
-                              sha256(rig_file.urdf.text)};
+  const LocalSource source = {KINCAL_VERSION,        a.command,    a.near,
+                              sha256(rig_file.text), sha256(text), sha256(rig_file.urdf.text)};
   if (!not_interrupted()) return say_interrupted();
   if (!a.out.empty()) write_file(a.out, local_yaml(rig_file.rig, posture, local, source));
   if (a.json) {

@@ -50,7 +50,8 @@ Field Field::operator[](const std::string& key) const {
 
 Field Field::item(size_t i) const {
   if (!node->numbers.empty()) fail("a list of numbers");
-  return {&node->items.at(i), path, name + "[" + std::to_string(i) + "]"};
+  if (i >= node->items.size()) fail("a list of values is expected, not " + describe(*node));
+  return {&node->items[i], path, name + "[" + std::to_string(i) + "]"};
 }
 
 size_t Field::size() const {
@@ -58,13 +59,17 @@ size_t Field::size() const {
   return node->kind == Node::Kind::mapping ? node->members.size() : node->items.size();
 }
 
+const std::vector<std::pair<std::string, Node>>& Field::members() const {
+  if (node->kind != Node::Kind::mapping) fail("a mapping is expected, not " + describe(*node));
+  return node->members;
+}
+
 void Field::check_keys(const std::vector<std::string>& required,
                        const std::vector<std::string>& optional) const {
-  if (node->kind != Node::Kind::mapping) fail("a mapping is expected, not " + describe(*node));
   const auto among = [](const std::vector<std::string>& names, const std::string& key) {
     return std::find(names.begin(), names.end(), key) != names.end();
   };
-  for (const auto& [key, value] : node->members)
+  for (const auto& [key, value] : members())
     if (!among(required, key) && !among(optional, key)) {
       std::vector<std::string> valid = required, missing;
       valid.insert(valid.end(), optional.begin(), optional.end());

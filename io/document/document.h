@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../../kinematics/transform.h"
@@ -23,8 +24,10 @@ struct Field {
 
   bool has(const std::string& key) const;
   Field operator[](const std::string& key) const;  // member; fails with "key 'x' is missing"
-  Field item(size_t i) const;                      // fails on Node::numbers
+  Field item(size_t i) const;                      // fails on Node::numbers, and beyond the end
   size_t size() const;                             // items or members
+  /// Returns the members of a mapping; fails on anything else.
+  const std::vector<std::pair<std::string, Node>>& members() const;
 
   /// Fails on keys outside required + optional (with the nearest names), on missing ones, and on
   /// anything but a mapping.

@@ -9,7 +9,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <system_error>
 
 #include "error.h"
@@ -44,11 +43,14 @@ std::string read_file(const std::string& path) {
   if (!file)
     throw InputError(path +
                      ": cannot be read: " + std::generic_category().message(errno ? errno : EIO));
-  std::ostringstream text;
-  text << file.rdbuf();
+  std::string text, part(1 << 16, 0);
+  do {  // not by <<, which would take an end of the memory for the end of the file
+    file.read(part.data(), static_cast<std::streamsize>(part.size()));
+    text.append(part, 0, static_cast<size_t>(file.gcount()));
+  } while (file);
   if (file.bad())
     throw InputError(path + ": cannot be read: " + std::generic_category().message(EIO));
-  return text.str();
+  return text;
 }
 
 void check_output(const std::string& directory, bool force) {

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "builder.h"
-#include "files.h"
 #include "numbers.h"
 #include "quoting.h"
 
@@ -300,9 +299,8 @@ bool parse_plain_json(std::string_view text, int line, Node& node) {
   return PlainJson(text, line).whole(node = Node());
 }
 
-void for_each_json_line(const std::string& path,
+void for_each_json_line(const std::string& text, const std::string& path,
                         const std::function<std::string(const Field&)>& read) {
-  const std::string text = read_file(path);
   std::unordered_map<std::string, int> lines;  // of the ids
   Node node;
   std::string id;

@@ -20,11 +20,11 @@ Node parse_json(const std::string& text, const std::string& path, int line = 1);
 /// lists of unlike things), and parse_json() decides.
 bool parse_plain_json(std::string_view text, int line, Node& node);
 
-/// Visits the values of a JSON lines file, one a line, blank lines aside. `read` returns the
-/// value's id. It gets a line by parse_plain_json() first; if it throws InputError, again by
-/// parse_json(), whose error then counts. @throws InputError where a line is malformed or an id
-/// stands twice.
-void for_each_json_line(const std::string& path,
+/// Visits the values of the text of a JSON lines file, one a line, blank lines aside. `read`
+/// returns the value's id. It gets a line by parse_plain_json() first; if it throws InputError,
+/// again by parse_json(), whose error then counts. @throws InputError where a line is malformed or
+/// an id stands twice.
+void for_each_json_line(const std::string& text, const std::string& path,
                         const std::function<std::string(const Field&)>& read);
 
 /// Writes a text as a JSON string; its bytes above ASCII stay as they are.

@@ -70,6 +70,11 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
   return out;
 }
 
+std::string long_name(const std::string& name) {
+  return "a name of " + std::to_string(name.size()) + " bytes ('" + name.substr(0, 20) +
+         "...'); at most " + std::to_string(kLongestName) + " are expected";
+}
+
 std::string comma_separated(const std::vector<std::string>& names) {
   std::string out;
   for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;

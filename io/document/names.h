@@ -1,10 +1,19 @@
-// Names in messages: the nearest ones to a misspelt one, and lists of them.
+// Names: how long they may be, and in messages the nearest ones to a misspelt one, and lists.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
 namespace kincal {
+
+/// Names of links, joints, sensors and targets have at most so many bytes: they become keys of
+/// YAML, which end at 1024 characters, escapes and what stands around them included.
+constexpr size_t kLongestName = 200;
+
+/// Returns what is wrong with a name that is longer: "a name of 5000 bytes, ...", with its
+/// beginning.
+std::string long_name(const std::string& name);
 
 /// Returns "; nearest: a, b, c" by edit distance, or "" if nothing is near.
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names);

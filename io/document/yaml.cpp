@@ -20,6 +20,7 @@ namespace {
 constexpr size_t kMaxAliasNodes =
     100'000;  // that all YAML anchors and aliases of a file together may hold
 constexpr size_t kYamlWidth = 110;
+constexpr size_t kLongestKey = 250;  // bytes; written with escapes it is still below YAML's 1024
 
 // ------------------------------------------------------------------------------------------------
 // reading
@@ -47,6 +48,9 @@ class YamlEvents : public YAML::EventHandler {
     refuse_tag(mark, tag);
     if (builder.wants_key()) {
       if (anchor) fail(mark, "an anchor on a key is not supported");
+      if (text.size() > kLongestKey)
+        fail(mark, "a key of " + std::to_string(text.size()) + " bytes; at most " +
+                       std::to_string(kLongestKey) + " are expected");
       return builder.key(text, mark.line + 1, mark.column + 1);
     }
     Node node = make(Node::Kind::scalar, mark);
@@ -140,9 +144,10 @@ bool plain_ok(const std::string& text, bool in_flow) {
   if (text.compare(0, 3, "...") == 0 || text.find(": ") != std::string::npos ||
       text.find(" #") != std::string::npos)
     return false;
-  if (in_flow && text.find_first_of(",[]{}:") != std::string::npos) return false;
-  return std::all_of(text.begin(), text.end(),
-                     [](unsigned char c) { return c >= 0x20 && c != 0x7f; });
+  if (in_flow && text.find_first_of(",[]{}:?") != std::string::npos) return false;
+  for (size_t i = 0; i < text.size(); ++i)
+    if (unprintable(text, i).bytes > 0) return false;
+  return true;
 }
 
 std::string scalar_text(const Node& node, bool in_flow) {

@@ -38,21 +38,19 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   std::vector<Pose> origins;
   std::vector<double> offsets(urdf.tree.joints.size(), 0.0);
   for (const Joint& j : urdf.tree.joints) origins.push_back(j.parent_T_joint);
-  for (size_t i = 0; i < all["robot"]["mimics"].size();
-       ++i) {  // followers of a changed joint must be followers here too
-    const std::string& name = all["robot"]["mimics"].node->members[i].first;
+  const Field mimics = all["robot"]["mimics"];
+  for (const auto& [name, ignored] : mimics.members()) {  // followers must be followers here too
     const int j = urdf.tree.find_joint(name);
     const std::string motion = j < 0 ? "absent" : motion_text(urdf.tree, urdf.tree.joints[j]);
-    if (motion != all["robot"]["mimics"][name].string())
+    if (motion != mimics[name].string())
       throw InputError(urdf.path + ": joint '" + name +
                        "' is not that of the calibrated robot: it is " + motion + ", there it is " +
-                       all["robot"]["mimics"][name].string());
+                       mimics[name].string());
   }
   size_t held = 0;
   std::vector<std::string> names;
   for (const Joint& j : urdf.tree.joints) names.push_back(j.name);
-  for (size_t i = 0; i < joints.size(); ++i) {
-    const std::string& name = joints.node->members[i].first;
+  for (const auto& [name, ignored] : joints.members()) {
     const Field entry = joints[name];
     const int j = urdf.tree.find_joint(name);
     if (j < 0)
@@ -77,8 +75,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     origins[j] = after;
     offsets[j] = entry["offset"].number();
   }
-  for (size_t i = 0; i < reductions.size(); ++i) {
-    const std::string& name = reductions.node->members[i].first;
+  for (const auto& [name, ignored] : reductions.members()) {
     if (!reductions[name]["written"].boolean()) continue;
     for (const Transmission& t : urdf.transmissions)
       if (t.joint == name) changes.reductions[name] = reductions[name]["new"].number();
@@ -97,9 +94,9 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
   if (!all["robot"].has("joint_models")) return out;
   const Field models = all["robot"]["joint_models"];
-  for (const auto& [joint, model] : models.node->members) {
+  for (const auto& [joint, model] : models.members()) {
     std::string numbers;
-    for (const auto& [name, ignored] : model.members)
+    for (const auto& [name, ignored] : models[joint].members())
       if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
     out.notes.push_back("joint '" + joint + "': a URDF cannot express its joint model (" +
                         models[joint]["model"].string() + numbers +

@@ -19,6 +19,7 @@ constexpr double kSameOrigin = 1e-9;  // m: written numbers carry 17 digits
 std::vector<double> numbers_or_null(const Field& field) {
   std::vector<double> out;
   if (!field.node->numbers.empty()) return field.node->numbers;
+  if (field.node->kind != Node::Kind::sequence) field.fail("a list of numbers is expected");
   for (size_t i = 0; i < field.size(); ++i) {
     const Field item = field.item(i);
     out.push_back(item.node->kind == Node::Kind::null ? kNan : item.number());
@@ -41,14 +42,16 @@ void unfold(const Field& result, CalibratedFiles& out) {
   std::vector<Pose> origins;
   for (const Joint& j : tree.joints) origins.push_back(j.parent_T_joint);
   const Field robot = result["robot"], joints = robot["joints"];
-  for (size_t i = 0; i < joints.size(); ++i) {
-    const std::string& name = joints.node->members[i].first;
+  const auto refuse = [&](const Field& joint) {
+    joint.fail("is not that of " + out.rig_file.urdf.path +
+               ": this result.json belongs to another robot");
+  };
+  for (const auto& [name, ignored] : joints.members()) {
     const int j = tree.find_joint(name);
     const std::vector<double> xyz = joints[name]["new"]["xyz"].vector(3);
     if (j < 0 ||
         (origins[j].translation - Eigen::Map<const Vector3d>(xyz.data())).norm() > kSameOrigin)
-      throw InputError(joints[name].where() + ": is not that of " + out.rig_file.urdf.path +
-                       ": this result.json belongs to another robot");
+      refuse(joints[name]);
     offsets[j] = joints[name]["offset"].number();
     back[j] = -offsets[j];
   }
@@ -59,12 +62,11 @@ void unfold(const Field& result, CalibratedFiles& out) {
       out.values(out.table.all[out.table.joint_offset[j]].start) += offsets[j];
   }
   const Field reductions = robot["reductions"];
-  for (size_t i = 0; i < reductions.size(); ++i) {
-    const std::string& name = reductions.node->members[i].first;
-    const int j = tree.find_joint(name);
-    if (j >= 0 && reductions[name]["written"].boolean())
-      out.values(out.table.all[out.table.joint_scale[j]].start) =
-          reductions[name]["scale"].number();
+  for (const auto& [name, ignored] : reductions.members()) {
+    const int j = tree.find_joint(name), scale = j < 0 ? -1 : out.table.joint_scale[j];
+    if (scale < 0) refuse(reductions[name]);  // no such joint, or one without a gear
+    if (reductions[name]["written"].boolean())
+      out.values(out.table.all[scale].start) = reductions[name]["scale"].number();
   }
 }
 
@@ -99,8 +101,9 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
   }
   for (const auto& p : components)
     if (table.all[p.first].pose && p.second < 6) {
-      const std::vector<double> xi =
-          numbers_or_null(result["parameters"][table.all[p.first].name]["value"]);
+      const Field value = result["parameters"][table.all[p.first].name]["value"];
+      const std::vector<double> xi = numbers_or_null(value);
+      if (xi.size() != 6) value.fail("the 6 numbers of a pose are expected");
       out.charts[p.first] = right_jacobian_se3(Eigen::Map<const Vector6d>(xi.data()));
     }
   out.undetermined.setZero(n, static_cast<Eigen::Index>(unknown.size()));
@@ -143,8 +146,7 @@ CalibratedFiles read_calibrated(const std::string& given) {
   unfold(all, out);
   out.status = all["status"].string();
   const Field parameters = all["parameters"];
-  for (size_t i = 0; i < parameters.size(); ++i) {
-    const std::string& name = parameters.node->members[i].first;
+  for (const auto& [name, estimate] : parameters.members()) {
     const int p = find_parameter(out.table, name);
     if (p < 0) throw InputError(parameters[name].where() + ": is no parameter of " + rig.string());
     std::vector<double> sigma = numbers_or_null(parameters[name]["sigma"]);

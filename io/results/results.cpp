@@ -169,8 +169,8 @@ std::string changes_text(const RigFile& rig_file, const Rig& rig, const UrdfChan
   if (!reductions.empty()) {
     out += "transmissions:  # mechanicalReduction, old / scale\n";
     for (const Reduction& r : reductions)
-      out += "  " + r.joint + ": {scale: " + shortest(r.scale) + ", old: " + shortest(r.before) +
-             ", new: " + shortest(r.after) + "}\n";
+      out += "  " + key_of(r.joint) + ": {scale: " + shortest(r.scale) +
+             ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";
   }
   if (!bent.empty()) out += "joint_models:  # robot.urdf has their offsets only\n";
   for (const BentJoint& b : bent) {
@@ -239,7 +239,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.changes_yaml = mark + changes_text(rig_file, rig, changes, out.reductions, bent);
 
   out.rig_hash = sha256(rig_file.text);
-  out.samples_hash = sha256(read_file(options.samples_path));
+  out.samples_hash = options.samples_hash;
   out.urdf_hash = sha256(rig_file.urdf.text);
   Json json = {{"kincal", options.version},
                {"input",

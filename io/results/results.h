@@ -28,8 +28,8 @@ struct ResultFiles {
 };
 
 struct ResultOptions {
-  std::string command;  // the command line, for the record
-  std::string samples_path;
+  std::string command;       // the command line, for the record
+  std::string samples_hash;  // SHA-256 of the text that the samples were read from, in hex
   std::string version;
   bool residuals = true;         // residuals.csv
   bool write_reduction = false;  // reductions into robot.urdf, scales in rig.yaml to 1

@@ -16,7 +16,8 @@
 namespace kincal {
 namespace {
 
-constexpr int kMostRows = 10'000;  // of a board; more is a slip, and would fill the memory
+// Of a board; more is a slip, and would fill the memory.
+constexpr int kMostRows = 10'000, kMostPoints = 1'000'000;
 
 // ------------------------------------------------------------------------------------------------
 // names
@@ -51,10 +52,13 @@ Path path_between(const Field& field, const Tree& tree, int from, int to) {
 
 bool is_null(const Field& field) { return field.node->kind == Node::Kind::null; }
 
-/// Fails unless `field` is a mapping with something in it.
+/// Fails unless `field` is a mapping with something in it, and its names are of a usual length.
 void check_entries(const Field& field, const std::string& of) {
   if (field.node->kind != Node::Kind::mapping || field.size() == 0)
     field.fail("a mapping of " + of + " is expected, at least one");
+  for (const auto& [name, entry] : field.members())
+    if (name.size() > kLongestName)
+      throw InputError(Field{&entry, field.path, ""}.where() + ": " + of + ": " + long_name(name));
 }
 
 /// Reads the type of a target or sensor and checks its keys: those of the type beside `required`
@@ -96,6 +100,10 @@ GridLayout read_layout(const Field& field, const std::string& type) {
       grid.kind == Kind::charuco ? 2 : 1;  // its squares have inner corners only from 2 on
   grid.rows = field["rows"].integer(least, kMostRows);
   grid.columns = field["columns"].integer(least, kMostRows);
+  if (grid.rows > kMostPoints / grid.columns)
+    field["columns"].fail("a board of " + std::to_string(grid.rows) + " x " +
+                          std::to_string(grid.columns) + "; at most " +
+                          std::to_string(kMostPoints) + " in all are expected");
   grid.asymmetric =
       grid.kind == Kind::circles && field.has("asymmetric") && field["asymmetric"].boolean();
   if (grid.kind == Kind::tags) grid.gap = field["spacing"].number_at_least(0);

@@ -8,6 +8,7 @@
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/targets.h"
+#include "../document/files.h"
 #include "../document/json.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
@@ -315,15 +316,20 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
 
 }  // namespace
 
-std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path,
+                                  const Rig& rig) {
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;
-  for_each_json_line(path, [&](const Field& field) {
+  for_each_json_line(text, path, [&](const Field& field) {
     samples.push_back(read_sample(field, look));
     return samples.back().id;
   });
   if (samples.empty()) throw InputError(path + ": no samples");
   return samples;
+}
+
+std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
+  return parse_samples(read_file(path), path, rig);
 }
 
 std::string samples_text(const Rig& rig, const std::vector<Sample>& samples) {

@@ -12,6 +12,8 @@ namespace kincal {
 /// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
 /// "path:line: views[2].ids: ..."
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
+/// Reads them from the text of a file; `path` is for messages. @throws InputError
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
 /// back the same).

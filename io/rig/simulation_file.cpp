@@ -145,7 +145,7 @@ class Lines {
 
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
   std::vector<Posture> postures;
-  for_each_json_line(path, [&](const Field& field) {
+  for_each_json_line(read_file(path), path, [&](const Field& field) {
     postures.push_back(read_posture(field, rig));
     return postures.back().id;
   });

@@ -4,12 +4,12 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <stdexcept>
 
 #include "../../models/rig/draws.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/words.h"
 
 namespace kincal {
 namespace {
@@ -205,10 +205,9 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
       for (int j; (j = tree.joint_above[link]) >= 0 && compare(tree.joints[j].parent).matters();)
         link = tree.joints[j].parent;
       const Difference d = compare(link);
-      char numbers_text[80];
-      std::snprintf(numbers_text, sizeof numbers_text, "%.3g m and %.3g rad", d.metres, d.radians);
       throw std::runtime_error("the written URDF does not mean the calibrated robot: link '" +
-                               tree.links[link] + "' is off by " + numbers_text);
+                               tree.links[link] + "' is off by " +
+                               kincal::text("%.3g m and %.3g rad", d.metres, d.radians));
     }
   }
 }

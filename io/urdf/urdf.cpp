@@ -59,12 +59,15 @@ Joint read_joint(const Xml& xml, const pugi::xml_node& element,
 
 using Indices = std::map<std::string, int>;
 
-/// Index by name. @throws InputError if a name stands twice.
+/// Index by name. @throws InputError if a name stands twice or is too long.
 Indices index_names(const Xml& xml, const Elements& elements) {
   Indices indices;
   for (size_t i = 0; i < elements.size(); ++i) {
-    const auto [it, is_new] =
-        indices.emplace(name_in(xml, elements[i], "name"), static_cast<int>(i));
+    const std::string name = name_in(xml, elements[i], "name");
+    if (name.size() > kLongestName)
+      throw InputError(at_offset(xml, elements[i].offset_debug()) + ": <" + elements[i].name() +
+                       ">: " + long_name(name));
+    const auto [it, is_new] = indices.emplace(name, static_cast<int>(i));
     if (!is_new)
       fail(xml, elements[i],
            "the name is taken already, by the one at " +

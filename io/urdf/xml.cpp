@@ -11,6 +11,8 @@
 namespace kincal {
 namespace {
 
+constexpr int kMostLevels = 100;  // of nesting, as in YAML and JSON: urdfdom reads by recursion
+
 std::string own_title(const pugi::xml_node& element) {
   const pugi::xml_attribute name = element.attribute("name");
   return name ? std::string(element.name()) + " '" + name.value() + "'"
@@ -30,8 +32,13 @@ bool is_bound(const pugi::xml_node& element, const std::string& name) {
 }
 
 /// What XML demands and pugixml does not look at: one top element, declared prefixes, no attribute
-/// twice.
+/// twice. And the depth, which XML leaves open.
 void check_element(const Xml& xml, const pugi::xml_node& element) {
+  int levels = 0;
+  for (pugi::xml_node n = element.parent(); n; n = n.parent()) ++levels;
+  if (levels > kMostLevels)
+    throw InputError(at_offset(xml, element.offset_debug()) + ": nested more than " +
+                     std::to_string(kMostLevels) + " levels deep");
   const auto check_prefix = [&](const std::string& name) {
     if (!is_bound(element, name))
       throw InputError(at_offset(xml, element.offset_debug()) +

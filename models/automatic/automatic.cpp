@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <memory>
 #include <optional>
@@ -10,6 +9,7 @@
 #include "../../solver/observability.h"
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 #include "widths.h"
 
 namespace kincal {
@@ -434,15 +434,13 @@ std::vector<NominalValue> nominal_values(const Solution& solution) {
 
 std::string held_text(const AutomaticNumber& n) {
   const bool metres = n.unit == "m", radians = n.unit == "rad";
-  char known[64];
-  std::snprintf(known, sizeof known, "%.2g %s", n.sigma * (metres || radians ? 1e3 : 1),
-                metres    ? "mm"
-                : radians ? "mrad"
-                          : n.unit.c_str());
+  const std::string known = text("%.2g %s", n.sigma * (metres || radians ? 1e3 : 1),
+                                 metres    ? "mm"
+                                 : radians ? "mrad"
+                                           : n.unit.c_str());
   return n.told < 0.1
-             ? "not determined by these data; known only as well as assumed (" +
-                   std::string(known) + ")"
-             : "no evidence that it is off its nominal value (known to " + std::string(known) + ")";
+             ? "not determined by these data; known only as well as assumed (" + known + ")"
+             : "no evidence that it is off its nominal value (known to " + known + ")";
 }
 
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options) {

@@ -30,7 +30,13 @@ struct Ended {
   std::string message;
 };
 
-std::string undefined_text(const Recording& recording, const StepPlan& plan, const Sample& sample) {
+/// `index`: of the sample; negative: what is undefined belongs to none.
+std::string undefined_text(const Recording& recording, const StepPlan& plan, int index) {
+  if (index < 0)
+    return "step '" + plan.name +
+           "': what is known of the parameters besides the samples is no number at the start. "
+           "Check the priors";
+  const Sample& sample = recording.samples[index];
   std::string views;
   for (const View& v : sample.views)
     if (std::count(plan.sensors.begin(), plan.sensors.end(), v.sensor))
@@ -38,7 +44,7 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, con
                recording.rig.targets[v.target].name + "'";
   return "step '" + plan.name + "': in sample '" + sample.id +
          "' a residual is undefined at the start: a point lies behind a camera, or a number is not "
-         "finite. Its views: " +
+         "finite (a sigma is far too small, or a measured number far too large). Its views: " +
          views + ". Check poses, joint readings and the sensor's link";
 }
 
@@ -92,8 +98,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
   if (!out.defined())
     throw Ended{
         Status::undefined_start,
-        undefined_text(recording, plan,
-                       recording.samples[out.problem->sample_of(out.summary.undefined_group)])};
+        undefined_text(recording, plan, out.problem->sample_of(out.summary.undefined_group))};
   out.problem->renew(out.state);
   return out;
 }

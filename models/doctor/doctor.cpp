@@ -348,9 +348,10 @@ struct Outcomes {
 /// `now`: the fit with everything undone that was found.
 std::string verdict(const Recording& recording, const TrialContext& context, const TrialFit& now,
                     const Outcomes& outcomes) {
-  std::string out = std::isfinite(outcomes.per_dof_at_first)
-                        ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
-                        : "the fit cannot start: points lie behind a camera";
+  std::string out =
+      std::isfinite(outcomes.per_dof_at_first)
+          ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
+          : "the fit cannot start: points lie behind a camera, or numbers are not finite";
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
     out += ", or what sees a free target does not tell where it is";
   if (good(now) && !outcomes.fit_findings) {

@@ -429,7 +429,9 @@ Samples some_samples(const Recording& recording, size_t unknowns) {
         const SensorModel& model = *recording.rig.sensors[v.sensor].model;
         rows += model.rows() * (model.measures_pose() ? 1 : v.ids.size());
       }
-    if (rows < 8 * unknowns && chosen.size() < samples.size()) continue;
+    // Once a pair may give all that it has, more cannot be had (a sample may have no views).
+    const bool has_more = chosen.size() < samples.size() && each < samples.size();
+    if (rows < 8 * unknowns && has_more) continue;
     Samples out;
     for (int i : chosen) out.push_back(samples[i]);
     return out;

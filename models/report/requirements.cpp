@@ -1,10 +1,10 @@
 #include "requirements.h"
 
 #include <cmath>
-#include <cstdio>
 #include <map>
 
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 
 namespace kincal {
 
@@ -15,9 +15,7 @@ std::string judgement_text(const Judgement& j) {
     out += " (" + r.name + ")";
   out += ": ";
   if (std::isfinite(j.measured)) {
-    char value[64];
-    std::snprintf(value, sizeof value, "%.4g", j.measured / r.factor);
-    out += value + (r.unit.empty() ? "" : " " + r.unit);
+    out += text("%.4g", j.measured / r.factor) + (r.unit.empty() ? "" : " " + r.unit);
   } else {
     out += "unknown";
   }

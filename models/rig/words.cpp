@@ -1,5 +1,7 @@
 #include "words.h"
 
+#include <locale.h>  // of POSIX
+
 #include <cstdarg>
 #include <cstdio>
 
@@ -8,10 +10,13 @@
 namespace kincal {
 
 std::string text(const char* format, ...) {
+  static const locale_t plain = newlocale(LC_ALL_MASK, "C", nullptr);
   char buffer[512];
   va_list arguments;
   va_start(arguments, format);
+  const locale_t before = uselocale(plain);  // of this thread: the host's may have decimal commas
   std::vsnprintf(buffer, sizeof buffer, format, arguments);
+  uselocale(before);
   va_end(arguments);
   return buffer;
 }

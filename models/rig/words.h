@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// Formats as printf does; the text is cut at 511 characters.
+/// Formats as printf does, in the C locale; the text is cut at 511 characters.
 std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
 
 /// Returns 'name', with its quotes.

@@ -16,6 +16,7 @@ namespace kincal {
 namespace {
 
 constexpr double kJointSigmas = 6;  // a joint error beyond this is no noise
+constexpr size_t kTriedViews = 10;  // of a sample: so many are left out in turn
 
 int blocks_of(const Rig& rig, const View& v) {
   const Sensor& sensor = rig.sensors[v.sensor];
@@ -193,9 +194,8 @@ const std::pair<int, double>* wrong_joint(const SampleFit& fit) {
   return worst;
 }
 
-/// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
-std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
-  if (!fit.defined) return "a point lies behind a camera";
+/// The rms of each view's residuals against what is usual of its sensor.
+std::map<const View*, double> view_misfits(const ReferenceFit& reference, const SampleFit& fit) {
   std::map<const View*, std::pair<double, int>> views;
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.rows.size(); at += fit.rows[b++]) {
@@ -203,10 +203,33 @@ std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
     v.first += fit.residuals.segment(at, fit.rows[b]).squaredNorm();
     v.second += fit.rows[b];
   }
-  double largest = 0;
+  std::map<const View*, double> out;
   for (const auto& v : views)
-    largest = std::max(largest, std::sqrt(v.second.first / v.second.second) /
-                                    reference.noise_ratios[v.first->sensor]);
+    out[v.first] =
+        std::sqrt(v.second.first / v.second.second) / reference.noise_ratios[v.first->sensor];
+  return out;
+}
+
+/// The views to leave out in turn: all of few, of many those that miss most. Each costs fits of
+/// all the others: the work for a sample must not grow with the square of its views.
+std::vector<size_t> views_to_try(const ReferenceFit& reference, const Sample& sample,
+                                 const SampleFit& fit) {
+  std::vector<size_t> out(sample.views.size());
+  for (size_t v = 0; v < out.size(); ++v) out[v] = v;
+  if (out.size() <= kTriedViews) return out;
+  std::map<const View*, double> misfit = view_misfits(reference, fit);
+  std::stable_sort(out.begin(), out.end(), [&](size_t a, size_t b) {
+    return misfit[&sample.views[a]] > misfit[&sample.views[b]];
+  });
+  out.resize(kTriedViews);
+  return out;
+}
+
+/// How a sample misses, for people: its worst view against what is usual, or its worst joint error.
+std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
+  if (!fit.defined) return "a point lies behind a camera";
+  double largest = 0;
+  for (const auto& v : view_misfits(reference, fit)) largest = std::max(largest, v.second);
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
     return text("it would take an error of %.3g sigmas in joint '", joint->second) +
@@ -297,7 +320,9 @@ Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdic
            MeasurementKind::chain;
   };
   int explanations = 0, chains = 0;
-  for (size_t v = 0; v < n && n > 1; ++v) {
+  for (const size_t v : views_to_try(reference, sample, plain)) {
+    if (n == 1 || explanations > 1) break;  // two explanations are none
+    if (reference.go_on && !reference.go_on()) return before;
     std::vector<char> out(n, 0);
     out[v] = 1;
     if (explains(out)) ++explanations, chains += is_chain(v);

@@ -17,6 +17,7 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -55,6 +56,7 @@ struct ReferenceFit {
   // Empty: not known (yet).
   std::vector<Freed> free;
   MatrixXd root;
+  std::function<bool()> go_on;  // asked now and then; false: judging ends as it is
 };
 
 /// Returns the verdict that nothing of a sample is out.

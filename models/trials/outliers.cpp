@@ -130,17 +130,31 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   CalibrationOptions quick = options;  // to find them
   quick.noise = NoiseMode::latent;
   int iterations = 0;
+  std::pair<double, double> last;  // chi2 and damping
+  bool cancelled = false;
+  const auto go_on = [&] {
+    cancelled = cancelled ||
+                (options.progress &&
+                 !options.progress("looking for outliers", iterations, last.first, last.second));
+    return !cancelled;
+  };
   if (options.progress)
     quick.progress = [&](const std::string&, int iteration, double chi2, double damping) {
-      return options.progress("looking for outliers", iteration == 0 ? iterations : ++iterations,
-                              chi2, damping);
+      if (iteration > 0) ++iterations;
+      last = {chi2, damping};
+      return go_on();
     };
   Rig judged = rig;
   Solution fit = fit_everything(recording, quick, judged);
   if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
     return ended(std::move(fit));
-  ReferenceFit reference{
-      Recording(judged, {}), fit.setup.sensors, fit.values.shared, fit.setup.noise_ratios, {}, {}};
+  ReferenceFit reference{Recording(judged, {}),
+                         fit.setup.sensors,
+                         fit.values.shared,
+                         fit.setup.noise_ratios,
+                         {},
+                         {},
+                         go_on};
   std::vector<Values> start(samples.size());
   for (const auto& t : fit.values.targets)
     start[t.first.first].targets[{0, t.first.second}] = t.second;
@@ -157,6 +171,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
         verdicts[i] = judge_sample(reference, samples[i], before[i], start[i]);
         returned[i] = verdicts[i].took_part();
       }
+      if (!go_on()) return std::nullopt;
     }
     const auto out =
         std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });

@@ -7,18 +7,17 @@
 #include "../../../io/document/names.h"
 #include "../../../io/document/numbers.h"
 #include "../../../io/document/yaml.h"
+#include "../../fixtures/decimal_comma.h"
 
 #include <catch2/catch.hpp>
 #include <charconv>
-#include <clocale>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
-#include <locale>
 #include <random>
 
 using namespace kincal;
 using Catch::Matchers::Contains;
+using kincal::fixture::DecimalComma;
 
 namespace {
 
@@ -90,31 +89,6 @@ double yaml_number(const std::string& scalar) {
   const Node node = parse_yaml("x: " + scalar, path);
   return top(node, path)["x"].number();
 }
-
-/// A decimal comma and dots between thousands, for C++ streams and, where the machine has such a
-/// locale, for C as well.
-class DecimalComma {
- public:
-  DecimalComma() : before_c_(setlocale(LC_ALL, nullptr)), before_(std::locale()) {
-    struct Comma : std::numpunct<char> {
-      char do_decimal_point() const override { return ','; }
-      char do_thousands_sep() const override { return '.'; }
-      std::string do_grouping() const override { return "\3"; }
-    };
-    std::locale::global(std::locale(before_, new Comma));
-    for (const char* name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8"})
-      if (!c_too) c_too = setlocale(LC_ALL, name) != nullptr;
-  }
-  ~DecimalComma() {
-    std::locale::global(before_);
-    setlocale(LC_ALL, before_c_.c_str());
-  }
-  bool c_too = false;
-
- private:
-  std::string before_c_;
-  std::locale before_;
-};
 
 }  // namespace
 
@@ -506,6 +480,68 @@ steps:
     CHECK(back.members[0].second.kind == Node::Kind::scalar);
     CHECK(back.members[1].second.items[1].text == odd);
   }
+}
+
+TEST_CASE("names that no reader may misread are written in quotes", "[document]") {
+  const std::vector<std::string> names = {"joint/j?/offset",
+                                          "?",
+                                          "a: b",
+                                          "a #b",
+                                          "{x}",
+                                          "line\xe2\x80\xa8"
+                                          "end",
+                                          "next\xc2\x85"
+                                          "l",
+                                          "\xef\xbb\xbfmark",
+                                          "c1\xc2\x9f",
+                                          "no\xef\xbf\xbe"
+                                          "character",
+                                          "tab\there",
+                                          "\x7f",
+                                          "\xc3\xa9t\xc3\xa9",
+                                          "e\xe2\x80\xa6"};
+  Node list, mapping, all;
+  list.kind = Node::Kind::sequence;
+  mapping.kind = all.kind = Node::Kind::mapping;
+  for (const std::string& name : names) {
+    list.items.push_back(scalar_node(name));
+    list.items.back().quoted = true;
+    Node one;
+    one.kind = Node::Kind::mapping;
+    one.members.push_back({name, list.items.back()});
+    mapping.members.push_back({name, one});
+  }
+  all.members = {{"list", list}, {"mapping", mapping}, {"flow", mapping.members[0].second}};
+  const std::string text = to_yaml(all);
+  CHECK(same(parse_yaml(text, "f.yaml"), all));
+  for (const Node& item : list.items) {  // as free: names there keep no quotes of their own
+    Node plain = list;
+    plain.items = {scalar_node(item.text)};
+    CHECK(parse_yaml(to_yaml(plain), "f.yaml").items.at(0).text == item.text);
+  }
+  // What YAML 1.1 takes as the end of a line, or does not take, stands as an escape.
+  for (const char* raw :
+       {"\xe2\x80\xa8", "\xc2\x85", "\xef\xbb\xbf", "\xc2\x9f", "\xef\xbf\xbe", "\x7f"})
+    CHECK(text.find(raw) == std::string::npos);
+  CHECK_THAT(text, Contains("\\u2028") && Contains("\\x85") && Contains("\\ufeff"));
+  CHECK_THAT(text, Contains("\xc3\xa9t\xc3\xa9") && Contains("e\xe2\x80\xa6"));  // these stay
+}
+
+TEST_CASE("keys of YAML are as long as they can be written", "[document]") {
+  CHECK(yaml_error(std::string(250, 'k') + ": 1") == "");
+  CHECK_THAT(yaml_error(std::string(251, 'k') + ": 1"),
+             Contains("f.yaml:1:1: ") && Contains("251 bytes"));
+}
+
+TEST_CASE("a list in place of a mapping, and less than expected, are errors", "[document]") {
+  const std::string path = "f.json";
+  const Node node = parse_json(R"({"list": [1, "a"], "map": {"k": 1}})", path);
+  const Field all = top(node, path);
+  CHECK(all["map"].members().size() == 1);
+  CHECK_THAT(error_of([&] { all["list"].members(); }),
+             Contains("f.json:1: list: a mapping is expected, not a list"));
+  CHECK_THAT(error_of([&] { all["list"].item(2); }), Contains("f.json:1: list: "));
+  CHECK_THAT(error_of([&] { all["map"].item(0); }), Contains("f.json:1: map: "));
 }
 
 TEST_CASE("a decimal comma of the user's locale changes nothing", "[document]") {

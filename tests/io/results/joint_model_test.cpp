@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "../../../io/document/files.h"
 #include "../../../io/results/apply.h"
 #include "../../../io/results/results.h"
 #include "../../../io/rig/samples_file.h"
@@ -105,7 +106,7 @@ TEST_CASE("joint models through the files: what a URDF cannot express is not los
   REQUIRE(rig.urdf.transmissions.size() == 1);
   const std::vector<Sample> samples = samples_of(rig.rig, 0.04);
   ResultOptions options;
-  options.samples_path = place.write("samples.jsonl", samples_text(rig.rig, samples));
+  options.samples_hash = sha256(samples_text(rig.rig, samples));
   options.write_reduction = true;
   const Report report = study_of(rig.rig, samples);
   REQUIRE(report.solution.status == Status::converged);
@@ -155,7 +156,7 @@ TEST_CASE("joint models through the files: nothing is said where all joints are 
   const RigFile rig = read_rig(place.write("rig.yaml", without_bend(kRig)));
   const std::vector<Sample> samples = samples_of(rig.rig, 0);
   ResultOptions options;
-  options.samples_path = place.write("samples.jsonl", samples_text(rig.rig, samples));
+  options.samples_hash = sha256(samples_text(rig.rig, samples));
   const Report report = study_of(rig.rig, samples);
   const ResultFiles files = make_results(rig, report, options);
   CHECK_FALSE(warning(report, "joint_model"));

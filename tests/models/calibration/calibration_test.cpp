@@ -11,6 +11,7 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 
@@ -316,6 +317,28 @@ TEST_CASE("calibration: a start that cannot be evaluated is a status") {
     CHECK(solution.status == Status::undefined_start);
     CHECK_THAT(solution.message, Contains("s4"));
     CHECK(solution.pose("sensor/eye/pose").translation == rig.sensors[1].link_T_sensor.translation);
+  }
+}
+
+TEST_CASE("calibration: numbers that overflow together are a status that names a sample") {
+  const auto spoil = [](const std::function<void(std::vector<Sample>&)>& change) {
+    std::vector<Sample> samples = logged(0.02, 1);
+    change(samples);
+    return calibrate(make_recording(arm(), samples), {});
+  };
+  SECTION("one sample's cost is infinite") {
+    const Solution solution = spoil([](std::vector<Sample>& s) {
+      s[4].views[0].sigma = {1e-200, 1e-200, 1e-200};
+    });
+    CHECK(solution.status == Status::undefined_start);
+    CHECK_THAT(solution.message, Contains("'s4'") && Contains("sigma"));
+  }
+  SECTION("each cost is a number, and their sum is none") {
+    const Solution solution = spoil([](std::vector<Sample>& s) {
+      for (Sample& sample : s) sample.views[0].sigma = {6e-157, 6e-157, 6e-157};
+    });
+    CHECK(solution.status == Status::undefined_start);
+    CHECK_THAT(solution.message, Contains("in sample 's"));
   }
 }
 

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <sstream>
 
+#include "../../../io/document/files.h"
 #include "../../../io/results/results.h"
 #include "../../../io/rig/rig_file.h"
 #include "../../../io/rig/samples_file.h"
@@ -254,7 +255,7 @@ TEST_CASE("example: the written robot and rig hold the result", "[example]") {
   const Report report =
       fixture::study_of(rig_file.rig, read_samples(kExample + "samples.jsonl", rig_file.rig));
   ResultOptions options;
-  options.samples_path = kExample + "samples.jsonl";
+  options.samples_hash = sha256(read_file(kExample + "samples.jsonl"));
   const ResultFiles files = make_results(rig_file, report, options);
 
   std::istringstream before(rig_file.urdf.text), after(files.robot_urdf);

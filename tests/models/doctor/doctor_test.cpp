@@ -5,6 +5,7 @@
 
 #include "../../../models/doctor/doctor.h"
 #include "../../../models/doctor/hypotheses.h"
+#include "../../../models/doctor/trial_fits.h"
 #include "../../../models/rig/targets.h"
 #include "../../../models/sensors/sensors.h"
 #include "../../../models/simulation/simulation.h"
@@ -256,6 +257,17 @@ TEST_CASE("doctor: a free board that nobody else sees says nothing of the camera
   CHECK(d.findings[0].where == Ids{"camera"});
   e.rig.steps[0].free = {"sensor/camera/intrinsics"};  // these it shows
   CHECK(e.check().findings.empty());
+}
+
+TEST_CASE("doctor: a first look ends where the samples have too few numbers") {
+  EyeInHand e;
+  e.samples.resize(6);
+  e.samples[2].views.clear();  // a sample that can never be chosen
+  for (const size_t unknowns : {size_t{1}, size_t{1000000}}) {
+    const std::vector<Sample> some = some_samples(Recording(e.rig, e.samples), unknowns);
+    CHECK(some.size() >= 4);
+    CHECK(some.size() <= 5);
+  }
 }
 
 TEST_CASE("doctor: progress cancels") {
