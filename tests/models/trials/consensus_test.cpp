@@ -24,7 +24,7 @@ struct Judge {
   ReferenceFit reference;
 
   explicit Judge(int seed)
-      : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}} {
+      : lab(seed), reference{Recording(lab.rig, {}), {}, lab.truth, {}, {}, {}, {}} {
     for (size_t s = 0; s < lab.rig.sensors.size(); ++s) {
       reference.sensors.push_back(static_cast<int>(s));
       reference.noise_ratios.push_back(1);
