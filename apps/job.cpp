@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 
 #include "../io/document/names.h"
@@ -31,6 +32,10 @@ ExitCode exit_code(const Report& report) {
     default:
       return kNotConverged;
   }
+}
+
+void say_cleared(const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::fprintf(stderr, "kincal: warning: %s\n", note.c_str());
 }
 
 std::string rig_path(const std::string& path) {

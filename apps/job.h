@@ -54,6 +54,9 @@ struct Job {
   std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
 };
 
+/// Says what was cleared away of runs that were killed (clear_leftovers).
+void say_cleared(const std::vector<std::string>& notes);
+
 /// Returns the path of a rig; a folder with a rig.yaml (a result) stands for that file.
 std::string rig_path(const std::string& path);
 

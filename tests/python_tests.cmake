@@ -16,6 +16,10 @@ foreach(group WrongRig WrongRobot WrongSamples WrongArguments Writing Results Ex
   kincal_python_test(cli.${group} cli_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Killed Output Signals Streams)
+  kincal_python_test(writing.${group} writing_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()

@@ -49,7 +49,7 @@ namespace fs = std::filesystem;
     std::string text = error.what();
     std::replace(text.begin(), text.end(), '\n', ' ');
     try {
-      write_file(output.error(set.name).string(), text);
+      write_file(output.error(set.name).string(), text, true);
     } catch (const InputError&) {  // a full disk: the parent has words for it
     }
     _exit(kBadInput);

@@ -4,6 +4,7 @@
 
 #include "../../io/document/files.h"
 #include "../job.h"
+#include "../signals.h"
 #include "../tables/plan_table.h"
 #include "../tables/progress.h"
 #include "../tables/report_table.h"
@@ -22,6 +23,7 @@ int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
     if (a.out.empty())
       throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
+    say_cleared(clear_leftovers(a.out));
     check_output(a.out, a.force);
   }
   Job job = read_job(a.rig, a.samples, a.settings.holdout);
@@ -42,12 +44,8 @@ int calibrate(const CalibrateArguments& a) {
       run(job, a.settings, true,
           [&](const std::string& step, int iteration, double chi2, double damping) {
             progress.update(step, iteration, chi2, damping);
-            return not_interrupted();
+            return true;
           });
-  if (!report || !not_interrupted()) {
-    progress.interrupted();
-    return say_interrupted();
-  }
   if (report->solution.status == Status::undefined_start) {
     progress.interrupted();
     throw std::runtime_error(report->solution.message + "\nWhat may be wrong (kincal check):\n" +
@@ -55,6 +53,7 @@ int calibrate(const CalibrateArguments& a) {
   }
   progress.finish();
   const ResultFiles files = make_files(job, *report, a.settings);
+  begin_writing();
   if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
   if (a.json)
     std::cout << files.result_json;

@@ -1,13 +1,13 @@
 // `kincal local`: joint offsets that are right around one posture.
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <iostream>
 
 #include "../../io/document/files.h"
 #include "../../io/results/local_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../job.h"
+#include "../signals.h"
 #include "../tables/local_report.h"
 #include "command.h"
 
@@ -32,9 +32,10 @@ std::string distances_text(const std::vector<double>& distances, size_t most) {
 }
 
 int local(const LocalArguments& a) {
-  std::error_code ignored;
-  if (!a.out.empty() && !a.force && std::filesystem::exists(a.out, ignored))
-    throw InputError(a.out + ": exists already; --force replaces it, another --out keeps it");
+  if (!a.out.empty()) {
+    say_cleared(clear_leftovers(a.out));
+    check_output_file(a.out, a.force);
+  }
   const RigFile rig_file = read_rig(rig_path(a.rig));
   const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
   const LocalPosture posture = read_local_posture(a.near, rig_file.rig, samples);
@@ -63,8 +64,9 @@ int local(const LocalArguments& a) {
                               sha256(rig_file.text),
                               sha256(read_file(a.samples)),
                               sha256(rig_file.urdf.text)};
-  if (!not_interrupted()) return say_interrupted();
-  if (!a.out.empty()) write_file(a.out, local_yaml(rig_file.rig, posture, local, source));
+  const std::string text = local_yaml(rig_file.rig, posture, local, source);
+  begin_writing();
+  if (!a.out.empty()) write_file(a.out, text, a.force);
   if (a.json) {
     std::cout << local_json(rig_file.rig, posture, local, source);
     return kConverged;
