@@ -87,10 +87,19 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
   }
 }
 
-Job read_job(const std::string& rig, const std::string& samples, int holdout) {
+std::vector<Sample> read_samples(const std::string& path, const Rig& rig, Progress& progress) {
+  const std::string what = "reading " + path;
+  progress.stage(what, 0);
+  std::vector<Sample> samples =
+      read_samples(path, rig, [&](double share) { progress.stage(what, share); });
+  progress.stage(what, 1);
+  return samples;
+}
+
+Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress) {
   RigFile rig_file = read_rig(rig_path(rig));
   std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, read_samples(samples, rig_file.rig), samples);
+      checked_recording(rig_file, read_samples(samples, rig_file.rig, progress), samples);
   if (recording->training().empty())
     throw InputError(samples +
                      ": every sample has \"split\": \"test\": nothing is left to calibrate with");
@@ -197,13 +206,17 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
   }
 }
 
-std::optional<Report> run(
-    Job& job, const CalibrateSettings& settings, bool diagnose,
-    const std::function<bool(const std::string&, int, double, double)>& progress) {
+Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress) {
   check_validation(job, settings);
   StudyOptions options;
   options.calibration = options_of(settings);
-  options.calibration.progress = progress;
+  options.calibration.progress = [&](const std::string& step, int iteration, double chi2, double) {
+    progress.iteration(step, iteration, chi2);
+    return true;
+  };
+  options.calibration.stage = [&](const std::string& what, double share) {
+    progress.stage(what, share);
+  };
   options.groups = {settings.groups, settings.no_groups};
   options.reject = settings.reject;
   options.estimate_noise = settings.estimate_noise;
@@ -215,13 +228,12 @@ std::optional<Report> run(
   options.requirements = read_requirements(job, settings);
   options.frames = read_frames(job, settings, options.requirements);
   try {
-    std::optional<Report> report = study(job.recording, options);
-    if (!report) return std::nullopt;
-    if (!report->automatic.empty()) set_nominal(job.rig_file, nominal_values(report->solution));
-    for (Warning& w : report->warnings)
+    Report report = study(job.recording, options).value();  // nothing cancels it
+    if (!report.automatic.empty()) set_nominal(job.rig_file, nominal_values(report.solution));
+    for (Warning& w : report.warnings)
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
-    if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
-      report->solution.message = "--reject: " + report->solution.message;
+    if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
+      report.solution.message = "--reject: " + report.solution.message;
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error, *job.recording);

@@ -6,8 +6,6 @@
 #include <csignal>
 #include <cstring>
 
-#include "job.h"
-
 namespace kincal {
 namespace {
 

@@ -1,7 +1,16 @@
-// How the program ends where somebody wants it to: Ctrl-C, SIGTERM.
+// How the program ends: exit codes, Ctrl-C, SIGTERM.
 #pragma once
 
 namespace kincal {
+
+enum ExitCode {
+  kConverged = 0,
+  kBadInput = 1,
+  kUnobservable = 2,
+  kNotConverged = 3,
+  kToleranceNotMet = 4,
+  kInterrupted = 130
+};
 
 /// Makes SIGINT and SIGTERM end the program with exit code 130 wherever it is, in a read from a
 /// pipe too: at once, for as long as nothing is being written nothing has to be put in order.

@@ -16,7 +16,7 @@ foreach(group WrongRig WrongRobot WrongSamples WrongArguments Writing Results Ex
   kincal_python_test(cli.${group} cli_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Killed Output Signals Streams)
+foreach(group Killed Output Signals Streams Names Progress Hardened)
   kincal_python_test(writing.${group} writing_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 

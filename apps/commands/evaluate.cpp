@@ -1,5 +1,6 @@
 // `kincal evaluate`: residuals at the rig's values.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 
@@ -23,14 +24,17 @@ struct EvaluateArguments {
 
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
-  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  Progress progress(a.json);
+  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig, progress);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
     clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
   try {
+    progress.stage("evaluating", std::nan(""));
     const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
+    progress.clear();
     std::vector<Warning> words = warnings(evaluation);
     for (Warning& w : words) w.text = in_program_words(w.text);
     if (a.json) {

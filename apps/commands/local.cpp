@@ -37,12 +37,15 @@ int local(const LocalArguments& a) {
     check_output_file(a.out, a.force);
   }
   const RigFile rig_file = read_rig(rig_path(a.rig));
-  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  Progress progress(a.json);
+  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig, progress);
   const LocalPosture posture = read_local_posture(a.near, rig_file.rig, samples);
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
+  progress.stage("calibrating locally", std::nan(""));
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
+  progress.clear();
   for (const std::string& name : local.open)
     std::fprintf(stderr,
                  "kincal: warning: %s is absent from the rig: it was estimated from the samples\n",

@@ -73,7 +73,13 @@ int simulate(const SimulateArguments& a) {
     throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
   refuse_open_poses(rig_file.rig, table, truth, spread);
+  Progress progress(false);
+  options.progress = [&](int done) {
+    progress.stage("simulating", static_cast<double>(done) / a.samples);
+    return true;
+  };
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
+  progress.clear();
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
                  d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),

@@ -249,7 +249,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                  {"urdf", out.urdf_hash}}}};
   json.update(result_json(report));
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
-  out.result_json = json.dump(1) + "\n";
+  out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);
   if (options.residuals) out.residuals_csv = residuals_csv(report);

@@ -315,13 +315,15 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
 
 }  // namespace
 
-std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
+std::vector<Sample> read_samples(const std::string& path, const Rig& rig,
+                                 const std::function<void(double)>& progress) {
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;
-  for_each_json_line(path, [&](const Field& field) {
+  const auto read = [&](const Field& field) {
     samples.push_back(read_sample(field, look));
     return samples.back().id;
-  });
+  };
+  for_each_json_line(path, read, progress);
   if (samples.empty()) throw InputError(path + ": no samples");
   return samples;
 }

@@ -1,6 +1,7 @@
 // samples.jsonl: strict reading, with the place of everything wrong, and writing.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -10,8 +11,9 @@
 namespace kincal {
 
 /// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
-/// "path:line: views[2].ids: ..."
-std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
+/// "path:line: views[2].ids: ..." `progress` gets the share that is read, from time to time.
+std::vector<Sample> read_samples(const std::string& path, const Rig& rig,
+                                 const std::function<void(double)>& progress = nullptr);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
 /// back the same).

@@ -3,18 +3,21 @@
 Works with the small robot of cli_test.py and proves: the program killed before or after any call that changes the folder of its output
 leaves the old result or the new one, whole, and the next run clears away what is left and says so, also where the system cannot
 exchange two names; two runs into one new folder do not replace each other's result; files that cannot be read, symbolic links, pipes and devices are not replaced by an output;
-signals end every command at any moment, in a read from a pipe too; closed or full standard streams are errors and get into no file.
+signals end every command at any moment, in a read from a pipe too; closed or full standard streams are errors and get into no file; what
+is shown on a terminal is gone at the end; bytes that are no UTF-8 cost no result; the program is hardened.
 It does not prove what a crash of the machine leaves.
 """
 
 import fcntl
 import json
 import os
+import pty
 import shutil
 import signal
 import stat
 import subprocess
 import sys
+import threading
 import time
 import unittest
 
@@ -425,6 +428,150 @@ class Streams(Case):
                 p = self.start(*args.split(), stdout=full)
                 err = p.communicate()[1]
                 self.assertEqual((err.splitlines()[-1], p.returncode), (b"kincal: error: standard output cannot be written", 1))
+
+
+class Names(Case):
+    """Bytes that are no UTF-8: in a path they cost no result, in a name they are refused before the calibration."""
+
+    def run_bytes(self, *args):
+        p = subprocess.run([KINCAL, *args], cwd=self.dir, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        return p.returncode, p.stdout, p.stderr
+
+    def test_paths(self):
+        folder = os.path.join(os.fsencode(self.dir), b"caf\xe9")
+        os.mkdir(folder)
+        for name in ("rig.yaml", "robot.urdf", "samples.jsonl"):
+            shutil.copy(self.path(name), os.path.join(folder, name.encode()))
+        rig, samples = b"caf\xe9/rig.yaml", b"caf\xe9/samples.jsonl"
+        for out in (b"out", b"caf\xe9/out"):
+            code, printed, err = self.run_bytes("calibrate", rig, samples, "--out", out, "--json")
+            self.assertEqual(code, 0, err)
+            result = cli_test.strict_json(printed.decode())
+            self.assertIn("caf\ufffd/rig.yaml", result["input"]["command"])
+            with open(os.path.join(os.fsencode(self.dir), out, b"result.json"), "rb") as f:
+                self.assertEqual(f.read(), printed)
+            for args in (("diff", out, out, "--json"), ("local", out, samples, "--near", "arm_000", "--within", "3", "--json"), ("evaluate", rig, samples, "--json"),
+                         ("check", rig, samples, "--json"), ("local", out, samples, "--near", "arm_000", "--within", "3", "--out", b"caf\xe9/local.yaml", "--force"),
+                         ("apply", out, b"caf\xe9/robot.urdf", "--out", b"caf\xe9/applied.urdf", "--force"),
+                         ("simulate", rig, "--samples", "3", "--seed", "1", "--out", b"caf\xe9/simulated", "--force")):
+                with self.subTest(args=args):
+                    code, printed, err = self.run_bytes(*args)
+                    self.assertEqual(code, 0, err)
+                    if args[-1] == "--json":
+                        cli_test.strict_json(printed.decode())
+
+    def test_names(self):
+        def spoil(name, old, new):
+            text = self.bytes(name)
+            self.assertIn(old, text)
+            with open(self.path(name), "wb") as f:
+                f.write(text.replace(old, new))
+            return text
+        for name, old, place in (("robot.urdf", b'"turn"', b"robot.urdf:"), ("robot.urdf", b'"turret"', b"robot.urdf:"), ("rig.yaml", b"tracker", b"rig.yaml:"),
+                                 ("rig.yaml", b"plate", b"rig.yaml:")):
+            with self.subTest(name=name, old=old):
+                text = spoil(name, old, old[:-2] + b"\xe9" + old[-2:])
+                code, _, err = self.run_bytes("calibrate", "rig.yaml", "samples.jsonl", "--out", "out")
+                self.assertEqual((code, err.startswith(b"kincal: error: " + place), b"not UTF-8" in err), (1, True, True), err)
+                self.assertEqual(self.names(), set())
+                with open(self.path(name), "wb") as f:
+                    f.write(text)
+        spoil("robot.urdf", b"<!-- a small", b"<!-- caf\xe9: a small")
+        spoil("rig.yaml", b"format:", b"# caf\xe9\nformat:")
+        code, _, err = self.run_bytes("calibrate", "rig.yaml", "samples.jsonl", "--out", "out")
+        self.assertEqual(code, 0, err)
+        self.assertIn(b"caf\xe9", self.bytes("out", "robot.urdf"))
+
+
+class Progress(Case):
+    """One line on a terminal that is gone at the end; nothing elsewhere and with --quiet."""
+
+    def on_terminal(self, *args):
+        main, terminal = pty.openpty()
+        p = self.start(*args, stderr=terminal)
+        os.close(terminal)
+        out = b""
+        reader = threading.Thread(target=p.communicate)   # standard output
+        reader.start()
+        while True:
+            try:
+                part = os.read(main, 65536)
+            except OSError:
+                break
+            if not part:
+                break
+            out += part
+        os.close(main)
+        reader.join()
+        self.assertEqual(p.returncode, 0)
+        return out.decode()
+
+    def test_all(self):
+        text = "".join(cli_test.lines(cli_test.make_samples(count=80, boards=10)).replace('"id": "', '"id": "%d_' % i) for i in range(10))
+        self.write("many.jsonl", text)
+        automatic = cli_test.RIG[:cli_test.RIG.index("estimate:")]
+        self.write("automatic.yaml", automatic)
+        trials = ("--cross-validate", "2", "--restarts", "2", "--estimate-noise", "--reject")
+        for args, words in ((("calibrate", "rig.yaml", "many.jsonl", *trials), ("reading many.jsonl", "all: iteration ", "uncertainties", "cross-validation 50 %", "restarts 50 %", "noise, round ",
+                                                                               "looking for outliers", "writing")),
+                            (("calibrate", "automatic.yaml", "many.jsonl"), ("starting values", "widths, round 1", "what there is evidence for")),
+                            (("evaluate", "rig.yaml", "many.jsonl"), ("reading", "evaluating")), (("check", "rig.yaml", "many.jsonl"), ("reading",)),
+                            (("local", "rig.yaml", "many.jsonl", "--near", "1_arm_000"), ("reading", "calibrating locally")),
+                            (("simulate", "rig.yaml", "--samples", "2000", "--seed", "1"), ("simulating",))):
+            with self.subTest(args=args):
+                command = args[0]
+                if command in ("calibrate", "simulate"):
+                    args += ("--out", "out", "--force")
+                if command != "simulate":
+                    self.assertEqual([x for x in self.run_kincal(*args).err.splitlines() if not x.startswith("kincal: ")], [])
+                said = self.on_terminal(*args)
+                for word in words:
+                    self.assertIn(word, said)
+                lines = said.split("\r\n")
+                for line in lines[:-1]:          # warnings stand in lines of their own
+                    self.assertRegex(line, r"(^|\x1b\[K)kincal: warning: ")
+                self.assertRegex(lines[-1], r"(^|\x1b\[K)$")
+                self.assertIn("\r\x1b[K", said)
+                for shown in said.split("\r"):
+                    if "warning" not in shown:
+                        self.assertLess(len(shown), 90)
+                if command in ("calibrate", "check"):
+                    self.assertNotIn("\x1b", self.on_terminal(*args, "--quiet"))
+
+    def test_interrupted(self):
+        """The line is gone before the last word."""
+        main, terminal = pty.openpty()
+        p = self.start("simulate", "rig.yaml", "--samples", "1000000", "--seed", "1", "--out", "new", stderr=terminal)
+        os.close(terminal)
+        time.sleep(0.5)
+        p.send_signal(signal.SIGTERM)
+        p.communicate()
+        self.assertRegex(os.read(main, 65536).decode(), r"\r\x1b\[Kkincal: interrupted, nothing written\r\n$")
+        os.close(main)
+        self.assertEqual(p.returncode, 130)
+
+
+class Hardened(unittest.TestCase):
+    """The program is built with what makes mistakes in memory harmless."""
+
+    def setUp(self):
+        if not shutil.which("readelf") or not sys.platform.startswith("linux"):
+            self.skipTest("no readelf")
+        symbols = self.readelf("--dyn-syms")
+        if "__asan_init" in symbols or "__tsan_init" in symbols:
+            self.skipTest("sanitizers look themselves")
+
+    def readelf(self, *args):
+        return subprocess.run(["readelf", "-W", *args, KINCAL], stdout=subprocess.PIPE, check=True, env=dict(os.environ, LC_ALL="C")).stdout.decode()
+
+    def test_all(self):
+        self.assertRegex(self.readelf("-h"), r"Type: +DYN")                      # anywhere in memory
+        segments, dynamic, symbols = self.readelf("-l"), self.readelf("-d"), self.readelf("--dyn-syms")
+        self.assertRegex(segments, r"GNU_RELRO")                                 # tables of addresses are read-only ...
+        self.assertRegex(dynamic, r"BIND_NOW|FLAGS_1.*\bNOW\b")                  # ... and complete from the start
+        self.assertRegex(segments, r"GNU_STACK +\S+ +\S+ +\S+ +\S+ +\S+ +RW ")  # no code on the stack
+        self.assertIn("__stack_chk_fail", symbols)
+        self.assertRegex(symbols, r"__\w+_chk@")                                 # -D_FORTIFY_SOURCE
 
 
 if __name__ == "__main__":
