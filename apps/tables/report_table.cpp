@@ -1,8 +1,8 @@
 #include "report_table.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <cmath>
+#include <cstdio>
 #include <set>
 
 #include "../../io/document/numbers.h"
