@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 
 #include "../io/document/files.h"
@@ -46,6 +47,10 @@ ExitCode exit_code(const Report& report) {
     default:
       return kNotConverged;
   }
+}
+
+void say_cleared(const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::fprintf(stderr, "kincal: warning: %s\n", note.c_str());
 }
 
 std::string rig_path(const std::string& path) {
@@ -98,13 +103,23 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
   }
 }
 
-Job read_job(const std::string& rig, const std::string& samples, int holdout) {
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
+                                  Progress& progress) {
+  const std::string what = "reading " + path;
+  progress.stage(what, 0);
+  std::vector<Sample> samples =
+      parse_samples(text, path, rig, [&](double share) { progress.stage(what, share); });
+  progress.stage(what, 1);
+  return samples;
+}
+
+Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress) {
   now("reading " + rig);
   RigFile rig_file = read_rig(rig_path(rig));
   now("reading " + samples);
   const std::string text = read_file(samples);  // once: it may be a pipe
   std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, parse_samples(text, samples, rig_file.rig), samples);
+      checked_recording(rig_file, parse_samples(text, samples, rig_file.rig, progress), samples);
   if (recording->training().empty())
     throw InputError(samples +
                      ": every sample has \"split\": \"test\": nothing is left to calibrate with");
@@ -211,17 +226,18 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
   }
 }
 
-std::optional<Report> run(
-    Job& job, const CalibrateSettings& settings, bool diagnose,
-    const std::function<bool(const std::string&, int, double, double)>& progress) {
+Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress) {
   check_validation(job, settings);
   StudyOptions options;
   options.calibration = options_of(settings);
   now("calibrating");
-  options.calibration.progress = [&](const std::string& step, int iteration, double chi2,
-                                     double damping) {
+  options.calibration.progress = [&](const std::string& step, int iteration, double chi2, double) {
     now("calibrating, step '" + step + "'");
-    return !progress || progress(step, iteration, chi2, damping);
+    progress.iteration(step, iteration, chi2);
+    return true;
+  };
+  options.calibration.stage = [&](const std::string& what, double share) {
+    progress.stage(what, share);
   };
   options.groups = {settings.groups, settings.no_groups};
   options.reject = settings.reject;
@@ -234,13 +250,12 @@ std::optional<Report> run(
   options.requirements = read_requirements(job, settings);
   options.frames = read_frames(job, settings, options.requirements);
   try {
-    std::optional<Report> report = study(job.recording, options);
-    if (!report) return std::nullopt;
-    if (!report->automatic.empty()) set_nominal(job.rig_file, nominal_values(report->solution));
-    for (Warning& w : report->warnings)
+    Report report = study(job.recording, options).value();  // nothing cancels it
+    if (!report.automatic.empty()) set_nominal(job.rig_file, nominal_values(report.solution));
+    for (Warning& w : report.warnings)
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
-    if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
-      report->solution.message = "--reject: " + report->solution.message;
+    if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
+      report.solution.message = "--reject: " + report.solution.message;
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error, *job.recording);

@@ -11,6 +11,8 @@
 #include "../io/results/results.h"
 #include "../io/rig/rig_file.h"
 #include "../models/report/study.h"
+#include "progress.h"
+#include "signals.h"
 
 namespace CLI {
 class App;
@@ -18,14 +20,6 @@ class App;
 
 namespace kincal {
 
-enum ExitCode {
-  kConverged = 0,
-  kBadInput = 1,
-  kUnobservable = 2,
-  kNotConverged = 3,
-  kToleranceNotMet = 4,
-  kInterrupted = 130
-};
 /// Says what the program is at, "reading rig.yaml": for the message where the memory ends.
 void now(const std::string& what);
 /// Returns the words of an error; where the memory ended, those of what the program was at.
@@ -60,6 +54,9 @@ struct Job {
   std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
 };
 
+/// Says what was cleared away of runs that were killed (clear_leftovers).
+void say_cleared(const std::vector<std::string>& notes);
+
 /// Returns the path of a rig; a folder with a rig.yaml (a result) stands for that file.
 std::string rig_path(const std::string& path);
 
@@ -68,9 +65,13 @@ std::string rig_path(const std::string& path);
 std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
                                                    std::vector<Sample> samples,
                                                    const std::string& samples_path);
+/// Reads samples, and shows how far that is.
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
+                                  Progress& progress);
+
 /// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out
 /// from the fit besides the samples that are so already; 0: none. @throws InputError
-Job read_job(const std::string& rig, const std::string& samples, int holdout = 0);
+Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress);
 
 /// Returns the error for the user: the unknown parameter name with the nearest ones that exist.
 InputError with_nearest(const NameError& error, const Recording& recording);
@@ -90,11 +91,9 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
 /// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from
-/// then on. With `diagnose`, mistakes are looked for if it ends badly. nullopt: `progress` (see
-/// CalibrationOptions) cancelled. @throws InputError, std::exception
-std::optional<Report> run(
-    Job& job, const CalibrateSettings& settings, bool diagnose,
-    const std::function<bool(const std::string&, int, double, double)>& progress);
+/// then on. With `diagnose`, mistakes are looked for if it ends badly. @throws InputError,
+/// std::exception
+Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress);
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings);
 

@@ -2,7 +2,6 @@
 // else is in the libraries.
 
 #include <cctype>
-#include <csignal>
 #include <cstdio>
 #include <iostream>
 #include <vector>
@@ -11,10 +10,9 @@
 #include "../io/document/names.h"
 #include "commands/command.h"
 #include "job.h"
+#include "signals.h"
 
 namespace {
-
-volatile std::sig_atomic_t interrupted = 0;
 
 /// The first argument that looks like an option and is none, with the nearest ones that there are;
 /// else "".
@@ -34,23 +32,19 @@ std::string unknown_option(const CLI::App& command) {
   return "";
 }
 
-}  // namespace
-
-namespace kincal {
-
-bool not_interrupted() { return interrupted == 0; }
-
-int say_interrupted() {
-  std::fprintf(stderr, "kincal: interrupted, nothing written\n");
-  return kInterrupted;
+/// Returns the exit code, unless what was printed did not get where it should.
+int printed(int code) {
+  if (std::cout.flush() && std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
+  std::fprintf(stderr, "kincal: error: standard output cannot be written\n");
+  return kincal::kBadInput;
 }
 
-}  // namespace kincal
+}  // namespace
 
 int main(int argc, char** argv) {
   using namespace kincal;
-  std::signal(SIGINT, [](int) { interrupted = 1; });
-  std::signal(SIGTERM, [](int) { interrupted = 1; });
+  keep_standard_descriptors();
+  end_on_signals();
 
   CLI::App app{
       "kincal calibrates robots: joint offsets, gear scales, mounts, intrinsics, baselines and "
@@ -103,11 +97,9 @@ int main(int argc, char** argv) {
         now("running `kincal " + command.app->get_name() + "`");
         code = command.run();
       }
-    if (!std::cout.flush() || std::fflush(stdout) != 0 || std::ferror(stdout))
-      throw InputError("standard output cannot be written");
-    return code;
+    return printed(code);
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    if (error.get_exit_code() == 0) return printed(app.exit(error));  // --help, --version
     if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
       const std::string what = argc == 1 ? "a command is required"
                                          : "there is no command '" + std::string(argv[1]) + "'" +

@@ -20,6 +20,10 @@ foreach(group Names Pipes Tampered Sizes Endless)
   kincal_python_test(faults.${group} faults_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Killed Output Signals Streams Names Progress Hardened)
+  kincal_python_test(writing.${group} writing_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()

@@ -17,6 +17,7 @@
 #include "../../io/document/names.h"
 #include "../../io/results/summary_file.h"
 #include "../job.h"
+#include "../signals.h"
 #include "../tables/batch_table.h"
 #include "batch_progress.h"
 #include "child.h"
@@ -45,6 +46,7 @@ class Signals {
     for (int s : {SIGCHLD, SIGINT, SIGTERM}) sigaddset(&signals_, s);
     std::signal(SIGCHLD, SIG_DFL);
     sigprocmask(SIG_BLOCK, &signals_, &before);
+    begin_writing();
   }
   ~Signals() { sigprocmask(SIG_SETMASK, &before, nullptr); }
 
@@ -69,12 +71,11 @@ struct Work {
   size_t failing = 0;                 // of `todo`, so far
 };
 
-/// Looks for what is done already; false: interrupted.
-bool find_work(const Sets& sets, const Output& output, const std::string& options,
-               const Signals& signals, Work& work) {
+/// Looks for what is done already.
+Work find_work(const Sets& sets, const Output& output, const std::string& options) {
+  Work work;
   work.summaries.resize(sets.all.size());
   for (size_t i = 0; i < sets.all.size(); ++i) {
-    if (signals.wait(0)) return false;
     const Set& set = sets.all[i];
     const fs::path folder = output.result(set.name);
     std::string why;
@@ -92,7 +93,7 @@ bool find_work(const Sets& sets, const Output& output, const std::string& option
       if (!why.empty()) work.redone.push_back(set.name + " (" + why + ")");
     }
   }
-  return true;
+  return work;
 }
 
 /// A --step, --free or --fix that no set has is reported once, before anything runs. Sets that
@@ -204,14 +205,8 @@ int batch(const BatchArguments& a) {
   const Output output = open_output(a.out);
   const std::string options = options_text(a.settings), count = plural(sets.all.size(), "set");
   const bool silent = a.quiet || a.json;
-  const auto interrupted = [&](const std::string& done) {
-    std::fprintf(stderr, "kincal: interrupted%s, the same command goes on\n", done.c_str());
-    return kInterrupted;
-  };
 
-  const Signals signals;
-  Work work;
-  if (!find_work(sets, output, options, signals, work)) return interrupted("");
+  Work work = find_work(sets, output, options);
   BatchProgress progress(silent, work.todo.size());
   const size_t known = sets.all.size() - work.todo.size();
   size_t before = 0;
@@ -231,16 +226,19 @@ int batch(const BatchArguments& a) {
                     json = (output.folder / "summary.json").string();
   if (!work.todo.empty())
     for (const std::string& path : {csv, json}) fs::remove(path, ignored);
-  const size_t finished = calibrate_all(sets, output, a, signals, work, progress);
+  for (const std::string& path : {csv, json}) say_cleared(clear_leftovers(path));
+  const size_t finished = calibrate_all(sets, output, a, Signals(), work, progress);
   output.clean();
   if (finished < work.todo.size()) {
     progress.end();
-    return interrupted("; " + std::to_string(known + finished) + " of " + count + " done");
+    std::fprintf(stderr, "kincal: interrupted; %zu of %s done, the same command goes on\n",
+                 known + finished, count.c_str());
+    return kInterrupted;
   }
 
   const std::string text = summary_json(work.summaries, KINCAL_VERSION, options, sets.ignored);
-  write_file(csv, summary_csv(work.summaries));
-  write_file(json, text);
+  write_file(csv, summary_csv(work.summaries), true);
+  write_file(json, text, true);
   if (a.json)
     std::cout << text;
   else if (!a.quiet)

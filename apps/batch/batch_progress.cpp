@@ -4,24 +4,11 @@
 
 #include <cstdio>
 
+#include "../progress.h"
+#include "../signals.h"
 #include "sets.h"
 
 namespace kincal {
-namespace {
-
-std::string time_text(double seconds) {
-  char text[32];
-  if (seconds < 100)
-    std::snprintf(text, sizeof text, "%.0f s", seconds);
-  else if (seconds < 6000)
-    std::snprintf(text, sizeof text, "%.0f min", seconds / 60);
-  else
-    std::snprintf(text, sizeof text, "%.1f h", seconds / 3600);
-  return text;
-}
-
-}  // namespace
-
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
@@ -31,7 +18,7 @@ BatchProgress::BatchProgress(bool quiet, size_t todo)
 
 void BatchProgress::update(size_t done, size_t failing) {
   const double now = seconds_since(start_);
-  if (quiet_ || todo_ == 0 || (done < todo_ && now - last_ < (terminal_ ? 0.1 : 10))) return;
+  if (quiet_ || todo_ == 0 || (done < todo_ && (!terminal_ || now - last_ < 0.1))) return;
   last_ = now;
   std::fprintf(stderr, "%s%zu of %s, %zu failing", terminal_ ? "\r\033[K" : "", done,
                plural(todo_, "set").c_str(), failing);
@@ -44,10 +31,11 @@ void BatchProgress::update(size_t done, size_t failing) {
   }
   if (!terminal_ || done == todo_) std::fprintf(stderr, "\n");
   open_ = terminal_ && done < todo_;
+  set_line_shown(open_);
 }
 
 void BatchProgress::end() {
-  if (open_) std::fprintf(stderr, "\n");
+  if (open_) std::fprintf(stderr, "\r\033[K");
   open_ = false;
 }
 

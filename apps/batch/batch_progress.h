@@ -12,14 +12,14 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start);
 
 /// A BatchProgress shows how far a batch is, on standard error: one line that is written anew on a
-/// terminal, else a line every ten seconds.
+/// terminal, and everywhere a last line when all is done.
 class BatchProgress {
  public:
   BatchProgress(bool quiet, size_t todo);
 
   void update(size_t done, size_t failing);
 
-  /// Ends the line where it is.
+  /// Removes the line.
   void end();
 
   /// Writes a line of its own.

@@ -25,11 +25,12 @@ namespace fs = std::filesystem;
                                 const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
-    Job job = read_job(set.rig, set.samples, settings.holdout);
-    const std::optional<Report> report = run(job, settings, false, nullptr);
-    if (report->solution.status == Status::undefined_start)
-      throw std::runtime_error(report->solution.message);
-    ResultFiles files = make_files(job, *report, settings);
+    Progress silent(true);
+    Job job = read_job(set.rig, set.samples, settings.holdout, silent);
+    const Report report = run(job, settings, false, silent);
+    if (report.solution.status == Status::undefined_start)
+      throw std::runtime_error(report.solution.message);
+    ResultFiles files = make_files(job, report, settings);
     BatchRecord record;
     record.version = KINCAL_VERSION;
     record.options = options_text(settings);
@@ -37,10 +38,10 @@ namespace fs = std::filesystem;
     record.samples = files.samples_hash;
     record.urdf = files.urdf_hash;
     record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
-    record.set = summarize(*report);
+    record.set = summarize(report);
     for (const std::string& warning : job.rig_file.urdf.warnings)
       record.set.warnings.push_back("urdf: " + warning);
-    record.set.exit_code = exit_code(*report);
+    record.set.exit_code = exit_code(report);
     record.set.seconds = seconds_since(start);
     files.batch_json = record_text(record);
     write_results(output.result(set.name).string(), files, true, nullptr, output.scratch.string());
@@ -49,7 +50,7 @@ namespace fs = std::filesystem;
     std::string text = error_text(error);
     std::replace(text.begin(), text.end(), '\n', ' ');
     try {
-      write_file(output.error(set.name).string(), text);
+      write_file(output.error(set.name).string(), text, true);
     } catch (const InputError&) {  // a full disk: the parent has words for it
     }
     _exit(kBadInput);

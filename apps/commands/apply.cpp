@@ -1,11 +1,11 @@
 // `kincal apply`: the changes of a result put into another copy of the robot.
-#include <fstream>
 #include <iostream>
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
 #include "../../io/results/apply.h"
 #include "../job.h"
+#include "../signals.h"
 #include "command.h"
 
 namespace kincal {
@@ -17,10 +17,11 @@ struct ApplyArguments {
 };
 
 int apply(const ApplyArguments& a) {
-  if (!a.force && std::ifstream(a.out).good())
-    throw InputError(a.out + ": exists already; --force replaces it");
+  say_cleared(clear_leftovers(a.out));
+  check_output_file(a.out, a.force);
   const AppliedResult applied = apply_result(a.result, read_urdf(a.urdf), a.force);
-  write_file(a.out, applied.urdf);
+  begin_writing();
+  write_file(a.out, applied.urdf, a.force);
   for (const std::string& note : applied.notes) std::cerr << "kincal: warning: " << note << "\n";
   std::cout << "Written to " << a.out << "\n";
   return kConverged;

@@ -1,11 +1,12 @@
 // `kincal calibrate`: estimate what the rig's steps free.
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 
 #include "../../io/document/files.h"
 #include "../job.h"
+#include "../signals.h"
 #include "../tables/plan_table.h"
-#include "../tables/progress.h"
 #include "../tables/report_table.h"
 #include "command.h"
 
@@ -22,9 +23,12 @@ int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
     if (a.out.empty())
       throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
+    say_cleared(clear_leftovers(a.out));
     check_output(a.out, a.force);
   }
-  Job job = read_job(a.rig, a.samples, a.settings.holdout);
+  Progress progress(a.quiet || a.json);
+  Job job = read_job(a.rig, a.samples, a.settings.holdout, progress);
+  progress.clear();
   for (const std::string& warning : job.rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   check_validation(job, a.settings);
@@ -37,33 +41,23 @@ int calibrate(const CalibrateArguments& a) {
     std::cout << plan_table(plan(job, a.settings), job.recording->table);
     return kConverged;
   }
-  Progress progress(a.quiet || a.json);
-  const std::optional<Report> report =
-      run(job, a.settings, true,
-          [&](const std::string& step, int iteration, double chi2, double damping) {
-            progress.update(step, iteration, chi2, damping);
-            return not_interrupted();
-          });
-  if (!report || !not_interrupted()) {
-    progress.interrupted();
-    return say_interrupted();
-  }
-  if (report->solution.status == Status::undefined_start) {
-    progress.interrupted();
-    throw std::runtime_error(report->solution.message + "\nWhat may be wrong (kincal check):\n" +
-                             diagnosis_text(*report->diagnosis));
-  }
-  progress.finish();
-  const ResultFiles files = make_files(job, *report, a.settings);
+  const Report report = run(job, a.settings, true, progress);
+  if (report.solution.status == Status::undefined_start)
+    throw std::runtime_error(report.solution.message + "\nWhat may be wrong (kincal check):\n" +
+                             diagnosis_text(*report.diagnosis));
+  progress.stage("writing", std::nan(""));
+  const ResultFiles files = make_files(job, report, a.settings);
+  begin_writing();
   if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
+  progress.clear();
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)
-    std::cout << report_text(*report, files) << "\nWritten to " << a.out << "\n";
-  for (const Judgement& j : report->validation.requirements)
+    std::cout << report_text(report, files) << "\nWritten to " << a.out << "\n";
+  for (const Judgement& j : report.validation.requirements)
     if (!j.met && std::cout.flush())
       std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
-  return exit_code(*report);
+  return exit_code(report);
 }
 
 }  // namespace

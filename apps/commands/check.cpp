@@ -1,5 +1,4 @@
 // `kincal check`: which of the usual mistakes explains the data.
-#include <unistd.h>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -26,17 +25,19 @@ int check(const CheckArguments& a) {
   for (const std::string& warning : rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   now("reading " + a.samples);
-  std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  Progress progress(a.quiet || a.json);
+  std::vector<Sample> samples =
+      parse_samples(read_file(a.samples), a.samples, rig_file.rig, progress);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
-  const bool show = !a.quiet && !a.json && isatty(STDERR_FILENO);
   options.progress = [&](int done, int of) {
-    if (show && of > 0 && done >= 0) std::fprintf(stderr, "\r%d of %d hypotheses\033[K", done, of);
-    return not_interrupted();
+    if (done >= 0 && of > 0)
+      progress.stage("testing hypotheses", static_cast<double>(done) / static_cast<double>(of));
+    return true;
   };
   now("checking");
   std::optional<Diagnosis> diagnosis;
@@ -45,10 +46,9 @@ int check(const CheckArguments& a) {
   } catch (const NameError& error) {
     throw with_nearest(error, *recording);
   }
-  if (show) std::fprintf(stderr, "\r\033[K");
-  if (!diagnosis) return say_interrupted();
+  progress.clear();
   if (a.json)
-    std::cout << diagnosis_json(*diagnosis).dump(1) << "\n";
+    std::cout << json_text(diagnosis_json(*diagnosis));
   else
     std::cout << diagnosis_text(*diagnosis);
   return kConverged;

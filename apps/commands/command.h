@@ -25,10 +25,4 @@ Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 
-/// False after SIGINT or SIGTERM. It is to be asked from time to time, and before anything is
-/// written.
-bool not_interrupted();
-/// Prints that nothing was written, and returns the exit code.
-int say_interrupted();
-
 }  // namespace kincal

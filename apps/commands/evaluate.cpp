@@ -1,5 +1,6 @@
 // `kincal evaluate`: residuals at the rig's values.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 
@@ -24,7 +25,9 @@ struct EvaluateArguments {
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   now("reading " + a.samples);
-  const std::vector<Sample> samples = read_samples(a.samples, rig_file.rig);
+  Progress progress(a.json);
+  const std::vector<Sample> samples =
+      parse_samples(read_file(a.samples), a.samples, rig_file.rig, progress);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
     clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
@@ -32,7 +35,9 @@ int evaluate(const EvaluateArguments& a) {
       checked_recording(rig_file, samples, a.samples);
   now("evaluating");
   try {
+    progress.stage("evaluating", std::nan(""));
     const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
+    progress.clear();
     std::vector<Warning> words = warnings(evaluation);
     for (Warning& w : words) w.text = in_program_words(w.text);
     if (a.json) {

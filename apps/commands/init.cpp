@@ -1,6 +1,5 @@
 // `kincal init`: a first rig.yaml.
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 
 #include "../../io/document/files.h"
@@ -8,6 +7,7 @@
 #include "../../io/rig/new_rig.h"
 #include "../../io/rig/rig_file.h"
 #include "../job.h"
+#include "../signals.h"
 #include "command.h"
 
 namespace kincal {
@@ -29,8 +29,10 @@ std::vector<double> numbers(const std::string& option, std::string text, char se
 }
 
 int init(const InitArguments& a) {
-  if (!a.out.empty() && !a.force && std::ifstream(a.out).good())
-    throw InputError(a.out + ": exists already; --force replaces it");
+  if (!a.out.empty()) {
+    say_cleared(clear_leftovers(a.out));
+    check_output_file(a.out, a.force);
+  }
   const Urdf urdf = read_urdf(a.urdf);
   for (const std::string& warning : urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
@@ -65,7 +67,8 @@ int init(const InitArguments& a) {
     std::cout << text;
     return kConverged;
   }
-  write_file(a.out, text);
+  begin_writing();
+  write_file(a.out, text, a.force);
   read_rig(a.out);
   std::cout << "Written to " << a.out << ": look for GUESS in it\n";
   return kConverged;

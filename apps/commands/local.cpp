@@ -1,13 +1,13 @@
 // `kincal local`: joint offsets that are right around one posture.
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <iostream>
 
 #include "../../io/document/files.h"
 #include "../../io/results/local_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../job.h"
+#include "../signals.h"
 #include "../tables/local_report.h"
 #include "command.h"
 
@@ -32,19 +32,23 @@ std::string distances_text(const std::vector<double>& distances, size_t most) {
 }
 
 int local(const LocalArguments& a) {
-  std::error_code ignored;
-  if (!a.out.empty() && !a.force && std::filesystem::exists(a.out, ignored))
-    throw InputError(a.out + ": exists already; --force replaces it, another --out keeps it");
+  if (!a.out.empty()) {
+    say_cleared(clear_leftovers(a.out));
+    check_output_file(a.out, a.force);
+  }
   const RigFile rig_file = read_rig(rig_path(a.rig));
   now("reading " + a.samples);
+  Progress progress(a.json);
   const std::string text = read_file(a.samples);  // once: it may be a pipe
-  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig);
+  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
   now("calibrating around the posture");
   const LocalPosture posture = read_local_posture(a.near, rig_file.rig, samples);
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
+  progress.stage("calibrating locally", std::nan(""));
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
+  progress.clear();
   for (const std::string& name : local.open)
     std::fprintf(stderr,
                  "kincal: warning: %s is absent from the rig: it was estimated from the samples\n",
@@ -62,8 +66,9 @@ int local(const LocalArguments& a) {
   }
   const LocalSource source = {KINCAL_VERSION,        a.command,    a.near,
                               sha256(rig_file.text), sha256(text), sha256(rig_file.urdf.text)};
-  if (!not_interrupted()) return say_interrupted();
-  if (!a.out.empty()) write_file(a.out, local_yaml(rig_file.rig, posture, local, source));
+  const std::string yaml = local_yaml(rig_file.rig, posture, local, source);
+  begin_writing();
+  if (!a.out.empty()) write_file(a.out, yaml, a.force);
   if (a.json) {
     std::cout << local_json(rig_file.rig, posture, local, source);
     return kConverged;

@@ -8,6 +8,7 @@
 #include "../../io/rig/simulation_file.h"
 #include "../../models/rig/selection.h"
 #include "../job.h"
+#include "../signals.h"
 #include "command.h"
 
 namespace kincal {
@@ -45,6 +46,7 @@ void refuse_open_poses(const Rig& rig, const ParameterTable& table, const Vector
 }
 
 int simulate(const SimulateArguments& a) {
+  say_cleared(clear_leftovers(a.out));
   check_output(a.out, a.force);
   const RigFile rig_file = read_rig(rig_path(a.rig));
   const ParameterTable table(rig_file.rig);
@@ -71,9 +73,13 @@ int simulate(const SimulateArguments& a) {
     throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
   refuse_open_poses(rig_file.rig, table, truth, spread);
-  options.progress = [](int) { return not_interrupted(); };
+  Progress progress(false);
+  options.progress = [&](int done) {
+    progress.stage("simulating", static_cast<double>(done) / a.samples);
+    return true;
+  };
   const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
-  if (!not_interrupted()) return say_interrupted();
+  progress.clear();
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
                  d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),
@@ -89,11 +95,11 @@ int simulate(const SimulateArguments& a) {
                  a.samples - simulation.samples.size(), a.samples);
   if (simulation.samples.empty())
     throw InputError("simulate: no sample is left: no posture has a view that is possible");
-  if (!write_directory(a.out,
-                       {{"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
-                        {"truth.json", truth_text(rig_file.rig, table, simulation)}},
-                       a.force, not_interrupted))
-    return say_interrupted();
+  const std::vector<std::pair<std::string, std::string>> files = {
+      {"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
+      {"truth.json", truth_text(rig_file.rig, table, simulation)}};
+  begin_writing();
+  if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
     for (const View& view : sample.views) ++views[view.sensor];

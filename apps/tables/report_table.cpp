@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <set>
 
 #include "../../io/document/numbers.h"
@@ -254,6 +255,11 @@ std::string diagnosis_text(const Diagnosis& d) {
 
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
+  for (const StepResult& step : report.solution.steps) {
+    char line[64];
+    std::snprintf(line, sizeof line, ": %d iterations, chi2 %.8g\n", step.iterations, step.chi2);
+    out += step.name + line;
+  }
   if (!report.automatic.empty())
     out +=
         "\nWhat could be wrong (the rig has no `estimate`)\n" + automatic_table(report.automatic);

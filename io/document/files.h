@@ -10,17 +10,26 @@ namespace kincal {
 /// Returns the whole file. @throws InputError with path and reason.
 std::string read_file(const std::string& path);
 
-/// Writes one file through a temporary name. @throws InputError
-void write_file(const std::string& path, const std::string& text);
+/// Clears away what runs that were killed have left beside an output (NAME.writing-PID), and puts
+/// back what one was replacing (NAME.replaced-PID). Returns a sentence for each.
+std::vector<std::string> clear_leftovers(const std::string& path);
+
+/// Refuses a file that exists unless `force`; always what is there and not a file, a symbolic link
+/// to nothing, and a folder that cannot be written. @throws InputError
+void check_output_file(const std::string& path, bool force);
+
+/// Writes one file whole or not at all: under a temporary name beside it, to the disk, then a
+/// rename. A symbolic link stays, what it leads to is written. @throws InputError
+void write_file(const std::string& path, const std::string& text, bool force);
 
 /// Refuses an existing path unless `force` and it is empty or a directory that holds no file but
-/// kincal's. @throws InputError
+/// kincal's; and, as for a file, where nothing can be written. @throws InputError
 void check_output(const std::string& directory, bool force);
 
 /// Writes a directory of files (name, text) whole or not at all: under a temporary name beside it
-/// (or in `scratch`, a folder of the same file system), then a rename. `go_on` is asked before the
-/// rename; false leaves nothing. Returns false if it did.
-/// @throws InputError where the file system refuses.
+/// (or in `scratch`, a folder of the same file system), to the disk, then a rename that replaces
+/// nothing, or with `force` exchanges both. `go_on` is asked before the rename; false leaves
+/// nothing. Returns false if it did. @throws InputError where the file system refuses.
 bool write_directory(const std::string& directory,
                      const std::vector<std::pair<std::string, std::string>>& files, bool force,
                      bool (*go_on)(), const std::string& scratch = "");

@@ -300,7 +300,8 @@ bool parse_plain_json(std::string_view text, int line, Node& node) {
 }
 
 void for_each_json_line(const std::string& text, const std::string& path,
-                        const std::function<std::string(const Field&)>& read) {
+                        const std::function<std::string(const Field&)>& read,
+                        const std::function<void(double)>& progress) {
   std::unordered_map<std::string, int> lines;  // of the ids
   Node node;
   std::string id;
@@ -315,6 +316,8 @@ void for_each_json_line(const std::string& text, const std::string& path,
   };
   int line = 1;
   for (size_t at = 0; at < text.size(); ++line) {
+    if (progress && line % 256 == 0)
+      progress(static_cast<double>(at) / static_cast<double>(text.size()));
     const size_t end = std::min(text.find('\n', at), text.size());
     const std::string_view one = std::string_view(text).substr(at, end - at);
     at = end + 1;
@@ -327,6 +330,15 @@ void for_each_json_line(const std::string& text, const std::string& path,
     if (!is_new)
       top(node, path)["id"].fail("'" + id + "' stands already in line " +
                                  std::to_string(first->second));
+  }
+}
+
+bool is_utf8(const std::string& text) {
+  try {
+    nlohmann::json(text).dump();
+    return true;
+  } catch (const nlohmann::json::type_error&) {
+    return false;
   }
 }
 

@@ -226,7 +226,7 @@ std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
   json["only_in_a"] = comparison.only_in_a;
   json["only_in_b"] = comparison.only_in_b;
   json["notes"] = comparison.notes;
-  return json.dump(1) + "\n";
+  return json_text(json);
 }
 
 }  // namespace kincal

@@ -4,6 +4,10 @@
 
 namespace kincal {
 
+std::string json_text(const Json& json) {
+  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
 Json number(double v) { return std::isfinite(v) ? Json(v == 0 ? 0.0 : v) : Json(nullptr); }
 
 Json numbers(const std::vector<double>& v) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <string>
 #include <vector>
 
 #include "../../kinematics/transform.h"
@@ -10,6 +11,10 @@
 namespace kincal {
 
 using Json = nlohmann::ordered_json;
+
+/// The text of a JSON file. Command lines, paths and errors may be in any encoding: bytes that are
+/// not UTF-8 are replaced, so that a result is written whatever its folder is called.
+std::string json_text(const Json& json);
 
 /// A number that is not finite becomes null.
 Json number(double v);

@@ -146,7 +146,7 @@ LocalPosture read_local_posture(const std::string& text, const Rig& rig,
 
 std::string local_json(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
                        const LocalSource& source) {
-  return json_of(rig, posture, local, source).dump(1) + "\n";
+  return json_text(json_of(rig, posture, local, source));
 }
 
 std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
@@ -160,7 +160,7 @@ std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalC
                  : "# No local offsets: the global calibration is as good here (`gain: false`). "
                    "Offsets are 0.\n"
                    "# Of this posture only; do not fold into the URDF.\n";
-  Node node = parse_json(json_of(rig, posture, local, source).dump(), "local.yaml");
+  Node node = parse_json(json_text(json_of(rig, posture, local, source)), "local.yaml");
   unquote(node);
   return comment + to_yaml(node);
 }

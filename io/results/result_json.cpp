@@ -369,7 +369,7 @@ std::string evaluation_json(const Evaluation& evaluation, const std::vector<Warn
                      {"dof", evaluation.dof},
                      {"sensors", sensor_table(evaluation.sensors, false)},
                      {"warnings", warning_list(warnings)}};
-  return json.dump(1) + "\n";
+  return json_text(json);
 }
 
 Json findings_json(const std::vector<Finding>& findings) {

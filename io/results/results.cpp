@@ -144,7 +144,7 @@ UrdfChanges urdf_changes(const RigFile& rig_file, const Solution& solution,
 }
 
 /// Returns the text of changes.yaml: old and new origins, reductions, joint models.
-std::string changes_text(const RigFile& rig_file, const Rig& rig, const UrdfChanges& changes,
+std::string changes_text(const RigFile& rig_file, const UrdfChanges& changes,
                          const std::vector<Reduction>& reductions,
                          const std::vector<BentJoint>& bent) {
   std::string out =
@@ -236,7 +236,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.rig_yaml = mark + out.rig_yaml;
 
   const std::vector<BentJoint> bent = bent_joints(solution);
-  out.changes_yaml = mark + changes_text(rig_file, rig, changes, out.reductions, bent);
+  out.changes_yaml = mark + changes_text(rig_file, changes, out.reductions, bent);
 
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;
@@ -249,7 +249,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                  {"urdf", out.urdf_hash}}}};
   json.update(result_json(report));
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
-  out.result_json = json.dump(1) + "\n";
+  out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);
   if (options.residuals) out.residuals_csv = residuals_csv(report);

@@ -17,11 +17,6 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 double number_or_none(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
 
-/// Names and errors hold file names, which may be in any encoding.
-std::string text(const Json& json) {
-  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
-}
-
 Json set_json(const SetSummary& set) {
   Json out = {{"status", set.status}, {"exit_code", set.exit_code}, {"error", set.error}};
   if (set.status != "failed") {
@@ -152,7 +147,7 @@ std::string record_text(const BatchRecord& r) {
   const Json json = {{"kincal", r.version},   {"options", r.options}, {"rig", r.rig},
                      {"samples", r.samples},  {"urdf", r.urdf},       {"robot", r.robot},
                      {"set", set_json(r.set)}};
-  return text(json);
+  return json_text(json);
 }
 
 std::optional<BatchRecord> read_record(const std::string& path) {
@@ -212,7 +207,7 @@ std::string summary_json(const std::vector<SetSummary>& sets, const std::string&
   Json& results = json["results"];
   for (const SetSummary& set : sets)
     results.get_ref<Json::object_t&>().emplace_back(set.name, set_json(set));
-  return text(json);
+  return json_text(json);
 }
 
 }  // namespace kincal

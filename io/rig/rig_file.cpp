@@ -9,6 +9,7 @@
 #include "../../models/rig/targets.h"
 #include "../../models/sensors/sensors.h"
 #include "../document/files.h"
+#include "../document/json.h"
 #include "../document/names.h"
 #include "../document/yaml.h"
 #include "types.h"
@@ -56,9 +57,13 @@ bool is_null(const Field& field) { return field.node->kind == Node::Kind::null; 
 void check_entries(const Field& field, const std::string& of) {
   if (field.node->kind != Node::Kind::mapping || field.size() == 0)
     field.fail("a mapping of " + of + " is expected, at least one");
-  for (const auto& [name, entry] : field.members())
+  for (const auto& [name, entry] : field.members()) {
     if (name.size() > kLongestName)
       throw InputError(Field{&entry, field.path, ""}.where() + ": " + of + ": " + long_name(name));
+    if (!is_utf8(name))
+      field.fail("the name '" + name +
+                 "' is not UTF-8; convert the file, as by iconv -f latin1 -t utf-8");
+  }
 }
 
 /// Reads the type of a target or sensor and checks its keys: those of the type beside `required`

@@ -316,14 +316,15 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
 
 }  // namespace
 
-std::vector<Sample> parse_samples(const std::string& text, const std::string& path,
-                                  const Rig& rig) {
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
+                                  const std::function<void(double)>& progress) {
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;
-  for_each_json_line(text, path, [&](const Field& field) {
+  const auto read = [&](const Field& field) {
     samples.push_back(read_sample(field, look));
     return samples.back().id;
-  });
+  };
+  for_each_json_line(text, path, read, progress);
   if (samples.empty()) throw InputError(path + ": no samples");
   return samples;
 }

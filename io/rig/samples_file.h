@@ -1,6 +1,7 @@
 // samples.jsonl: strict reading, with the place of everything wrong, and writing.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -12,8 +13,10 @@ namespace kincal {
 /// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
 /// "path:line: views[2].ids: ..."
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
-/// Reads them from the text of a file; `path` is for messages. @throws InputError
-std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig);
+/// Reads them from the text of a file; `path` is for messages, `progress` gets the share that is
+/// read, from time to time. @throws InputError
+std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
+                                  const std::function<void(double)>& progress = nullptr);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
 /// back the same).

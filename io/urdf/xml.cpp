@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "../document/error.h"
+#include "../document/json.h"
 
 namespace kincal {
 namespace {
@@ -158,6 +159,10 @@ std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* a
   const std::string name = element.attribute(attribute).value();
   if (name.empty())
     fail(xml, element, std::string("the attribute '") + attribute + "' is missing or empty");
+  if (!is_utf8(name))
+    fail(xml, element,
+         std::string("the attribute '") + attribute + "' is not UTF-8: '" + name +
+             "'; convert the file, as by iconv -f latin1 -t utf-8");
   return name;
 }
 

@@ -286,6 +286,7 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     };
   VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
   for (int pass = 0; pass < kLinearisations; ++pass) {
+    options.tell("widths, round " + std::to_string(pass + 1));
     setup.priors = plan.priors;
     for (Prior& prior : setup.priors) {
       const auto found = members.find({prior.parameter, prior.component});
@@ -482,6 +483,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     solution = calibrate(at_start(), run);  // says what is wrong
     return out;
   }
+  options.tell("what there is evidence for");
   const Holding holding = hold(learned.problem, learned.widths);
   std::vector<Component> held;
   for (size_t i = 0; i < holding.held.size(); ++i)

@@ -140,6 +140,7 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     Fit step = fit_step(plan, options, variations.robust,
                         given ? &variations.noise_ratios : nullptr, solution);
     solution.columns = step.problem->columns();
+    options.tell(plan.name + ": uncertainties");
     auto observed = std::make_unique<LastProblem>();
     observed->observability =
         observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
@@ -197,6 +198,7 @@ CalibrationRun run(const std::shared_ptr<const Recording>& recording,
                    const CalibrationOptions& options, const StepVariations& variations) {
   const std::vector<StepPlan> plans = resolve_steps(*recording, options);
   CalibrationRun first = new_run(recording, options, plans);
+  options.tell("starting values");
   start_absent_poses(plans, first.solution);
   run_to_end(plans, options, variations, first);
   // A robust run's cost is in units of what its residuals show: it compares with no other.

@@ -51,11 +51,14 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   DoctorOptions doctor;
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
-  if (const auto& progress = options.calibration.progress)
-    doctor.progress = [&progress](int, int) {
-      return progress("looking for mistakes", 0, kNan, kNan);
-    };
+  const CalibrationOptions& calibration = options.calibration;
+  const char* const what = "looking for mistakes";
+  doctor.progress = [&](int done, int of) {
+    if (done >= 0) calibration.tell(what, done / std::max(1.0, static_cast<double>(of)));
+    return !calibration.progress || calibration.progress(what, 0, kNan, kNan);
+  };
   report.diagnosis = diagnose(rig, samples, doctor);
+  calibration.tell(what, 1);
   if (!report.diagnosis) throw StudyCancelled();
 }
 
@@ -229,6 +232,8 @@ std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const
 }
 
 void analyse(const Recording& given, const StudyOptions& options, Report& report) {
+  const CalibrationOptions& calibration = options.calibration;
+  calibration.tell("uncertainties and residuals");
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
   report.explanation = explain(at);
@@ -247,6 +252,7 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
   if (options.restarts > 0 &&
       !(report.restarts = restarts(solution, options.calibration, options.restarts)))
     throw StudyCancelled();
+  calibration.tell("loops");
   if (options.loops) report.loops = loops(solution);
   Validation& validation = report.validation;
   validation.held_out = options.held_out;
@@ -258,6 +264,7 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
     if (!validation.cross_validation) throw StudyCancelled();
   }
   if (!options.frames.empty()) {
+    calibration.tell("frames");
     const Unknowns unknowns = last_unknowns(at);
     for (const Frame& frame : options.frames)
       validation.frames.push_back(report_frame(solution, unknowns, frame));

@@ -16,6 +16,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
   out.never = folds.held_out(-1);
   HeldOutSums sums;
   for (int f = 0; f < count; ++f) {
+    options.tell("cross-validation", static_cast<double>(f) / count);
     std::vector<Sample> samples;
     std::vector<int> index;
     for (int i : recording->training()) {
@@ -24,6 +25,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
       index.push_back(i);
     }
     CalibrationOptions fold_options = options;
+    fold_options.stage = nullptr;
     if (options.progress)
       fold_options.progress = [&, f](const std::string&, int iteration, double chi2,
                                      double damping) {
@@ -68,6 +70,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
     }
     out.folds.push_back(std::move(fold));
   }
+  options.tell("cross-validation", 1);
   out.sensors = held_out_errors(recording->rig, folds.blocks, sums);
   return out;
 }

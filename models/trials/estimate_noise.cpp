@@ -27,6 +27,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
         return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration,
                                 chi2, damping);
       };
+    options.tell("noise, round " + std::to_string(round));
     NoiseEstimate out;
     out.rounds = round;
     out.solution = calibrate(recording, quick, from_last);

@@ -144,6 +144,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       last = {chi2, damping};
       return go_on();
     };
+  options.tell("looking for outliers");
   Rig judged = rig;
   Solution fit = fit_everything(recording, quick, judged);
   if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
@@ -163,6 +164,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   for (const Sample& s : samples) verdicts.push_back(nothing_rejected(rig, s));
   std::vector<char> returned(samples.size(), 0);  // what came back once and is out again stays out
   for (int round = 0; round < kRounds; ++round) {
+    options.tell("looking for outliers, round " + std::to_string(round + 1));
     const std::vector<Verdict> before = verdicts;
     for (int i : training) {
       if (before[i].took_part()) {

@@ -94,6 +94,7 @@ Solution run_again(const Solution& solution, const CalibrationOptions& options, 
       move_start(*solution.recording, plan, initial, scatter, values);
     };
     CalibrationOptions named = options;
+    named.stage = nullptr;
     if (options.progress)
       named.progress = [&](const std::string&, int iteration, double chi2, double damping) {
         return options.progress("restart " + std::to_string(n), iteration, chi2, damping);
@@ -123,6 +124,7 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
   Restarts out;
   out.count = count;
   for (int n = 1; n <= count; ++n) {
+    options.tell("restarts", (n - 1.0) / count);
     Solution end = run_again(solution, options, n);
     if (end.status == Status::cancelled) return std::nullopt;
     const bool started = end.status != Status::undefined_start;
