@@ -340,11 +340,22 @@ class Signals(Case):
                 "simulate": ("simulate", "rig.yaml", "--samples", "3", "--seed", "1", "--out", "new", "--postures", "pipe")}
 
     def ends(self, p, signals, message=b"kincal: interrupted, nothing written\n"):
+        self.wait_for_handler(p, signals)
         start = time.time()
         p.send_signal(signals)
         out, err = p.communicate(timeout=20)
         self.assertEqual((p.returncode, out, err), (130, b"", message))
-        self.assertLess(time.time() - start, 1)
+        self.assertLess(time.time() - start, 3)  # at once; the machine may be busy
+
+    @staticmethod
+    def wait_for_handler(p, number):
+        """Until the program runs and catches the signal: on a busy machine that may take a while."""
+        while p.poll() is None:
+            with open("/proc/%d/status" % p.pid) as f:
+                caught = [int(line.split()[1], 16) for line in f if line.startswith("SigCgt")]
+            if caught and caught[0] >> (number - 1) & 1:
+                return
+            time.sleep(0.01)
 
     def test_reading_a_pipe(self):
         self.assertEqual(self.calibrate().code, 0)
