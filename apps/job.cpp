@@ -74,7 +74,7 @@ std::string in_program_words(std::string message) {
   if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
   replace("or a `fix` holds it", "or --fix holds it");
   replace("a calibration that rejects outliers takes them out", "--reject takes them out");
-  replace("the group gears estimates it", "--group gears estimates it");
+  replace("the group gears estimates", "--group gears estimates");
   return message;
 }
 

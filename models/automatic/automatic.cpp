@@ -214,9 +214,13 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
                            const AutomaticGroups& groups, double& readings) {
   EstimationSetup setup = fit.problem->setup();
   setup.priors.clear();
+  for (const WidthGroup& group : groups.groups)  // what the fit held counts as well
+    for (const Member& m : group.members)
+      merge(setup.free, {{m.component.parameter, {m.component.index}}});
   Estimation data(recording, recording.training(), setup);
-  data.renew(fit.state);
-  data.prepare(fit.state);
+  const VectorXd state = data.pack(fit.values);
+  data.renew(state);
+  data.prepare(state);
   const std::vector<Component>& columns = data.columns();
   const auto n = static_cast<Eigen::Index>(columns.size());
   WidthProblem out{MatrixXd::Zero(n, n),
@@ -231,7 +235,7 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
   long rank = 0;
   for (size_t g = 0; g < data.groups().size(); ++g) {
     const GroupShape& shape = data.groups()[g];
-    data.square_root(static_cast<int>(g), fit.state, 0, rows);
+    data.square_root(static_cast<int>(g), state, 0, rows);
     const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
     const auto m = static_cast<Eigen::Index>(shape.columns.size());
     const MatrixXd gram = left.transpose() * left;
@@ -262,8 +266,22 @@ struct Learned {
   std::vector<Component> columns;
   WidthProblem problem;
   Widths widths;
-  double reading_errors = 0;
+  double reading_errors = 0, gears_gain = kNan;
 };
+
+/// The gain of the gears' group, which was not asked for, at a fit without it.
+double gears_gain(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
+                  VectorXd factor) {
+  if (groups.gears.empty()) return kNan;
+  AutomaticGroups all = groups;
+  all.groups.push_back({"gears", groups.gears, {}});
+  double ignored = 0;
+  const WidthProblem problem = width_problem(recording, fit, all, ignored);
+  factor.conservativeResize(factor.size() + 1);
+  factor(factor.size() - 1) = 1;
+  const Widths widths = learn_widths(problem, factor, kWidthRounds);
+  return widths.defined ? evidence_gain(problem, widths, problem.groups - 1) : kNan;
+}
 
 Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,
               const AutomaticOptions& options, const Solution& mounts) {
@@ -304,7 +322,10 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     const double change =
         factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
     factor = out.widths.factor;
-    if (change < kSettled) break;
+    if (change < kSettled || pass + 1 == kLinearisations) {
+      out.gears_gain = gears_gain(recording, done, groups, factor);
+      break;
+    }
   }
   return out;
 }
@@ -505,6 +526,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   set_predicted_sigmas(solution);
   out.groups = told(groups, learned, holding, solution);
   out.reading_errors = learned.reading_errors;
+  out.gears_gain = learned.gears_gain;
   return out;
 }
 

@@ -12,6 +12,7 @@
 // measurement sees included (Solution::prediction); sigmas are its roots.
 #pragma once
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -41,8 +42,9 @@ struct AutomaticGroup {
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
-  double reading_errors =
-      0;  // evidence that readings of joints stated exact have errors, in sigmas
+  // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
+  // not asked for (their gain; NaN: there are none, or they were).
+  double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();
 };
 
 struct AutomaticOptions : CalibrationOptions {

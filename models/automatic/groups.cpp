@@ -331,6 +331,8 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   for (size_t g = 0; g < out.groups.size(); ++g)
     if (!without[g] && (with[g] || out.groups[g].name != "gears"))
       kept.push_back(std::move(out.groups[g]));
+    else if (!without[g])
+      out.gears = std::move(out.groups[g].members);
   out.groups = std::move(kept);
   place_stated(recording, out);
   return out;

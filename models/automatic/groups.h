@@ -54,6 +54,7 @@ struct AutomaticGroups {
   std::vector<Freed> pointing;  // of these, components that turn nothing
   std::vector<WidthGroup> groups;
   std::vector<Member> stated;  // with a prior in the rig, which is their width and stays
+  std::vector<Member> gears;   // of the group that has this name, if it was not asked for
 };
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.

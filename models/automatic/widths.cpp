@@ -207,6 +207,20 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group)
   return out;
 }
 
+/// The gain of a group with these members, of which value, covariance and 1 / t_i^2 are given.
+double gain_of(const std::vector<int>& members, const VectorXd& value, const MatrixXd& covariance,
+               const VectorXd& prior) {
+  const Scaled ckk(block(covariance, members, members));
+  const VectorXd x = block(value, members);
+  return 0.5 * (ckk.log_determinant() + block(prior, members).array().log().sum() +
+                x.dot(ckk.solve(x).col(0)));
+}
+
+double evidence_gain(const WidthProblem& p, const Widths& widths, int group) {
+  return gain_of(members_of(p, group), widths.posterior.value, widths.posterior.covariance,
+                 precision(p, widths.factor));
+}
+
 Holding hold(const WidthProblem& p, const Widths& widths) {
   Holding out;
   out.held.assign(p.start.size(), 0);
@@ -232,11 +246,7 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
     int least = -1;
     for (int k = 0; k < p.groups; ++k) {
       if (out.whole[k]) continue;
-      const std::vector<int> members = members_of(p, k);
-      const Scaled ckk(block(c, members, members));
-      const VectorXd x = block(value, members);
-      out.gain(k) = 0.5 * (ckk.log_determinant() + block(prior, members).array().log().sum() +
-                           x.dot(ckk.solve(x).col(0)));
+      out.gain(k) = gain_of(members_of(p, k), value, c, prior);
       if (least < 0 || out.gain(k) < out.gain(least)) least = k;
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;

@@ -79,6 +79,9 @@ struct Widths {
 /// Learns the factors, from `factor` on, in at most `rounds` rounds.
 Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
 
+/// Returns the gain of a group.
+double evidence_gain(const WidthProblem& problem, const Widths& widths, int group);
+
 /// What is held for want of evidence.
 struct Holding {
   std::vector<char> held;   // by unknown

@@ -50,8 +50,9 @@ struct Report {
   std::vector<Rejected>
       outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
-  std::vector<AutomaticGroup> automatic;  // of a rig without steps
-  std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
+  std::vector<AutomaticGroup> automatic;                         // of a rig without steps
+  double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
+  std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;
   std::vector<Warning> warnings;

@@ -95,6 +95,12 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
   return moved;
 }
 
+void take(AutomaticCalibration found, Report& report) {
+  report.solution = std::move(found.solution);
+  report.automatic = std::move(found.groups);
+  report.gears_gain = found.gears_gain;
+}
+
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
 bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
                     std::vector<NoiseLevel> levels, const StudyOptions& options, Report& report) {
@@ -107,8 +113,7 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
                                                        automatic_options(options));
   if (found.solution.status == Status::cancelled) throw StudyCancelled();
   if (!found.solution.usable()) return false;
-  report.solution = std::move(found.solution);
-  report.automatic = std::move(found.groups);
+  take(std::move(found), report);
   report.noise_levels = std::move(levels);
   return true;
 }
@@ -194,11 +199,11 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   }
   if (automatic) {
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
-    report.solution = std::move(found.solution);
-    report.automatic = std::move(found.groups);
+    const double reading_errors = found.reading_errors;
+    take(std::move(found), report);
     solved = true;
     if (ended(report.solution)) return recording;
-    find_noise(options, calibration, found.reading_errors, report);
+    find_noise(options, calibration, reading_errors, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise) {
@@ -210,10 +215,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
     if (automatic && report.solution.usable()) {  // what may be wrong is to be learned with these
-      AutomaticCalibration found =
-          calibrate_automatically(*report.solution.recording, automatic_options(options));
-      report.solution = std::move(found.solution);
-      report.automatic = std::move(found.groups);
+      take(calibrate_automatically(*report.solution.recording, automatic_options(options)), report);
     }
   }
   if (!solved) report.solution = calibrate(left, calibration);

@@ -314,6 +314,25 @@ std::string doubted_gears(const Report& report) {
                             "the group gears estimates it";
 }
 
+/// Groups that came out much worse than such numbers usually are, and gears that the rig's path
+/// leaves out.
+void warn_of_widths(const Report& report, Warnings& out) {
+  constexpr double kWide = 9;       // two spreads of what is assumed of a width
+  constexpr double kSpeaking = 10;  // log evidence
+  for (const AutomaticGroup& group : report.automatic)
+    if (group.factor > kWide && !group.held)
+      out.push_back(
+          {"width", "group '" + group.name +
+                        text("': its numbers are off by %.0f times as much as usual: look "
+                             "for a mistake in the rig or the data that they take up",
+                             group.factor)});
+  if (report.gears_gain > kSpeaking)
+    out.push_back({"gears", text("the data speak for other gear ratios than stated (log evidence "
+                                 "%.0f), which were not estimated: predicted errors may be too "
+                                 "small; the group gears estimates them",
+                                 report.gears_gain)});
+}
+
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
   if (std::isfinite(report.noise_estimated->stated)) {
@@ -383,6 +402,7 @@ std::vector<Warning> warnings(const Report& report) {
   }
   if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus});
   warn_of_noise(report, out);
+  warn_of_widths(report, out);
   warn_of_outliers(report.outliers, out);
   if (report.restarts) warn_of_minima(*report.restarts, out);
   return out;

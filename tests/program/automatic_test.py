@@ -254,7 +254,7 @@ sensors:
 """ % (board, centre, camera))
 
     def simulate(self, seed):
-        self.kincal("simulate", "simulated.yaml", "--samples", "23", "--seed", str(seed), "--truth", "truth.json", "--out", "sim%d" % seed)
+        self.kincal("simulate", "simulated.yaml", "--samples", "23", "--seed", str(seed), "--truth", "truth.json", "--out", "sim%d" % seed, "--force")
         return "sim%d/samples.jsonl" % seed
 
     def test_every_seed_ends_alike(self):
@@ -277,6 +277,56 @@ sensors:
         (told,) = json.loads(self.read("out", "result.json"))["validation"]["requirements"]
         self.assertFalse(told["met"])
         self.assertGreater(told["measured"], 3)
+
+    def estimated(self, truth, seed=1, options=()):
+        self.write("truth.json", json.dumps({"parameters": truth}))
+        return self.automatic(self.path("rig.yaml"), os.path.join(self.dir, self.simulate(seed)), options=options)
+
+    def test_a_length_along_an_axis(self):
+        """An arm whose elbow stands 1.5 mm aside, along its own axis: nothing else is taken for it."""
+        truth = {"joint/j3/origin": [0, 0.0015, 0, 0, 0, 0]}
+        for seed in range(1, 4):
+            result = self.estimated(truth, seed)
+            aside = sum(result["parameters"].get("joint/%s/origin" % j, {"value": [0] * 6})["value"][1] for j in ("j2", "j3", "j4"))
+            self.assertGreater(aside, 0.5 * 0.0015)  # the rest by a little of everything, within its sigmas
+            for name, p in result["parameters"].items():
+                if name.startswith("joint/"):
+                    for value, sigma, true in zip(p["value"], p["sigma"], truth.get(name, [0] * 6)):
+                        if sigma:
+                            self.assertLess(abs(value - true), 4 * sigma, (seed, name))
+
+    def test_joints_stated_exact_that_are_not(self):
+        """Readings with errors that chi2/dof does not show: the noise is estimated, and what is said to be known is. Exact ones stay exact."""
+        for name in ("rig.yaml", "simulated.yaml"):
+            text = self.read(name)
+            self.write(name, text.replace("sigma: 0.2,", "sigma: 0.6,"))
+        self.write("exact.yaml", self.read("rig.yaml").replace("{sigma: 0.0002}", "{sigma: 0}"))
+        self.write("truth.json", json.dumps({"parameters": self.OFFSETS}))
+        for exact in (False, True):
+            if exact:
+                self.write("simulated.yaml", self.read("simulated.yaml").replace("{sigma: 0.0002}", "{sigma: 0}"))
+            for seed in (1, 2, 3):
+                result = self.automatic(self.path("exact.yaml"), os.path.join(self.dir, self.simulate(seed)))
+                told = [w["text"] for w in result["warnings"] if w["id"] == "noise"]
+                self.assertEqual(len(told), 0 if exact else 1, (seed, exact, told))
+                for name, value in self.OFFSETS.items():
+                    p = result["parameters"][name]
+                    self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0], name)
+
+    def test_gears_that_were_left_out(self):
+        """Gears are estimated only when asked for; that the data speak for them is said, and only then."""
+        gears = {"joint/j%d/scale" % j: 1 + 2e-3 * (-1) ** j for j in range(1, 7)}
+        told = [w["text"] for w in self.estimated(gears)["warnings"] if w["id"] == "gears"]
+        self.assertEqual(len(told), 1)
+        self.assertIn("--group gears estimates them", told[0])
+        self.assertNotIn("gears", [w["id"] for w in self.estimated(gears, options=("--group", "gears"))["warnings"]])
+        self.assertNotIn("gears", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
+
+    def test_a_group_that_is_far_off(self):
+        """A joint that was mounted a fifth of a radian off is found, and that this is unusual is said."""
+        (text,) = [w["text"] for w in self.estimated({"joint/j4/offset": 0.2})["warnings"] if w["id"] == "width"]
+        self.assertIn("group 'offsets'", text)
+        self.assertNotIn("width", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
 
     def test_a_gear_taken_for_noise(self):
         """A joint whose gear is not as stated looks noisy: the warning says what else it may be, and that is right."""
