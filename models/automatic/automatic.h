@@ -40,6 +40,7 @@ struct AutomaticGroup {
 
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
+  VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
   double reading_errors =
       0;  // evidence that readings of joints stated exact have errors, in sigmas

@@ -92,6 +92,12 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
   return moved;
 }
 
+void take(AutomaticCalibration found, Report& report) {
+  report.solution = std::move(found.solution);
+  report.automatic = std::move(found.groups);
+  report.mounts = std::move(found.mounts);
+}
+
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
 bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
                     std::vector<NoiseLevel> levels, const StudyOptions& options, Report& report) {
@@ -104,8 +110,7 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
                                                        automatic_options(options));
   if (found.solution.status == Status::cancelled) throw StudyCancelled();
   if (!found.solution.usable()) return false;
-  report.solution = std::move(found.solution);
-  report.automatic = std::move(found.groups);
+  take(std::move(found), report);
   report.noise_levels = std::move(levels);
   return true;
 }
@@ -191,11 +196,11 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   }
   if (automatic) {
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
-    report.solution = std::move(found.solution);
-    report.automatic = std::move(found.groups);
+    const double reading_errors = found.reading_errors;
+    take(std::move(found), report);
     solved = true;
     if (ended(report.solution)) return recording;
-    find_noise(options, calibration, found.reading_errors, report);
+    find_noise(options, calibration, reading_errors, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise) {
@@ -206,12 +211,8 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
-    if (automatic && report.solution.usable()) {  // what may be wrong is to be learned with these
-      AutomaticCalibration found =
-          calibrate_automatically(*report.solution.recording, automatic_options(options));
-      report.solution = std::move(found.solution);
-      report.automatic = std::move(found.groups);
-    }
+    if (automatic && report.solution.usable())  // what may be wrong is to be learned with these
+      take(calibrate_automatically(*report.solution.recording, automatic_options(options)), report);
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);
@@ -228,7 +229,46 @@ std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const
   return make_recording(report.solution.rig(), std::move(samples));
 }
 
-void analyse(const Recording& given, const StudyOptions& options, Report& report) {
+/// Held-out errors and cross-validation; on the automatic path of simpler calibrations, too: of the
+/// mounts alone, and of the rig as it is.
+void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
+                  Report& report) {
+  const Solution& solution = report.solution;
+  Validation& validation = report.validation;
+  const bool automatic = !report.automatic.empty();  // more than mounts was free
+  BaselineSums sums;
+  validation.held_out = options.held_out;
+  validation.test = held_out_errors(solution, report.residuals);
+  const bool judged = !validation.test.empty();
+  const auto compare = [&](const Blocks& blocks) {
+    validation.baselines =
+        Baselines{!judged, gives_poses(as_it_is), compare_baselines(solution.rig(), blocks, sums)};
+  };
+  if (automatic && judged) {
+    const std::vector<int> all = indices(solution.samples().size());
+    if (!add_baselines(as_it_is, solution, report.mounts, options.calibration, all, sums))
+      throw StudyCancelled();
+    sums.automatic.add(*solution.recording, report.residuals, all);
+    compare(make_blocks(solution.rig(), solution.samples()));
+  }
+  if (options.cross_validate == 0) return;
+  FoldJudge fold;
+  if (automatic && !judged)
+    fold = [&](const Solution& found, const std::vector<int>& index) {
+      const std::optional<VectorXd> mounts = mounts_alone(found, options.calibration);
+      return !mounts || add_baselines(as_it_is, found, *mounts, options.calibration, index, sums);
+    };
+  validation.cross_validation =
+      cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
+                     options.calibration, options.cross_validate, options.reject, fold);
+  if (!validation.cross_validation) throw StudyCancelled();
+  if (!fold) return;
+  sums.automatic = validation.cross_validation->sums;
+  compare(validation.cross_validation->blocks);
+}
+
+void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
+             Report& report) {
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
   report.explanation = explain(at);
@@ -248,15 +288,8 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
       !(report.restarts = restarts(solution, options.calibration, options.restarts)))
     throw StudyCancelled();
   if (options.loops) report.loops = loops(solution);
+  add_held_out(as_it_is, given, options, report);
   Validation& validation = report.validation;
-  validation.held_out = options.held_out;
-  validation.test = held_out_errors(solution, report.residuals);
-  if (options.cross_validate > 0) {
-    validation.cross_validation =
-        cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
-                       options.calibration, options.cross_validate, options.reject);
-    if (!validation.cross_validation) throw StudyCancelled();
-  }
   if (!options.frames.empty()) {
     const Unknowns unknowns = last_unknowns(at);
     for (const Frame& frame : options.frames)
@@ -279,7 +312,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
               options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
-    if (!undefined) analyse(*given, options, report);
+    if (!undefined) analyse(recording->rig, *given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2_data > kUnexplained * solution.dof_data;
     if (options.diagnose && unexplained && !report.diagnosis)
