@@ -31,7 +31,10 @@ Solution as_given(const Rig& given, const Solution& solution, const CalibrationO
   if (!step.free.empty()) {
     Rig rig = given;
     rig.steps = {step};
-    return calibrate(make_recording(std::move(rig), solution.samples()), options_of_steps(options));
+    StepVariations once;  // it fits badly: that is no reason to try other starts
+    once.before_step = [](const StepPlan&, const VectorXd&, VectorXd&) {};
+    return calibrate(make_recording(std::move(rig), solution.samples()), options_of_steps(options),
+                     once);
   }
   Solution out;
   out.initial = out.values.shared = recording->table.initial;
@@ -127,7 +130,12 @@ std::optional<VectorXd> mounts_alone(const Solution& solution, const Calibration
   if (steps.size() < 2) return solution.initial;  // no mount is free
   CalibrationOptions mounts = options_of_steps(options);
   mounts.last_step = steps.front().name;
-  const Solution found = calibrate(solution.recording, mounts);
+  StepVariations near;  // the mounts that the whole calibration found are a good start
+  near.start = solution.initial;
+  for (const Parameter& p : solution.table().all)
+    if (p.pose && std::count(steps[0].free.begin(), steps[0].free.end(), p.name))
+      near.start->segment(p.start, 12) = solution.values.shared.segment(p.start, 12);
+  const Solution found = calibrate(solution.recording, mounts, near);
   if (!found.usable() && found.status != Status::not_converged) return std::nullopt;
   return found.values.shared;
 }
