@@ -75,6 +75,8 @@ std::string in_program_words(std::string message) {
   replace("or a `fix` holds it", "or --fix holds it");
   replace("a calibration that rejects outliers takes them out", "--reject takes them out");
   replace("the group gears estimates", "--group gears estimates");
+  replace("leave groups out, and look for mistakes",
+          "leave groups out (--no-group), and look for mistakes (kincal check)");
   return message;
 }
 

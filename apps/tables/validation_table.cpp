@@ -18,6 +18,51 @@ std::string unfinished_text(const std::vector<Unfinished>& all, bool held_out_on
   return out;
 }
 
+namespace {
+
+/// Simpler calibrations beside this one, on the same held-out samples.
+std::string baselines_table(const Baselines& b) {
+  std::vector<std::vector<std::string>> rows = {{"sensor", "unit", "points", "over"}};
+  if (b.rig) rows[0].push_back("rig as it is");
+  for (const char* head : {"mounts alone", "this", "this / mounts alone", "95 %"})
+    rows[0].push_back(head);
+  for (const Baseline& row : b.rows) {
+    const Unit unit = shown(row.unit);
+    const bool second = &row != &b.rows[0] && (&row - 1)->sensor == row.sensor;
+    rows.push_back(
+        {second ? "" : row.sensor, unit.name, second ? "" : std::to_string(row.points),
+         second ? "" : std::to_string(row.blocks) + (row.by_target ? " targets" : " samples")});
+    if (b.rig) rows.back().push_back(value(row.rig, unit.factor));
+    rows.back().push_back(value(row.mounts, unit.factor));
+    rows.back().push_back(value(row.automatic, unit.factor));
+    rows.back().push_back(value(row.ratio));
+    rows.back().push_back(std::isfinite(row.of_ratio.low)
+                              ? value(row.of_ratio.low) + " to " + value(row.of_ratio.high)
+                              : "-");
+  }
+  return std::string("\nBeside simpler calibrations (rms as read, ") +
+         (b.cross_validated ? "each sample by the calibrations that lack it" : "held out") +
+         "; a ratio above 1: this is worse)\n" + align(rows, 2);
+}
+
+/// What predictions of frames assume on the automatic path; "": nothing.
+std::string assumption_text(const std::vector<AutomaticGroup>& groups) {
+  constexpr size_t kMost = 3;
+  std::vector<std::string> names;
+  for (const bool unseen : {true, false})
+    for (const AutomaticGroup& g : groups)
+      for (const AutomaticNumber& n : unseen ? g.unseen : g.numbers)
+        if (unseen || n.told < 0.1) names.push_back(n.name);
+  if (names.empty()) return "";
+  std::string list;
+  for (size_t i = 0; i < names.size() && i < kMost; ++i) list += (i ? ", " : "") + names[i];
+  if (names.size() > kMost) list += ", and " + std::to_string(names.size() - kMost) + " more";
+  return "  numbers that the data do not tell (" + list +
+         ") count with the width of their group, learned from its other members: an assumption\n";
+}
+
+}  // namespace
+
 std::string validation_table(const Report& report) {
   const Validation& v = report.validation;
   std::string out;
@@ -78,6 +123,7 @@ std::string validation_table(const Report& report) {
     if (!never.empty())
       out += "  never held out (the only data of a sensor, target or joint): " + never + "\n";
   }
+  if (v.baselines) out += baselines_table(*v.baselines);
   if (!v.frames.empty()) {
     out += "\nFrames relative to " + v.frames[0].base +
            " (predicted sigma over postures; last column: with the noise of one reading of each "
@@ -107,6 +153,7 @@ std::string validation_table(const Report& report) {
       if (!held.empty())
         out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
     }
+    out += assumption_text(report.automatic);
   }
   if (!v.requirements.empty()) out += "\nTolerances\n";
   for (const Judgement& j : v.requirements)

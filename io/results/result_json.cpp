@@ -88,6 +88,23 @@ Json sigma_json(const SigmaStatistics& s) {
   return {{"rms", number(s.rms)}, {"median", number(s.median)}, {"worst", number(s.worst)}};
 }
 
+Json baselines_json(const Baselines& b) {
+  Json sensors = Json::array();
+  for (const Baseline& row : b.rows) {
+    Json one = {{"sensor", row.sensor}, {"unit", row.unit}, {"points", row.points}};
+    one["blocks"] = row.blocks;
+    one["by"] = row.by_target ? "target" : "sample";
+    if (b.rig) one["rig"] = number(row.rig);
+    one["mounts"] = number(row.mounts);
+    one["automatic"] = number(row.automatic);
+    one["ratio"] = number(row.ratio);
+    one["ratio_95"] = interval(row.of_ratio);
+    one["worse"] = row.worse();
+    sensors.push_back(one);
+  }
+  return {{"from", b.cross_validated ? "cross_validation" : "test"}, {"rows", sensors}};
+}
+
 /// What was asked for.
 Json validation_json(const Validation& v) {
   Json out = Json::object();
@@ -109,6 +126,7 @@ Json validation_json(const Validation& v) {
                                {"never_held_out", c.never},
                                {"sensors", held_out_table(c.sensors)}};
   }
+  if (v.baselines) out["baselines"] = baselines_json(*v.baselines);
   if (!v.frames.empty()) out["frames"] = Json::object();
   for (const FrameReport& f : v.frames) {
     Json workspaces = Json::object();

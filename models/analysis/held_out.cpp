@@ -19,6 +19,19 @@ double student_quantile(long n) {
                              a * (((((79 * q + 776) * q + 1482) * q - 1920) * q - 945) / 92160)))));
 }
 
+/// The factor between a root mean square, or a ratio of two, and the ends of its interval; theta is
+/// twice its logarithm without each block. Infinite: one block is nearly all of it, and the scatter
+/// over blocks means nothing.
+double interval_factor(const std::vector<double>& theta) {
+  const auto m = static_cast<double>(theta.size());
+  double mean = 0, variance = 0;
+  for (double t : theta) mean += t / m;
+  for (double t : theta) variance += (t - mean) * (t - mean);
+  const double error = std::sqrt(variance * (m - 1) / m),
+               factor = std::exp(student_quantile(static_cast<long>(theta.size()) - 1) * error / 2);
+  return factor > 10 ? INFINITY : factor;
+}
+
 }  // namespace
 
 Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points) {
@@ -29,21 +42,28 @@ Interval rms_interval(const std::vector<double>& squares, const std::vector<long
   if (m < 3) return {};
   if (sum == 0) return {0, 0};
   std::vector<double> theta;
-  double mean = 0;
   for (size_t i = 0; i < m; ++i) {
     const double left = sum - squares[i];
     if (!(left > 0) || count == points[i]) return {};  // all of it in one block
     theta.push_back(std::log(left / static_cast<double>(count - points[i])));
-    mean += theta.back() / static_cast<double>(m);
   }
-  double variance = 0;
-  for (double t : theta) variance += (t - mean) * (t - mean);
-  const double error = std::sqrt(variance * static_cast<double>(m - 1) / static_cast<double>(m));
-  const double rms = std::sqrt(sum / static_cast<double>(count)),
-               factor = std::exp(student_quantile(static_cast<long>(m) - 1) * error / 2);
-  if (factor > 10)
-    return {};  // one block is nearly all of it: the scatter over blocks means nothing
+  const double rms = std::sqrt(sum / static_cast<double>(count)), factor = interval_factor(theta);
+  if (!std::isfinite(factor)) return {};
   return {rms / factor, rms * factor};
+}
+
+Interval rms_ratio_interval(const std::vector<double>& squares, const std::vector<double>& others) {
+  double sum = 0, other = 0;
+  for (size_t i = 0; i < squares.size(); ++i) sum += squares[i], other += others[i];
+  if (squares.size() < 3) return {};
+  std::vector<double> theta;
+  for (size_t i = 0; i < squares.size(); ++i) {
+    if (!(sum > squares[i]) || !(other > others[i])) return {};
+    theta.push_back(std::log((sum - squares[i]) / (other - others[i])));
+  }
+  const double ratio = std::sqrt(sum / other), factor = interval_factor(theta);
+  if (!std::isfinite(factor)) return {};
+  return {ratio / factor, ratio * factor};
 }
 
 namespace {

@@ -10,6 +10,10 @@
 // blocks of the same kind for this calibration; with fewer than three targets, or views, the blocks
 // are samples, and with fewer than three of those there is no interval.
 //
+// Of two calibrations judged on the same blocks, with squares a_i and b_i, the ratio of their rms
+// is sqrt(sum a_i / sum b_i), and its interval comes from the same jackknife with theta_i = ln(sum
+// a / sum b) without block i: paired, so that what makes a block hard for both does not widen it.
+//
 // A median stands beside each root mean square: a few gross outliers decide the one and leave the
 // other alone.
 #pragma once
@@ -30,6 +34,9 @@ struct Interval {
 };
 /// Returns the 95 % interval of a root mean square; `squares` and `points` are by block.
 Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points);
+
+/// Returns the 95 % interval of a root mean square over another of the same points; by block.
+Interval rms_ratio_interval(const std::vector<double>& squares, const std::vector<double>& others);
 
 /// A HeldOutError has root mean squares of one sensor's residuals on data not used, with intervals;
 /// NaN: none. Units are as SensorResult's.

@@ -260,6 +260,19 @@ Residuals residuals(const Linearisation& at) {
   return out;
 }
 
+Residuals held_out_as_read(const Solution& solution, const VectorXd& shared) {
+  const Recording& recording = *solution.recording;
+  Judge how;
+  how.loss = solution.setup.loss;
+  how.noise_ratios = solution.setup.noise_ratios;
+  how.start = &solution.values;
+  how.free = solution.seen_held_out;
+  Judged read = judge(recording, recording.split(false), shared, solution.initial, how);
+  Residuals out;
+  append(read.residuals, out.as_read);
+  return out;
+}
+
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& patterns) {
   const Rig& rig = recording.rig;

@@ -58,6 +58,10 @@ struct Linearisation;
 /// `undefined`.
 Residuals residuals(const Linearisation& at);
 
+/// Returns residuals as read alone, of the held-out samples, with these shared values in place of
+/// the solution's.
+Residuals held_out_as_read(const Solution& solution, const VectorXd& shared);
+
 /// An Evaluation is the table of residuals at given parameters.
 struct Evaluation {
   bool converged = true;  // the estimation of targets and joint errors: nothing is unfinished

@@ -525,6 +525,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   solution.prediction = prediction_of(groups, learned, holding);
   set_predicted_sigmas(solution);
   out.groups = told(groups, learned, holding, solution);
+  out.mounts = mounts.values.shared;
   out.reading_errors = learned.reading_errors;
   out.gears_gain = learned.gears_gain;
   return out;

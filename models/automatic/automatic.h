@@ -41,6 +41,7 @@ struct AutomaticGroup {
 
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
+  VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
   // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
   // not asked for (their gain; NaN: there are none, or they were).

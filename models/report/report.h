@@ -50,7 +50,8 @@ struct Report {
   std::vector<Rejected>
       outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
-  std::vector<AutomaticGroup> automatic;                         // of a rig without steps
+  std::vector<AutomaticGroup> automatic;  // of a rig without steps
+  VectorXd mounts;                        // of these, shared values with the mounts alone estimated
   double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
   std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;

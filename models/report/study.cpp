@@ -99,6 +99,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.solution = std::move(found.solution);
   report.automatic = std::move(found.groups);
   report.gears_gain = found.gears_gain;
+  report.mounts = std::move(found.mounts);
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
@@ -214,9 +215,8 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
-    if (automatic && report.solution.usable()) {  // what may be wrong is to be learned with these
+    if (automatic && report.solution.usable())  // what may be wrong is to be learned with these
       take(calibrate_automatically(*report.solution.recording, automatic_options(options)), report);
-    }
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);
@@ -233,7 +233,46 @@ std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const
   return make_recording(report.solution.rig(), std::move(samples));
 }
 
-void analyse(const Recording& given, const StudyOptions& options, Report& report) {
+/// Held-out errors and cross-validation; on the automatic path of simpler calibrations, too: of the
+/// mounts alone, and of the rig as it is.
+void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
+                  Report& report) {
+  const Solution& solution = report.solution;
+  Validation& validation = report.validation;
+  const bool automatic = !report.automatic.empty();  // more than mounts was free
+  BaselineSums sums;
+  validation.held_out = options.held_out;
+  validation.test = held_out_errors(solution, report.residuals);
+  const bool judged = !validation.test.empty();
+  const auto compare = [&](const Blocks& blocks) {
+    validation.baselines =
+        Baselines{!judged, gives_poses(as_it_is), compare_baselines(solution.rig(), blocks, sums)};
+  };
+  if (automatic && judged) {
+    const std::vector<int> all = indices(solution.samples().size());
+    if (!add_baselines(as_it_is, solution, report.mounts, options.calibration, all, sums))
+      throw StudyCancelled();
+    sums.automatic.add(*solution.recording, report.residuals, all);
+    compare(make_blocks(solution.rig(), solution.samples()));
+  }
+  if (options.cross_validate == 0) return;
+  FoldJudge fold;
+  if (automatic && !judged)
+    fold = [&](const Solution& found, const std::vector<int>& index) {
+      const std::optional<VectorXd> mounts = mounts_alone(found, options.calibration);
+      return !mounts || add_baselines(as_it_is, found, *mounts, options.calibration, index, sums);
+    };
+  validation.cross_validation =
+      cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
+                     options.calibration, options.cross_validate, options.reject, fold);
+  if (!validation.cross_validation) throw StudyCancelled();
+  if (!fold) return;
+  sums.automatic = validation.cross_validation->sums;
+  compare(validation.cross_validation->blocks);
+}
+
+void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
+             Report& report) {
   const CalibrationOptions& calibration = options.calibration;
   calibration.tell("uncertainties and residuals");
   const Linearisation at = linearise(report.solution);
@@ -256,15 +295,8 @@ void analyse(const Recording& given, const StudyOptions& options, Report& report
     throw StudyCancelled();
   calibration.tell("loops");
   if (options.loops) report.loops = loops(solution);
+  add_held_out(as_it_is, given, options, report);
   Validation& validation = report.validation;
-  validation.held_out = options.held_out;
-  validation.test = held_out_errors(solution, report.residuals);
-  if (options.cross_validate > 0) {
-    validation.cross_validation =
-        cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
-                       options.calibration, options.cross_validate, options.reject);
-    if (!validation.cross_validation) throw StudyCancelled();
-  }
   if (!options.frames.empty()) {
     calibration.tell("frames");
     const Unknowns unknowns = last_unknowns(at);
@@ -288,7 +320,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
               options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
-    if (!undefined) analyse(*given, options, report);
+    if (!undefined) analyse(recording->rig, *given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2_data > kUnexplained * solution.dof_data;
     if (options.diagnose && unexplained && !report.diagnosis)

@@ -9,6 +9,7 @@
 #include "../analysis/frames.h"
 #include "../analysis/held_out.h"
 #include "../trials/cross_validation.h"
+#include "baselines.h"
 #include "requirements.h"
 
 namespace kincal {
@@ -17,6 +18,7 @@ struct Validation {
   std::vector<std::string> held_out;  // blocks that were taken out of the training
   std::vector<HeldOutError> test;
   std::optional<CrossValidation> cross_validation;
+  std::optional<Baselines> baselines;  // automatic path
   std::vector<FrameReport> frames;
   std::vector<Judgement> requirements;
 

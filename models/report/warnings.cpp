@@ -364,6 +364,33 @@ void warn_of_noise(const Report& report, Warnings& out) {
                         "the sensor's factor, the file keeps its numbers"});
 }
 
+/// Words for an error as read: metres and radians in thousandths.
+std::string error_text(double value, const std::string& unit) {
+  const bool metres = unit == "m", radians = unit == "rad";
+  return text("%.3g ", value * (metres || radians ? 1e3 : 1)) + (metres    ? "mm"
+                                                                 : radians ? "mrad"
+                                                                           : unit);
+}
+
+/// A calibration that is worse than one that leaves the robot as it is.
+void warn_of_held_out(const Validation& validation, Warnings& out) {
+  if (!validation.baselines) return;
+  std::string list;
+  for (const Baseline& b : validation.baselines->rows)
+    if (b.worse())
+      list += (list.empty() ? "sensor '" : "; sensor '") + b.sensor + "' " +
+              error_text(b.automatic, b.unit) + " as read, the mounts alone " +
+              error_text(b.mounts, b.unit) + text(" (%.3g times, 95 %% ", b.ratio) +
+              text("%.3g to %.3g)", b.of_ratio.low, b.of_ratio.high);
+  if (!list.empty())
+    out.push_back(
+        {"held_out",
+         "on data that it did not use this calibration is worse than its mounts alone: " + list +
+             ". Too many numbers are free for these data, or a mistake somewhere is "
+             "taken up by the arm's numbers: use the result for its mounts at most, "
+             "leave groups out, and look for mistakes"});
+}
+
 void warn_of_minima(const Restarts& restarts, Warnings& out) {
   const std::vector<Minimum>& minima = restarts.minima;
   if (minima.size() < 2 ||
@@ -405,6 +432,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_widths(report, out);
   warn_of_outliers(report.outliers, out);
   if (report.restarts) warn_of_minima(*report.restarts, out);
+  warn_of_held_out(report.validation, out);
   return out;
 }
 

@@ -8,13 +8,13 @@ namespace kincal {
 
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int count,
-                                              bool reject) {
+                                              bool reject, const FoldJudge& also) {
   const Folds folds = deal_folds(recording->rig, recording->samples, count);
   CrossValidation out;
   out.by_target = folds.by_target();
   out.reject = reject;
   out.never = folds.held_out(-1);
-  HeldOutSums sums;
+  HeldOutSums& sums = out.sums;
   for (int f = 0; f < count; ++f) {
     options.tell("cross-validation", static_cast<double>(f) / count);
     std::vector<Sample> samples;
@@ -64,6 +64,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
             std::none_of(found.unfinished.begin(), found.unfinished.end(),
                          [](const Unfinished& u) { return !u.train && u.column != "rms_before"; });
         sums.add(*solution.recording, found, place);
+        if (also && !also(solution, place)) return std::nullopt;
       }
     } catch (const std::exception& error) {
       leave_out(error.what());
@@ -71,7 +72,8 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
     out.folds.push_back(std::move(fold));
   }
   options.tell("cross-validation", 1);
-  out.sensors = held_out_errors(recording->rig, folds.blocks, sums);
+  out.blocks = folds.blocks;
+  out.sensors = held_out_errors(recording->rig, out.blocks, sums);
   return out;
 }
 

@@ -7,6 +7,7 @@
 // on the root mean square; the median beside it they leave alone.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -30,7 +31,14 @@ struct CrossValidation {
   std::vector<Fold> folds;
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
+  HeldOutSums sums;  // that they are made of
+  Blocks blocks;
 };
+
+/// It is called for each calibration that could be judged, with the places of its samples in the
+/// whole set. False cancels.
+using FoldJudge = std::function<bool(const Solution&, const std::vector<int>&)>;
+
 /// Calibrates the training samples from the rig's values as often as there are folds, each time
 /// without one fold, and judges it on that fold; `reject`: without the gross outliers of the other
 /// folds. Samples that are held out already take no part.
@@ -38,6 +46,6 @@ struct CrossValidation {
 /// @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int folds,
-                                              bool reject = false);
+                                              bool reject = false, const FoldJudge& also = nullptr);
 
 }  // namespace kincal

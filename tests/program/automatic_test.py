@@ -120,6 +120,68 @@ class Init(Program):
                 self.assertIn("joint: j2", text)
         self.assertIn("geometry/base..tool", self.read("rig0.yaml"))
 
+    def test_simpler_calibrations_beside_it(self):
+        """Held out: rig as it is, mounts alone, and all; a warning where readings were wrong in training alone. Base frames say what they assume."""
+        joints, parent = "", "base"
+        for i, (axis, xyz) in enumerate([("0 0 1", "0 0 0.2"), ("0 1 0", "0 0 0.1"), ("0 1 0", "0 0 0.4"), ("1 0 0", "0.3 0 0"), ("0 1 0", "0.1 0 0")]):
+            joints += ('<joint name="a%d" type="revolute"><parent link="%s"/><child link="l%d"/><origin xyz="%s"/><axis xyz="%s"/>'
+                       '<limit lower="-0.9" upper="0.9" effort="1" velocity="1"/></joint><link name="l%d"/>\n') % (i, parent, i, xyz, axis, i)
+            parent = "l%d" % i
+        self.write("arm.urdf", '<robot name="arm"><link name="base"/>\n' + joints + "</robot>")
+        self.init("--sensor", "pose:base:tracker", "--target", "points:0,0,0@l4:body", "--out", "open.yaml")
+        poses = {"sensor/tracker/pose": [1.5, 0.2, 0.5, 0, 0.1, 3], "target/body/pose": [0.05, 0.02, 0.1, 0, 0, 0]}
+        offsets = {"joint/a%d/offset" % i: 0.03 * (-1) ** i for i in (1, 2, 3)}
+        parts = {}
+        for name, count, seed, truth in (("wrong", 24, 1, dict(poses, **offsets)), ("right", 60, 2, poses), ("more", 30, 3, dict(poses, **offsets))):
+            self.kincal("simulate", "open.yaml", "--samples", str(count), "--seed", str(seed), "--out", name,
+                        "--truth", self.write(name + ".json", json.dumps({"parameters": truth})))
+            parts[name] = [json.loads(line) for line in self.read(name, "samples.jsonl").splitlines()]
+        def samples(*held_out):
+            lines = list(parts["wrong"])
+            lines += [dict(s, id="h%d" % i, split="test") for i, s in enumerate(sum((parts[n] for n in held_out), []))]
+            return self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in lines))
+        def result(*options, rig="open.yaml"):
+            out, _ = self.kincal("calibrate", rig, "samples.jsonl", "--out", "out", "--force", *options)
+            found = json.loads(self.read("out", "result.json"))
+            return out, found["validation"].get("baselines"), [w["text"] for w in found["warnings"] if w["id"] == "held_out"]
+
+        samples("more")  # of the same robot: better than the mounts alone
+        out, found, warned = result("--report-frame", "l4")
+        self.assertIn("Beside simpler calibrations (rms as read, held out", out)
+        self.assertNotIn("rig as it is", out)
+        self.assertRegex(out, r"numbers that the data do not tell \(.*\) count with the width of their group, learned from its other members: an assumption")
+        self.assertEqual(found["from"], "test")
+        self.assertEqual([row["unit"] for row in found["rows"]], ["m", "rad"])
+        self.assertEqual(list(found["rows"][0]), ["sensor", "unit", "points", "blocks", "by", "mounts", "automatic", "ratio", "ratio_95", "worse"])
+        for row in found["rows"]:
+            self.assertLess(row["ratio_95"][1], 1)
+            self.assertFalse(row["worse"])
+        self.assertEqual(warned, [])
+        # A rig that gives poses is judged as it is.
+        _, with_poses, _ = result(rig="out/rig.yaml")
+        self.assertIn("rig", with_poses["rows"][0])
+        self.assertLess(abs(with_poses["rows"][0]["rig"] / with_poses["rows"][0]["automatic"] - 1), 0.01)
+
+        samples("right")  # of another robot, so to say
+        out, found, warned = result()
+        self.assertTrue(any(row["worse"] for row in found["rows"]), found)
+        self.assertEqual(len(warned), 1)
+        self.assertIn("worse than its mounts alone: sensor 'tracker'", warned[0])
+        self.assertIn("leave groups out (--no-group), and look for mistakes (kincal check)", warned[0])
+        self.assertIn("held_out: on data", out)
+        _, found, warned = result("--no-group", "*")
+        self.assertIsNone(found)  # that is the mounts alone
+        self.assertEqual(warned, [])
+
+        samples()
+        out, found, warned = result("--cross-validate", "3")
+        self.assertEqual(found["from"], "cross_validation")
+        self.assertIn("each sample by the calibrations that lack it", out)
+        self.assertEqual(found["rows"][0]["points"], 24)
+        self.assertLess(found["rows"][0]["ratio"], 1)
+        self.assertEqual(warned, [])
+        self.assertIsNone(result()[1])
+
     def test_it_runs_and_its_example_of_steps_too(self):
         self.init("--sensor", "pose:base", "--target", "points:0,0,0@tool", "--out", "rig.yaml")
         # A robot with an offset of 10 mrad in joint 2, seen by a motion capture system.
