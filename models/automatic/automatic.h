@@ -38,9 +38,17 @@ struct AutomaticGroup {
   bool held = false;  // all of them
 };
 
+/// A DoubtedPrior is one of the rig's own that the data contradict: with a width so many times as
+/// large they are far more likely.
+struct DoubtedPrior {
+  std::string pattern;
+  double factor = 1, gain = 0;  // gain: of log evidence
+};
+
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
+  std::vector<DoubtedPrior> doubted;   // priors
   double reading_errors =
       0;  // evidence that readings of joints stated exact have errors, in sigmas
 };

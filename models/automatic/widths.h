@@ -79,6 +79,10 @@ struct Widths {
 /// Learns the factors, from `factor` on, in at most `rounds` rounds.
 Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
 
+/// Returns the log evidence for these factors, up to what does not depend on them; NaN where it is
+/// not defined.
+double log_evidence(const WidthProblem& problem, const VectorXd& factor);
+
 /// What is held for want of evidence.
 struct Holding {
   std::vector<char> held;   // by unknown

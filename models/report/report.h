@@ -51,6 +51,7 @@ struct Report {
       outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
   std::vector<AutomaticGroup> automatic;  // of a rig without steps
+  std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;

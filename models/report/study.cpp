@@ -106,6 +106,7 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
   if (!found.solution.usable()) return false;
   report.solution = std::move(found.solution);
   report.automatic = std::move(found.groups);
+  report.doubted = std::move(found.doubted);
   report.noise_levels = std::move(levels);
   return true;
 }
@@ -193,6 +194,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
     report.solution = std::move(found.solution);
     report.automatic = std::move(found.groups);
+    report.doubted = std::move(found.doubted);
     solved = true;
     if (ended(report.solution)) return recording;
     find_noise(options, calibration, found.reading_errors, report);
@@ -211,6 +213,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
           calibrate_automatically(*report.solution.recording, automatic_options(options));
       report.solution = std::move(found.solution);
       report.automatic = std::move(found.groups);
+      report.doubted = std::move(found.doubted);
     }
   }
   if (!solved) report.solution = calibrate(left, calibration);
@@ -282,8 +285,14 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     if (!undefined) analyse(*given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2_data > kUnexplained * solution.dof_data;
-    if (options.diagnose && unexplained && !report.diagnosis)
-      add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
+    if (options.diagnose && unexplained && !report.diagnosis) {
+      const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
+      add_diagnosis(given->rig, samples, options, report);
+      // What the automatic path frees may take a mistake up: as if nothing but mounts and offsets
+      // were wrong, too.
+      if (recording->rig.steps.empty() && report.diagnosis->findings.empty())
+        add_diagnosis(recording->rig, samples, options, report);
+    }
   } catch (const StudyCancelled&) {
     return std::nullopt;
   }
