@@ -71,6 +71,8 @@ std::string in_program_words(std::string message) {
       message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
   }
+  for (const auto& [place, option] : {std::pair("group[", "--group"), {"no_group[", "--no-group"}})
+    if (message.rfind(place, 0) == 0) message.replace(0, message.find(']') + 1, option);
   if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
   replace("or a `fix` holds it", "or --fix holds it");
   replace("a calibration that rejects outliers takes them out", "--reject takes them out");

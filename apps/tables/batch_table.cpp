@@ -2,10 +2,75 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "../../kinematics/transform.h"
 #include "table.h"
 
 namespace kincal {
+namespace {
+
+constexpr double kBeyond = 4;  // sigmas, of the largest of many differences
+
+/// A component of a parameter in all sets that determine it; of a pose in the frame that the first
+/// of them found, so that its sigmas belong to it.
+struct AcrossSets {
+  struct Value {
+    std::string set;
+    double value, sigma;
+  };
+  std::string unit;
+  std::vector<Value> values;
+};
+
+std::map<std::string, AcrossSets> across_sets(const std::vector<SetSummary>& sets) {
+  std::map<std::string, AcrossSets> out;
+  std::map<std::string, Pose> first;  // by the name of the pose
+  for (const SetSummary& set : sets) {
+    if (set.status != "converged" && set.status != "unobservable") continue;
+    std::map<std::string, double> in_poses;  // values of their components
+    for (const AbsolutePose& p : set.poses) {
+      const Pose pose{rotation_from_rpy(p.rpy), p.xyz};
+      const Pose e = inverse(first.emplace(p.name, pose).first->second) * pose;
+      const Vector3d turned = log_so3(e.rotation);
+      const char* names[] = {".x", ".y", ".z", ".rx", ".ry", ".rz"};
+      for (int c = 0; c < 6; ++c)
+        in_poses[p.name + names[c]] = c < 3 ? e.translation(c) : turned(c - 3);
+    }
+    for (const Change& c : set.changes) {
+      if (!std::isfinite(c.sigma)) continue;
+      const auto in_pose = in_poses.find(c.name);
+      AcrossSets& all = out[c.name];
+      all.unit = c.unit;
+      all.values.push_back(
+          {set.name, in_pose == in_poses.end() ? c.value : in_pose->second, c.sigma});
+    }
+  }
+  return out;
+}
+
+/// A sentence about what differs most between two sets, in sigmas; "" where nothing is beyond them.
+/// For each number its smallest and its largest value stand for all pairs.
+std::string largest_move(const std::vector<SetSummary>& sets) {
+  double most = kBeyond;
+  std::string out;
+  for (const auto& [name, all] : across_sets(sets)) {
+    const auto [low, high] =
+        std::minmax_element(all.values.begin(), all.values.end(),
+                            [](const auto& x, const auto& y) { return x.value < y.value; });
+    const double moved = high->value - low->value, sigma = std::hypot(low->sigma, high->sigma);
+    if (!(moved > most * sigma)) continue;
+    most = moved / sigma;
+    const Unit unit = shown(all.unit);
+    out = "\nMost different between two sets: " + name + ", by " + value(moved, unit.factor) + " " +
+          unit.name + " (± " + text("%.2g", sigma * unit.factor) + ") between " +
+          std::min(low->set, high->set) + " and " + std::max(low->set, high->set) +
+          ". If they are of one robot, this moved; summary.csv has all sets\n";
+  }
+  return out;
+}
+
+}  // namespace
 
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   std::string out = text("%zu %s", sets.size(), sets.size() == 1 ? "set" : "sets");
@@ -57,6 +122,7 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
     }
     out += align(rows, 2);
   }
+  out += largest_move(sets);
   std::vector<std::vector<std::string>> failing;
   for (const SetSummary& s : sets)
     if (s.fails()) failing.push_back({s.name, s.status, s.error});

@@ -9,32 +9,37 @@ namespace kincal {
 
 std::string comparison_table(const Comparison& comparison, size_t most) {
   std::vector<WeightedRow> lines;
+  bool poses = false;
   for (const ParameterDifference& d : comparison.parameters)
     for (size_t c = 0; c < d.difference.size(); ++c) {
       if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c])))
         continue;  // rounding of what was written
       const Unit unit = shown(d.units[c]);
       const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
+      const auto cell = [&](double value) {  // a pose's own numbers do not subtract
+        return d.pose ? std::string("-") : text("%.7g", value * unit.factor + 0.0);
+      };
+      poses = poses || d.pose;
       // Without a sigma by size, behind the others.
       const double weight =
           std::isfinite(sigmas) ? sigmas + 1e9 : weight_of(d.difference[c], d.units[c]);
-      lines.push_back(
-          {weight,
-           {component_name(d.name, d.components[c]), unit.name,
-            text("%.7g", d.a[c] * unit.factor + 0.0), text("%.7g", d.b[c] * unit.factor + 0.0),
-            text("%+.4g", d.difference[c] * unit.factor),
-            std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor)
-            : d.undetermined[c]       ? "not determined"
-                                      : "-",
-            std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
+      lines.push_back({weight,
+                       {component_name(d.name, d.components[c]), unit.name, cell(d.a[c]),
+                        cell(d.b[c]), text("%+.4g", d.difference[c] * unit.factor),
+                        std::isfinite(d.sigma[c]) ? "± " + text("%.2g", d.sigma[c] * unit.factor)
+                        : d.undetermined[c]       ? "not determined"
+                                                  : "-",
+                        std::isfinite(sigmas) ? text("%.2f", sigmas) : "-"}});
     }
   sort_by_weight(lines);
   std::vector<std::vector<std::string>> rows = {
       {"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
   for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
-  std::string out =
-      "Parameters that differ most (poses: A and B as xyz and rpy, the difference in the frame "
-      "itself)\n";
+  std::string out = "Parameters that differ most\n";
+  if (poses)
+    out +=
+        "  Of poses and origins: how B's frame is shifted and turned as seen from A's, along and "
+        "about A's axes;\n  xyz and rpy of both, which do not subtract, are in --json.\n";
   out += lines.empty() ? "  none\n" : align(rows, 2);
   if (lines.size() > most) out += text("  ... and %zu more with --json\n", lines.size() - most);
   if (!comparison.frames.empty()) {
@@ -60,6 +65,11 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   for (const auto& side : only)
     for (const std::string& name : *side.second)
       out += std::string("  only in ") + side.first + ": " + name + "\n";
+  const std::pair<const char*, const std::vector<std::string>*> open[] = {
+      {"A", &comparison.open_in_a}, {"B", &comparison.open_in_b}};
+  for (const auto& side : open)
+    for (const std::string& name : *side.second)
+      out += std::string("  not compared: ") + side.first + " leaves " + name + " open\n";
   for (const std::string& note : comparison.notes) out += "  note: " + note + "\n";
   return out;
 }

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/selection.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../rig/samples_file.h"
@@ -78,6 +79,7 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
   out.name = in_a.name;
   out.components = in_a.components;
   out.units = in_a.units;
+  out.pose = in_a.pose;
   double largest = 0;
   if (in_a.pose) {
     const Pose x = get_pose(a.values, in_a.start), y = get_pose(b.values, in_b.start),
@@ -109,6 +111,56 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
   return out;
 }
 
+/// Poses that a rig leaves open and no result gives: there is nothing to compare.
+std::set<int> open_in(const CalibratedFiles& files) {
+  std::set<int> out;
+  for (const int p : open_poses(files.rig_file.rig, files.table))
+    if (!files.sigma.count(files.table.all[p].name)) out.insert(p);
+  return out;
+}
+
+/// The frames to compare that names say; @throws InputError where one's own pose is open.
+std::vector<std::pair<Frame, Frame>> named_frames(const CalibratedFiles& a,
+                                                  const CalibratedFiles& b,
+                                                  const std::vector<std::string>& names) {
+  std::vector<std::pair<Frame, Frame>> out;
+  const std::set<int> open_a = open_in(a), open_b = open_in(b);
+  for (const std::string& name : names) {
+    out.push_back({frame_named(a.rig_file.rig, a.table, name, "--frame"),
+                   frame_named(b.rig_file.rig, b.table, name, "--frame: " + b.path)});
+    for (const CalibratedFiles* f : {&a, &b})
+      if (f == &a ? open_a.count(out.back().first.pose) : open_b.count(out.back().second.pose))
+        throw InputError("--frame: " + f->path + " leaves the pose of " + name +
+                         " open: there is nothing to compare");
+  }
+  return out;
+}
+
+/// What carries a sensor or mounted target, and these.
+std::vector<std::pair<Frame, Frame>> usual_frames(const CalibratedFiles& a,
+                                                  const CalibratedFiles& b) {
+  std::vector<std::pair<Frame, Frame>> out;
+  const Rig& rig = a.rig_file.rig;
+  const std::set<int> open_a = open_in(a), open_b = open_in(b);
+  std::set<int> carrying;
+  for (const Sensor& s : rig.sensors) carrying.insert(s.link);
+  for (const Target& t : rig.targets)
+    if (t.link >= 0) carrying.insert(t.link);
+  for (const Frame& f : all_frames(rig, a.table)) {
+    const std::optional<Frame> g = find_frame(b.rig_file.rig, b.table, f.name);
+    if (!g || (f.pose < 0 && (!carrying.count(f.link) || f.link == rig.base))) continue;
+    if (open_a.count(f.pose) || open_b.count(g->pose)) continue;
+    const auto identity = [](const Pose& p) {
+      return p.translation.norm() == 0 && p.rotation == Matrix3d::Identity();
+    };
+    if (f.pose >= 0 && identity(get_pose(a.values, a.table.all[f.pose].start)) &&
+        identity(get_pose(b.values, b.table.all[g->pose].start)))
+      continue;  // the link itself
+    out.push_back({f, *g});
+  }
+  return out;
+}
+
 Json statistics(double rms, double worst, double sigma) {
   return {{"rms", number(rms)},
           {"worst", number(worst)},
@@ -135,8 +187,12 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   const Rig &rig = a.rig_file.rig, &other = b.rig_file.rig;
   Comparison out;
   out.base = rig.tree.links[rig.base];
+  const std::set<int> open_a = open_in(a), open_b = open_in(b);
+  for (const int p : open_a) out.open_in_a.push_back(a.table.all[p].name);
+  for (const int p : open_b) out.open_in_b.push_back(b.table.all[p].name);
   for (size_t p = 0; p < a.table.all.size(); ++p) {
     const int q = find_parameter(b.table, a.table.all[p].name);
+    if (open_a.count(static_cast<int>(p)) || open_b.count(q)) continue;
     if (q < 0 || b.table.all[q].size() != a.table.all[p].size() ||
         b.table.all[q].pose != a.table.all[p].pose) {
       out.only_in_a.push_back(a.table.all[p].name);
@@ -151,27 +207,8 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
       out.only_in_b.push_back(p.name);
   }
 
-  std::vector<std::pair<Frame, Frame>> frames;
-  for (const std::string& name : names)
-    frames.push_back({frame_named(rig, a.table, name, "--frame"),
-                      frame_named(other, b.table, name, "--frame: " + b.path)});
-  if (names.empty()) {
-    std::set<int> carrying;
-    for (const Sensor& s : rig.sensors) carrying.insert(s.link);
-    for (const Target& t : rig.targets)
-      if (t.link >= 0) carrying.insert(t.link);
-    for (const Frame& f : all_frames(rig, a.table)) {
-      const std::optional<Frame> g = find_frame(other, b.table, f.name);
-      if (!g || (f.pose < 0 && (!carrying.count(f.link) || f.link == rig.base))) continue;
-      const auto identity = [](const Pose& p) {
-        return p.translation.norm() == 0 && p.rotation == Matrix3d::Identity();
-      };
-      if (f.pose >= 0 && identity(get_pose(a.values, a.table.all[f.pose].start)) &&
-          identity(get_pose(b.values, b.table.all[g->pose].start)))
-        continue;  // the link itself
-      frames.push_back({f, *g});
-    }
-  }
+  const std::vector<std::pair<Frame, Frame>> frames =
+      names.empty() ? usual_frames(a, b) : named_frames(a, b, names);
   std::vector<Readings> postures;
   out.workspace = samples.empty() ? "limits" : "samples";
   if (samples.empty()) {
@@ -225,6 +262,8 @@ std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
         {"rotation", statistics(f.rotation_rms, f.rotation_worst, f.rotation_sigma)}};
   json["only_in_a"] = comparison.only_in_a;
   json["only_in_b"] = comparison.only_in_b;
+  json["open_in_a"] = comparison.open_in_a;
+  json["open_in_b"] = comparison.open_in_b;
   json["notes"] = comparison.notes;
   return json_text(json);
 }

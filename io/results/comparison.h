@@ -16,6 +16,7 @@ namespace kincal {
 struct ParameterDifference {
   std::string name;
   std::vector<std::string> components, units;
+  bool pose = false;
   std::vector<double> a, b;        // poses: xyz and rpy
   std::vector<double> difference;  // b - a; poses: E
   std::vector<double> sigma;  // of the difference; NaN: unknown, not determined, or held in both
@@ -28,6 +29,7 @@ struct Comparison {
   std::vector<FrameDifference> frames;
   bool sigmas = true;  // both have some: where a frame has none, it is not determined
   std::vector<std::string> only_in_a, only_in_b;  // parameters
+  std::vector<std::string> open_in_a, open_in_b;  // poses that one leaves open: not compared
   std::string workspace;                          // `samples` or `limits`
   std::vector<std::string> notes;                 // what to keep in mind
 };

@@ -70,11 +70,10 @@ void unfold(const Field& result, CalibratedFiles& out) {
   }
 }
 
-/// Unknowns of the last step from covariance.csv and result.json. Every component whose sigma is
-/// not known is an undetermined direction of its own: how they cancel in a frame is not in the
-/// files.
-Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table,
-                       const std::map<std::string, std::vector<double>>& sigma) {
+/// Unknowns of the last step from covariance.csv and result.json: what predictions count, numbers
+/// that the automatic path held among them. Every component without a variance there is an
+/// undetermined direction of its own: how they cancel in a frame is not in the files.
+Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table) {
   const std::vector<std::vector<std::string>> rows = read_csv(path);
   if (rows.empty() || rows.size() != rows[0].size() + 1)
     throw InputError(path + ": as many rows as columns and a header are expected");
@@ -89,18 +88,18 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
       throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
     out.columns.push_back(found);
     ++components[found.parameter];
-    const auto known = sigma.find(table.all[found.parameter].name);
-    if (known == sigma.end() || !std::isfinite(known->second[found.index]))
-      unknown.push_back(static_cast<int>(c));
     if (rows[c + 1].size() != rows[0].size())
       throw InputError(path + ":" + std::to_string(c + 2) +
                        ": a number for every name is expected");
+    if (rows[c + 1][c].empty()) unknown.push_back(static_cast<int>(c));
     for (Eigen::Index d = 0; d < n; ++d)
       if (!rows[c + 1][d].empty())
         out.covariance(c, d) = csv_number(rows[c + 1][d], path + ":" + std::to_string(c + 2));
   }
   for (const auto& p : components)
-    if (table.all[p.first].pose && p.second < 6) {
+    // What the automatic path held wholly is no parameter of the result: its increment is 0.
+    if (table.all[p.first].pose && p.second < 6 &&
+        result["parameters"].has(table.all[p.first].name)) {
       const Field value = result["parameters"][table.all[p.first].name]["value"];
       const std::vector<double> xi = numbers_or_null(value);
       if (xi.size() != 6) value.fail("the 6 numbers of a pose are expected");
@@ -156,7 +155,7 @@ CalibratedFiles read_calibrated(const std::string& given) {
   }
   const fs::path covariance = rig.parent_path() / "covariance.csv";
   if (fs::exists(covariance, ignored))
-    out.unknowns = read_unknowns(covariance.string(), all, out.table, out.sigma);
+    out.unknowns = read_unknowns(covariance.string(), all, out.table);
   return out;
 }
 

@@ -61,6 +61,14 @@ Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
   return out;
 }
 
+/// As variances(), of a frame: nothing is known of one whose own pose is not.
+Variances frame_variances(const FrameDerivative& d, const Unknowns& unknowns, const Frame& frame) {
+  Variances out = variances(d, unknowns);
+  if (std::count(unknowns.unseen.begin(), unknowns.unseen.end(), frame.pose))
+    out.position = out.rotation = kNan;
+  return out;
+}
+
 /// Parameters that `frame` depends on and earlier steps estimated, but the last one held.
 std::vector<std::string> held_on_path(const Solution& solution, const Frame& frame) {
   const Rig& rig = solution.rig();
@@ -135,6 +143,34 @@ Unknowns last_unknowns(const Linearisation& at) {
           right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) *
                                      get_pose(solution.values.shared, p.start)));
   }
+  out.unseen = unseen_poses(solution).open;
+  return out;
+}
+
+UnseenPoses unseen_poses(const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  std::vector<char> seen(table.all.size(), 0);
+  for (const int i : solution.training())
+    for (const View& v : solution.samples()[i].views) {
+      seen[table.sensor_pose[v.sensor]] = 1;
+      if (table.target_pose[v.target] >= 0) seen[table.target_pose[v.target]] = 1;
+    }
+  // The automatic path estimates every pose that it sees; of other rigs the steps say which.
+  const bool automatic = solution.prediction.has_value();
+  const std::vector<int> open = open_poses(rig, table);
+  UnseenPoses out;
+  const auto sort = [&](int p, bool given) {
+    if (p < 0 || seen[p]) return;
+    if (automatic && given)
+      out.given.push_back(p);
+    else if (automatic || std::count(open.begin(), open.end(), p))
+      out.open.push_back(p);
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    sort(table.sensor_pose[s], rig.sensors[s].pose_given);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (rig.targets[t].link >= 0) sort(table.target_pose[t], rig.targets[t].pose_given);
   return out;
 }
 
@@ -230,9 +266,9 @@ FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, con
     if (workspace.second.empty()) continue;
     std::vector<double> sigma[4];
     for (const Readings& readings : workspace.second) {
-      const Variances v =
-          variances(frame_derivative(rig, table, solution.values.shared, unknowns, frame, readings),
-                    unknowns);
+      const Variances v = frame_variances(
+          frame_derivative(rig, table, solution.values.shared, unknowns, frame, readings), unknowns,
+          frame);
       sigma[0].push_back(std::sqrt(v.position));
       sigma[1].push_back(std::sqrt(v.rotation));
       sigma[2].push_back(std::sqrt(v.position + v.position_by_readings));
@@ -266,9 +302,9 @@ FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b
       pose[k] = base_T_frame(*r.rig, *r.table, r.values, sides[k].frame, readings);
       Variances v{kNan, kNan, 0, 0};
       if (r.unknowns)
-        v = variances(
+        v = frame_variances(
             frame_derivative(*r.rig, *r.table, r.values, *r.unknowns, sides[k].frame, readings),
-            *r.unknowns);
+            *r.unknowns, sides[k].frame);
       out.position_sigma += v.position;
       out.rotation_sigma += v.rotation;
     }

@@ -48,6 +48,7 @@ struct Unknowns {
   std::map<int, Matrix6d> charts;  // J_r(xi) of partly freed poses, by parameter
   MatrixXd covariance;             // 0 along `undetermined`
   MatrixXd undetermined;           // columns: directions, real units
+  std::vector<int> unseen;         // parameters: open poses that no training sample tells of
 };
 /// Returns what the last step freed, and its covariance at the solution. It builds and linearises
 /// the problem anew.
@@ -62,6 +63,14 @@ std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t s
 /// Returns base_T_frame at readings.
 Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                   const Frame& frame, const Readings& readings);
+
+/// Poses of sensors and mounted targets that no training sample shows although the calibration
+/// would estimate them.
+struct UnseenPoses {
+  std::vector<int> open;   // parameters: the rig does not give them, so nothing is known of them
+  std::vector<int> given;  // they keep the rig's value
+};
+UnseenPoses unseen_poses(const Solution& solution);
 
 /// A FrameDerivative is that of [position | rotation vector] of the frame, base axes: by the
 /// unknowns (6 x columns) and by the noise of the readings, one sigma each (6 x joints with a

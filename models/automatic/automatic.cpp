@@ -18,6 +18,7 @@ namespace {
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
 constexpr int kLinearisations = 4, kWidthRounds = 60;
+constexpr double kContradicted = 3, kDoubt = 5;  // times a stated prior; log evidence for that
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
 
@@ -330,6 +331,35 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
   return out;
 }
 
+/// The rig's priors that the data contradict: each a group whose width is learned along with the
+/// others'. They begin far wider than stated: with the prior as it is other numbers have taken the
+/// errors' place, and the way out of there may be long.
+std::vector<DoubtedPrior> doubted_priors(const Recording& recording, const Learned& learned) {
+  const std::vector<PriorSetting>& stated = recording.rig.priors;
+  WidthProblem problem = learned.problem;
+  for (size_t k = 0; k < stated.size(); ++k)
+    for (const Freed& f : recording.table.find(stated[k].pattern, stated[k].where))
+      for (size_t i = 0; i < learned.columns.size(); ++i)
+        if (learned.problem.group[i] < 0 && problem.start(static_cast<Eigen::Index>(i)) > 0 &&
+            is_among({f}, learned.columns[i]))
+          problem.group[i] = problem.groups + static_cast<int>(k);
+  const int first = problem.groups;
+  problem.groups += static_cast<int>(stated.size());
+  VectorXd as_stated = VectorXd::Ones(problem.groups);
+  as_stated.head(first) = learned.widths.factor;
+  VectorXd wide = VectorXd::Ones(problem.groups);
+  wide.tail(problem.groups - first).setConstant(10);
+  const Widths found = learn_widths(problem, wide, kWidthRounds);
+  std::vector<DoubtedPrior> out;
+  if (!found.defined) return out;
+  const double gain = log_evidence(problem, found.factor) - log_evidence(problem, as_stated);
+  for (size_t k = 0; k < stated.size(); ++k) {
+    const double factor = found.factor(first + static_cast<int>(k));
+    if (factor > kContradicted && gain > kDoubt) out.push_back({stated[k].pattern, factor, gain});
+  }
+  return out;
+}
+
 /// What errors are predicted from: all that was estimated or held, and what no measurement sees.
 Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
                          const Holding& holding) {
@@ -528,6 +558,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   out.mounts = mounts.values.shared;
   out.reading_errors = learned.reading_errors;
   out.gears_gain = learned.gears_gain;
+  if (!recording.rig.priors.empty()) out.doubted = doubted_priors(recording, learned);
   return out;
 }
 

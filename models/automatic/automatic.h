@@ -39,10 +39,18 @@ struct AutomaticGroup {
   bool held = false;  // all of them
 };
 
+/// A DoubtedPrior is one of the rig's own that the data contradict: with a width so many times as
+/// large they are far more likely.
+struct DoubtedPrior {
+  std::string pattern;
+  double factor = 1, gain = 0;  // gain: of log evidence
+};
+
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
+  std::vector<DoubtedPrior> doubted;   // priors
   // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
   // not asked for (their gain; NaN: there are none, or they were).
   double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();

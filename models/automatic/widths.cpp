@@ -139,6 +139,23 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
   return out;
 }
 
+double log_evidence(const WidthProblem& p, const VectorXd& factor) {
+  const Posterior at = posterior(p, factor, true);
+  if (!at.defined) return std::nan("");
+  const VectorXd prior = precision(p, factor);
+  VectorXd step = at.value;
+  double log_priors = 0, from_priors = 0;
+  for (Eigen::Index i = 0; i < prior.size(); ++i) {
+    if (prior(i) == 0) continue;
+    step(i) -= p.at(i);
+    log_priors += std::log(prior(i));
+    from_priors += prior(i) * at.value(i) * at.value(i);
+  }
+  return 0.5 * (log_priors + Scaled(at.covariance).log_determinant() - from_priors -
+                step.dot(p.normal * step)) -
+         p.gradient.dot(step);
+}
+
 /// What the widths of one group may be besides the best, weighed by evidence and hyperprior (see
 /// the header).
 struct OtherWidths {

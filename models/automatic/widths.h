@@ -81,6 +81,9 @@ Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
 
 /// Returns the gain of a group.
 double evidence_gain(const WidthProblem& problem, const Widths& widths, int group);
+/// Returns the log evidence for these factors, up to what does not depend on them; NaN where it is
+/// not defined.
+double log_evidence(const WidthProblem& problem, const VectorXd& factor);
 
 /// What is held for want of evidence.
 struct Holding {

@@ -57,6 +57,7 @@ class PoseGraph {
   bool settle_one();
   bool settle_two(std::vector<AmbiguousStart>& ambiguous);
   bool settle_by_points(std::vector<AmbiguousStart>& ambiguous);
+  bool settle_on_line();
   void settle(int parameter, const Pose& pose);
   Pose pose_of(int parameter) const {
     return get_pose(values_.shared, table_.all[parameter].start);
@@ -384,6 +385,27 @@ bool PoseGraph::settle_by_points(std::vector<AmbiguousStart>& ambiguous) {
   return true;
 }
 
+/// Settles a mounted target of which no more than points on a line are known (one reflector): where
+/// they are, and turned by nothing that they do not ask for. Returns false if there is none.
+bool PoseGraph::settle_on_line() {
+  const TargetPoses targets = known_targets();
+  for (const int parameter : open_) {
+    if (table_.all[parameter].kind != ParameterKind::target_pose) continue;
+    const Evidence evidence = evidence_for(parameter, targets);
+    if (evidence.from.empty()) continue;
+    const Matrix3Xd from = columns_of(evidence.from), to = columns_of(evidence.to);
+    const Vector3d centre = from.rowwise().mean();
+    Pose pose = get_pose(values_.shared, table_.all[parameter].start);
+    if ((from.colwise() - centre).norm() > 0)
+      pose = fit_points(from, to);
+    else
+      pose.translation = to.rowwise().mean() - pose.rotation * centre;
+    settle(parameter, pose);
+    return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
@@ -392,7 +414,7 @@ UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<
   UnknownStarts out;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two(out.ambiguous) ||
-        graph.settle_by_points(out.ambiguous))
+        graph.settle_by_points(out.ambiguous) || graph.settle_on_line())
       continue;
     const int first =
         graph.open()

@@ -53,6 +53,7 @@ struct Report {
   std::vector<AutomaticGroup> automatic;  // of a rig without steps
   VectorXd mounts;                        // of these, shared values with the mounts alone estimated
   double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
+  std::vector<DoubtedPrior> doubted;   // priors of such a rig that the data contradict
   std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;

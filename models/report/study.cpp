@@ -99,6 +99,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.solution = std::move(found.solution);
   report.automatic = std::move(found.groups);
   report.gears_gain = found.gears_gain;
+  report.doubted = std::move(found.doubted);
   report.mounts = std::move(found.mounts);
 }
 
@@ -323,8 +324,14 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     if (!undefined) analyse(recording->rig, *given, options, report);
     const bool unexplained = solution.status != Status::converged ||
                              solution.chi2_data > kUnexplained * solution.dof_data;
-    if (options.diagnose && unexplained && !report.diagnosis)
-      add_diagnosis(given->rig, undefined ? given->samples : solution.samples(), options, report);
+    if (options.diagnose && unexplained && !report.diagnosis) {
+      const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
+      add_diagnosis(given->rig, samples, options, report);
+      // What the automatic path frees may take a mistake up: as if nothing but mounts and offsets
+      // were wrong, too.
+      if (recording->rig.steps.empty() && report.diagnosis->findings.empty())
+        add_diagnosis(recording->rig, samples, options, report);
+    }
   } catch (const StudyCancelled&) {
     return std::nullopt;
   }

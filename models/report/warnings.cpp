@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
@@ -14,6 +15,8 @@ namespace {
 using Warnings = std::vector<Warning>;
 
 constexpr size_t kShown = 5;
+constexpr double kManyRejected = 0.2;  // share of the samples
+constexpr double kWide = 5;            // times the width that a group begins with
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
@@ -86,6 +89,52 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
                   start.turned * 180 / kPi) +
              "give one of them a pose in the rig, or record more postures, as different as "
              "possible"});
+}
+
+/// Bodies that no training sample shows, one warning for those with a pose in the rig and one for
+/// the others.
+void warn_of_unseen(const Solution& solution, Warnings& out) {
+  const UnseenPoses unseen = unseen_poses(solution);
+  const auto warn = [&](const std::vector<int>& poses, const char* words) {
+    std::string list;
+    for (const int p : poses) list += (list.empty() ? "" : ", ") + solution.table().all[p].name;
+    if (!list.empty())
+      out.push_back(
+          {"never_seen", list + ": no training sample shows what has this pose; " + words});
+  };
+  warn(unseen.open,
+       "nothing is known of it, and of what depends on it (in the result it is the identity)");
+  warn(unseen.given, "it keeps the rig's value, which predictions take as exact");
+}
+
+void warn_of_doubted_priors(const Report& report, Warnings& out) {
+  for (const DoubtedPrior& prior : report.doubted)
+    out.push_back({"prior", "the data contradict the rig's prior on " + prior.pattern +
+                                text(": with one %.2g times as wide they are far more likely (log "
+                                     "evidence %+.3g). With the prior as it is other numbers take "
+                                     "the place of these; correct it, or leave it away",
+                                     prior.factor, prior.gain)});
+}
+
+/// So many outliers that the majority need not be right.
+void warn_of_rejected(const Report& report, Warnings& out) {
+  std::set<std::string> samples;
+  for (const Rejected& r : report.rejected)
+    if (r.sensor.empty()) samples.insert(r.sample);
+  const size_t all = samples.size() + report.solution.training().size();
+  if (samples.empty() || samples.size() < kManyRejected * static_cast<double>(all)) return;
+  std::string wide;
+  for (const AutomaticGroup& group : report.automatic)
+    if (!group.held && group.factor >= kWide)
+      wide += (wide.empty() ? "" : ", ") + group.name + text(" (%.2g times)", group.factor);
+  if (!wide.empty())
+    wide = ". What is left asks for errors of the robot far beyond the usual: " + wide;
+  out.push_back(
+      {"rejected",
+       std::to_string(samples.size()) + " of " + std::to_string(all) +
+           " training samples were taken out as outliers. Among so many the good ones may "
+           "be those that were taken out: look at both parts before the result is used" +
+           wide});
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
@@ -317,10 +366,10 @@ std::string doubted_gears(const Report& report) {
 /// Groups that came out much worse than such numbers usually are, and gears that the rig's path
 /// leaves out.
 void warn_of_widths(const Report& report, Warnings& out) {
-  constexpr double kWide = 9;       // two spreads of what is assumed of a width
+  constexpr double kUnusual = 9;    // two spreads of what is assumed of a width
   constexpr double kSpeaking = 10;  // log evidence
   for (const AutomaticGroup& group : report.automatic)
-    if (group.factor > kWide && !group.held)
+    if (group.factor > kUnusual && !group.held)
       out.push_back(
           {"width", "group '" + group.name +
                         text("': its numbers are off by %.0f times as much as usual: look "
@@ -415,18 +464,21 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 std::vector<Warning> warnings(const Report& report) {
   Warnings out;
   warn_of_starts(report.solution, out);
+  warn_of_unseen(report.solution, out);
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
   warn_of_unfinished(report.residuals.unfinished, out);
   warn_of_chi2(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_joint_noise(report, out);
+  warn_of_doubted_priors(report, out);
   warn_of_parameters(report.solution, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
     warn_of_misfits("outlier_sample", "sample", report.misfits.samples, out);
     warn_of_misfits("outlier_view", "view", report.misfits.views, out);
   }
+  warn_of_rejected(report, out);
   if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus});
   warn_of_noise(report, out);
   warn_of_widths(report, out);

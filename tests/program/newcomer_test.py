@@ -1,0 +1,220 @@
+"""What a newcomer reads after a rig without steps: python3 newcomer_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Words must agree with each other and with the data: `diff` with --report-frame, `calibrate` with `check`, warnings with what was seen.
+All data are simulated here, from an arm with a tracker and three reflectors, or a camera and a board. Not proved: that there are no more
+such contradictions, and thresholds on other robots.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE_DIR = KINCAL = None
+
+
+def urdf():
+    lines = ['<robot name="arm"><link name="base"/>']
+    parent = "base"
+    for k, (xyz, axis) in enumerate([("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"),
+                                     ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")], 1):
+        lines.append('<joint name="j%d" type="revolute"><parent link="%s"/><child link="l%d"/><origin xyz="%s"/><axis xyz="%s"/>'
+                     '<limit lower="-1.2" upper="1.2" effort="1" velocity="1"/></joint><link name="l%d"/>' % (k, parent, k, xyz, axis, k))
+        parent = "l%d" % k
+    return "\n".join(lines + ["</robot>"])
+
+
+TRACKER = """format: kincal/1
+robot: arm.urdf
+base: base
+joints:
+  "*": {sigma: 0.0002}
+targets:
+  r0: {type: points, points: [[0, 0, 0]], mount: {link: l6}}
+  r1: {type: points, points: [[0, 0, 0]], mount: {link: l6}}
+  r2: {type: points, points: [[0, 0, 0]], mount: {link: l6}}
+sensors:
+  tracker: {type: point, link: base, sigma: 5.0e-05}
+"""
+TRACKER_TRUTH = {"sensor/tracker/pose": [2.0, 0.5, 0.3, 0.1, 0.2, 2.0], "target/r0/pose": [0.1, 0.05, 0.02, 0, 0, 0],
+                 "target/r1/pose": [0.08, -0.06, 0.03, 0, 0, 0], "target/r2/pose": [0.12, 0.0, -0.07, 0, 0, 0],
+                 "joint/j2/offset": 0.008, "joint/j4/offset": -0.006}
+CAMERA = """format: kincal/1
+robot: arm.urdf
+base: base
+joints:
+  "*": {sigma: 0.0002}
+targets:
+  board: {type: chessboard, rows: 6, columns: 9, square: 0.025, mount: {link: l6}}
+sensors:
+  cam: {type: camera, model: brown_conrady, link: base, image_size: [1280, 960], intrinsics: [1000, 1000, 640, 480], sigma: 0.2}
+"""
+CAMERA_POSES = (("link: base, image", "link: base, pose: {xyz: [2.2, 0.1, 0.5], rpy: [-1.5708, 0.02, 1.5908]}, image"),
+                ("mount: {link: l6}", "mount: {link: l6, pose: {xyz: [0.05, -0.1, -0.06], rpy: [0.03, 1.5508, 0]}}"))
+CAMERA_TRUTH = {"joint/j2/offset": 0.008, "joint/j3/offset": -0.006, "joint/j4/origin": [0.001, 0, 0, 0, 0.002, 0]}
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.dir = folder.name
+        self.write("arm.urdf", urdf())
+
+    def path(self, *names):
+        return os.path.join(self.dir, *names)
+
+    def write(self, name, text):
+        with open(self.path(name), "w", encoding="utf-8") as file:
+            file.write(text)
+
+    def kincal(self, *arguments, code=0):
+        p = subprocess.run([KINCAL, *arguments], capture_output=True, text=True, cwd=self.dir)
+        self.assertEqual(p.returncode, code, p.stdout + p.stderr)
+        return p.stdout + p.stderr
+
+    def simulate(self, rig, truth, samples=24, seed=1, out="sim"):
+        self.write("rig.yaml", rig)
+        self.write("truth.json", json.dumps({"parameters": truth}))
+        self.kincal("simulate", "rig.yaml", "--samples", str(samples), "--seed", str(seed), "--truth", "truth.json", "--out", out)
+        with open(self.path(out, "samples.jsonl"), encoding="utf-8") as file:
+            return [json.loads(line) for line in file]
+
+    def calibrate(self, samples, *options, code=0, out="out", rig="rig.yaml"):
+        self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        text = self.kincal("calibrate", rig, "samples.jsonl", "--out", out, "--force", *options, code=code)
+        with open(self.path(out, "result.json"), encoding="utf-8") as file:
+            return json.load(file), text
+
+    def warnings(self, result, kind):
+        return [w["text"] for w in result["warnings"] if w["id"] == kind]
+
+
+class Words(Case):
+    def test_diff_predicts_what_report_frame_does(self):
+        samples = self.simulate(TRACKER, TRACKER_TRUTH)
+        result, _ = self.calibrate(samples, "--report-frame", "l6")
+        limits = result["validation"]["frames"]["l6"]["workspaces"]["limits"]
+        self.assertTrue(result["held"])  # numbers without evidence, which predictions count
+        frame = json.loads(self.kincal("diff", "out", "out", "--frame", "l6", "--json"))["frames"]["l6"]
+        for part in ("position", "rotation"):
+            self.assertAlmostEqual(frame[part]["sigma"] / (math.sqrt(2) * limits[part]["rms"]), 1, delta=1e-6)
+        self.assertNotIn("not determined", self.kincal("diff", "out", "out"))
+
+    def test_reflectors_without_poses_have_a_start(self):
+        for seed in (1, 2):
+            result, text = self.calibrate(self.simulate(TRACKER, TRACKER_TRUTH, seed=seed, out="sim%d" % seed))
+            self.assertEqual(self.warnings(result, "no_start"), [])
+            for name in ("r0", "r1", "r2"):
+                found = result["parameters"]["target/%s/pose" % name]["pose"]["xyz"]
+                for a, b in zip(found, TRACKER_TRUTH["target/%s/pose" % name]):
+                    self.assertLess(abs(a - b), 0.02)  # lengths and the tool's own frame trade
+
+    def test_what_was_never_seen_is_not_known(self):
+        rig = TRACKER.replace("sensors:\n", "  spare: {type: points, points: [[0, 0, 0]], mount: {link: l4}}\nsensors:\n")
+        samples = self.simulate(rig, dict(TRACKER_TRUTH, **{"target/spare/pose": [0.1, 0, 0, 0, 0, 0]}))
+        for s in samples:
+            s["views"] = [v for v in s["views"] if v["target"] != "spare"]
+        result, text = self.calibrate(samples, "--report-frame", "target/spare", "--report-frame", "l6", "--require",
+                                      "frame/target/spare<1000mm", code=4)
+        frames = result["validation"]["frames"]
+        self.assertIsNone(frames["target/spare"]["workspaces"]["samples"]["position"]["rms"])
+        self.assertIsNotNone(frames["l6"]["workspaces"]["samples"]["position"]["rms"])
+        self.assertEqual(len(self.warnings(result, "never_seen")), 1)
+        self.assertIn("target/spare/pose: no training sample shows", self.warnings(result, "never_seen")[0])
+        # its pose stays open in the result: there is nothing to compare
+        self.assertIn("not compared: A leaves target/spare/pose open", self.kincal("diff", "out", "out"))
+        # a given pose stays what it is, and is said to be taken as exact
+        self.write("given.yaml", rig.replace("mount: {link: l4}", "mount: {link: l4, pose: {xyz: [0.1, 0, 0]}}"))
+        result, _ = self.calibrate(samples, "--report-frame", "target/spare", rig="given.yaml")
+        self.assertIn("keeps the rig's value", self.warnings(result, "never_seen")[0])
+        self.assertIsNotNone(result["validation"]["frames"]["target/spare"]["workspaces"]["samples"]["position"]["rms"])
+        # and what is seen is not spoken of
+        for s in samples:
+            s["views"] = [dict(v, target="spare") if v["target"] == "r2" else v for v in s["views"]]
+        result, _ = self.calibrate(samples)
+        self.assertEqual(len(self.warnings(result, "never_seen")), 1)
+        self.assertIn("target/r2/pose", self.warnings(result, "never_seen")[0])
+
+    def test_many_rejected_samples_are_a_warning(self):
+        samples = self.simulate(TRACKER, TRACKER_TRUTH)
+        for k, expected in ((2, []), (6, ["6 of 24"])):
+            wrong = json.loads(json.dumps(samples))
+            for i, s in enumerate(wrong[:k]):
+                s["joints"]["j%d" % (i % 3 + 1)] += 0.2 + 0.1 * i
+            result, _ = self.calibrate(wrong, "--reject")
+            self.assertEqual(len({r["sample"] for r in result["rejected"]}), k)
+            found = self.warnings(result, "rejected")
+            self.assertEqual(len(found), len(expected))
+            for text, start in zip(found, expected):
+                self.assertTrue(text.startswith(start), text)
+
+    def test_calibrate_finds_what_check_finds(self):
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        self.write("mm.yaml", CAMERA.replace("square: 0.025", "square: 25"))
+        self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        found = json.loads(self.kincal("check", "mm.yaml", "samples.jsonl", "--json"))["findings"]
+        self.assertEqual(len(found), 1)
+        p = subprocess.run([KINCAL, "calibrate", "mm.yaml", "samples.jsonl", "--out", "out"], cwd=self.dir, capture_output=True, text=True)
+        self.assertNotEqual(p.returncode, 0)
+        with open(self.path("out", "result.json"), encoding="utf-8") as file:
+            result = json.load(file)
+        self.assertEqual([f["id"] for f in result["findings"]], [found[0]["id"]], p.stdout)
+
+    def test_a_prior_that_the_data_contradict_is_named(self):
+        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
+        for width, expected in ((0.0003, 1), (0.005, 0)):
+            self.write("stated.yaml", TRACKER + "priors:\n  joint/*/offset: %g\n" % width)
+            result, text = self.calibrate(samples, rig="stated.yaml")
+            found = [w for w in self.warnings(result, "prior") if "the rig's prior on joint/*/offset" in w]
+            self.assertEqual(len(found), expected, text)
+
+    def test_diff_compares_nothing_with_an_open_pose(self):
+        self.calibrate(self.simulate(TRACKER, TRACKER_TRUTH))
+        d = json.loads(self.kincal("diff", "rig.yaml", "out", "--json"))
+        self.assertEqual(d["open_in_a"], ["sensor/tracker/pose"] + ["target/r%d/pose" % k for k in range(3)])
+        self.assertEqual(d["open_in_b"], [])
+        self.assertFalse([name for name in d["parameters"] if name.endswith("/pose")])
+        self.assertEqual(list(d["frames"]), ["l6"])
+        text = self.kincal("diff", "rig.yaml", "out", "--frame", "sensor/tracker", code=1)
+        self.assertIn("rig.yaml leaves the pose of sensor/tracker open", text)
+
+    def test_diff_shows_no_numbers_that_do_not_subtract(self):
+        self.calibrate(self.simulate(TRACKER, TRACKER_TRUTH), out="a")
+        self.calibrate(self.simulate(TRACKER, TRACKER_TRUTH, seed=2, out="other"), out="b")
+        text = self.kincal("diff", "a", "b")
+        self.assertRegex(text, r"(/pose|/origin)\.r?[xyz] +m\w+ +- +- +[-+]")
+        rows = [line.split() for line in text.splitlines() if "/offset " in line]
+        self.assertTrue(rows)
+        for row in rows:
+            self.assertAlmostEqual(float(row[3]) - float(row[2]), float(row[4]), delta=1e-3 * abs(float(row[4])) + 1e-5)
+
+    def test_a_group_is_called_by_its_option(self):
+        self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in self.simulate(TRACKER, TRACKER_TRUTH)))
+        for option in ("--group", "--no-group"):
+            text = self.kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "out", option, "gear", code=1)
+            self.assertIn("kincal: error: %s: there is no group 'gear'" % option, text)
+
+    def test_batch_names_what_moved(self):
+        os.makedirs(self.path("sets"))
+        for name, z in (("monday", 0.3), ("tuesday", 0.3), ("wednesday", 0.33)):
+            truth = dict(TRACKER_TRUTH, **{"sensor/tracker/pose": [2.0, 0.5, z, 0.1, 0.2, 2.0]})
+            samples = self.simulate(TRACKER, truth, seed=len(name), out=name)
+            os.makedirs(self.path("sets", name))
+            self.write("sets/%s/rig.yaml" % name, TRACKER.replace("arm.urdf", "../../arm.urdf"))
+            self.write("sets/%s/samples.jsonl" % name, "".join(json.dumps(s) + "\n" for s in samples))
+        text = self.kincal("batch", "sets", "--out", "fleet")
+        line = [x for x in text.splitlines() if x.startswith("Most different between two sets")]
+        self.assertEqual(len(line), 1, text)
+        self.assertRegex(line[0], r"sensor/tracker/pose\.z, by [23]\d\.\d+ mm .* and wednesday\.")
+
+
+if __name__ == "__main__":
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=[sys.argv[0]] + sys.argv[3:], verbosity=1)
