@@ -28,6 +28,8 @@ ExitCode exit_code(const Report& report) {
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;
+    case Status::unexplained:
+      return kNotExplained;
     default:
       return kNotConverged;
   }
@@ -51,9 +53,13 @@ std::string in_program_words(std::string message) {
       message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
   }
+  for (const char* option : {"free", "fix"})  // of several warnings in one
+    for (size_t at; (at = message.find("; " + (option + std::string(" '")))) != std::string::npos;)
+      message.insert(at + 2, "--");
   if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
   replace("or a `fix` holds it", "or --fix holds it");
   replace("a calibration that rejects outliers takes them out", "--reject takes them out");
+  replace("have the noise estimated", "give --estimate-noise");
   replace("the group gears estimates it", "--group gears estimates it");
   return message;
 }
@@ -218,6 +224,7 @@ std::optional<Report> run(
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
     if (report->solution.status == Status::undefined_start && !report->no_consensus.empty())
       report->solution.message = "--reject: " + report->solution.message;
+    report->verdict.text = in_program_words(report->verdict.text);
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error, *job.recording);

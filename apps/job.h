@@ -23,6 +23,7 @@ enum ExitCode {
   kUnobservable = 2,
   kNotConverged = 3,
   kToleranceNotMet = 4,
+  kNotExplained = 5,
   kInterrupted = 130
 };
 /// Returns the exit code of the status; kToleranceNotMet where that is good but a --require is not
