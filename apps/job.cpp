@@ -44,6 +44,8 @@ ExitCode exit_code(const Report& report) {
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;
+    case Status::unexplained:
+      return kNotExplained;
     default:
       return kNotConverged;
   }
@@ -71,6 +73,9 @@ std::string in_program_words(std::string message) {
       message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
   }
+  for (const char* option : {"free", "fix"})  // of several warnings in one
+    for (size_t at; (at = message.find("; " + (option + std::string(" '")))) != std::string::npos;)
+      message.insert(at + 2, "--");
   for (const auto& [place, option] : {std::pair("group[", "--group"), {"no_group[", "--no-group"}})
     if (message.rfind(place, 0) == 0) message.replace(0, message.find(']') + 1, option);
   if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
@@ -79,6 +84,7 @@ std::string in_program_words(std::string message) {
   replace("the group gears estimates", "--group gears estimates");
   replace("leave groups out, and look for mistakes",
           "leave groups out (--no-group), and look for mistakes (kincal check)");
+  replace("have the noise estimated", "give --estimate-noise");
   return message;
 }
 
@@ -260,6 +266,7 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
       w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
     if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
       report.solution.message = "--reject: " + report.solution.message;
+    report.verdict.text = in_program_words(report.verdict.text);
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error, *job.recording);

@@ -77,9 +77,9 @@ int main(int argc, char** argv) {
       "  kincal diff result other_result                            two calibrations compared\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
       "determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 130 interrupted, "
-      "nothing written. With 2, 3 and 4\n"
-      "results are written and marked. batch: 0 all\n"
+      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 5 the model does "
+      "not explain the data; 130\n"
+      "interrupted, nothing written. With 2 to 5 results are written and marked. batch: 0 all\n"
       "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
   std::vector<std::string> names;
   std::string known;

@@ -9,6 +9,7 @@ enum ExitCode {
   kUnobservable = 2,
   kNotConverged = 3,
   kToleranceNotMet = 4,
+  kNotExplained = 5,
   kInterrupted = 130
 };
 

@@ -19,7 +19,8 @@ Judged are 50 fresh postures, drawn as those of the samples were, at readings wi
   points: each target's points in the frame of the sensor that sees it; of a free board where the chain has it, in the camera's frame
   frames: the origin of each sensor's and each mounted target's frame, in the base
 Error: rms of estimate minus truth. Predicted: root of the mean trace of J C J', with J from differences of the model here and C from
-covariance.csv. Errors below a micrometre count as none. Robots that end with another exit code than 0 are counted and not judged.
+covariance.csv. Errors below a micrometre count as none. Robots that end with another exit code than 0 (5: their model does not
+explain the data) are counted and not judged.
 """
 import argparse
 import csv

@@ -109,7 +109,7 @@ SetSummary summary_of(const Set& set, const Output& output, int status) {
   const int code = WEXITSTATUS(status);
   std::error_code ignored;
   if (code == kConverged || code == kUnobservable || code == kNotConverged ||
-      code == kToleranceNotMet) {
+      code == kToleranceNotMet || code == kNotExplained) {
     std::optional<BatchRecord> record =
         read_record((output.result(set.name) / "batch.json").string());
     if (record) {

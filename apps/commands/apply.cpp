@@ -39,7 +39,8 @@ Command apply_command(CLI::App& app) {
   command->add_option("--out", a->out, "file to write")->required();
   command->add_flag(
       "--force", a->force,
-      "replace an existing file; apply a result that is not converged or not determined");
+      "replace an existing file; apply a result that is not converged, not determined or not "
+      "explained by the model");
   command->footer("Exit codes: 0 written; 1 bad input or usage, nothing written.");
   return {command, [a] { return apply(*a); }};
 }

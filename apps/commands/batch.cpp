@@ -39,7 +39,8 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
       "again; so the same command goes on after "
       "an\n"
       "interruption. A set that fails stops no other; failing sets are named at the end.\n"
-      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable: see "
+      "Exit codes: 0 all sets converged; 1 some did not (failed, not_converged, unobservable, "
+      "unexplained: see "
       "`status` in summary.csv) or do not\n"
       "meet a --require, or bad usage; 130 interrupted, what is finished stays.");
   return {command, [a] { return batch(*a); }};

@@ -53,7 +53,8 @@ int calibrate(const CalibrateArguments& a) {
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)
-    std::cout << report_text(report, files) << "\nWritten to " << a.out << "\n";
+    std::cout << report_text(report, files) << "\nWritten to " << a.out << "\n"
+              << report.verdict.use << ": " << report.verdict.text << "\n";
   for (const Judgement& j : report.validation.requirements)
     if (!j.met && std::cout.flush())
       std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
@@ -102,9 +103,9 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
       "as exact: what the robot's own software will see.\n"
       "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not "
       "determined; 3 a step did not converge; 4 a\n"
-      "--require is not met (2, 3, 4: results are written, result.json says so; where several "
-      "apply 3 goes before 2 before 4); 130\n"
-      "interrupted, nothing written.");
+      "--require is not met; 5 the model does not explain the data (2 to 5: results are written, "
+      "result.json says so; where several\n"
+      "apply 3 goes before 2 before 5 before 4); 130 interrupted, nothing written.");
   return {command, [a] { return calibrate(*a); }};
 }
 

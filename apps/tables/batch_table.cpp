@@ -74,7 +74,8 @@ std::string largest_move(const std::vector<SetSummary>& sets) {
 
 std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
   std::string out = text("%zu %s", sets.size(), sets.size() == 1 ? "set" : "sets");
-  for (const char* status : {"converged", "unobservable", "not_converged", "failed"}) {
+  for (const char* status :
+       {"converged", "unobservable", "not_converged", "unexplained", "failed"}) {
     const auto n = std::count_if(sets.begin(), sets.end(),
                                  [&](const SetSummary& s) { return s.status == status; });
     if (n > 0) out += text(", %ld %s", static_cast<long>(n), status);

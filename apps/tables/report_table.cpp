@@ -6,6 +6,7 @@
 #include <set>
 
 #include "../../io/document/numbers.h"
+#include "../../models/report/warnings.h"
 #include "plan_table.h"
 #include "table.h"
 #include "validation_table.h"
@@ -320,7 +321,10 @@ std::string report_text(const Report& report, const ResultFiles& files) {
     out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis);
   if (!report.warnings.empty()) {
     out += "\nWarnings\n";
-    for (const Warning& w : report.warnings) out += "  " + w.id + ": " + w.text + "\n";
+    for (const Warning& w : report.warnings) {
+      out += "  " + w.id + ": " + w.text;
+      out += w.names.size() > kNamed ? " (all in result.json)\n" : "\n";
+    }
   }
   return out;
 }

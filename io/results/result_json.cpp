@@ -187,7 +187,8 @@ void add_explanation(Json& json, const Explanation& e) {
 
 Json warning_list(const std::vector<Warning>& warnings) {
   Json out = Json::array();
-  for (const Warning& w : warnings) out.push_back({{"id", w.id}, {"text", w.text}});
+  for (const Warning& w : warnings)
+    out.push_back({{"id", w.id}, {"text", w.text}, {"names", w.names}});
   return out;
 }
 
@@ -274,7 +275,7 @@ Json held_list(const std::vector<AutomaticGroup>& groups) {
     for (const AutomaticNumber& n : g.numbers)
       if (n.held)
         out.push_back({{"parameter", n.name},
-                       {"reason", n.told < 0.1 ? "undetermined" : "no_gain"},
+                       {"reason", n.undetermined() ? "undetermined" : "no_gain"},
                        {"sigma", number(n.sigma)},
                        {"text", held_text(n)}});
     for (const AutomaticNumber& n : g.unseen)
@@ -294,6 +295,8 @@ std::string status_name(Status status) {
       return "converged";
     case Status::unobservable:
       return "unobservable";
+    case Status::unexplained:
+      return "unexplained";
     default:
       return "not_converged";
   }

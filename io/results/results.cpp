@@ -241,7 +241,8 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;
   out.urdf_hash = sha256(rig_file.urdf.text);
-  Json json = {{"kincal", options.version},
+  Json json = {{"verdict", {{"use", report.verdict.use}, {"text", report.verdict.text}}},
+               {"kincal", options.version},
                {"input",
                 {{"command", options.command},
                  {"rig", out.rig_hash},

@@ -199,7 +199,7 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
 std::string summary_json(const std::vector<SetSummary>& sets, const std::string& version,
                          const std::string& options, size_t ignored) {
   Json json = {{"kincal", version}, {"options", options}, {"sets", sets.size()}};
-  for (const char* status : {"converged", "unobservable", "not_converged", "failed"})
+  for (const char* status : {"converged", "unobservable", "not_converged", "unexplained", "failed"})
     json[status] = std::count_if(sets.begin(), sets.end(),
                                  [&](const SetSummary& s) { return s.status == status; });
   json["ignored"] = ignored;

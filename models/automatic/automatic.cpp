@@ -490,7 +490,7 @@ std::string held_text(const AutomaticNumber& n) {
                                  metres    ? "mm"
                                  : radians ? "mrad"
                                            : n.unit.c_str());
-  return n.told < 0.1
+  return n.undetermined()
              ? "not determined by these data; known only as well as assumed (" + known + ")"
              : "no evidence that it is off its nominal value (known to " + known + ")";
 }

@@ -28,6 +28,8 @@ struct AutomaticNumber {
   double width = 0;             // of its prior
   double told = 0;              // share of it that the data tell, 1 - C_ii / t_i^2
   bool held = false;            // put back: value is 0
+
+  bool undetermined() const { return told < 0.1; }
 };
 
 struct AutomaticGroup {

@@ -50,8 +50,16 @@ struct ParameterEstimate {
 };
 
 /// With `undefined_start` the first state of a step cannot be evaluated (a point behind its
-/// camera); `message` names the sample and its views.
-enum class Status { converged, unobservable, not_converged, undefined_start, cancelled };
+/// camera); `message` names the sample and its views. `unexplained`: everything converged, but the
+/// model does not explain the data; that is for a study to say (report/verdict.h).
+enum class Status {
+  converged,
+  unobservable,
+  not_converged,
+  undefined_start,
+  cancelled,
+  unexplained
+};
 
 /// A ReplacedStart is a pose that the rig gives, that the data contradict, and from which the
 /// calibration did not start (calibration/start_poses.h).
@@ -129,7 +137,8 @@ struct Solution {
   /// Returns chi2_data / dof_data; NaN where there are no degrees of freedom.
   double chi2_per_dof() const;
 
-  /// True if there are values that can be used: every step converged. (Directions may be
+  /// True if there are values that can be used: every step converged, and no study found that the
+  /// model does not explain the data. (Directions may be
   /// unobservable: these keep their initial values, and their sigmas are NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
   /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it.

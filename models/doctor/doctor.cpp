@@ -340,9 +340,10 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
 /// What the verdict is about.
 struct Outcomes {
   double per_dof_at_first;
-  bool data_findings;  // some mistake shows in the data alone
-  bool fit_findings;   // some mistake was found by fits
-  bool still_joint;    // one of the former explains the fit
+  bool data_findings;           // some mistake shows in the data alone
+  bool fit_findings;            // some mistake was found by fits
+  bool still_joint;             // one of the former explains the fit
+  const std::string& readings;  // what errors of the joint readings would explain
 };
 
 /// `now`: the fit with everything undone that was found.
@@ -365,10 +366,7 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
                ? ": none of these explains it."
                : text("; with what was found undone %.3g: none of the others explains that.",
                       now.per_dof());
-    const std::string noise = now.complete() && !outcomes.still_joint && !context.usual_steps
-                                  ? joint_noise(recording, context, now)
-                                  : "";
-    if (!noise.empty()) out += " " + noise;
+    if (!outcomes.readings.empty()) out += " " + outcomes.readings;
     if (context.usual_steps)
       out +=
           " The rig has no estimate: only poses of sensors and targets and joint offsets were "
@@ -422,8 +420,10 @@ Diagnosis examine(Recording recording, TrialContext context) {
          ++round)
       explain(recording, context, now, true, by_fits);
   }
-  out.verdict =
-      verdict(recording, context, now, {at_first, !by_data.empty(), !by_fits.empty(), still_joint});
+  if (!good(now) && now.complete() && !still_joint && !context.usual_steps)
+    out.readings = joint_noise(recording, context, now);
+  out.verdict = verdict(recording, context, now,
+                        {at_first, !by_data.empty(), !by_fits.empty(), still_joint, out.readings});
   out.findings = ordered(std::move(by_fits), std::move(by_data));
   return out;
 }

@@ -20,7 +20,9 @@ struct Diagnosis {
   std::vector<Finding> findings;  // what explains most first; those without a fit last
   std::optional<double> chi2;     // as is; nothing: the fit cannot start
   long dof = 0;
-  std::string verdict;              // one or more sentences
+  std::string verdict;  // one or more sentences
+  std::string
+      readings;  // what errors of the joint readings would explain; empty: not, or not asked
   std::vector<std::string> tested;  // ids of the mistakes that were looked for
 };
 

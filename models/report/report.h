@@ -23,10 +23,16 @@
 
 namespace kincal {
 
-/// A Warning is something to know before the result is used: `id` as in the formats, and a
-/// sentence.
+/// A Warning is something to know before the result is used: `id` as in the formats, one warning an
+/// id; a sentence about the worst and how many there are; and the names of all that it is about.
 struct Warning {
   std::string id, text;
+  std::vector<std::string> names;
+};
+
+/// A Verdict says whether to use a result: `use` is good, doubts or no; why, and what to do next.
+struct Verdict {
+  std::string use, text;
 };
 
 /// NoiseRounds are how the estimation of the noise went.
@@ -57,7 +63,9 @@ struct Report {
   std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;
   Validation validation;
+  std::string unexplained;  // why the model does not explain the data; empty: it does
   std::vector<Warning> warnings;
+  Verdict verdict;
 };
 
 }  // namespace kincal

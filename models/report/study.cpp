@@ -7,6 +7,7 @@
 #include "../analysis/linearisation.h"
 #include "../rig/numbers.h"
 #include "../trials/estimate_noise.h"
+#include "verdict.h"
 #include "warnings.h"
 
 namespace kincal {
@@ -17,7 +18,6 @@ struct StudyCancelled {};
 // Noise on the automatic path.
 constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
 constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
-constexpr double kHopeless = 25;       // chi2/dof above which it is not the noise
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr int kNoiseRounds = 4;
 
@@ -164,7 +164,7 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
                by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
   const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
                          reading_errors < kReadingErrors;
-  if (!report.solution.usable() || as_stated || ratio > kHopeless || options.estimate_noise ||
+  if (!report.solution.usable() || as_stated || ratio > kMistaken || options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
   if (options.diagnose) {
@@ -322,9 +322,12 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
     if (!undefined) analyse(recording->rig, *given, options, report);
-    const bool unexplained = solution.status != Status::converged ||
-                             solution.chi2_data > kUnexplained * solution.dof_data;
-    if (options.diagnose && unexplained && !report.diagnosis) {
+    const bool whole = options.calibration.last_step.empty(),
+               badly = solution.status != Status::converged ||
+                       solution.chi2_data > kUnexplained * solution.dof_data;
+    if ((options.diagnose ? badly
+                          : whole && solution.usable() && data_misfit(report) > kMistaken) &&
+        !report.diagnosis) {
       const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
       add_diagnosis(given->rig, samples, options, report);
       // What the automatic path frees may take a mistake up: as if nothing but mounts and offsets
@@ -335,7 +338,14 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   } catch (const StudyCancelled&) {
     return std::nullopt;
   }
+  report.unexplained = why_unexplained(report);
+  if (!report.unexplained.empty() && report.solution.status == Status::converged &&
+      options.calibration.last_step.empty()) {
+    report.solution.status = Status::unexplained;
+    report.solution.message = report.unexplained;
+  }
   report.warnings = warnings(report);
+  report.verdict = verdict(report);
   report.solution.last.reset();
   return report;
 }

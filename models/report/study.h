@@ -12,7 +12,7 @@
 //   5. Trials that judge it: restarts, held-out errors, cross-validation, predicted errors of
 //   frames, tolerances.
 //   6. Where it ended badly, mistakes in the input are looked for (doctor/doctor.h).
-//   7. Warnings, when all of this is known.
+//   7. Whether the model explains the data, warnings and the verdict, when all of this is known.
 #pragma once
 
 #include <functional>
@@ -33,7 +33,8 @@ struct StudyOptions {
   int restarts = 0;        // how many; 0: none
   int cross_validate = 0;  // folds; 0: none
   bool loops = true;
-  bool diagnose = false;              // look for mistakes if it ended badly
+  bool diagnose = false;  // look for mistakes if it ended badly; else only where the status of a
+                          // whole run depends on what is found (kMistaken in verdict.h)
   std::vector<std::string> held_out;  // blocks that were taken out of the training, for the record
   std::vector<Frame> frames;  // whose predicted error is reported; those of requirements among them
   std::vector<Requirement> requirements;

@@ -14,10 +14,30 @@ namespace {
 
 using Warnings = std::vector<Warning>;
 
-constexpr size_t kShown = 5;
+constexpr size_t kShown = kNamed;
 constexpr double kManyRejected = 0.2;  // share of the samples
 constexpr double kWide = 5;            // times the width that a group begins with
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
+
+/// One case of what a warning is about: how bad it is orders them.
+struct Case {
+  std::string name, text;
+  double size = 0;
+};
+
+/// Warns once of all cases: of one in its own words; of several how many there are, `what` they are
+/// ("parameters above 3 sigmas"), the worst one's words and the names of the next.
+void warn(const char* id, const char* what, std::vector<Case> cases, Warnings& out) {
+  if (cases.empty()) return;
+  std::stable_sort(cases.begin(), cases.end(),
+                   [](const Case& a, const Case& b) { return a.size > b.size; });
+  Warning warning{id, cases[0].text, {}};
+  for (const Case& c : cases) warning.names.push_back(c.name);
+  if (cases.size() > 1)
+    warning.text = std::to_string(cases.size()) + " " + what + ", worst " + cases[0].text +
+                   "; then " + listed({warning.names.begin() + 1, warning.names.end()}, kShown - 2);
+  out.push_back(std::move(warning));
+}
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
 /// more, and by four of its standard deviations, sqrt(2/dof).
@@ -55,14 +75,19 @@ std::string types_without_start(const Solution& solution, const std::string& pos
 }
 
 void warn_of_starts(const Solution& solution, Warnings& out) {
-  for (const std::string& message : solution.without_effect) out.push_back({"no_effect", message});
+  Warning useless{"no_effect", "", solution.without_effect};
+  for (const std::string& message : solution.without_effect)
+    useless.text += (useless.text.empty() ? "" : "; ") + message;
+  if (!useless.text.empty()) out.push_back(std::move(useless));
+  std::vector<Case> identity, lost, contradicted, ambiguous;
   for (const std::string& name : solution.identity_starts)
-    out.push_back({"identity", name + " is absent from the rig and freed in part or with a prior: "
-                                      "its initial value is the identity"});
+    identity.push_back({name, name + " is absent from the rig and freed in part or with a prior: "
+                                     "its initial value is the identity"});
   for (const std::string& name : solution.lost_starts) {
     const std::string types = types_without_start(solution, name);
-    out.push_back(
-        {"no_start",
+    if (types.empty() && solution.status == Status::converged) continue;  // it ended well
+    lost.push_back(
+        {name,
          name + " is absent from the rig and " +
              (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
                             : "a sensor of type " + types +
@@ -71,24 +96,29 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
                                   "wrong; give it a pose in the rig")});
   }
   for (const ReplacedStart& start : solution.replaced_starts)
-    out.push_back(
-        {"given_pose",
+    contradicted.push_back(
+        {start.name,
          start.name +
              text(": the data contradict the given pose; the estimate is %.3g m and %.3g degrees "
                   "from it. ",
                   start.moved, start.turned * 180 / kPi) +
              (start.cost_per_dof > 0 ? text("From there chi2/dof ended at %.3g", start.cost_per_dof)
                                      : std::string("No calibration can start there")) +
-             ", so it was started where the data put it: correct it in the rig, or leave it away"});
+             ", so it was started where the data put it: correct it in the rig, or leave it away",
+         start.moved + start.turned});
   for (const AmbiguousStart& start : solution.ambiguous_starts)
-    out.push_back(
-        {"ambiguous_start",
+    ambiguous.push_back(
+        {start.first,
          start.first + " and " + start.second +
              text(" are absent from the rig, and several solutions fit the readings equally well "
                   "(the next one is turned by %.3g degrees): ",
                   start.turned * 180 / kPi) +
              "give one of them a pose in the rig, or record more postures, as different as "
              "possible"});
+  warn("identity", "poses start at the identity", std::move(identity), out);
+  warn("no_start", "poses have no start", std::move(lost), out);
+  warn("given_pose", "given poses contradict the data", std::move(contradicted), out);
+  warn("ambiguous_start", "pairs of poses are ambiguous", std::move(ambiguous), out);
 }
 
 /// Bodies that no training sample shows, one warning for those with a pose in the rig and one for
@@ -100,7 +130,7 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
     for (const int p : poses) list += (list.empty() ? "" : ", ") + solution.table().all[p].name;
     if (!list.empty())
       out.push_back(
-          {"never_seen", list + ": no training sample shows what has this pose; " + words});
+          {"never_seen", list + ": no training sample shows what has this pose; " + words, {}});
   };
   warn(unseen.open,
        "nothing is known of it, and of what depends on it (in the result it is the identity)");
@@ -109,11 +139,13 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
 
 void warn_of_doubted_priors(const Report& report, Warnings& out) {
   for (const DoubtedPrior& prior : report.doubted)
-    out.push_back({"prior", "the data contradict the rig's prior on " + prior.pattern +
-                                text(": with one %.2g times as wide they are far more likely (log "
-                                     "evidence %+.3g). With the prior as it is other numbers take "
-                                     "the place of these; correct it, or leave it away",
-                                     prior.factor, prior.gain)});
+    out.push_back({"prior",
+                   "the data contradict the rig's prior on " + prior.pattern +
+                       text(": with one %.2g times as wide they are far more likely (log "
+                            "evidence %+.3g). With the prior as it is other numbers take "
+                            "the place of these; correct it, or leave it away",
+                            prior.factor, prior.gain),
+                   {prior.pattern}});
 }
 
 /// So many outliers that the majority need not be right.
@@ -134,37 +166,63 @@ void warn_of_rejected(const Report& report, Warnings& out) {
        std::to_string(samples.size()) + " of " + std::to_string(all) +
            " training samples were taken out as outliers. Among so many the good ones may "
            "be those that were taken out: look at both parts before the result is used" +
-           wide});
+           wide,
+       {samples.begin(), samples.end()}});
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
+  std::vector<Case> before, after;
   for (const UndefinedSample& sample : residuals.undefined)
-    out.push_back(
-        sample.before
-            ? Warning{"undefined_before",
-                      "sample '" + sample.id +
-                          "' cannot be evaluated at the rig's values (a point behind a "
-                          "camera): it is missing from rms_before"}
-            : Warning{"undefined", "held-out sample '" + sample.id +
-                                       "' cannot be evaluated at the estimate (a point behind a "
-                                       "camera): it is missing from its rms"});
+    if (sample.before)
+      before.push_back({sample.id, "sample '" + sample.id +
+                                       "' cannot be evaluated at the rig's values (a point behind "
+                                       "a camera): it is missing from rms_before"});
+    else
+      after.push_back({sample.id, "held-out sample '" + sample.id +
+                                      "' cannot be evaluated at the estimate (a point behind a "
+                                      "camera): it is missing from its rms"});
+  warn("undefined_before", "samples cannot be evaluated at the rig's values", std::move(before),
+       out);
+  warn("undefined", "held-out samples cannot be evaluated", std::move(after), out);
 }
 
 void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Warnings& out) {
-  for (const Unfinished& u : unfinished)
-    out.push_back({"unfinished",
-                   u.column + (u.train ? " of the training samples" : " of the held-out samples") +
-                       " is not final: what was estimated to judge them did not converge in " +
-                       count_text(u.samples.size(), "sample") + ", first '" + u.samples.front() +
-                       "'"});
+  std::vector<Case> columns;
+  for (const Unfinished& u : unfinished) {
+    const std::string column =
+        u.column + (u.train ? " of the training samples" : " of the held-out samples");
+    columns.push_back(
+        {column,
+         column + " is not final: what was estimated to judge them did not converge in " +
+             count_text(u.samples.size(), "sample") + ", first '" + u.samples.front() + "'",
+         static_cast<double>(u.samples.size())});
+  }
+  warn("unfinished", "columns are not final", std::move(columns), out);
 }
 
+/// The first step that did not converge, what it may come from, and what to do.
 void warn_of_steps(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
-  for (const StepResult& s : solution.steps)
-    if (!s.converged && !s.repeated)
-      out.push_back({"not_converged", "step '" + s.name + "' did not converge in " +
-                                          std::to_string(s.iterations) + " iterations"});
+  for (const StepResult& s : solution.steps) {
+    if (s.converged || s.repeated) continue;
+    std::string what = "free less, in more steps, or start nearer to the truth";
+    if (report.diagnosis && !report.diagnosis->findings.empty()) {
+      const Finding& first = report.diagnosis->findings[0];
+      what = "first look at " + first.id + ": " + first.text;
+    } else if (!report.outliers.empty()) {
+      what = "a calibration that rejects outliers takes them out, or look at the samples named";
+    }
+    out.push_back({"not_converged",
+                   "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) +
+                       " iterations. What to do: " + what,
+                   {s.name}});
+    break;
+  }
+}
+
+void warn_of_directions(const Report& report, Warnings& out) {
+  const Solution& solution = report.solution;
+  std::vector<Case> directions;
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
     std::string sum;
     for (const auto& c : solution.unobservable[i])
@@ -173,28 +231,44 @@ void warn_of_steps(const Report& report, Warnings& out) {
         report.explanation.weak;  // those of `unobservable` stand first
     const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure
                                             : "hold one of these or give it a prior";
-    out.push_back({"unobservable",
-                   "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
+    directions.push_back(
+        {sum, "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
   }
+  warn("unobservable", "directions are not determined", std::move(directions), out);
 }
 
 void warn_of_chi2(const Report& report, Warnings& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2_per_dof();
-  if (exceeds(ratio, solution.dof_data)) out.push_back({"chi2", excess_text(ratio)});
+  std::string whole;
+  if (exceeds(ratio, solution.dof_data)) whole = excess_text(ratio);
   if (falls_short(ratio, solution.dof_data) &&
       solution.noise != NoiseMode::point)  // there it means nothing
-    out.push_back({"chi2", text("chi2/dof is %.3g: the residuals are smaller than the sigmas of "
-                                "the rig say; the sigmas of the result are too large",
-                                ratio)});
+    whole = text(
+        "chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the "
+        "sigmas of the result are too large",
+        ratio);
+  std::vector<Case> sensors;
   for (const SensorResult& s : report.residuals.sensors) {
     const double count = static_cast<double>(s.train.whitened_count),
                  each = s.train.whitened_squared / count;
     if (exceeds(each, count))  // what the unknowns took makes it small: that says nothing
-      out.push_back({"chi2", "sensor '" + s.name + "': " +
-                                 text("chi2/n is %.3g, its residuals are %.2g times its sigma",
-                                      each, std::sqrt(each))});
+      sensors.push_back({s.name,
+                         "sensor '" + s.name + "': " +
+                             text("chi2/n is %.3g, its residuals are %.2g times its sigma", each,
+                                  std::sqrt(each)),
+                         each});
   }
+  Warnings parts;
+  warn("chi2", "sensors have larger residuals than their sigmas allow", std::move(sensors), parts);
+  if (parts.empty() && whole.empty()) return;
+  if (parts.empty()) parts.push_back({"chi2", "", {}});
+  parts[0].text = whole + (whole.empty() || parts[0].text.empty() ? "" : "; ") + parts[0].text;
+  out.push_back(std::move(parts[0]));
+}
+
+void warn_of_unexplained(const Report& report, Warnings& out) {
+  if (!report.unexplained.empty()) out.push_back({"unexplained", report.unexplained, {}});
 }
 
 void warn_of_joint_errors(const Solution& solution, Warnings& out) {
@@ -211,58 +285,92 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
     ++x.count;
     if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
   }
-  for (const auto& x : excess)
-    out.push_back({"joint_error",
-                   "joint '" + rig.tree.joints[x.first].name + "': its error exceeds 4 sigmas in " +
-                       count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
-                       text("%+.3g sigmas (%.3g) in sample '", x.second.worst,
-                            x.second.worst * rig.joints[x.first].sigma) +
-                       solution.samples()[x.second.sample].id + "'"});
+  std::vector<Case> joints;
+  for (const auto& x : excess) {
+    const std::string name = rig.tree.joints[x.first].name;
+    joints.push_back({name,
+                      "joint '" + name + "': its error exceeds 4 sigmas in " +
+                          count_text(static_cast<size_t>(x.second.count), "sample") +
+                          ", at worst " +
+                          text("%+.3g sigmas (%.3g) in sample '", x.second.worst,
+                               x.second.worst * rig.joints[x.first].sigma) +
+                          solution.samples()[x.second.sample].id + "'",
+                      std::abs(x.second.worst)});
+  }
+  warn("joint_error", "joints have errors above 4 sigmas", std::move(joints), out);
 }
 
 void warn_of_joint_noise(const Report& report, Warnings& out) {
-  std::string list;
+  std::vector<const NoiseLevel*> noisy;
   for (const NoiseLevel& level : report.noise_levels)
     if (level.joint >= 0 && level.used == level.assumed && level.differs() &&
         level.seen >= kNoisy * level.assumed)
-      list += (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name +
-              "'" + text(" (stated %.3g, seen %.3g ", level.assumed, level.seen) + level.unit + ")";
-  if (!list.empty())
+      noisy.push_back(&level);
+  std::stable_sort(noisy.begin(), noisy.end(), [](const NoiseLevel* a, const NoiseLevel* b) {
+    return a->seen * b->assumed > b->seen * a->assumed;
+  });
+  std::vector<std::string> names, words;
+  for (const NoiseLevel* level : noisy) {
+    names.push_back(report.solution.rig().tree.joints[level->joint].name);
+    words.push_back(quoted(names.back()) +
+                    text(" (stated %.3g, seen %.3g ", level->assumed, level->seen) + level->unit +
+                    ")");
+  }
+  if (!names.empty())
     out.push_back({"joint_noise",
-                   "these joints are at least three times noisier than stated: " + list +
+                   count_text(names.size(), "joint") +
+                       " at least three times noisier than stated: " + listed(words, kShown) +
                        ". What is stated of them is wrong, or the model lacks something of them; "
-                       "the sigmas of the result are too small"});
+                       "the sigmas of the result are too small",
+                   names});
+}
+
+/// Poses far from where the rig has them. What the rig leaves open has no such place: its movement
+/// from a start in closed form says nothing once it converged.
+void warn_of_movements(const Solution& solution, Warnings& out) {
+  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
+  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
+  if (solution.status == Status::converged)
+    explained.insert(explained.end(), solution.computed_starts.begin(),
+                     solution.computed_starts.end());
+  std::vector<Case> poses;
+  for (const ParameterEstimate& e : solution.parameters) {
+    if (!e.pose || std::find(explained.begin(), explained.end(), e.name) != explained.end())
+      continue;
+    const double moved = std::hypot(e.value[0], e.value[1], e.value[2]) / 0.1,
+                 turned = std::hypot(e.value[3], e.value[4], e.value[5]) / (10 * kPi / 180);
+    if (!(moved > 1) && !(turned > 1)) continue;
+    const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
+                      by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
+    poses.push_back({e.name,
+                     e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
+                         " from its initial value: is that possible?",
+                     std::max(moved, turned)});
+  }
+  warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
 }
 
 void warn_of_parameters(const Solution& solution, Warnings& out) {
-  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
-  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
-  for (const ParameterEstimate& e : solution.parameters) {
-    if (e.pose && std::find(explained.begin(), explained.end(), e.name) == explained.end()) {
-      const double moved = std::hypot(e.value[0], e.value[1], e.value[2]),
-                   turned = std::hypot(e.value[3], e.value[4], e.value[5]);
-      if (moved > 0.1)
-        out.push_back(
-            {"moved",
-             e.name + text(" moved by %.3g m from its initial value: is that possible?", moved)});
-      if (turned > 10 * kPi / 180)
-        out.push_back(
-            {"moved",
-             e.name + text(" turned by %.3g degrees from its initial value: is that possible?",
-                           turned * 180 / kPi)});
-    }
+  std::vector<Case> priors, sigmas;
+  for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
       const std::string name = e.component_name(c);
-      if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > 3 * e.prior[c])
-        out.push_back({"prior", name + text(" is %.1f prior sigmas from its prior",
-                                            (e.value[c] - e.initial[c]) / e.prior[c])});
+      const double from_prior = e.prior[c] > 0 ? (e.value[c] - e.initial[c]) / e.prior[c] : 0;
+      if (std::abs(from_prior) > 3)
+        priors.push_back({name, name + text(" is %.1f prior sigmas from its prior", from_prior),
+                          std::abs(from_prior)});
       if (e.units[c] == "m" && e.sigma[c] > 0.01)
-        out.push_back({"sigma", name + text(" is known to %.3g m only (one sigma)", e.sigma[c])});
+        sigmas.push_back({name, name + text(" is known to %.3g m only (one sigma)", e.sigma[c]),
+                          e.sigma[c] / 0.01});
       if (e.units[c] == "rad" && e.sigma[c] > kPi / 180)
-        out.push_back({"sigma", name + text(" is known to %.3g degrees only (one sigma)",
-                                            e.sigma[c] * 180 / kPi)});
+        sigmas.push_back(
+            {name,
+             name + text(" is known to %.3g degrees only (one sigma)", e.sigma[c] * 180 / kPi),
+             e.sigma[c] / (kPi / 180)});
     }
-  }
+  warn("prior", "parameters are more than 3 prior sigmas from their priors", std::move(priors),
+       out);
+  warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas), out);
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -291,6 +399,7 @@ double largest_bend(const Solution& solution, int joint) {
 void warn_of_joint_models(const Solution& solution, Warnings& out) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
+  std::vector<Case> bent;
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (table.joint_offset[j] < 0 || rig.joints[j].model->size() <= 2) continue;
     const double largest = largest_bend(solution, static_cast<int>(j));
@@ -301,24 +410,30 @@ void warn_of_joint_models(const Solution& solution, Warnings& out) {
       numbers +=
           (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
     }
-    out.push_back(
-        {"joint_model", "joint '" + rig.tree.joints[j].name +
-                            "': a URDF cannot express its joint model (" + numbers +
-                            "); a robot that takes the linear part alone is off by up to" +
-                            text(" %.3g ", largest) + table.all[table.joint_offset[j]].units[0] +
-                            " in these samples. The numbers stand in the calibrated rig"});
+    bent.push_back({rig.tree.joints[j].name,
+                    "joint '" + rig.tree.joints[j].name +
+                        "': a URDF cannot express its joint model (" + numbers +
+                        "); a robot that takes the linear part alone is off by up to" +
+                        text(" %.3g ", largest) + table.all[table.joint_offset[j]].units[0] +
+                        " in these samples. The numbers stand in the calibrated rig",
+                    largest});
   }
+  warn("joint_model", "joints have models that a URDF cannot express", std::move(bent), out);
 }
 
 void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found,
                      Warnings& out) {
   if (found.empty()) return;
-  std::string list;
-  for (size_t i = 0; i < found.size() && i < kShown; ++i)
-    list += (i ? ", " : "") + found[i].name + text(" (%.3g times)", std::sqrt(found[i].ratio));
-  out.push_back({id, count_text(found.size(), kind) +
-                         " with residuals or joint errors far beyond what is usual here: " + list +
-                         (found.size() > kShown ? ", ..." : "")});
+  std::vector<std::string> names, words;
+  for (const Misfit& misfit : found) {
+    names.push_back(misfit.name);
+    words.push_back(misfit.name + text(" (%.3g times)", std::sqrt(misfit.ratio)));
+  }
+  out.push_back({id,
+                 count_text(found.size(), kind) +
+                     " with residuals or joint errors far beyond what is usual here: " +
+                     listed(words, kShown),
+                 names});
 }
 
 /// What a robust fit names, in place of the samples and views that stick out of a plain one, which
@@ -326,26 +441,25 @@ void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>
 void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
   struct Kind {
     const char *id, *one, *many;
-    size_t count, shown;
-    std::string list;
+    size_t count = 0;
+    std::vector<std::string> names = {};
   };
-  Kind kinds[] = {{"outlier_sample", " sample does", " samples do", 0, 0, ""},
-                  {"outlier_view", " view does", " views do", 0, 0, ""},
-                  {"outlier_point", " point does", " points do", 0, 0, ""}};
+  Kind kinds[] = {{"outlier_sample", " sample does", " samples do"},
+                  {"outlier_view", " view does", " views do"},
+                  {"outlier_point", " point does", " points do"}};
   for (const Rejected& r : outliers) {
     Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
     kind.count += std::max<size_t>(1, r.ids.size());
-    if (++kind.shown > kShown) continue;
-    kind.list +=
-        (kind.shown > 1 ? ", '" : "'") + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor);
+    kind.names.push_back("'" + r.sample + "'" + (r.sensor.empty() ? "" : " " + r.sensor));
   }
   for (const Kind& kind : kinds)
     if (kind.count > 0)
-      out.push_back({kind.id, "a robust fit finds that " + std::to_string(kind.count) +
-                                  (kind.count == 1 ? kind.one : kind.many) +
-                                  " not belong to the others: " + kind.list +
-                                  (kind.shown > kShown ? ", ..." : "") +
-                                  "; a calibration that rejects outliers takes them out"});
+      out.push_back({kind.id,
+                     "a robust fit finds that " + std::to_string(kind.count) +
+                         (kind.count == 1 ? kind.one : kind.many) +
+                         " not belong to the others: " + listed(kind.names, kShown) +
+                         "; a calibration that rejects outliers takes them out",
+                     kind.names});
 }
 
 /// Joints whose noise may be a gear of another ratio: nothing else was free to take that up.
@@ -368,49 +482,60 @@ std::string doubted_gears(const Report& report) {
 void warn_of_widths(const Report& report, Warnings& out) {
   constexpr double kUnusual = 9;    // two spreads of what is assumed of a width
   constexpr double kSpeaking = 10;  // log evidence
+  std::vector<Case> wide;
   for (const AutomaticGroup& group : report.automatic)
     if (group.factor > kUnusual && !group.held)
-      out.push_back(
-          {"width", "group '" + group.name +
-                        text("': its numbers are off by %.0f times as much as usual: look "
-                             "for a mistake in the rig or the data that they take up",
-                             group.factor)});
+      wide.push_back({group.name,
+                      "group '" + group.name +
+                          text("': its numbers are off by %.0f times as much as usual: look for a "
+                               "mistake in the rig or the data that they take up",
+                               group.factor),
+                      group.factor});
+  warn("width", "groups are much worse than usual", std::move(wide), out);
   if (report.gears_gain > kSpeaking)
-    out.push_back({"gears", text("the data speak for other gear ratios than stated (log evidence "
-                                 "%.0f), which were not estimated: predicted errors may be too "
-                                 "small; the group gears estimates them",
-                                 report.gears_gain)});
+    out.push_back({"gears",
+                   text("the data speak for other gear ratios than stated (log evidence "
+                        "%.0f), which were not estimated: predicted errors may be too "
+                        "small; the group gears estimates them",
+                        report.gears_gain),
+                   {}});
 }
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
+  std::vector<std::string> sentences, names;
   if (std::isfinite(report.noise_estimated->stated)) {
     std::string levels;
     for (const NoiseLevel& level : report.noise_levels)
-      if (level.used != level.assumed)
+      if (level.used != level.assumed) {
+        names.push_back(level.of + (level.part.empty() ? "" : " " + level.part));
         levels +=
-            (levels.empty() ? "" : "; ") + level.of + (level.part.empty() ? "" : " " + level.part) +
-            text(": %.3g, stated ", level.used) + text("%.3g ", level.assumed) + level.unit +
+            (levels.empty() ? "" : "; ") + names.back() + text(": %.3g, stated ", level.used) +
+            text("%.3g ", level.assumed) + level.unit +
             (std::abs(std::log(level.used / level.assumed)) > std::log(9.99) ? " (at the bound)"
                                                                              : "");
-    out.push_back({"noise", text("with the stated sigmas chi2/dof is %.3g, and no mistake explains "
-                                 "that: sigmas were estimated from the data (joints stated exact "
-                                 "began with 0.0001). ",
-                                 report.noise_estimated->stated) +
-                                levels + doubted_gears(report)});
+      }
+    sentences.push_back(text("with the stated sigmas chi2/dof is %.3g, and no mistake explains "
+                             "that: sigmas were estimated from the data (joints stated exact "
+                             "began with 0.0001). ",
+                             report.noise_estimated->stated) +
+                        levels + doubted_gears(report));
   }
   if (!report.noise_estimated->converged)
-    out.push_back({"noise", "the noise was estimated in " +
-                                std::to_string(report.noise_estimated->count) +
-                                " rounds and still moves: what the model lacks is taken for noise, "
-                                "now of this and now of that"});
+    sentences.push_back("the noise was estimated in " +
+                        std::to_string(report.noise_estimated->count) +
+                        " rounds and still moves: what the model lacks is taken for noise, now of "
+                        "this and now of that");
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
-      out.push_back(
-          {"noise", level.of + ": " + std::to_string(level.own_views) +
-                        (level.own_views == 1 ? " view has" : " views have") +
-                        " sigmas of their own in the samples file; they were multiplied by "
-                        "the sensor's factor, the file keeps its numbers"});
+      sentences.push_back(level.of + ": " + std::to_string(level.own_views) +
+                          (level.own_views == 1 ? " view has" : " views have") +
+                          " sigmas of their own in the samples file; they were multiplied by "
+                          "the sensor's factor, the file keeps its numbers");
+  if (sentences.empty()) return;
+  std::string all;
+  for (const std::string& sentence : sentences) all += (all.empty() ? "" : ". ") + sentence;
+  out.push_back({"noise", all, names});
 }
 
 /// Words for an error as read: metres and radians in thousandths.
@@ -437,7 +562,8 @@ void warn_of_held_out(const Validation& validation, Warnings& out) {
          "on data that it did not use this calibration is worse than its mounts alone: " + list +
              ". Too many numbers are free for these data, or a mistake somewhere is "
              "taken up by the arm's numbers: use the result for its mounts at most, "
-             "leave groups out, and look for mistakes"});
+             "leave groups out, and look for mistakes",
+         {}});
 }
 
 void warn_of_minima(const Restarts& restarts, Warnings& out) {
@@ -446,17 +572,48 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
       !(minima[1].cost < minima[0].cost || same_cost(minima[1].cost, minima[0].cost)))
     return;
   const Minimum& m = minima[1];
+  std::vector<std::string> differing;
+  for (const auto& d : m.differs) differing.push_back(d.first);
   std::string names;
   for (size_t i = 0; i < std::min<size_t>(m.differs.size(), 3); ++i)
     names += (i ? ", " : "") + m.differs[i].first + text(" (%+.3g sigmas)", m.differs[i].second);
-  out.push_back({"minima", std::to_string(m.count) + " of " + std::to_string(restarts.count) +
-                               " restarts end in " +
-                               (same_cost(m.cost, minima[0].cost)
-                                    ? "another minimum that is as good as this result"
-                                    : text("a better minimum: cost %.8g, this result has %.8g",
-                                           m.cost, minima[0].cost)) +
-                               ". Most different: " + names +
-                               ". The result is the one that the rig's own values lead to"});
+  out.push_back({"minima",
+                 std::to_string(m.count) + " of " + std::to_string(restarts.count) +
+                     " restarts end in " +
+                     (same_cost(m.cost, minima[0].cost)
+                          ? "another minimum that is as good as this result"
+                          : text("a better minimum: cost %.8g, this result has %.8g", m.cost,
+                                 minima[0].cost)) +
+                     ". Most different: " + names +
+                     ". The result is the one that the rig's own values lead to",
+                 differing});
+}
+
+/// The kinds of warnings, what matters most first.
+size_t rank(const Warning& warning) {
+  static const char* const kOrder[] = {
+      "not_converged",  "unobservable",    "unexplained",   "undefined",
+      "outlier_sample", "outlier_view",    "outlier_point", "no_consensus",
+      "chi2",           "joint_error",     "joint_noise",   "noise",
+      "prior",          "sigma",           "minima",        "given_pose",
+      "no_start",       "ambiguous_start", "moved",         "identity",
+      "unfinished",     "joint_model",     "no_effect",     "undefined_before"};
+  return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
+                             std::begin(kOrder));
+}
+
+/// Of a step that did not converge: that, and the first thing that it may come from. Everything
+/// else follows from it.
+void keep_first_cause(Warnings& all) {
+  const auto may_cause = [](const Warning& w) {
+    for (const char* id : {"outlier_", "no_consensus", "no_start", "ambiguous_start", "identity"})
+      if (w.id.rfind(id, 0) == 0) return true;
+    return false;
+  };
+  const auto cause = std::find_if(all.begin(), all.end(), may_cause);
+  Warnings kept = {all.front()};
+  if (cause != all.end()) kept.push_back(*cause);
+  all = std::move(kept);
 }
 
 }  // namespace
@@ -467,11 +624,14 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_unseen(report.solution, out);
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
+  warn_of_directions(report, out);
   warn_of_unfinished(report.residuals.unfinished, out);
   warn_of_chi2(report, out);
+  warn_of_unexplained(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_joint_noise(report, out);
   warn_of_doubted_priors(report, out);
+  warn_of_movements(report.solution, out);
   warn_of_parameters(report.solution, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
@@ -479,28 +639,36 @@ std::vector<Warning> warnings(const Report& report) {
     warn_of_misfits("outlier_view", "view", report.misfits.views, out);
   }
   warn_of_rejected(report, out);
-  if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus});
+  if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus, {}});
   warn_of_noise(report, out);
   warn_of_widths(report, out);
   warn_of_outliers(report.outliers, out);
   if (report.restarts) warn_of_minima(*report.restarts, out);
   warn_of_held_out(report.validation, out);
+  std::stable_sort(out.begin(), out.end(),
+                   [](const Warning& a, const Warning& b) { return rank(a) < rank(b); });
+  if (!out.empty() && out.front().id == "not_converged") keep_first_cause(out);
   return out;
 }
 
 std::vector<Warning> warnings(const Evaluation& evaluation) {
   Warnings out;
   if (!evaluation.converged)
-    out.push_back({"not_converged", "the estimation of targets or joint errors did not converge"});
+    out.push_back(
+        {"not_converged", "the estimation of targets or joint errors did not converge", {}});
   const double dof = static_cast<double>(evaluation.dof);
   if (exceeds(evaluation.chi2 / dof, dof))
-    out.push_back({"chi2", excess_text(evaluation.chi2 / dof)});
+    out.push_back({"chi2", excess_text(evaluation.chi2 / dof), {}});
+  std::vector<Case> open;
   for (const std::string& name : evaluation.open)
-    out.push_back({"open_pose", name + " is absent from the rig: it was estimated from the samples "
-                                       "of each split"});
+    open.push_back({name, name + " is absent from the rig: it was estimated from the samples of "
+                                 "each split"});
+  warn("open_pose", "poses are absent from the rig", std::move(open), out);
+  Warning useless{"no_effect", "", evaluation.without_effect};
   for (const std::string& pattern : evaluation.without_effect)
-    out.push_back(
-        {"no_effect", "free '" + pattern + "' changes nothing: no measurement depends on it"});
+    useless.text += (useless.text.empty() ? "" : "; ") + ("free '" + pattern) +
+                    "' changes nothing: no measurement depends on it";
+  if (!useless.text.empty()) out.push_back(std::move(useless));
   return out;
 }
 

@@ -2,15 +2,17 @@
 // is otherwise complete.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "report.h"
 
 namespace kincal {
 
-/// Both return warnings in this order: what has no effect, starting values, samples that cannot be
-/// evaluated, steps and directions, chi2, joint errors, parameters, samples that stick out, noise,
-/// other minima.
+constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
+
+/// Both return one warning of a kind, what matters most first; where a step did not converge only
+/// that and its first likely cause, of which everything else may come.
 std::vector<Warning> warnings(const Report& report);
 std::vector<Warning> warnings(const Evaluation& evaluation);
 

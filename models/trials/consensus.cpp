@@ -42,15 +42,15 @@ View without(const Rig& rig, const View& view, const std::vector<char>& out) {
 
 }  // namespace
 
-Verdict nothing_rejected(const Rig& rig, const Sample& sample) {
-  Verdict out;
+SampleVerdict nothing_rejected(const Rig& rig, const Sample& sample) {
+  SampleVerdict out;
   out.view.assign(sample.views.size(), 0);
   out.view_reason.resize(sample.views.size());
   for (const View& v : sample.views) out.point.push_back(std::vector<char>(blocks_of(rig, v), 0));
   return out;
 }
 
-Sample without_rejected(const Rig& rig, const Sample& sample, const Verdict& verdict) {
+Sample without_rejected(const Rig& rig, const Sample& sample, const SampleVerdict& verdict) {
   Sample out = sample;
   out.views.clear();
   for (size_t v = 0; v < sample.views.size(); ++v) {
@@ -265,7 +265,7 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
   };
   for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
     if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
-    Verdict points = nothing_rejected(reference.one.rig, sample);
+    SampleVerdict points = nothing_rejected(reference.one.rig, sample);
     points.point = out;
     const Sample rest = without_rejected(reference.one.rig, sample, points);
     Values values_without_points = values;
@@ -285,9 +285,9 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
 
 }  // namespace
 
-Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before,
-                     const Values& start) {
-  Verdict verdict = nothing_rejected(reference.one.rig, sample);
+SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
+                           const SampleVerdict& before, const Values& start) {
+  SampleVerdict verdict = nothing_rejected(reference.one.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
   SampleFit plain;

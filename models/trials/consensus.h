@@ -25,15 +25,15 @@
 
 namespace kincal {
 
-/// A Verdict says what of a sample is out: the sample, views, points of views.
-struct Verdict {
+/// A SampleVerdict says what of a sample is out: the sample, views, points of views.
+struct SampleVerdict {
   bool out = false;
   std::vector<char> view;                // by view
   std::vector<std::vector<char>> point;  // by view and block; of views that are out as well
   std::string reason;                    // of the sample
   std::vector<std::string> view_reason;
 
-  bool operator==(const Verdict& o) const {
+  bool operator==(const SampleVerdict& o) const {
     return out == o.out && (out || (view == o.view && point == o.point));
   }
   /// True if every view of the sample took part, but for points.
@@ -60,14 +60,14 @@ struct ReferenceFit {
 };
 
 /// Returns the verdict that nothing of a sample is out.
-Verdict nothing_rejected(const Rig& rig, const Sample& sample);
+SampleVerdict nothing_rejected(const Rig& rig, const Sample& sample);
 
 /// Returns what the verdict leaves of a sample.
-Sample without_rejected(const Rig& rig, const Sample& sample, const Verdict& verdict);
+Sample without_rejected(const Rig& rig, const Sample& sample, const SampleVerdict& verdict);
 
 /// Judges a sample by the reference. `before` is the verdict under which the reference's values
 /// were estimated, and `start` has poses of free targets of sample 0 to start from.
-Verdict judge_sample(ReferenceFit& reference, const Sample& sample, const Verdict& before,
-                     const Values& start);
+SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
+                           const SampleVerdict& before, const Values& start);
 
 }  // namespace kincal

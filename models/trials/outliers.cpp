@@ -16,7 +16,7 @@ namespace {
 constexpr int kRounds = 8;
 
 /// The samples that are not out as a whole.
-std::vector<int> kept_samples(const std::vector<Verdict>& verdicts) {
+std::vector<int> kept_samples(const std::vector<SampleVerdict>& verdicts) {
   std::vector<int> out;
   for (size_t i = 0; i < verdicts.size(); ++i)
     if (!verdicts[i].out) out.push_back(static_cast<int>(i));
@@ -24,7 +24,7 @@ std::vector<int> kept_samples(const std::vector<Verdict>& verdicts) {
 }
 
 std::vector<Sample> all_without_rejected(const Recording& recording,
-                                         const std::vector<Verdict>& verdicts) {
+                                         const std::vector<SampleVerdict>& verdicts) {
   std::vector<Sample> out;
   for (int i : kept_samples(verdicts))
     out.push_back(verdicts[i].clean()
@@ -33,12 +33,12 @@ std::vector<Sample> all_without_rejected(const Recording& recording,
   return out;
 }
 
-void describe(const Recording& recording, const std::vector<Verdict>& verdicts,
+void describe(const Recording& recording, const std::vector<SampleVerdict>& verdicts,
               std::vector<Rejected>& out) {
   const Rig& rig = recording.rig;
   for (size_t i = 0; i < verdicts.size(); ++i) {
     const Sample& sample = recording.samples[i];
-    const Verdict& verdict = verdicts[i];
+    const SampleVerdict& verdict = verdicts[i];
     if (verdict.out) out.push_back({sample.id, "", "", {}, verdict.reason});
     for (size_t v = 0; !verdict.out && v < sample.views.size(); ++v) {
       const View& view = sample.views[v];
@@ -160,12 +160,12 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   for (const auto& t : fit.values.targets)
     start[t.first.first].targets[{0, t.first.second}] = t.second;
 
-  std::vector<Verdict> verdicts;
+  std::vector<SampleVerdict> verdicts;
   for (const Sample& s : samples) verdicts.push_back(nothing_rejected(rig, s));
   std::vector<char> returned(samples.size(), 0);  // what came back once and is out again stays out
   for (int round = 0; round < kRounds; ++round) {
     options.tell("looking for outliers, round " + std::to_string(round + 1));
-    const std::vector<Verdict> before = verdicts;
+    const std::vector<SampleVerdict> before = verdicts;
     for (int i : training) {
       if (before[i].took_part()) {
         verdicts[i] = judge_sample(reference, samples[i], before[i], start[i]);
@@ -175,8 +175,8 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       }
       if (!go_on()) return std::nullopt;
     }
-    const auto out =
-        std::count_if(verdicts.begin(), verdicts.end(), [](const Verdict& v) { return v.out; });
+    const auto out = std::count_if(verdicts.begin(), verdicts.end(),
+                                   [](const SampleVerdict& v) { return v.out; });
     if (2 * out > static_cast<long>(training.size()))
       return without_consensus(recording, options, out, training.size());
     if (round > 0 && verdicts == before) break;

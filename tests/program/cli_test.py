@@ -1246,7 +1246,8 @@ class Results(Case):
         self.assertEqual(self.calibrate("--step", "all", out="all").code, 0)
         self.assertEqual(len(self.result("all")["steps"]), 2)
         # --free and --fix: the last step that runs
-        self.assertEqual(self.calibrate("--free", "sensor/eye/intrinsics", "--fix", "sensor/mocap/pose", "--fix", "joint/lift/*", out="mixed").code, 0)
+        # What is held here is far from the truth: the model does not explain the data any more.
+        self.assertEqual(self.calibrate("--free", "sensor/eye/intrinsics", "--fix", "sensor/mocap/pose", "--fix", "joint/lift/*", out="mixed").code, 5)
         r = self.result("mixed")
         self.assertIn("sensor/eye/intrinsics", r["parameters"])
         self.assertEqual(len(r["parameters"]["sensor/eye/intrinsics"]["value"]), 4)

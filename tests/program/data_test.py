@@ -63,11 +63,11 @@ class Case(unittest.TestCase):
             type(self).count += 1
             out = os.path.join(self.dir, "out%d" % self.count)
             got, stdout, stderr = self.kincal("calibrate", rig, samples, "--out", out, *args)
-            self.assertIn(got, (0, 2, 3), stderr)
+            self.assertIn(got, (0, 2, 3, 5), stderr)
             self.cache[key] = (got, strict_json(text_of(out, "result.json")), out, stdout + stderr)
         got, result, out, _ = self.cache[key]
         self.assertIn(got, code if isinstance(code, tuple) else (code,), "exit code of %s %s" % (os.path.basename(rig), " ".join(args)))
-        self.assertEqual(result["status"], {0: "converged", 2: "unobservable", 3: "not_converged"}[got])
+        self.assertEqual(result["status"], {0: "converged", 2: "unobservable", 3: "not_converged", 5: "unexplained"}[got])
         return result, out
 
     def evaluate(self, rig, samples, *args):
@@ -376,7 +376,7 @@ class Aubo(Case):
         result, _ = self.calibrate(os.path.join(DATA, self.folder, "rig_images.yaml"), os.path.join(DATA, self.folder, "samples_with_bad_group.jsonl"), "--step", "hand_eye",
                                    code=(0, 3))   # creeps in a far valley of 370 px: either is honest
         self.assertGreater(result["sensors"]["camera"]["train"]["rms"], 100)
-        self.assertIn("chi2", [w["id"] for w in result["warnings"]])
+        self.assertTrue({"chi2", "not_converged"} & {w["id"] for w in result["warnings"]})  # of a step that did not converge the cause only
 
 
 # ----------------------------------------------------------------------------- panda-sockets
@@ -633,7 +633,8 @@ class Hrp2(Case):
                     self.assertRegex(warnings, r"joint.*(error|reading)")      # up to 5.9 sigmas
 
     def test_exact_joints(self):
-        r, _ = self.calibrate(os.path.join(DATA, self.folder, "rig_mounted.yaml"), os.path.join(DATA, self.folder, "samples_camera_only.jsonl"))
+        r, _ = self.calibrate(os.path.join(DATA, self.folder, "rig_mounted.yaml"), os.path.join(DATA, self.folder, "samples_camera_only.jsonl"), code=5)
+        self.assertIn("Errors of the joint readings would", r["verdict"]["text"])
         p = r["parameters"]["joint/CARMINE_joint/origin"]
         self.digits(p["pose"]["xyz"][0], "0.503")
         self.near(r["chi2"], 366433.7, 1e-5)
@@ -669,8 +670,9 @@ class LinearSolvers(Case):
         for folder, rig, samples in self.sets:
             with self.subTest(data=folder, rig=rig):
                 files = os.path.join(DATA, folder, rig), os.path.join(DATA, folder, samples)
-                a, _ = self.calibrate(*files, "--linear-solver", "dense", "--no-report")
-                b, _ = self.calibrate(*files, "--linear-solver", "cholmod", "--no-report")
+                code = 5 if rig == "rig_mounted.yaml" else 0  # no readings are exact: its README's doubtful case
+                a, _ = self.calibrate(*files, "--linear-solver", "dense", "--no-report", code=code)
+                b, _ = self.calibrate(*files, "--linear-solver", "cholmod", "--no-report", code=code)
                 self.assertEqual({s["linear_solver"] for s in a["steps"]}, {"dense"})
                 self.assertEqual({s["linear_solver"] for s in b["steps"]}, {"cholmod"})
                 for s, t in zip(a["steps"], b["steps"]):

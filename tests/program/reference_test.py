@@ -114,9 +114,9 @@ def main():
             with open(out) as f:
                 theirs = json.load(f)
             q = subprocess.run([kincal, "calibrate", *files, "--noise", mode, "--out", os.path.join(work, "result%d" % i), "--json", "--no-report"], stdout=subprocess.PIPE)
-            if q.returncode not in (0, 2, 3):
+            if q.returncode not in (0, 2, 3, 5):
                 sys.exit("kincal failed (%d) on %s" % (q.returncode, folder))
-            if q.returncode != p.returncode:
+            if q.returncode != p.returncode and (q.returncode, p.returncode) != (5, 0):  # the reference does not judge
                 print("exit code %d, the reference's %d" % (q.returncode, p.returncode))
                 good = False
             good = compare("%s %s %s" % (folder, rig, mode), json.loads(q.stdout), theirs, rms) and good

@@ -728,7 +728,8 @@ TEST_CASE("unknown poses: several solutions for a tracker and its reflector are 
   REQUIRE(found.ambiguous.size() == 1);
   CHECK(found.ambiguous[0].first == "sensor/tracker/pose");
   CHECK(found.ambiguous[0].second == "target/reflector/pose");
-  CHECK(tracker_and_reflector(3, 2, false).find().lost.size() == 2);
+  // Of two samples nothing places the tracker; the reflector starts where the tracker then sees it.
+  CHECK(tracker_and_reflector(3, 2, false).find().lost.size() == 1);
 }
 
 TEST_CASE("calibration: a tracker and its reflector without poses end right, without warnings") {

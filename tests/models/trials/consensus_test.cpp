@@ -30,7 +30,7 @@ struct Judge {
       reference.noise_ratios.push_back(1);
     }
   }
-  Verdict of(const Sample& sample) {
+  SampleVerdict of(const Sample& sample) {
     return judge_sample(reference, sample, nothing_rejected(lab.rig, sample), Values());
   }
   /// The first sample whose views, the second and third of cameras, are four and more of one
@@ -54,7 +54,7 @@ TEST_CASE("consensus: a right sample is left as it is") {
   Judge judge(11);
   for (const Sample& sample : judge.lab.samples) {
     INFO(sample.id);
-    const Verdict verdict = judge.of(sample);
+    const SampleVerdict verdict = judge.of(sample);
     CHECK(verdict.clean());
     CHECK(verdict.took_part());
     CHECK(verdict == nothing_rejected(judge.lab.rig, sample));
@@ -71,7 +71,7 @@ TEST_CASE("consensus: points that lie off are named, these and no others") {
   view.z[2 * 1] += 15;
   view.z[2 * 4 + 1] -= 12;
   view.z[2 * 9] -= 25;
-  const Verdict verdict = judge.of(sample);
+  const SampleVerdict verdict = judge.of(sample);
   CHECK_FALSE(verdict.out);
   CHECK(verdict.took_part());
   CHECK_FALSE(verdict.clean());
@@ -93,7 +93,7 @@ TEST_CASE("consensus: a view that the sample's others prove wrong is named") {
   Judge judge(13);
   Sample& sample = judge.seen_often();
   turn_round(sample.views[1]);
-  const Verdict verdict = judge.of(sample);
+  const SampleVerdict verdict = judge.of(sample);
   CHECK_FALSE(verdict.out);
   CHECK_FALSE(verdict.took_part());
   for (size_t v = 0; v < sample.views.size(); ++v) CHECK((verdict.view[v] == 1) == (v == 1));
@@ -110,7 +110,7 @@ TEST_CASE(
   sample.views = {sample.views[1], sample.views[2]};
   REQUIRE(judge.of(sample).clean());
   turn_round(sample.views[0]);
-  const Verdict verdict = judge.of(sample);
+  const SampleVerdict verdict = judge.of(sample);
   CHECK(verdict.out);
   CHECK_FALSE(verdict.took_part());
   CHECK(verdict.reason.find("its joint readings and its views do not belong together") == 0);
@@ -121,7 +121,7 @@ TEST_CASE("consensus: readings of another posture put the sample out") {
   Sample& sample = judge.seen_often();
   for (double& reading : sample.readings)
     if (std::isfinite(reading)) reading = -reading - 0.3;
-  const Verdict verdict = judge.of(sample);
+  const SampleVerdict verdict = judge.of(sample);
   CHECK(verdict.out);
   CHECK_FALSE(verdict.reason.empty());
 }

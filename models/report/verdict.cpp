@@ -1,0 +1,213 @@
+#include "verdict.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas: at most so unlike
+constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
+constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
+
+const Finding* decisive_finding(const Report& report) {
+  if (report.diagnosis)
+    for (const Finding& f : report.diagnosis->findings)
+      if (f.chi2_corrected) return &f;
+  return nullptr;
+}
+
+bool starts_with(const std::string& name, const char* beginning) {
+  return name.rfind(beginning, 0) == 0;
+}
+
+/// The correlation of the residuals of neighbouring points, over all training views: 0 for noise.
+double alike(const Report& report) {
+  double products = 0, squares = 0;
+  for (const ViewResiduals& v : report.residuals.after) {
+    const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
+    if (!report.solution.samples()[v.sample].train || points < 4 || v.raw.size() < points ||
+        !v.raw.allFinite())
+      continue;
+    const Eigen::Index rows = v.raw.size() / points, rest = v.raw.size() - rows;
+    products += v.raw.head(rest).dot(v.raw.tail(rest));
+    squares += v.raw.head(rest).squaredNorm();
+  }
+  return squares > 0 ? products / squares : 0;
+}
+
+/// What is unlike noise of one size in the residuals; "": nothing. (Sensors by their noise levels:
+/// a chain's few residuals are small beside many corners that decide where its target is.)
+std::string uneven(const Report& report) {
+  const NoiseLevel *best = nullptr, *worst = nullptr;
+  const auto times = [](const NoiseLevel* l) { return l->seen / l->assumed; };
+  for (const NoiseLevel& l : report.noise_levels) {
+    if (l.sensor < 0 || !(l.seen > 0 && l.assumed > 0)) continue;
+    if (!best || times(&l) < times(best)) best = &l;
+    if (!worst || times(&l) > times(worst)) worst = &l;
+  }
+  std::vector<std::string> apart;
+  for (const std::vector<Misfit>* kind : {&report.misfits.samples, &report.misfits.views})
+    for (const Misfit& m : *kind) apart.push_back(m.name);
+  if (worst && times(worst) > kEven * times(best))
+    return "errors of " + worst->of + text(" are %.3g times its sigma, those of ", times(worst)) +
+           best->of + text(" %.3g times", times(best));
+  if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
+  if (alike(report) > kAlike) return "neighbouring points err alike";
+  return "";
+}
+
+std::string sigmas_seen(const Report& report, double misfit) {
+  std::vector<std::string> levels;
+  for (const NoiseLevel& l : report.noise_levels)
+    if (l.differs() && l.seen > l.assumed)
+      levels.push_back(l.of + (l.part.empty() ? "" : " " + l.part) + text(" %.2g ", l.seen) +
+                       l.unit + text(" (stated %.2g)", l.assumed));
+  return levels.empty() ? text("sigmas %.2g times as large", std::sqrt(misfit)) : listed(levels, 5);
+}
+
+/// Everything that a verdict is about, of a result that converged and is explained.
+bool is_doubt(const std::string& id) {
+  return id == "chi2" || id == "unexplained" || id == "joint_error" || id == "prior" ||
+         id == "sigma" || starts_with(id, "outlier_");
+}
+
+const char* what_to_do(const std::string& id) {
+  if (id == "chi2" || id == "unexplained")
+    return "look for what is wrong, or state the sigmas that are seen";
+  if (id == "joint_error") return "look at these samples, or state the noise of these joints";
+  if (id == "prior") return "see which of the two is wrong, the prior or the data";
+  if (id == "sigma") return "record more varied postures";
+  return "look at these, or leave them out";
+}
+
+/// The pose that is known worst, if that is no better than what a mount is good for.
+std::string loose_mount(const Solution& solution) {
+  std::string out;
+  double worst = 1;
+  for (const ParameterEstimate& e : solution.parameters)
+    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
+      const bool turn = e.units[c] == "rad";
+      const double loose = e.sigma[c] / (turn ? kLooseRadians : kLooseMetres);
+      if (!(loose > worst)) continue;
+      worst = loose;
+      out = e.name + " is known to " +
+            (turn ? text("%.3g degrees", e.sigma[c] * 180 / kPi) : text("%.3g m", e.sigma[c])) +
+            " only: record more varied postures, or give it a prior";
+    }
+  return out;
+}
+
+/// What is not determined although everything converged: what an earlier step freed, or a frame.
+std::vector<std::string> undetermined(const Report& report) {
+  std::vector<std::string> out;
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; c < e.sigma.size(); ++c)
+      if (std::isnan(e.sigma[c])) out.push_back(e.component_name(c));
+  for (const FrameReport& f : report.validation.frames)
+    for (const FrameSigma& s : f.workspaces)
+      if (std::isnan(s.position.rms) || std::isnan(s.rotation.rms)) {
+        out.push_back(f.frame);
+        break;
+      }
+  return out;
+}
+
+/// What the automatic path held because the data do not determine it.
+std::string held_words(const std::vector<AutomaticGroup>& groups) {
+  std::vector<std::string> held;
+  for (const AutomaticGroup& g : groups) {
+    for (const AutomaticNumber& n : g.numbers)
+      if (n.held && n.undetermined()) held.push_back(n.name);
+    for (const AutomaticNumber& n : g.unseen) held.push_back(n.name);
+  }
+  return held.empty() ? ""
+                      : text("; %zu %s held, not determined: ", held.size(),
+                             held.size() == 1 ? "number" : "numbers") +
+                            listed(held);
+}
+
+std::string size_words(const Solution& solution) {
+  if (!(solution.dof_data > 0)) return "converged; nothing is left over to judge it by";
+  return text("converged; residuals as large as the noise (chi2/dof %.3g)",
+              solution.chi2_per_dof());
+}
+
+}  // namespace
+
+double data_misfit(const Report& report) {
+  const Solution& solution = report.solution;
+  if (solution.setup.loss.kind == LossKind::none) return solution.chi2_per_dof();
+  std::vector<double> views;
+  for (const ViewResiduals& v : report.residuals.after)
+    if (solution.samples()[v.sample].train && v.whitened.size() > 0 && v.whitened.allFinite())
+      views.push_back(v.whitened.squaredNorm() / static_cast<double>(v.whitened.size()));
+  if (views.empty()) return kNan;
+  const auto middle = views.begin() + static_cast<long>(views.size() / 2);
+  std::nth_element(views.begin(), middle, views.end());
+  return *middle;
+}
+
+std::string why_unexplained(const Report& report) {
+  if (!report.solution.usable()) return "";
+  const double misfit = data_misfit(report);
+  const Finding* finding = decisive_finding(report);
+  if (!(misfit > (finding ? kMistaken : kBeyondNoise))) return "";
+  const std::string begin = text("the model does not explain the data (chi2/dof %.3g). ", misfit);
+  if (finding)
+    return begin + "A mistake is likelier than noise stated too small: " + finding->id + ": " +
+           finding->text + " Undo it and calibrate again";
+  const std::string unlike = uneven(report);
+  if (unlike.empty())
+    return begin +
+           "Noise stated too small is likelier than a mistake, for the residuals are spread evenly "
+           "over samples and sensors: state " +
+           sigmas_seen(report, misfit) + ", or have the noise estimated";
+  if (report.diagnosis && !report.diagnosis->readings.empty())
+    return begin + "It is not the noise of the sensors (" + unlike +
+           "), and none of the usual mistakes. " + report.diagnosis->readings;
+  return begin + "A mistake is likelier than noise stated too small (" + unlike +
+         "), but none that is usually made: look at what fits worst (its sigma may be stated too "
+         "small), calibrate without it, free what else may be wrong";
+}
+
+Verdict verdict(const Report& report) {
+  const Solution& solution = report.solution;
+  const auto is_cause = [&](const Warning& w) {
+    return (solution.status == Status::not_converged && w.id == "not_converged") ||
+           (solution.status == Status::unobservable && w.id == "unobservable");
+  };
+  for (const Warning& w : report.warnings)
+    if (is_cause(w)) return {"no", w.text};
+  if (solution.status != Status::converged) return {"no", solution.message};
+  const std::string loose = loose_mount(solution);
+  if (!loose.empty()) return {"no", loose};
+
+  std::string unmet;
+  for (const Judgement& j : report.validation.requirements)
+    if (!j.met) unmet += "; not met: " + j.requirement.text;
+  std::vector<std::string> others;
+  const Warning* doubt = nullptr;
+  for (const Warning& w : report.warnings)
+    if (is_doubt(w.id) && !doubt)
+      doubt = &w;
+    else
+      others.push_back(w.id);
+  const std::string more = others.empty() ? ""
+                                          : "; see " + std::string(doubt ? "also " : "") + "the " +
+                                                (others.size() == 1 ? "warning " : "warnings ") +
+                                                listed(others, 5);
+  const std::vector<std::string> open = undetermined(report);
+  if (doubt)
+    return {"doubts", "converged, but " + doubt->text + ". What to do: " + what_to_do(doubt->id) +
+                          more + held_words(report.automatic) + unmet};
+  if (!open.empty())
+    return {"doubts", size_words(solution) + ", but not determined: " + listed(open) +
+                          ". What to do: record more varied postures, or free less" + more + unmet};
+  return {"good", size_words(solution) + held_words(report.automatic) + more + unmet};
+}
+
+}  // namespace kincal

@@ -1,0 +1,170 @@
+// models/report/{verdict,warnings}.h on reports made by hand: what is good, doubtful or of no use,
+// and one warning a kind. Proves: the bounds of a mount, of chi2/dof with and without a finding and
+// a loss; that a kind of warning counts its cases, words the worst and names all; that poses which
+// the rig leaves open are warned of only where the run did not converge; that after a step that did
+// not converge only the first cause is left. Does not prove: the words on real data
+// (tests/program/verdict_test.py).
+#include "../../../models/report/verdict.h"
+
+#include <catch2/catch.hpp>
+#include <memory>
+
+#include "../../../models/report/warnings.h"
+#include "../../fixtures/rigs.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+using Catch::Matchers::Contains;
+using Catch::Matchers::StartsWith;
+
+namespace {
+
+/// A result that converged, with chi2/dof as given and nothing to say of it.
+Report converged(double chi2_per_dof) {
+  Rig rig;
+  add_link(rig, "base");
+  add_joint(rig, JointType::revolute, "turn", "base", "tool", {0, 0, 1}, Pose{}, 0.001);
+  finish_tree(rig.tree);
+  Report out;
+  out.solution.recording = make_recording(rig, {});
+  out.solution.dof_data = 1000;
+  out.solution.chi2_data = 1000 * chi2_per_dof;
+  return out;
+}
+
+ParameterEstimate mount(const std::string& name, double metres, double radians) {
+  ParameterEstimate out;
+  out.name = name;
+  out.components = {"x", "y", "z", "rx", "ry", "rz"};
+  out.units = {"m", "m", "m", "rad", "rad", "rad"};
+  out.initial = out.value = out.prior = std::vector<double>(6, 0.0);
+  out.sigma = {metres, 1e-4, 1e-4, radians, 1e-4, 1e-4};
+  out.pose = Pose{};
+  return out;
+}
+
+Verdict judged(Report& report) {
+  report.warnings = warnings(report);
+  return verdict(report);
+}
+
+std::vector<std::string> ids(const Report& report) {
+  std::vector<std::string> out;
+  for (const Warning& w : report.warnings) out.push_back(w.id);
+  return out;
+}
+
+using Names = std::vector<std::string>;
+
+}  // namespace
+
+TEST_CASE("verdict: good, doubts, and no") {
+  Report report = converged(1.01);
+  CHECK(judged(report).use == "good");
+  CHECK(verdict(report).text == "converged; residuals as large as the noise (chi2/dof 1.01)");
+
+  report = converged(2);
+  CHECK(judged(report).use == "doubts");
+  CHECK_THAT(verdict(report).text, StartsWith("converged, but chi2/dof is 2: "));
+
+  report = converged(1);
+  report.solution.parameters = {mount("sensor/eye/pose", 0.02, 0.001)};
+  CHECK(judged(report).use == "doubts");
+  CHECK(ids(report) == Names{"sigma"});
+  report.solution.parameters.push_back(mount("sensor/ear/pose", 0.031, 0.001));
+  CHECK(judged(report).use == "no");
+  CHECK_THAT(verdict(report).text, StartsWith("sensor/ear/pose is known to 0.031 m only"));
+  report.solution.parameters.push_back(mount("sensor/nose/pose", 0.001, 0.06));
+  CHECK_THAT(judged(report).text, StartsWith("sensor/nose/pose is known to 3.44 degrees only"));
+
+  report = converged(1);
+  report.solution.parameters = {mount("sensor/eye/pose", kNan, 0.001)};  // of an earlier step
+  CHECK(judged(report).use == "doubts");
+  CHECK_THAT(verdict(report).text, Contains("not determined: sensor/eye/pose.x"));
+
+  report = converged(1);
+  report.automatic.resize(1);
+  report.automatic[0].unseen.resize(2);
+  report.automatic[0].unseen[0].name = "joint/a/offset";
+  report.automatic[0].unseen[1].name = "joint/b/offset";
+  CHECK(judged(report).use == "good");
+  CHECK_THAT(verdict(report).text,
+             Contains("; 2 numbers held, not determined: joint/a/offset and joint/b/offset"));
+}
+
+TEST_CASE("verdict: a model that does not explain the data") {
+  Report report = converged(99);
+  CHECK(why_unexplained(report).empty());
+  report = converged(101);
+  CHECK_THAT(why_unexplained(report), Contains("Noise stated too small is likelier"));
+  report.misfits.samples = {{100, "'s3'"}};
+  CHECK_THAT(why_unexplained(report), Contains("(far larger residuals than the others have 's3')"));
+  report.diagnosis = Diagnosis{};
+  report.diagnosis->readings = "Errors of the joint readings would.";
+  CHECK_THAT(why_unexplained(report), Contains("Errors of the joint readings would."));
+
+  report = converged(26);
+  Finding finding;
+  finding.id = "duplicates";
+  report.diagnosis = Diagnosis{};
+  report.diagnosis->findings = {finding};
+  CHECK(why_unexplained(report).empty());  // no fit says that it explains anything
+  report.diagnosis->findings[0].chi2_corrected = 1000;
+  CHECK_THAT(why_unexplained(report), Contains("A mistake is likelier"));
+  report.solution.chi2_data = 24000;
+  CHECK(why_unexplained(report).empty());
+  report.solution.chi2_data = 1e6;
+  report.solution.status = Status::not_converged;
+  CHECK(why_unexplained(report).empty());
+}
+
+TEST_CASE("warnings: one of a kind, counted, the worst in words") {
+  Report report = converged(1);
+  for (int i = 0; i < 7; ++i) {
+    ParameterEstimate e;
+    e.name = "joint/j" + std::to_string(i) + "/offset";
+    e.components = {""};
+    e.units = {"rad"};
+    e.initial = {0};
+    e.value = {i == 4 ? -0.9 : 0.4};
+    e.sigma = {0.001};
+    e.prior = {0.1};
+    report.solution.parameters.push_back(e);
+  }
+  judged(report);
+  REQUIRE(ids(report) == Names{"prior"});
+  CHECK(report.warnings[0].text ==
+        "7 parameters are more than 3 prior sigmas from their priors, worst joint/j4/offset is "
+        "-9.0 prior sigmas from its prior; then joint/j0/offset, joint/j1/offset, joint/j2/offset "
+        "and 3 more");
+  CHECK(report.warnings[0].names.size() == 7);
+  report.solution.parameters.resize(1);
+  judged(report);
+  CHECK(report.warnings[0].text == "joint/j0/offset is 4.0 prior sigmas from its prior");
+}
+
+TEST_CASE("warnings: poses that the rig leaves open, and what is left where nothing converged") {
+  Report report = converged(1);
+  report.solution.parameters = {mount("sensor/eye/pose", 0.02, 0.001)};
+  report.solution.parameters[0].value[0] = 0.5;
+  report.solution.parameters[0].value[4] = 1;
+  judged(report);
+  CHECK(ids(report) == Names{"sigma", "moved"});
+  CHECK_THAT(report.warnings[1].text,
+             StartsWith("sensor/eye/pose moved by 0.5 m and turned by 57.3 degrees from its"));
+  report.solution.computed_starts = report.solution.lost_starts = {"sensor/eye/pose"};
+  judged(report);
+  CHECK(ids(report) == Names{"sigma"});
+
+  report.solution.status = Status::not_converged;
+  StepResult first, second;
+  first.name = "first";
+  second.name = "second";
+  first.iterations = second.iterations = 200;
+  report.solution.steps = {first, second};
+  CHECK(judged(report).use == "no");
+  CHECK(ids(report) == Names{"not_converged", "no_start"});
+  CHECK_THAT(report.warnings[0].text,
+             StartsWith("step 'first' did not converge in 200 iterations. What to do: "));
+  CHECK(verdict(report).text == report.warnings[0].text);
+}
