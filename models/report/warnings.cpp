@@ -3,20 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <set>
 
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "trial_warnings.h"
 
 namespace kincal {
 namespace {
 
-using Warnings = std::vector<Warning>;
-
 constexpr size_t kShown = kNamed;
-constexpr double kManyRejected = 0.2;  // share of the samples
-constexpr double kWide = 5;            // times the width that a group begins with
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
 /// One case of what a warning is about: how bad it is orders them.
@@ -135,39 +131,6 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
   warn(unseen.open,
        "nothing is known of it, and of what depends on it (in the result it is the identity)");
   warn(unseen.given, "it keeps the rig's value, which predictions take as exact");
-}
-
-void warn_of_doubted_priors(const Report& report, Warnings& out) {
-  for (const DoubtedPrior& prior : report.doubted)
-    out.push_back({"prior",
-                   "the data contradict the rig's prior on " + prior.pattern +
-                       text(": with one %.2g times as wide they are far more likely (log "
-                            "evidence %+.3g). With the prior as it is other numbers take "
-                            "the place of these; correct it, or leave it away",
-                            prior.factor, prior.gain),
-                   {prior.pattern}});
-}
-
-/// So many outliers that the majority need not be right.
-void warn_of_rejected(const Report& report, Warnings& out) {
-  std::set<std::string> samples;
-  for (const Rejected& r : report.rejected)
-    if (r.sensor.empty()) samples.insert(r.sample);
-  const size_t all = samples.size() + report.solution.training().size();
-  if (samples.empty() || samples.size() < kManyRejected * static_cast<double>(all)) return;
-  std::string wide;
-  for (const AutomaticGroup& group : report.automatic)
-    if (!group.held && group.factor >= kWide)
-      wide += (wide.empty() ? "" : ", ") + group.name + text(" (%.2g times)", group.factor);
-  if (!wide.empty())
-    wide = ". What is left asks for errors of the robot far beyond the usual: " + wide;
-  out.push_back(
-      {"rejected",
-       std::to_string(samples.size()) + " of " + std::to_string(all) +
-           " training samples were taken out as outliers. Among so many the good ones may "
-           "be those that were taken out: look at both parts before the result is used" +
-           wide,
-       {samples.begin(), samples.end()}});
 }
 
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
@@ -536,34 +499,6 @@ void warn_of_noise(const Report& report, Warnings& out) {
   std::string all;
   for (const std::string& sentence : sentences) all += (all.empty() ? "" : ". ") + sentence;
   out.push_back({"noise", all, names});
-}
-
-/// Words for an error as read: metres and radians in thousandths.
-std::string error_text(double value, const std::string& unit) {
-  const bool metres = unit == "m", radians = unit == "rad";
-  return text("%.3g ", value * (metres || radians ? 1e3 : 1)) + (metres    ? "mm"
-                                                                 : radians ? "mrad"
-                                                                           : unit);
-}
-
-/// A calibration that is worse than one that leaves the robot as it is.
-void warn_of_held_out(const Validation& validation, Warnings& out) {
-  if (!validation.baselines) return;
-  std::string list;
-  for (const Baseline& b : validation.baselines->rows)
-    if (b.worse())
-      list += (list.empty() ? "sensor '" : "; sensor '") + b.sensor + "' " +
-              error_text(b.automatic, b.unit) + " as read, the mounts alone " +
-              error_text(b.mounts, b.unit) + text(" (%.3g times, 95 %% ", b.ratio) +
-              text("%.3g to %.3g)", b.of_ratio.low, b.of_ratio.high);
-  if (!list.empty())
-    out.push_back(
-        {"held_out",
-         "on data that it did not use this calibration is worse than its mounts alone: " + list +
-             ". Too many numbers are free for these data, or a mistake somewhere is "
-             "taken up by the arm's numbers: use the result for its mounts at most, "
-             "leave groups out, and look for mistakes",
-         {}});
 }
 
 void warn_of_minima(const Restarts& restarts, Warnings& out) {

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kHalvings = 6;
 constexpr double kSameCost = 1e-6, kSameSigmas = 0.01;
-constexpr size_t kNamed = 10;
+constexpr size_t kDiffering = 10;
 
 /// How a restart moves its starts: by a share of the usual distances, each component once.
 struct Scatter {
@@ -151,7 +151,7 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
     m.count = e.count;
     if (e.at != &solution) {
       m.differs = differences(solution, *e.at);
-      m.differs.resize(std::min(m.differs.size(), kNamed));
+      m.differs.resize(std::min(m.differs.size(), kDiffering));
     }
     out.minima.push_back(std::move(m));
   }

@@ -1,0 +1,20 @@
+// Words about what was tried beside the calibration itself: other priors, fewer samples, fewer
+// numbers.
+#pragma once
+
+#include <vector>
+
+#include "report.h"
+
+namespace kincal {
+
+using Warnings = std::vector<Warning>;
+
+/// Warns of priors of the rig that the data contradict (automatic path).
+void warn_of_doubted_priors(const Report& report, Warnings& out);
+/// Warns of so many outliers that the majority need not be right.
+void warn_of_rejected(const Report& report, Warnings& out);
+/// Warns where the mounts alone are better on data that were not used.
+void warn_of_held_out(const Validation& validation, Warnings& out);
+
+}  // namespace kincal
