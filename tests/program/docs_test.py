@@ -212,8 +212,9 @@ def check_warnings(source):
                 with open(os.path.join(folder, name), encoding="utf-8") as file:
                     code += file.read()
     ids = set(re.findall(r'(?:warnings\.push_back\(\s*|\bWarning)\{"([a-z_0-9]+)",', code))
-    with open(os.path.join(source, "models", "report", "warnings.cpp"), encoding="utf-8") as file:
-        ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{)"([a-z_0-9]+)",', file.read()))
+    for name in ("warnings.cpp", "trial_warnings.cpp"):
+        with open(os.path.join(source, "models", "report", name), encoding="utf-8") as file:
+            ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{)"([a-z_0-9]+)",', file.read()))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
