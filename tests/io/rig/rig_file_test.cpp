@@ -460,8 +460,7 @@ TEST_CASE("another file where a rig is wanted is called what it is", "[rig]") {
   const std::string sample = R"({"id": "a", "joints": {}, "views": []})";
   for (const std::string& samples : {sample, sample + "\n" + sample + "\n", "\n" + sample})
     CHECK_THAT(said(samples), Contains("rig.yaml: these are samples, no rig; the rig comes first"));
-  for (const char* before :
-       {"", "\xEF\xBB\xBF", "<?xml version=\"1.0\"?>\n", "\r\n <!-- x -->"})
+  for (const char* before : {"", "\xEF\xBB\xBF", "<?xml version=\"1.0\"?>\n", "\r\n <!-- x -->"})
     CHECK_THAT(said(std::string(before) + kRobot),
                Contains("rig.yaml: this is XML, no rig; a rig names its "
                         "robot's URDF"));
