@@ -143,7 +143,7 @@ def compare(first, second):
 def run(kincal, rig, samples, work, options):
     out = os.path.join(work, "out")
     p = subprocess.run([kincal, "calibrate", rig, samples, "--out", out, "--force", "--json", "--no-report"] + options, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    if p.returncode not in (0, 2, 5):
+    if p.returncode not in (0, 2, 5):  # 5: without its poses a set need not be explained
         raise RuntimeError("exit %d: %s" % (p.returncode, p.stderr.decode()[-500:]))
     return json.loads(p.stdout.decode())
 
