@@ -9,6 +9,8 @@ namespace kincal {
 namespace {
 
 constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
+constexpr double kSmallMove = 1e-3;          // of a difference of gradients, standard deviations,
+constexpr double kLargestMove = 1e-5;        // and at most so far in the unknown's unit
 constexpr int kStackedRows = 64;             // eliminated rows that are multiplied at once
 
 /// The first place in an array with slack where a cache line begins.
@@ -50,7 +52,6 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       crew(std::max(1, threads)) {
   problem.set_workers(crew.size());
   size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
-  int deepest = 0;
   stores.resize(groups.size());
   for (size_t g = 0; g < groups.size(); ++g) {
     const int k = groups[g].private_size;
@@ -308,6 +309,9 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
             private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i],
                                             first_private_scale(place), first_scales);
           }
+        if (linearise && curved)
+          kernels().add(at.rows, rows_curvature.data() + stores[g].rows,
+                        static_cast<std::ptrdiff_t>(groups[g].private_size) * stride(g));
         p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
       }
     }
@@ -340,6 +344,9 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     for (int i = 0; i < n; ++i)
       shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
   }
+  if (linearise && curved)
+    kernels().add(shared_matrix.data(), shared_curvature.data(),
+                  static_cast<std::ptrdiff_t>(shared_matrix.size()));
   if (!defined || !std::isfinite(cost.doubled)) return Assembly::undefined;
   if (!definite) return Assembly::indefinite;
   if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
@@ -356,6 +363,91 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
     system.add_to_diagonal(damped_matrix.data(), i,
                            shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
   return Assembly::fine;
+}
+
+/// Linearises where shared_step and private_step lead from `state`.
+bool Arrowhead::linearise_beside(const VectorXd& state) {
+  problem.retract(state, shared_step, private_step, beside);
+  Cost cost;
+  return assemble(beside, 1, true, false, cost) != Assembly::undefined;
+}
+
+/// Column k of P's curvature of a group, from the step of its private unknown k.
+void Arrowhead::bend_private(size_t g, int k) {
+  const int size = groups[g].private_size, width = stride(g);
+  const double h = k < size ? private_step(stores[g].private_start + k) : 0;
+  if (h == 0) return;
+  const double* now = group_rows.get() + stores[g].rows;
+  const double* before = here.rows.data() + stores[g].rows;
+  const size_t last = size + groups[g].columns.size();
+  for (int i = 0; i < size; ++i) {
+    const size_t a = static_cast<size_t>(i) * width + last;
+    const size_t at = static_cast<size_t>(std::min(i, k)) * width + std::max(i, k);
+    rows_curvature[stores[g].rows + at] +=
+        (i == k ? 1 : 0.5) * ((now[a] - before[a]) / h - before[at]);
+  }
+}
+
+/// Column k of Q's and C's curvature, from the step of shared unknown k.
+void Arrowhead::bend_shared(int k) {
+  const double h = shared_step(k);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    const std::vector<int>& columns = groups[g].columns;
+    const auto found = std::lower_bound(columns.begin(), columns.end(), k);
+    if (found == columns.end() || *found != k) continue;
+    const int size = groups[g].private_size, width = stride(g);
+    const double* now = group_rows.get() + stores[g].rows;
+    const double* before = here.rows.data() + stores[g].rows;
+    for (int i = 0; i < size; ++i) {
+      const size_t row = static_cast<size_t>(i) * width + size;
+      const size_t a = row + columns.size(), at = row + (found - columns.begin());
+      rows_curvature[stores[g].rows + at] = (now[a] - before[a]) / h - before[at];
+    }
+  }
+  for (int i = 0; i < n; ++i) {
+    const size_t at = system.origin()[std::min(i, k)] + std::max(i, k);
+    shared_curvature[at] +=
+        (i == k ? 1 : 0.5) * ((shared_gradient(i) - here.gradient(i)) / h - here.shared[at]);
+  }
+}
+
+bool Arrowhead::find_curvature(const VectorXd& state) {
+  curved = false;
+  if (ranges || !system.dense()) return false;
+  Cost cost;
+  if (assemble(state, 1, true, false, cost) == Assembly::undefined) return false;
+  const size_t rows_size = stores.back().rows + static_cast<size_t>(groups.back().private_size) *
+                                                    stride(groups.size() - 1);
+  here.rows.assign(group_rows.get(), group_rows.get() + rows_size);
+  here.shared = shared_matrix;
+  here.gradient = shared_gradient;
+  const auto small = [](double scale) {
+    return scale > 0 ? std::min(kSmallMove / std::sqrt(scale), kLargestMove) : 0.0;
+  };
+  shared_move = shared_scale.unaryExpr(small);
+  private_move = private_scale.unaryExpr(small);
+  rows_curvature.assign(rows_size + kSlack, 0.0);
+  shared_curvature.assign(shared_matrix.size(), 0.0);
+  beside.resize(state.size());
+  shared_step.setZero();
+  for (int k = 0; k < deepest; ++k) {
+    private_step.setZero();
+    for (size_t g = 0; g < groups.size(); ++g) {
+      const int place = stores[g].private_start + k;
+      if (k < groups[g].private_size) private_step(place) = private_move(place);
+    }
+    if (!linearise_beside(state)) return false;
+    for (size_t g = 0; g < groups.size(); ++g) bend_private(g, k);
+  }
+  private_step.setZero();
+  for (int k = 0; k < n; ++k) {
+    if (shared_move(k) == 0) continue;
+    shared_step.setZero();
+    shared_step(k) = shared_move(k);
+    if (!linearise_beside(state)) return false;
+    bend_shared(k);
+  }
+  return curved = true;
 }
 
 /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length

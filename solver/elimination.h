@@ -55,13 +55,22 @@ class Arrowhead {
   /// without, only the damping is.
   Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales,
                     Cost& cost);
+  /// Finds what the Gram matrix lacks of the second derivatives at `state` (levenberg_marquardt.h),
+  /// which assemble() adds to what it linearises from then on, until forget_curvature(). It takes
+  /// as many linearisations as the widest group has private unknowns and the problem shared ones;
+  /// the first time it allocates. Returns false, and there is none, for range problems and sparse
+  /// systems, and where a residual is undefined close by.
+  bool find_curvature(const VectorXd& state);
+  void forget_curvature() { curved = false; }
+  bool has_curvature() const { return curved; }
   /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease
   /// of twice the cost and its length in standard deviations.
   bool step(const VectorXd& state, double lambda, double& promised, double& length);
 
   Problem& problem;
-  const RangeProblem* const ranges;     // the same problem if it is one, else null
-  int n, private_size = 0, widest = 0;  // widest: most shared columns of a group
+  const RangeProblem* const ranges;  // the same problem if it is one, else null
+  int n, private_size = 0;
+  int widest = 0, deepest = 0;  // most shared columns and most private unknowns of a group
   double rows = 0;
   const std::vector<GroupShape>& groups;
   ReducedSystem system;
@@ -72,6 +81,10 @@ class Arrowhead {
  private:
   struct GroupArrays {
     double *rows, *factor;
+  };
+  struct Linearisation {
+    std::vector<double> rows, shared;  // as group_rows and shared_matrix
+    VectorXd gradient;                 // shared
   };
   struct Column {
     const double* first;
@@ -88,6 +101,9 @@ class Arrowhead {
   void over(std::vector<Piece>& partition, const Work& work);
   bool evaluate_each(Piece& p, const VectorXd& state, int worker) const;
   GroupArrays arrays_of(size_t g, int first, int worker);
+  bool linearise_beside(const VectorXd& state);
+  void bend_private(size_t g, int k);
+  void bend_shared(int k);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
   bool factor_private(size_t g, const GroupArrays& at, int width, double lambda);
   bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked);
@@ -103,6 +119,10 @@ class Arrowhead {
   std::atomic<int> turn{0};  // piece whose sums are added next
   std::vector<GroupStore> stores;
   std::unique_ptr<double[]> group_rows, group_factors;
+  bool curved = false;
+  std::vector<double> rows_curvature, shared_curvature;  // in places of group_rows, shared_matrix
+  Linearisation here;                                    // of find_curvature()
+  VectorXd shared_move, private_move, beside;
   std::vector<Worker> workers;
   std::vector<int> identity;
   std::vector<std::ptrdiff_t> block_origin;

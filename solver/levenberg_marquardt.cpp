@@ -18,6 +18,7 @@ constexpr double kRounding = 1e-12;    // of a whitened residual, standard devia
 constexpr double kSummed = 1e-14;      // of the cost: residuals of much smaller noise than real
 constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
 constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
+constexpr int kPatience = 6;           // steps near the minimum before curvature is looked for
 constexpr int kMemory = 5;             // steps that the acceleration looks back
 constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
@@ -150,6 +151,20 @@ struct LevenbergMarquardt::Workspace {
     }
     return false;
   }
+  /// Second derivatives are looked for where undamped steps go on and on near the minimum. Each
+  /// time has to wait twice as long.
+  void find_curvature(const VectorXd& state) {
+    if (wait-- > 0 || !arrowhead.find_curvature(state)) return;
+    wait = patience *= 2;
+    forget();
+  }
+  /// The same as try_newton(), without second derivatives: with them it led nowhere.
+  bool try_without_curvature(const VectorXd& state, double doubled, Trial& trial) {
+    arrowhead.forget_curvature();
+    forget();
+    return arrowhead.assemble(state, kNegligible, true, false, summary.cost) == Assembly::fine &&
+           try_newton(state, doubled, trial);
+  }
   /// Raises the damping until a step is accepted; false if none is. `assembled`: the system is
   /// there at this damping.
   bool find_step(const VectorXd& state, double doubled, bool assembled, double& lambda,
@@ -180,7 +195,7 @@ struct LevenbergMarquardt::Workspace {
   bool is_near(const Trial& trial, double doubled) const {
     if (arrowhead.ranges)
       return trial.length * trial.length <= std::max(kConverged * kConverged, rounding(doubled));
-    return trial.damping <= kNegligible || trial.length < 1 || trial.promised < 1e-4 * doubled;
+    return trial.damping <= kNegligible || trial.length < 1 || trial.promised < 1e-2 * doubled;
   }
   /// True where nothing moves any more, or rounding hides whether anything does.
   bool stationary(double decrement, double doubled) {
@@ -199,6 +214,7 @@ struct LevenbergMarquardt::Workspace {
   SolveSummary summary;
   double best = kInfinity;  // decrement that later ones must halve
   int stalled = 0;          // iterations since
+  int patience = kPatience, wait = kPatience;
   std::vector<VectorXd> found,
       taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the
               // first the present one besides
@@ -226,9 +242,12 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
   w.best = kInfinity;
   w.stalled = w.remembered = 0;
+  w.patience = w.wait = kPatience;
+  w.arrowhead.forget_curvature();
   w.moved.resize(state.size());
   using Assembly = Workspace::Assembly;
   for (bool first = true;; first = false) {
+    if (near && w.options.second_derivatives) w.find_curvature(state);
     const Assembly assembly =
         w.arrowhead.assemble(state, near ? kNegligible : lambda, true, first, summary.cost);
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start
@@ -247,6 +266,8 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     const bool fine = assembly == Assembly::fine;
     Workspace::Trial trial;
     bool found = near && fine && w.try_newton(state, doubled, trial);
+    if (!found && w.arrowhead.has_curvature())
+      found = w.try_without_curvature(state, doubled, trial);
     if (!found) {
       if (near && lambda <= kNegligible) lambda = 1e-6;
       found = w.find_step(state, doubled, fine && !near, lambda, trial);

@@ -20,12 +20,15 @@
 // leads downhill), damped steps. With residuals that the model cannot explain the undamped step is
 // a poor map: second derivatives that it lacks make it too short, or so long that it raises the
 // cost. The last few undamped steps and where the iteration really went tell what is lacking,
-// whichever step was taken. Covariances that depend on the state are renewed after each step near
-// the minimum: the point where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete
-// minimisations in turn. A rejected step repeats the elimination, not the evaluation (a
-// RangeProblem: both; there only the test of the end is undamped). Groups are partitioned by the
-// problem's size alone, each worker sums one piece at a time, and pieces are added in their order:
-// the result is the same to the last bit for any number of threads.
+// whichever step was taken. Where that takes long, second derivatives are found by differences of
+// gradients, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
+// added to what is linearised until steps with it lead nowhere. Covariances that depend on the
+// state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
+// r(x) = 0, is the same as that of complete minimisations in turn. A rejected step repeats the
+// elimination, not the evaluation (a RangeProblem: both; there only the test of the end is
+// undamped). Groups are partitioned by the problem's size alone, each worker sums one piece at a
+// time, and pieces are added in their order: the result is the same to the last bit for any number
+// of threads.
 #pragma once
 
 #include <functional>
@@ -49,6 +52,8 @@ struct SolverOptions {
   /// when an accepted step lowers the cost by at most this share of it. With 0 it has only when
   /// nothing moves any more.
   double relative_decrease = 0;
+  /// False: second derivatives are never looked for, for comparisons.
+  bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
   /// It is called after each iteration with its number, chi2 and damping; false cancels.
   std::function<bool(int, double, double)> progress;
@@ -71,8 +76,8 @@ class LevenbergMarquardt {
   const char* linear_solver() const;
 
   /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems,
-  /// problems that allocate nothing); the summary is the solver's own and holds until the next
-  /// call.
+  /// problems that allocate nothing), but where it first looks for second derivatives; the summary
+  /// is the solver's own and holds until the next call.
   const SolveSummary& solve(VectorXd& state);
 
   /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and

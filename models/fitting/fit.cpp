@@ -11,6 +11,9 @@
 namespace kincal {
 namespace {
 
+// Middle residual, in standard deviations, from where on a start is far off for a robust loss.
+constexpr double kRough = 10;
+
 /// Samples with a residual that is undefined at the given values.
 std::set<int> undefined_samples(Estimation& problem, const Values& values) {
   const VectorXd state = problem.pack(values);
@@ -77,6 +80,33 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording,
   return problem;
 }
 
+/// A robust loss takes residuals for outliers, and where the start is far off nearly all of them.
+bool rough_for_loss(const Recording& recording, Fit& out) {
+  Estimation& problem = *out.problem;
+  const Loss& loss = problem.setup().loss;
+  if (loss.kind == LossKind::none || loss.from_data) return false;
+  problem.renew(out.state);
+  const std::vector<double> ratios =
+      robust_noise_ratios(recording.rig, problem.residuals(out.state));
+  return *std::max_element(ratios.begin(), ratios.end()) > kRough;
+}
+
+/// Solves again from where a graduated fit leads, and keeps what costs less.
+void solve_from_graduated(const Recording& recording, const FitOptions& options,
+                          const VectorXd& start, Fit& out) {
+  VectorXd state = start;
+  SolveSummary summary = solve_graduated(*out.problem, recording.rig, options.solver, state);
+  out.problem->set_noise_ratios(std::vector<double>(recording.rig.sensors.size(), 1.0));
+  const auto unusable = [](const SolveSummary& s) {
+    return s.outcome == Outcome::undefined_start || s.outcome == Outcome::cancelled;
+  };
+  if (!unusable(summary)) summary = out.solver->solve(state);
+  if (summary.outcome == Outcome::cancelled) out.summary.outcome = Outcome::cancelled;
+  if (unusable(summary) || summary.cost.doubled >= out.summary.cost.doubled) return;
+  out.summary = std::move(summary);
+  out.state = std::move(state);
+}
+
 /// From the values as they are.
 void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
   Estimation& problem = *out.problem;
@@ -89,7 +119,11 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
       return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
+  const VectorXd start = out.state;
+  const bool rough = rough_for_loss(recording, out);
   out.summary = out.solver->solve(out.state);
+  if (rough && out.defined() && out.summary.outcome != Outcome::cancelled)
+    solve_from_graduated(recording, options, start, out);
 }
 
 }  // namespace

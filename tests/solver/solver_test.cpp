@@ -17,6 +17,7 @@
 #include <set>
 
 #include "../../models/rig/parameters.h"
+#include "../../solver/elimination.h"
 #include "../../solver/levenberg_marquardt.h"
 #include "../../solver/observability.h"
 #include "../fixtures/forward_model.h"
@@ -1184,6 +1185,75 @@ TEST_CASE("levenberg-marquardt: it knows the minimum of what no model explains")
     }
   CHECK(solved >= 40);
   CHECK(most <= 40);
+}
+
+// The differences of gradients beside a Hessian from differences of the cost alone. What it does
+// not prove: anything of sparse systems, which have none.
+TEST_CASE("levenberg-marquardt: second derivatives are those of the cost") {
+  const int count = 4;
+  Curves curves(count, 3);
+  const VectorXd state = VectorXd::LinSpaced(count + 1, 0.4, 1.3);
+  const auto cost_at = [&](const VectorXd& x) {
+    double sum = 0;
+    Cost cost;
+    for (int g = 0; g < count; ++g) {
+      curves.evaluate(g, x, 0, cost);
+      sum += cost.doubled / 2;
+    }
+    return sum;
+  };
+  const double h = 1e-4;
+  MatrixXd hessian(count + 1, count + 1);
+  for (int i = 0; i <= count; ++i)
+    for (int j = 0; j <= count; ++j) {
+      VectorXd sum = VectorXd::Zero(4);
+      for (int k = 0; k < 4; ++k) {
+        VectorXd x = state;
+        x(i) += k & 1 ? h : -h;
+        x(j) += k & 2 ? h : -h;
+        sum(k) = cost_at(x);
+      }
+      hessian(i, j) = (sum(3) - sum(1) - sum(2) + sum(0)) / (4 * h * h);
+    }
+  Arrowhead arrowhead(curves, LinearSolver::automatic, 1);
+  Cost cost;
+  const auto reduced = [&] {
+    REQUIRE(arrowhead.assemble(state, 0, true, true, cost) == Arrowhead::Assembly::fine);
+    return arrowhead.system.full(arrowhead.damped_matrix.data())(0, 0);
+  };
+  const double without = reduced();
+  REQUIRE(arrowhead.find_curvature(state));
+  const double with = reduced();
+  double expected = hessian(0, 0);
+  for (int i = 1; i <= count; ++i) expected -= hessian(0, i) * hessian(0, i) / hessian(i, i);
+  CHECK(std::abs(with / expected - 1) < 1e-3);  // one-sided, over 1e-3 standard deviations
+  CHECK(std::abs(without / expected - 1) > 0.05);  // what is lacking is not little here
+  arrowhead.forget_curvature();
+  CHECK(reduced() == without);
+}
+
+// What no model explains, of a kind that takes undamped steps long without them. What it does not
+// prove: how many steps other problems need (benchmarks/stopping.py counts them).
+TEST_CASE("levenberg-marquardt: second derivatives save steps where residuals are large") {
+  int with = 0, without = 0;
+  for (double misfit : {3.0, 5.0, 8.0})
+    for (int count = 2; count <= 9; ++count) {
+      Curves curves(count, misfit);
+      SolverOptions options;
+      VectorXd state = VectorXd::Ones(count + 1), other = state;
+      LevenbergMarquardt solver(curves, options);
+      const SolveSummary fast = solver.solve(state);
+      options.second_derivatives = false;
+      LevenbergMarquardt plain(curves, options);
+      const SolveSummary slow = plain.solve(other);
+      if (std::abs(state(0)) > 10 || std::abs(other(0)) > 10) continue;
+      CHECK(fast.outcome == Outcome::converged);
+      CHECK(std::abs(fast.cost.doubled / slow.cost.doubled - 1) < 1e-9);
+      with = std::max(with, fast.iterations);
+      without = std::max(without, slow.iterations);
+    }
+  CAPTURE(with, without);
+  CHECK(with < without);
 }
 
 TEST_CASE("levenberg-marquardt: a problem that has nothing to do with robots") {
