@@ -6,6 +6,7 @@
 
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../urdf/edit.h"
@@ -22,6 +23,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
                                ? (fs::path(result_path) / "result.json").string()
                                : result_path;
   const std::string text = read_file(path);
+  refuse_other_kinds(text, path, Wanted::result);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);
   if (!all.has("robot") || !all["robot"].has("joints"))
