@@ -184,6 +184,16 @@ class Tampered(Faults):
             self.tampered(lambda r: r["parameters"]["target/plate/pose"].update(value=value), "parameters.target/plate/pose.value", commands=("diff",))
         self.tampered(lambda r: r["parameters"]["target/plate/pose"].update(sigma={"x": 1}), "parameters.target/plate/pose.sigma", commands=("diff",))
 
+    def test_numbers_that_do_not_fit(self):
+        joint = next(name for name, entry in self.good["robot"]["joints"].items() if entry["offset"] != 0)
+
+        def entry(result):
+            return result["robot"]["joints"][joint]
+        place = "robot.joints." + joint + ".new.rotation"
+        for rotation in ([[1, 0, 0], [0, 1, 0], [0, 0, 5e9]], [[1, 0, 0], [0, 1, 0], [0, 0, -1]], [[0, 0, 0]] * 3, [[1e200, 0, 0], [0, 1, 0], [0, 0, 1]]):
+            self.tampered(lambda r: entry(r)["new"].update(rotation=rotation), place, "no rotation", commands=("apply",))
+        self.tampered(lambda r: entry(r).update(offset=1e17), "robot: its numbers do not fit each other", commands=("apply",))
+
 
 def needs_bounds(test):
     """What is only seen where the memory ends."""
