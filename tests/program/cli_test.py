@@ -1621,7 +1621,7 @@ class Simulate(Case):
     def test_wrong(self):
         for args, words in ((["--spread", "joint/lift/ofset=0.01"], ["joint/lift/ofset", "nearest", "joint/lift/offset"]), (["--spread", "joint/lift/offset=x"], ["--spread", "joint/lift/offset=x"]),
                             (["--spread", "joint/lift/offset"], ["--spread", "joint/lift/offset"]), (["--spread", "joint/lift/offset=-1"], ["joint/lift/offset"]),
-                            (["--truth", "none.json"], ["none.json"]), (["--truth", "rig.yaml"], ["rig.yaml:1"]), (["--postures", "none.jsonl"], ["none.jsonl"]),
+                            (["--truth", "none.json"], ["none.json"]), (["--truth", "rig.yaml"], ["rig.yaml: this is a rig, no truth.json"]), (["--postures", "none.jsonl"], ["none.jsonl"]),
                             (["--truth", "rig.yaml", "--spread", "joint/lift/offset=1"], ["--spread", "--truth"])):
             with self.subTest(args=args):
                 self.fails(self.simulate("sim", *args), *words)
