@@ -12,11 +12,11 @@ endfunction()
 
 set(kincal_program ${PROJECT_SOURCE_DIR} $<TARGET_FILE:kincal>)
 
-foreach(group WrongRig WrongRobot WrongSamples WrongArguments Writing Results ExitCodes Simulate SameEverywhere NoNoise)
+foreach(group WrongRig WrongRobot WrongSamples WrongKinds WrongArguments Writing Results ExitCodes Simulate SameEverywhere NoNoise)
   kincal_python_test(cli.${group} cli_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Names Pipes Tampered Sizes Endless)
+foreach(group Names Pipes Tampered Sizes Gauges Endless)
   kincal_python_test(faults.${group} faults_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 

@@ -2,11 +2,13 @@
 
 Proves, by reading the product's sources: every #include goes where the table below allows it; no two files need each other, straight or
 in a circle; no file of models/ and no function is longer than the table says, and no function takes more parameters than that without
-saying why. It tests its own reader of functions first.
+saying why; no two sources of one library have the same name in their anonymous namespaces, which are one where they are compiled as one.
+It tests its own readers first.
 Does not prove: that names are used where they should be (a file that includes nothing can still know too much), nor anything about
 benchmarks and tests. The reader of functions counts braces: the code of a macro, a lambda by itself and a function that a macro begins
 are not seen (a lambda's lines count for the function around it), and a variable at namespace level that is made with parentheses counts
-as a function without a body.
+as a function without a body. Names in anonymous namespaces are those of functions (with the types of their parameters, as written), of types
+and of constants called kName.
 
 What is wrong today and known stands in structure_known.txt beside this file and is printed as "still to do". A violation that does not
 stand there fails, and so does a line there that is no longer true, so that the list can only shrink. --renew writes the list anew.
@@ -151,6 +153,52 @@ def functions(text):
     return out
 
 
+def types_of(parameters):
+    """The types of a function's parameters, as written, without names and defaults."""
+    types, depth, begin = [], 0, 0
+    for i, c in enumerate(parameters + ","):
+        if c in "([{<":
+            depth += 1
+        elif c in ")]}" or (c == ">" and parameters[i - 1] != "-"):
+            depth -= 1
+        elif c == "," and depth == 0:
+            one = re.sub(r"\s+", " ", parameters[begin:i].split("=")[0].strip())
+            types.append(re.sub(r"(?<=[\w>&*])( |(?<=[&*]))\w+$", "", one))
+            begin = i + 1
+    return ", ".join(types)
+
+
+def anonymous_names(text):
+    """What a source defines in its anonymous namespaces: functions as name(types), types, and constants called kName; with what a name
+    means if it is another word for a type: that may stand twice."""
+    code, names = without_comments(text), {}
+    for namespace in re.finditer(r"\bnamespace\s*\{", code):
+        begin, i, last = namespace.end(), namespace.end(), closing(code, namespace.end() - 1)
+        while i < last:
+            c = code[i]
+            if c in "([":
+                i = closing(code, i)
+            elif c in "{;":
+                head = without_template(code[begin:i])
+                kind = re.match(r"(?:class|struct|union|enum(?:\s+class)?)\s+(\w+)", head) or re.match(r"using\s+(\w+)\s*=(.*)", head, re.DOTALL)
+                function = None if kind else signature(head)
+                constants = re.findall(r"\bk[A-Z]\w*(?=\s*(?:\[[^\]]*\]\s*)*(?:=|$|,))", head)
+                if kind and (c == "{" or kind.lastindex == 2):  # not one that is only announced
+                    names[kind.group(1)] = kind.group(2).strip() if kind.lastindex == 2 else None
+                elif not kind and constants:
+                    names.update(dict.fromkeys(constants))
+                elif not kind and function and c == "{":
+                    at = re.search(r"\b%s\s*\(" % re.escape(function[0]), head) if function[0].isidentifier() else None
+                    if at:
+                        names[f"{function[0]}({types_of(head[at.end():closing(head, at.end() - 1)])})"] = None
+                if c == "{":
+                    i = closing(code, i)
+                if c == ";" or function:
+                    begin = i + 1
+            i += 1
+    return names
+
+
 def check_reader():
     body = "\n".join("  work(i);" for _ in range(120))
     text = ("namespace a {\nnamespace {\nconst std::map<int, int> kMap = {{1, 2}, {3, 4}};\nenum class E { a, b };\n}\n"
@@ -163,6 +211,13 @@ def check_reader():
     expected = {"S": (2, 1), "many": (7, 0), "operator==": (1, 1), "long_one": (2, 124), "after": (0, 1)}
     if found != expected:
         sys.exit(f"the reader of functions is wrong: {found}\nexpected: {expected}")
+    text = ("namespace a {\nnamespace {\nconstexpr int kMost = 3, kFew = 1;\nconst char kText[] = \"{\";\nconst std::map<int, int> kMap = {{1, 2}};\n"
+            "struct Later;\nstruct S {\n  int kInside() { return 1; }\n} s;\nenum class E { kA };\nusing Names = std::vector<int>;\n"
+            "template <class T>\nint work(const std::vector<T>& all, int* n = nullptr, bool = f(1, 2)) { return 0; }\nvoid only_declared(int);\n"
+            "std::string work(double x) {\n  return \"a\";\n}\n}  // namespace\nint outside() { return 1; }\n}\n")
+    found, expected = set(anonymous_names(text)), {"kMost", "kFew", "kText", "kMap", "S", "E", "Names", "work(const std::vector<T>&, int*, bool)", "work(double)"}
+    if found != expected:
+        sys.exit(f"the reader of anonymous namespaces is wrong: {sorted(found)}\nexpected: {sorted(expected)}")
 
 
 # ---------------------------------------------------------------------------------------------- judging
@@ -235,6 +290,15 @@ def violations(source):
         if path.startswith("models/") and lines > MOST_LINES_OF_FILE:
             found.append(f"{path}: more than {MOST_LINES_OF_FILE} lines")
     found += [f"{a}: in a circle by including {b}" for a, b in circles(edges)]
+    owners = {}
+    for path, text in sorted(files.items()):
+        if path.endswith(".cpp"):
+            for name, meaning in sorted(anonymous_names(text).items()):
+                owners.setdefault((path.split("/")[0], name), {})[path] = meaning
+    for (_, name), meanings in owners.items():
+        paths, another_word = list(meanings), None not in meanings.values() and len(set(meanings.values())) == 1
+        if len(paths) > 1 and not another_word:
+            found.append(f"{paths[-1]}: {name} in an anonymous namespace is also in {paths[0]}: a unity build has it twice")
     many, excused = set(), set()
     for path, text in sorted(files.items()):
         lines = text.split("\n")

@@ -15,6 +15,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Results that a batch which was killed had moved away to replace them, where names cannot be
+/// exchanged: they are put back.
+void put_back(const fs::path& folder) {
+  std::error_code ignored;
+  std::vector<fs::path> moved;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    const size_t end = name.rfind(".replaced-");
+    if (end != std::string::npos) moved.push_back(folder / name.substr(0, end));
+  }
+  for (const fs::path& path : moved) say_cleared(clear_leftovers(path.string()));
+}
+
 }  // namespace
 
 void Output::clean() const {
@@ -46,6 +59,7 @@ Output open_output(const std::string& out) {
     usleep(100000);
   }
   output.clean();
+  put_back(output.folder);
   return output;
 }
 

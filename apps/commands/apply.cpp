@@ -1,4 +1,5 @@
 // `kincal apply`: the changes of a result put into another copy of the robot.
+#include <filesystem>
 #include <iostream>
 
 #include "../../io/document/error.h"
@@ -19,6 +20,9 @@ struct ApplyArguments {
 int apply(const ApplyArguments& a) {
   say_cleared(clear_leftovers(a.out));
   check_output_file(a.out, a.force);
+  std::error_code ignored;
+  if (std::filesystem::is_directory(a.urdf, ignored))
+    throw InputError(a.urdf + ": this is a directory, no URDF; the result comes first");
   const AppliedResult applied = apply_result(a.result, read_urdf(a.urdf), a.force);
   begin_writing();
   write_file(a.out, applied.urdf, a.force);

@@ -233,6 +233,15 @@ void write_block(const Node& node, size_t indent, bool first_line_indented, std:
   }
 }
 
+/// Of a line that the parser did not understand: a tab there is mostly why.
+bool indented_by_tab(const std::string& text, int line) {
+  size_t begin = 0;
+  for (; line > 0 && begin < text.size(); --line)
+    begin = std::min(text.find('\n', begin), text.size() - 1) + 1;
+  const size_t end = std::min(text.find_first_not_of(" \t", begin), text.size());
+  return begin < end && text.find('\t', begin) < end;
+}
+
 }  // namespace
 
 Node parse_yaml(const std::string& text, const std::string& path) {
@@ -248,6 +257,9 @@ Node parse_yaml(const std::string& text, const std::string& path) {
       throw InputError(place(path, rest.builder.root.line, rest.builder.root.column) +
                        "a second document; one is expected");
   } catch (const YAML::Exception& e) {
+    if (indented_by_tab(text, e.mark.line))
+      throw InputError(place(path, e.mark.line + 1, 1) +
+                       "a tab indents this line; YAML takes blanks only");
     const bool open_quote = e.msg.find("document indicator in scalar") != std::string::npos;
     throw InputError(place(path, e.mark.line + 1, e.mark.column + 1) +
                      (open_quote ? "a quoted text is not closed" : e.msg));

@@ -6,6 +6,7 @@
 
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../urdf/edit.h"
@@ -22,6 +23,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
                                ? (fs::path(result_path) / "result.json").string()
                                : result_path;
   const std::string text = read_file(path);
+  refuse_other_kinds(text, path, Wanted::result);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);
   if (!all.has("robot") || !all["robot"].has("joints"))
@@ -91,7 +93,11 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   // file and model as in a calibration.
   std::vector<double> back(offsets.size());
   for (size_t j = 0; j < offsets.size(); ++j) back[j] = -offsets[j];
-  prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
+  try {
+    prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
+  } catch (const std::runtime_error& error) {
+    throw InputError(path + ": robot: its numbers do not fit each other: " + error.what());
+  }
   if (!all["robot"].has("joint_models")) return out;
   const Field models = all["robot"]["joint_models"];
   for (const auto& [joint, model] : models.members()) {

@@ -7,6 +7,7 @@
 #include "../../models/rig/numbers.h"
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "csv.h"
 
 namespace kincal {
@@ -137,7 +138,9 @@ CalibratedFiles read_calibrated(const std::string& given) {
   if (!json && !fs::exists(result, ignored)) return out;
 
   const std::string where = result.string();
-  const Node node = parse_json(read_file(where), where);
+  const std::string text = read_file(where);
+  refuse_other_kinds(text, where, Wanted::result);
+  const Node node = parse_json(text, where);
   const Field all = top(node, where);
   if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
     throw InputError(

@@ -15,8 +15,11 @@ Pose read_exact_pose(const Field& field) {
   field.check_keys({"xyz", "rotation"});
   const std::vector<double> xyz = field["xyz"].vector(3), rows = field["rotation"].table(3);
   if (rows.size() != 9) field["rotation"].fail("3 x 3 numbers are expected");
-  return {Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()),
-          Eigen::Map<const Vector3d>(xyz.data())};
+  const Matrix3d rotation =
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
+  if (!((rotation * rotation.transpose()).isIdentity(1e-9) && rotation.determinant() > 0))
+    field["rotation"].fail("is no rotation");
+  return {rotation, Eigen::Map<const Vector3d>(xyz.data())};
 }
 
 std::string motion_text(const Tree& tree, const Joint& joint) {

@@ -10,6 +10,7 @@
 #include "../../models/sensors/sensors.h"
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/yaml.h"
 #include "types.h"
@@ -321,21 +322,6 @@ std::string robot_path(const Field& field, const std::string& rig_path) {
   return path.string();
 }
 
-/// Arguments in another order, or a robot in a rig's place: said before YAML's grammar is judged.
-void refuse_other_formats(const std::string& text, const std::string& path) {
-  const size_t begin = text.find_first_not_of("\xEF\xBB\xBF \t\r\n");
-  if (begin == std::string::npos) return;
-  if (text[begin] == '<')
-    throw InputError(path + ": this is XML, no rig; a rig names its robot's URDF (robot: ...)");
-  const std::string first_line = text.substr(begin, text.find('\n', begin) - begin);
-  if (first_line[0] == '{' && first_line.find("\"views\"") != std::string::npos)
-    throw InputError(path + ": these are samples, no rig; the rig comes first");
-}
-
-}  // namespace
-
-namespace {
-
 /// Reads which model each joint has, before all else: it says what further keys the joint takes,
 /// and may stand in a later entry.
 void read_joint_models(const Field& field, const Tree& tree, const JointModels& models,
@@ -461,7 +447,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.path = path;
   file.joint_models = models;
   file.text = read_file(path);
-  refuse_other_formats(file.text, path);
+  refuse_other_kinds(file.text, path, Wanted::rig);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
   all.check_keys({"format", "robot", "sensors", "targets"},

@@ -10,6 +10,7 @@
 #include "../../models/rig/targets.h"
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "types.h"
@@ -318,6 +319,7 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
 
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
                                   const std::function<void(double)>& progress) {
+  refuse_other_kinds(text, path, Wanted::samples);
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;
   const auto read = [&](const Field& field) {

@@ -11,6 +11,7 @@
 #include "../../models/rig/targets.h"
 #include "../document/files.h"
 #include "../document/json.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 
@@ -145,7 +146,9 @@ class Lines {
 
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
   std::vector<Posture> postures;
-  for_each_json_line(read_file(path), path, [&](const Field& field) {
+  const std::string text = read_file(path);
+  refuse_other_kinds(text, path, Wanted::postures);
+  for_each_json_line(text, path, [&](const Field& field) {
     postures.push_back(read_posture(field, rig));
     return postures.back().id;
   });
@@ -154,7 +157,9 @@ std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
 }
 
 VectorXd read_truth(const std::string& path, const ParameterTable& table) {
-  const Node node = parse_json(read_file(path), path);
+  const std::string text = read_file(path);
+  refuse_other_kinds(text, path, Wanted::truth);
+  const Node node = parse_json(text, path);
   const Field all = top(node, path);
   all.check_keys({"parameters"}, {"about", "samples"});
   const Field parameters = all["parameters"];

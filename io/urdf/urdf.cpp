@@ -7,6 +7,7 @@
 
 #include "../document/error.h"
 #include "../document/files.h"
+#include "../document/kinds.h"
 #include "../document/names.h"
 #include "xml.h"
 
@@ -128,22 +129,14 @@ Mimic read_mimic(const Xml& xml, const pugi::xml_node& element, const Indices& j
   return {it->second, number(xml, element, "multiplier", 1), number(xml, element, "offset", 0)};
 }
 
-/// A hint for files that xacro has not expanded.
-std::string xacro_hint(const pugi::xml_node& robot) {
-  for (const pugi::xml_node& child : robot.children())
-    if (std::strncmp(child.name(), "xacro:", 6) == 0)
-      return std::string("; <") + child.name() + "> is not expanded: run xacro first";
-  return "";
+/// The first element that xacro would have expanded, wherever it stands; none: null.
+pugi::xml_node find_xacro(const pugi::xml_node& robot) {
+  return robot.find_node(
+      [](const pugi::xml_node& node) { return std::strncmp(node.name(), "xacro:", 6) == 0; });
 }
 
-}  // namespace
-
-Urdf parse_urdf(const std::string& text, const std::string& path) {
-  Urdf urdf;
-  urdf.path = path;
-  urdf.text = text;
-  Xml xml{text, path, {}};
-  const pugi::xml_node robot = load(xml);
+/// Everything of the robot's tree, and its transmissions.
+void read_robot(const Xml& xml, const pugi::xml_node& robot, Urdf& urdf) {
   const Elements link_elements = children(robot, "link"), joint_elements = children(robot, "joint");
   Indices links = index_names(xml, link_elements);
   const Indices joints = index_names(xml, joint_elements);
@@ -152,8 +145,7 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
   for (const pugi::xml_node& link : link_elements)
     tree.links.push_back(link.attribute("name").value());
   if (tree.links.empty())
-    throw InputError(at_offset(xml, robot.offset_debug()) + ": the robot has no links" +
-                     xacro_hint(robot));
+    throw InputError(at_offset(xml, robot.offset_debug()) + ": the robot has no links");
   accept_root(xml, joint_elements, tree, links, urdf.warnings);
   for (const pugi::xml_node& element : joint_elements) {
     Joint joint = read_joint(xml, element, urdf.warnings);
@@ -169,10 +161,30 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
   try {
     finish_tree(tree);
   } catch (const std::invalid_argument& e) {
-    throw InputError(path + ": " + e.what() + xacro_hint(robot));
+    throw InputError(xml.path + ": " + e.what());
   }
-  for (const WrittenTransmission& reduction : find_reductions(text, robot))
+  for (const WrittenTransmission& reduction : find_reductions(xml.text, robot))
     urdf.transmissions.push_back(reduction.transmission);
+}
+
+}  // namespace
+
+Urdf parse_urdf(const std::string& text, const std::string& path) {
+  Urdf urdf;
+  urdf.path = path;
+  urdf.text = text;
+  refuse_other_kinds(text, path, Wanted::urdf);
+  Xml xml{text, path, {}};
+  const pugi::xml_node robot = load(xml);
+  const pugi::xml_node xacro = find_xacro(robot);
+  const std::string not_expanded =
+      xacro ? std::string("<") + xacro.name() + "> is not expanded: run xacro first" : "";
+  try {
+    read_robot(xml, robot, urdf);
+  } catch (const InputError& error) {
+    throw InputError(error.what() + (xacro ? "; " + not_expanded : ""));
+  }
+  if (xacro) throw InputError(at_offset(xml, xacro.offset_debug()) + ": " + not_expanded);
   return urdf;
 }
 

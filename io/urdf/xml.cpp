@@ -41,10 +41,13 @@ void check_element(const Xml& xml, const pugi::xml_node& element) {
     throw InputError(at_offset(xml, element.offset_debug()) + ": nested more than " +
                      std::to_string(kMostLevels) + " levels deep");
   const auto check_prefix = [&](const std::string& name) {
-    if (!is_bound(element, name))
-      throw InputError(at_offset(xml, element.offset_debug()) +
-                       ": not well-formed XML: unbound prefix in '" + name +
-                       "'; declare xmlns:" + name.substr(0, name.find(':')) + " in <robot>");
+    if (is_bound(element, name)) return;
+    if (name.compare(0, 6, "xacro:") == 0)
+      throw InputError(at_offset(xml, element.offset_debug()) + ": '" + name +
+                       "' is not expanded: run xacro first");
+    throw InputError(at_offset(xml, element.offset_debug()) +
+                     ": not well-formed XML: unbound prefix in '" + name +
+                     "'; declare xmlns:" + name.substr(0, name.find(':')) + " in <robot>");
   };
   check_prefix(element.name());
   for (const pugi::xml_attribute& attribute : element.attributes()) {
@@ -65,6 +68,11 @@ pugi::xml_node next_node(pugi::xml_node node) {
   return node.next_sibling();
 }
 
+/// Is there an expression that xacro would have replaced?
+bool is_xacro(const std::string& text) {
+  return text.find("${") != std::string::npos || text.find("$(") != std::string::npos;
+}
+
 std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
                                size_t count) {
   const std::string text = element.attribute(attribute).value();
@@ -80,7 +88,7 @@ std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, co
       fail(xml, element,
            std::string(attribute) + "=\"" + text + "\": '" + std::string(begin, at) +
                "' is not a finite number" +
-               (text.find("${") != std::string::npos ? "; expand the xacro first" : ""));
+               (is_xacro(text) ? "; run xacro first: it is not expanded" : ""));
   }
   if (values.size() != count)
     fail(xml, element,
@@ -114,8 +122,6 @@ void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what
 }
 
 pugi::xml_node load(Xml& xml) {
-  if (xml.text.compare(0, 2, "\xFF\xFE") == 0 || xml.text.compare(0, 2, "\xFE\xFF") == 0)
-    throw InputError(xml.path + ":1: the text is UTF-16; save it as UTF-8");
   const pugi::xml_parse_result result = xml.document.load_buffer(
       xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
   if (!result)
@@ -159,6 +165,10 @@ std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* a
   const std::string name = element.attribute(attribute).value();
   if (name.empty())
     fail(xml, element, std::string("the attribute '") + attribute + "' is missing or empty");
+  if (is_xacro(name))
+    fail(xml, element,
+         std::string("the attribute '") + attribute + "' is not expanded: '" + name +
+             "'; run xacro first");
   if (!is_utf8(name))
     fail(xml, element,
          std::string("the attribute '") + attribute + "' is not UTF-8: '" + name +

@@ -35,7 +35,7 @@ void add(const Recording& recording, const std::string& pattern, const std::stri
   merge(wanted.free, found);
 }
 
-void take_away(const std::vector<Freed>& found, std::vector<Freed>& from) {
+void take_out(const std::vector<Freed>& found, std::vector<Freed>& from) {
   for (const Freed& f : found)
     for (Freed& w : from)
       if (w.parameter == f.parameter) {
@@ -125,7 +125,7 @@ StepPlan resolve(const Recording& recording, const Step& step, const std::vector
   const std::vector<Freed> with_fixed =
       wanted.free;  // priors are checked against what the step means to free
   for (size_t i = 0; i < fix.size(); ++i)
-    take_away(table.find(fix[i], place("fix", i)), wanted.free);
+    take_out(table.find(fix[i], place("fix", i)), wanted.free);
   deal(recording, wanted, used, plan);
   place_priors(table, step, with_fixed, plan);
   return plan;

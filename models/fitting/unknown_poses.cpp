@@ -27,7 +27,7 @@ struct Relation {
 };
 
 /// Proposals for one unknown pose by relations in which everything else is known.
-struct Evidence {
+struct PoseEvidence {
   std::vector<Pose> poses;         // the pose itself
   std::vector<Vector3d> from, to;  // the unknown pose takes `from` to `to`
   std::vector<Vector3d> ray_points, ray_origins,
@@ -69,17 +69,17 @@ class PoseGraph {
   }
   bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
   TargetPoses known_targets() const;
-  Evidence evidence_for(int parameter, const TargetPoses& targets) const;
+  PoseEvidence evidence_for(int parameter, const TargetPoses& targets) const;
   void add_for_sensor(const Relation& relation, const Pose& base_T_target,
-                      Evidence& evidence) const;
-  void add_for_target(const Relation& relation, Evidence& evidence) const;
+                      PoseEvidence& evidence) const;
+  void add_for_target(const Relation& relation, PoseEvidence& evidence) const;
   void add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor,
-                Evidence& evidence) const;
+                PoseEvidence& evidence) const;
   Matrix3Xd seen_points(const View& view) const {
     return select_columns(target_points(rig_, table_, values_.shared, view.target),
                           view_ids(view, rig_.targets[view.target]));
   }
-  Proposal proposal(int parameter, Evidence evidence) const;
+  Proposal proposal(int parameter, PoseEvidence evidence) const;
   Pairs pairs_of_unknowns() const;
 
   const Recording& recording_;
@@ -130,7 +130,7 @@ TargetPoses PoseGraph::known_targets() const {
 }
 
 void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pose& frame_T_sensor,
-                         Evidence& evidence) const {
+                         PoseEvidence& evidence) const {
   const Matrix3Xd points = seen_points(view);
   std::vector<int> keep;
   const Matrix3Xd xy1 =
@@ -145,7 +145,7 @@ void PoseGraph::add_rays(const View& view, const Pose& frame_T_points, const Pos
 
 /// Of a sensor's pose, where its target's is known.
 void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_target,
-                               Evidence& evidence) const {
+                               PoseEvidence& evidence) const {
   const View& v = *relation.view;
   const Sensor& sensor = rig_.sensors[v.sensor];
   const MeasurementKind kind = sensor.model->measurement_kind();
@@ -168,7 +168,7 @@ void PoseGraph::add_for_sensor(const Relation& relation, const Pose& base_T_targ
 }
 
 /// Of a mounted target's pose, where its sensor's is known.
-void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) const {
+void PoseGraph::add_for_target(const Relation& relation, PoseEvidence& evidence) const {
   const View& v = *relation.view;
   const Sensor& sensor = rig_.sensors[v.sensor];
   const MeasurementKind kind = sensor.model->measurement_kind();
@@ -201,8 +201,8 @@ void PoseGraph::add_for_target(const Relation& relation, Evidence& evidence) con
   }
 }
 
-Evidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) const {
-  Evidence out;
+PoseEvidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) const {
+  PoseEvidence out;
   for (const Relation& relation : relations_) {
     const View& v = *relation.view;
     if (table_.sensor_pose[v.sensor] == parameter) {
@@ -215,7 +215,7 @@ Evidence PoseGraph::evidence_for(int parameter, const TargetPoses& targets) cons
 }
 
 /// The mean of poses, or the fit of point correspondences, whichever has more points.
-Proposal PoseGraph::proposal(int parameter, Evidence evidence) const {
+Proposal PoseGraph::proposal(int parameter, PoseEvidence evidence) const {
   std::vector<Pose>& poses = evidence.poses;
   if (poses.empty() && evidence.from.empty() && !evidence.ray_points.empty()) {
     const Matrix3Xd points = columns_of(evidence.ray_points),
@@ -391,7 +391,7 @@ bool PoseGraph::settle_on_line() {
   const TargetPoses targets = known_targets();
   for (const int parameter : open_) {
     if (table_.all[parameter].kind != ParameterKind::target_pose) continue;
-    const Evidence evidence = evidence_for(parameter, targets);
+    const PoseEvidence evidence = evidence_for(parameter, targets);
     if (evidence.from.empty()) continue;
     const Matrix3Xd from = columns_of(evidence.from), to = columns_of(evidence.to);
     const Vector3d centre = from.rowwise().mean();

@@ -8,13 +8,14 @@
 namespace kincal {
 namespace {
 
-constexpr int kPostures = 40;
+constexpr int kGeometryPostures = 40;
 constexpr double kNegligible = 5e-3;  // of a column's length
 
 /// Positions of all joints, followers included, drawn within the limits.
 std::vector<std::vector<double>> draw_postures(const Tree& tree) {
   Draws draws(1);
-  std::vector<std::vector<double>> out(kPostures, std::vector<double>(tree.joints.size(), 0.0));
+  std::vector<std::vector<double>> out(kGeometryPostures,
+                                       std::vector<double>(tree.joints.size(), 0.0));
   for (std::vector<double>& positions : out) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const Joint& joint = tree.joints[j];
@@ -92,7 +93,7 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree,
 
   // Derivatives of base_T_tip, chain by chain and posture by posture: six columns an end, six a
   // joint.
-  const Eigen::Index rows = static_cast<Eigen::Index>(6 * kPostures * chains.size());
+  const Eigen::Index rows = static_cast<Eigen::Index>(6 * kGeometryPostures * chains.size());
   std::vector<Eigen::Matrix<double, Eigen::Dynamic, 6>> of_end(ends.size()),
       of_joint(joints.size());
   for (auto& m : of_end) m.setZero(rows, 6);

@@ -337,6 +337,12 @@ class Case(unittest.TestCase):
         self.assertEqual(set(os.listdir(self.dir)) - before, set(), "something was written")
 
 
+def sanitized():
+    """Is the program built with a sanitizer? It needs address space without bounds, and time."""
+    symbols = subprocess.run(["nm", "-D", KINCAL], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout
+    return b"__asan_init" in symbols or b"__tsan_init" in symbols
+
+
 def strict_json(text):
     def refuse(x):
         raise ValueError("not JSON: " + x)
@@ -608,6 +614,101 @@ class WrongSamples(Case):
         text = RIG.replace("    mount: free", "    mount: {link: base_link, pose: {xyz: [-2, 0, 1], rpy: [0, 0, 0]}}")
         self.write("rig.yaml", text)
         self.fails(self.calibrate(), "board_000", "'eye'", "behind")
+
+
+class WrongKinds(Case):
+    """A file of another kind is called what it is, with what is wanted and what to do; never by the grammar of what it is not."""
+
+    def other(self, command, name, *words):
+        with self.subTest(command=command, name=name):
+            run = self.run_kincal(*command.replace("NAME", name).split())
+            self.extra = set(os.listdir(self.dir))
+            self.fails(run, name + ": this is", *words) if words[0] != "are" else self.fails(run, name + ": these are", *words[1:])
+
+    def put(self, name, data):
+        with open(self.path(name), "wb") as f:
+            f.write(data if isinstance(data, bytes) else data.encode())
+        self.extra = set(os.listdir(self.dir))
+
+    def test_arguments_in_another_order(self):
+        for command, name, words in (
+                ("evaluate NAME rig.yaml", "samples.jsonl", ("are", "samples, no rig", "the rig comes first")),
+                ("evaluate NAME samples.jsonl", "robot.urdf", ("XML, no rig", "robot: ...", "kincal init")),
+                ("evaluate rig.yaml NAME", "rig.yaml", ("a rig, no samples", "the rig comes first")),
+                ("calibrate rig.yaml NAME --out x", "robot.urdf", ("XML, no samples", "the rig names")),
+                ("evaluate rig.yaml samples.jsonl --urdf NAME", "rig.yaml", ("a rig, no URDF", "robot: ...")),
+                ("evaluate rig.yaml samples.jsonl --urdf NAME", "samples.jsonl", ("are", "samples, no URDF")),
+                ("check NAME rig.yaml", "samples.jsonl", ("are", "samples, no rig")),
+                ("init NAME --sensor point:base_link --target points:0,0,0@tool", "rig.yaml", ("a rig, no URDF",)),
+                ("simulate rig.yaml --samples 3 --seed 1 --out x --truth NAME", "rig.yaml", ("a rig, no truth.json",)),
+                ("simulate rig.yaml --samples 3 --seed 1 --out x --truth NAME", "samples.jsonl", ("are", "samples, no truth.json")),
+                ("simulate rig.yaml --samples 3 --seed 1 --out x --postures NAME", "rig.yaml", ("a rig, no postures",)),
+                ("apply NAME robot.urdf --out x", "rig.yaml", ("a rig, no result.json",)),
+                ("apply NAME robot.urdf --out x", "robot.urdf", ("XML, no result.json",)),
+                ("diff NAME NAME", "samples.jsonl", ("are", "samples, no rig"))):
+            self.other(command, name, *words)
+        self.assertEqual(self.calibrate().code, 0)
+        self.extra = {"out"}
+        self.other("apply robot.urdf NAME --out x", "out", "a directory, no URDF", "the result comes first")
+        self.other("evaluate rig.yaml NAME", "out/result.json", "a result.json, no samples")
+
+    def test_samples_written_otherwise(self):
+        samples = make_samples()
+        for name, text, words in (
+                ("table.csv", "time,turn,lift\r\n0.1,0.2,0.3\r\n", ("a table (CSV), no samples", '{"id": "...", "joints": {...}, "views": [...]}')),
+                ("table.tsv", "time\tturn\n0.1\t0.2\n", ("a table (CSV), no samples",)),
+                ("semicolons.csv", "0,1;0,2\n0,3;0,4", ("a table (CSV), no samples",)),
+                ("list.json", json.dumps(samples), ("a JSON list, no samples", "jq -c '.[]'")),
+                ("pretty_list.json", "\ufeff" + json.dumps(samples, indent=2), ("a JSON list, no samples", "jq -c '.[]'")),
+                ("pretty.json", "\n".join(json.dumps(s, indent=1) for s in samples), ("JSON over several lines, no samples", "jq -c ."))):
+            self.put(name, text)
+            self.other("evaluate rig.yaml NAME", name, *words)
+        # what is merely wrong keeps its place
+        good = lines(samples).splitlines()
+        for bad in ('{"id": "x"}', good[0][:-1], "[1, 2]", '"text"', "not json"):
+            self.write("samples.jsonl", "\n".join([bad] + good[1:]) + "\n")
+            self.fails(self.calibrate(), "samples.jsonl:1")
+
+    def test_no_text(self):
+        import gzip
+        for name, data, words in (
+                ("packed.gz", gzip.compress(b"x" * 100), ("a compressed file (gzip)", "gunzip")), ("packed.zip", b"PK\3\4rest", ("a zip archive", "unzip")),
+                ("packed.xz", b"\xfd7zXZ\0rest", ("a compressed file (xz)", "unxz")), ("some.bag", b"#ROSBAG V2.0\n\0", ("a ROS bag", "samples.jsonl")),
+                ("some.db3", b"SQLite format 3\0rest", ("a database (of a ROS 2 bag?)", "samples.jsonl")), ("some.mcap", b"\x89MCAP0\r\n", ("a bag (MCAP)",)),
+                ("noise.bin", bytes(range(1, 100)) + b"\0\1\2", ("binary data",)), ("wide.txt", RIG.encode("utf-16"), ("a text in UTF-16", "save it as UTF-8"))):
+            self.put(name, data)
+            for command, what in (("evaluate NAME samples.jsonl", ", no rig"), ("evaluate rig.yaml NAME", ", no samples"),
+                                  ("evaluate rig.yaml samples.jsonl --urdf NAME", ", no URDF"), ("apply NAME robot.urdf --out x", ", no result.json")):
+                self.other(command, name, words[0] + what, *words[1:])
+
+    def test_tabs_in_yaml(self):
+        for old in ("  slide:", "    rows:", "  board:", "    link: base_link", "    sensors: [tracker"):
+            text = RIG.replace(old, "\t" + old.strip(), 1)
+            self.write("rig.yaml", text)
+            self.fails(self.calibrate(), "rig.yaml:%d:1: a tab indents this line" % line_of(text, "\t"), "blanks")
+        self.write("rig.yaml", RIG.replace("robot: robot", "robot:\trobot"))  # no indentation
+        self.assertEqual(self.calibrate("--dry-run").code, 0)
+        self.write("rig.yaml", RIG.replace("robot: robot", "robot:\t{robot"))
+        run = self.calibrate("--dry-run")
+        self.assertEqual(run.code, 1)
+        self.assertNotIn("tab", run.err)
+
+    def test_xacro(self):
+        """Also where the rest would do as a robot: what is not expanded may have been a joint."""
+        bound = URDF.replace('<robot name="tiny">', '<robot name="tiny" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+        include = '<xacro:include filename="arm.xacro"/>'
+        for text in (bound.replace("</robot>", include + "</robot>"), URDF.replace("</robot>", include + "</robot>"),
+                     bound.replace('<link name="turret"/>', include), bound.replace('<link name="cart"/>', '<link name="cart">' + include + "</link>"),
+                     URDF.replace('name="turret"', 'name="${prefix}turret"'), URDF.replace('link="turret"', 'link="$(arg prefix)turret"'),
+                     URDF.replace('xyz="0 0 0.4"', 'xyz="0 0 ${height}"')):
+            self.write("robot.urdf", text)
+            self.fails(self.calibrate(), "robot.urdf:", "not expanded", "run xacro")
+        self.write("robot.urdf", URDF.replace("</robot>", "<!-- " + include + " --></robot>"))
+        self.assertEqual(self.calibrate("--dry-run").code, 0)
+
+    def test_unbound_prefix(self):
+        self.write("robot.urdf", URDF.replace("<material>Gazebo/Grey</material>", "<sensor:camera/>"))
+        self.fails(self.calibrate(), "robot.urdf:%d" % line_of(URDF, "<gazebo"), "unbound prefix in 'sensor:camera'", "declare xmlns:sensor in <robot>")
 
 
 class WrongArguments(Case):
@@ -1520,7 +1621,7 @@ class Simulate(Case):
     def test_wrong(self):
         for args, words in ((["--spread", "joint/lift/ofset=0.01"], ["joint/lift/ofset", "nearest", "joint/lift/offset"]), (["--spread", "joint/lift/offset=x"], ["--spread", "joint/lift/offset=x"]),
                             (["--spread", "joint/lift/offset"], ["--spread", "joint/lift/offset"]), (["--spread", "joint/lift/offset=-1"], ["joint/lift/offset"]),
-                            (["--truth", "none.json"], ["none.json"]), (["--truth", "rig.yaml"], ["rig.yaml:1"]), (["--postures", "none.jsonl"], ["none.jsonl"]),
+                            (["--truth", "none.json"], ["none.json"]), (["--truth", "rig.yaml"], ["rig.yaml: this is a rig, no truth.json"]), (["--postures", "none.jsonl"], ["none.jsonl"]),
                             (["--truth", "rig.yaml", "--spread", "joint/lift/offset=1"], ["--spread", "--truth"])):
             with self.subTest(args=args):
                 self.fails(self.simulate("sim", *args), *words)

@@ -134,8 +134,7 @@ class Killed(Case):
         with open(source, "w") as f:
             f.write(SHIM)
         subprocess.run([compiler, "-w", "-shared", "-fPIC", "-o", cls.shim, source, "-ldl"], check=True)
-        symbols = subprocess.run(["nm", "-D", KINCAL], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout
-        if b"__asan_init" in symbols or b"__tsan_init" in symbols:
+        if cli_test.sanitized():
             raise unittest.SkipTest("sanitizers want to be loaded first")
 
     def killed(self, args, at, **environment):
@@ -219,6 +218,41 @@ class Killed(Case):
                     self.kill_everywhere(["apply", "out", "robot.urdf", "--out", "applied"] + ["--force"] * force, prepare, "applied",
                                          self.contents("before") if force else None, self.contents("after"), **more)
 
+    def test_batch(self):
+        """Of a set in a batch too, whichever of the processes is killed."""
+        os.mkdir(self.path("fleet"))
+        os.mkdir(self.path("fleet", "one"))
+        for name in ("robot.urdf", "rig.yaml", "samples.jsonl"):
+            shutil.copy(self.path(name), self.path("fleet", "one"))
+        def result(out):
+            contents = self.contents(os.path.join(out, "one"))
+            contents.pop("batch.json")  # has seconds in it
+            return contents
+        args = ["batch", "fleet", "--no-report", "--quiet"]
+        self.assertEqual(self.killed([*args, "--out", "before"], 0).returncode, 0)
+        args += ["--step", "eyes", "--out"]
+        self.assertEqual(self.killed([*args, "after"], 0).returncode, 0)
+        old, new = result("before"), result("after")
+        for environment in ({}, {"NO_RENAMEAT2": "1"}):
+            seen = set()
+            for at in range(1, 200):
+                with self.subTest(at=at, environment=environment):
+                    self.remove("out")
+                    shutil.copytree(self.path("before"), self.path("out"))
+                    code = self.killed([*args, "out"], at, **environment).returncode
+                    if not environment or os.path.exists(self.path("out", "one")):
+                        now = result("out")
+                        self.assertIn(now, (old, new))
+                        seen.add("old" if now == old else "new")
+                    run = self.killed([*args, "out"], 0)
+                    self.assertEqual(run.returncode, 0, run.stderr)
+                    self.assertEqual(result("out"), new)
+                    self.assertEqual(sorted(os.listdir(self.path("out"))), [".batch", "one", "summary.csv", "summary.json"])
+                    self.assertEqual(os.listdir(self.path("out", ".batch")), ["lock"])
+                if code == 0:
+                    break
+            self.assertEqual((code, seen), (0, {"old", "new"}))
+
     def test_what_is_not_a_leftover(self):
         """A run that still writes, and what holds anything else, is left alone."""
         os.mkdir(self.path("out.writing-12"))
@@ -250,6 +284,19 @@ class Output(Case):
             self.assertEqual(len(json.loads(self.read("out", "result.json"))["steps"]), 2 if codes[0] == 0 else 1)
             self.assertEqual(self.names(), {"out"})
             shutil.rmtree(self.path("out"))
+
+    def test_two_at_once_that_replace(self):
+        """With --force the later one wins; it is whole, and nothing is left beside."""
+        self.assertEqual(self.calibrate().code, 0)
+        for _ in range(6):
+            runs = [self.start("calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force", *step) for step in ((), ("--step", "eyes"))]
+            said = [p.communicate()[1].decode() for p in runs]
+            self.assertEqual([p.returncode for p in runs], [0, 0], said)
+            self.assertEqual(sorted(os.listdir(self.path("out"))), FILES)
+            steps = len(json.loads(self.read("out", "result.json"))["steps"])
+            self.assertEqual(len(self.read("out", "rig.yaml").split("step:")) - 1, 2)
+            self.assertIn(steps, (1, 2))
+            self.assertEqual(self.names(), {"out"})
 
     def test_symbolic_links(self):
         """What a link leads to is replaced, the link stays; a link to nothing is refused."""
@@ -577,8 +624,7 @@ class Hardened(unittest.TestCase):
     def setUp(self):
         if not shutil.which("readelf") or not sys.platform.startswith("linux"):
             self.skipTest("no readelf")
-        symbols = self.readelf("--dyn-syms")
-        if "__asan_init" in symbols or "__tsan_init" in symbols:
+        if cli_test.sanitized():
             self.skipTest("sanitizers look themselves")
 
     def readelf(self, *args):

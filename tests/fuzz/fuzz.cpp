@@ -1,0 +1,140 @@
+// Proves, with a program that makes texts (libFuzzer by scripts/fuzz, mutations.cpp in the tests):
+// whatever stands in a file, its reader takes it or throws an InputError; what was read is written
+// so that it can be read again; and what readers take can be calibrated, or is refused by
+// std::invalid_argument. The environment's KINCAL_READER names one of the readers below, whose
+// first texts are the files of corpus/KINCAL_READER; where it needs other files, they come from the
+// corpus too. It does not prove that a message is a good one.
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <stdexcept>
+
+#include "../../io/document/error.h"
+#include "../../io/document/files.h"
+#include "../../io/results/apply.h"
+#include "../../io/results/comparison.h"
+#include "../../io/results/results.h"
+#include "../../io/rig/rig_text.h"
+#include "../../io/rig/samples_file.h"
+#include "../../io/rig/simulation_file.h"
+#include "../../io/urdf/edit.h"
+#include "../../models/report/study.h"
+#include "fuzz.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace kincal;
+
+/// A folder of this process, with the robot and the rig of the corpus.
+struct Folder {
+  Folder() {
+    std::string pattern = (fs::temp_directory_path() / "kincal-fuzz-XXXXXX").string();
+    if (!mkdtemp(pattern.data())) std::abort();
+    path = pattern;
+    for (const char* file : {"urdf/robot.urdf", "rig/rig.yaml"})
+      fs::copy(fs::path(KINCAL_FUZZ_CORPUS) / file, path);
+  }
+  ~Folder() { fs::remove_all(path); }
+  fs::path path;
+};
+
+std::string path_of(const std::string& name) {
+  static const Folder folder;
+  return (folder.path / name).string();
+}
+
+std::string in_file(const std::string& name, const std::string& text) {
+  std::ofstream(path_of(name), std::ios::binary) << text;
+  return path_of(name);
+}
+
+const RigFile& usual_rig() {
+  static const RigFile rig = read_rig(path_of("rig.yaml"));
+  return rig;
+}
+
+/// What kincal wrote, kincal reads.
+template <class F>
+auto again(const F& read) {
+  try {
+    return read();
+  } catch (const InputError& error) {
+    throw std::logic_error(std::string("what was written cannot be read: ") + error.what());
+  }
+}
+
+// ------------------------------------------------------------------------------------------------
+void urdf(const std::string& text) {
+  const Urdf urdf = parse_urdf(text, "robot.urdf");
+  if (edit_urdf(urdf, {}) != text) throw std::logic_error("no change changes the text");
+  UrdfChanges changes;
+  for (size_t j = 0; j < urdf.tree.joints.size(); ++j)
+    changes.origins[static_cast<int>(j)] = Pose();
+  again([&] { return parse_urdf(edit_urdf(urdf, changes), "written.urdf"); });
+}
+
+void rig(const std::string& text) {
+  const RigFile file = read_rig(in_file("any.yaml", text));
+  const std::string written = rig_text(file, values_of(file.rig), "robot.urdf");
+  again([&] { return read_rig(in_file("written.yaml", written)); });
+}
+
+void samples(const std::string& text) {
+  const Rig& rig = usual_rig().rig;
+  const std::string written = samples_text(rig, parse_samples(text, "samples.jsonl", rig));
+  again([&] { return parse_samples(written, "written.jsonl", rig); });
+}
+
+void truth(const std::string& text) {
+  read_truth(in_file("truth.json", text), ParameterTable(usual_rig().rig));
+}
+
+void result(const std::string& text) {
+  static const Urdf nominal = read_urdf(KINCAL_FUZZ_CORPUS "/urdf/nominal.urdf");
+  const std::string path = in_file("result.json", text);
+  const CalibratedFiles files = read_calibrated(path);
+  comparison_json(files, files, compare(files, files, {}, ""));
+  apply_result(path, nominal, true);
+}
+
+/// A rig, a line ---, samples.
+void calibration(const std::string& text) {
+  const size_t end = text.find("---\n");
+  if (end == std::string::npos) return;
+  const RigFile file = read_rig(in_file("any.yaml", text.substr(0, end)));
+  for (const Target& target : file.rig.targets)
+    if (target.count() > 100) return;  // slow is not wrong
+  const auto recording =
+      make_recording(file.rig, parse_samples(text.substr(end + 4), "samples.jsonl", file.rig));
+  if (recording->training().empty()) return;
+  check_steps(*recording);
+  StudyOptions options;
+  options.calibration.max_iterations = 3;
+  const std::optional<Report> report = study(recording, options);
+  if (report->solution.status != Status::undefined_start) make_results(file, *report, {});
+}
+
+const std::map<std::string, void (*)(const std::string&)> kReaders = {
+    {"urdf", urdf},   {"rig", rig},       {"samples", samples},
+    {"truth", truth}, {"result", result}, {"calibration", calibration}};
+
+}  // namespace
+
+bool is_read(const std::string& text) {
+  static const char* const name = std::getenv("KINCAL_READER");
+  static const auto reader = kReaders.at(name ? name : "");
+  try {
+    reader(text);
+    return true;
+  } catch (const InputError&) {
+  } catch (const std::invalid_argument&) {
+  }
+  return false;
+}
+
+extern "C" int LLVMFuzzerTestOneInput(const unsigned char* data, size_t size) {
+  is_read(std::string(reinterpret_cast<const char*>(data), size));
+  return 0;
+}
