@@ -11,6 +11,8 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   const Survey survey = make_survey(rig, samples);
   std::vector<Hypothesis> out;
   add_joints(rig, samples, survey, out);
+  add_shifts(rig, samples, survey, out);
+  add_links(rig, samples, out);
   add_bearings(rig, samples, survey, out);
   add_squares(rig, table, survey, freed, out);
   add_boards(rig, survey, out);
