@@ -16,7 +16,7 @@ constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 const Finding* decisive_finding(const Report& report) {
   if (report.diagnosis)
     for (const Finding& f : report.diagnosis->findings)
-      if (f.chi2_corrected) return &f;
+      if (f.chi2_corrected && f.id != "sigma") return &f;
   return nullptr;
 }
 
