@@ -35,8 +35,9 @@ int evaluate(const EvaluateArguments& a) {
       checked_recording(rig_file, samples, a.samples);
   now("evaluating");
   try {
-    progress.stage("evaluating", std::nan(""));
-    const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
+    const Evaluation evaluation =
+        kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
+                         [&](double share) { progress.stage("evaluating", share); });
     progress.clear();
     std::vector<Warning> words = warnings(evaluation);
     for (Warning& w : words) w.text = in_program_words(w.text);

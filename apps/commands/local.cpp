@@ -46,7 +46,7 @@ int local(const LocalArguments& a) {
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
-  progress.stage("calibrating locally", std::nan(""));
+  options.progress = [&](double share) { progress.stage("calibrating locally", share); };
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
   progress.clear();
   for (const std::string& name : local.open)

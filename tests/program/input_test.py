@@ -11,6 +11,7 @@ import copy
 import json
 import math
 import os
+import pty
 import random
 import subprocess
 import sys
@@ -238,12 +239,34 @@ class Unseen(Input):
 
 
 class Quiet(Input):
-    def test_quiet(self):
-        samples = self.seen()
+    def on_terminal(self, *arguments):
+        """Standard error of a command that has a terminal there."""
+        main, terminal = pty.openpty()
+        p = subprocess.Popen([newcomer_test.KINCAL, *arguments], stdout=subprocess.DEVNULL, stderr=terminal, cwd=self.dir)
+        os.close(terminal)
+        said = b""
+        while True:
+            try:
+                part = os.read(main, 65536)
+            except OSError:  # the other end is closed
+                break
+            if not part:
+                break
+            said += part
+        os.close(main)
+        self.assertEqual(p.wait(), 0)
+        return said.decode()
+
+    def test_progress(self):
+        """Commands that take long say how far they are, and nothing of that with --quiet."""
+        samples = self.simulate(GIVEN, CAMERA_TRUTH, samples=1500)
         self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
-        self.kincal("evaluate", "rig.yaml", "samples.jsonl", "--quiet")
-        self.kincal("local", "rig.yaml", "samples.jsonl", "--near", samples[0]["id"], "--within", "3", "--quiet")
-        self.kincal("simulate", "rig.yaml", "--samples", "5", "--seed", "1", "--out", "quiet", "--quiet")
+        for command, word in ((("evaluate", "rig.yaml", "samples.jsonl"), "evaluating"),
+                              (("local", "rig.yaml", "samples.jsonl", "--near", samples[0]["id"], "--within", "3"), "calibrating locally"),
+                              (("simulate", "rig.yaml", "--samples", "1500", "--seed", "1", "--force", "--out", "quiet"), "simulating")):
+            with self.subTest(command=command[0]):
+                self.assertRegex(self.on_terminal(*command), word + r" \d+ %")
+                self.assertNotIn(word, self.on_terminal(*command, "--quiet"))
 
 
 if __name__ == "__main__":
