@@ -170,8 +170,9 @@ std::string why_unexplained(const Report& report) {
     return begin + "It is not the noise of the sensors (" + unlike +
            "), and none of the usual mistakes. " + report.diagnosis->readings;
   return begin + "A mistake is likelier than noise stated too small (" + unlike +
-         "), but none that is usually made: look at what fits worst (its sigma may be stated too "
-         "small), calibrate without it, free what else may be wrong";
+         "), but none that is usually made: look at what fits worst (its link, its target, units; "
+         "its sigma may be stated too small), calibrate without it, and look for mistakes before "
+         "more is freed";
 }
 
 Verdict verdict(const Report& report) {
