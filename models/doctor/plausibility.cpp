@@ -75,6 +75,8 @@ void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vecto
     const int width = sensor.image_width, height = sensor.image_height;
     if (cloud.outside > 0) {
       const bool turned = cloud.outside_turned == 0 && width != height;
+      const bool larger = 5 * cloud.outside > cloud.points && cloud.right < 2 * width &&
+                          cloud.low < 2 * height && cloud.right > 1.3 * width;
       out.push_back(implausible(
           "outside-image", sensor.name,
           "Of camera " + quoted(sensor.name) +
@@ -82,8 +84,11 @@ void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vecto
                    "px, at (%.5g, %.5g) in sample ",
                    cloud.outside, cloud.points, width, height, cloud.beyond, cloud.u, cloud.v) +
               quoted(cloud.sample) + ". " +
-              (turned ? "Inside of it lie all if width and height are exchanged: correct image_size"
-                      : "Correct image_size, or take them out: no image shows them")));
+              (turned   ? "Inside of it lie all if width and height are exchanged: correct "
+                          "image_size, or exchange u and v of the points"
+               : larger ? "They look like points of an image twice as large: make points, "
+                          "image_size and intrinsics those of one resolution"
+                        : "Correct image_size, or take them out: no image shows them")));
     } else if (cloud.views >= kEnoughViews && cloud.right < kCorner * width &&
                cloud.low < kCorner * height && cloud.right > kFilled * width &&
                cloud.low > kFilled * height) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -20,6 +21,7 @@ constexpr double kAtRest = 0.05;  // of the logarithm of a level, from round to 
 constexpr int kNoiseFits = 8;
 constexpr double kErrAlike = 0.3;     // correlation of neighbouring points
 constexpr double kSampleApart = 10;   // times the median sample's mean square
+constexpr double kMiddle = 0.3;       // the median over the root mean square; of noise 0.67
 constexpr int kPointsOfAView = 4;     // so many have neighbours
 constexpr double kOtherwise = 0.5;    // of what chi2 is too large: less is left if it is no noise
 constexpr double kNearlyRight = 2.5;  // levels within this factor at first end no further off
@@ -101,14 +103,21 @@ bool spread_evenly(const Recording& recording, const TrialContext& context, cons
   const VectorXd state = problem.pack(now.values);
   problem.renew(state);
   double products = 0, sum = 0;
+  std::map<int, std::vector<double>> sizes;  // of single residuals, by sensor
   for (const ViewResiduals& v : problem.residuals(state)) {
+    for (double r : v.whitened) sizes[v.view->sensor].push_back(std::abs(r));
     const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
     if (points < kPointsOfAView || v.raw.size() < points) continue;
     const Eigen::Index rest = v.raw.size() - v.raw.size() / points;
     products += v.raw.head(rest).dot(v.raw.tail(rest));
     sum += v.raw.head(rest).squaredNorm();
   }
-  return !(products > kErrAlike * sum);
+  const auto few_are_large = [](const auto& of_sensor) {
+    Mean square;
+    for (double r : of_sensor.second) square.sum += r * r, ++square.count;
+    return median(of_sensor.second) < kMiddle * std::sqrt(square.value());
+  };
+  return !(products > kErrAlike * sum) && std::none_of(sizes.begin(), sizes.end(), few_are_large);
 }
 
 /// Whether every sensor has views in which neighbouring points would show what is no noise of its

@@ -70,7 +70,7 @@ void warn_of_input(const std::vector<Finding>& input, Warnings& out) {
   if (twice.size() > 1)
     duplicates.text = std::to_string(duplicates.names.size()) + " samples are " +
                       std::to_string(twice.size()) +
-                      " measurements under several ids, of most ids: " + worst->text;
+                      " measurements under several ids each, worst: " + worst->text;
   duplicates.text.pop_back();
   out.push_back(std::move(duplicates));
 }
@@ -89,8 +89,8 @@ void warn_of_few_data(const Solution& solution, Warnings& out) {
     out.push_back(
         {"few_data",
          of_samples +
-             text(" say by %ld numbers where things are to each other (six a view at "
-                  "most), and %ld unknowns without a prior are to be found from them: ",
+             text(": %ld numbers say where things are to each other (six a view at most)"
+                  ", for %ld unknowns without a prior: ",
                   numbers, unknowns) +
              (numbers == unknowns ? "nothing is left to judge them by" : "that is too few") +
              ". Record more postures, or free less",

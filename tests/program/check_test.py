@@ -930,15 +930,15 @@ class Nothing(unittest.TestCase):
 
     def test_other_mistakes(self):
         """Something is wrong that is not on the list: nothing on the list may be named for it. `sigma`: 3 times too small. `corners`: three gross
-        ones. `focal`: 2 % off and held. `link`: 2 cm longer than the URDF says. `offset`: 0.1 rad of a joint that is held."""
+        ones. `outliers`: a tenth of all corners. `focal`: 2 % off and held. `link`: 2 cm longer than the URDF says. `offset`: 0.1 rad of a joint that is held."""
         def other_robot(rig):
             longer = re.sub(r'xyz="0 -0\.1\d* 0\.45\d*"', 'xyz="0 -0.1 0.47"', ARM)
             self.assertNotEqual(longer, ARM)
             rig["robot"] = write(os.path.join(ROOT, "other.urdf"), longer)
 
         for name in ("eye", "eye_noisy", "fixed", "tracker"):
-            for mistake in ("sigma", "corners", "focal", "link", "offset"):
-                if name == "tracker" and mistake in ("corners", "focal"):
+            for mistake in ("sigma", "corners", "outliers", "focal", "link", "offset"):
+                if name == "tracker" and mistake in ("corners", "outliers", "focal"):
                     continue
                 with self.subTest(data=name, mistake=mistake):
                     rig, samples = scene(name).rig(), copy.deepcopy(scene(name).samples)
@@ -947,6 +947,13 @@ class Nothing(unittest.TestCase):
                     elif mistake == "corners":
                         for k in (4, 10, 15):
                             samples[k]["views"][0]["pixels"][17][0] += 60
+                    elif mistake == "outliers":
+                        rng = random.Random(8)
+                        for v in views(samples):
+                            for pixel in v["pixels"]:
+                                if rng.random() < 0.1:
+                                    pixel[0] += rng.gauss(0, 20)
+                                    pixel[1] += rng.gauss(0, 20)
                     elif mistake == "focal":
                         rig["sensors"]["camera"]["intrinsics"][:2] = [918.0, 923.1]
                     elif mistake == "link":

@@ -259,11 +259,11 @@ class Quiet(Input):
 
     def test_progress(self):
         """Commands that take long say how far they are, and nothing of that with --quiet."""
-        samples = self.simulate(GIVEN, CAMERA_TRUTH, samples=1500)
+        samples = [dict(s, id="%d_%s" % (k, s["id"])) for k in range(10) for s in self.simulate(GIVEN, CAMERA_TRUTH, samples=1000, out="sim_%d" % k)]
         self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
         for command, word in ((("evaluate", "rig.yaml", "samples.jsonl"), "evaluating"),
                               (("local", "rig.yaml", "samples.jsonl", "--near", samples[0]["id"], "--within", "3"), "calibrating locally"),
-                              (("simulate", "rig.yaml", "--samples", "1500", "--seed", "1", "--force", "--out", "quiet"), "simulating")):
+                              (("simulate", "rig.yaml", "--samples", "10000", "--seed", "1", "--force", "--out", "quiet"), "simulating")):
             with self.subTest(command=command[0]):
                 self.assertRegex(self.on_terminal(*command), word + r" \d+ %")
                 self.assertNotIn(word, self.on_terminal(*command, "--quiet"))
