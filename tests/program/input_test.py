@@ -187,6 +187,18 @@ class Endings(Input):
         _, result, said = self.run_calibrate(GIVEN, samples)
         self.assertNotIn("--group", said)
 
+    def test_gross_points_are_no_noise(self):
+        samples, rng = self.seen(samples=20), random.Random(8)
+        for s in samples:
+            for pixel in s["views"][0]["pixels"]:
+                if rng.random() < 0.08:
+                    pixel[0] += rng.gauss(0, 40)
+                    pixel[1] += rng.gauss(0, 40)
+        code, result, said = self.run_calibrate(GIVEN, samples)
+        self.assertEqual(code, 5, said)
+        self.assertIn("A mistake is likelier than noise stated too small (", result["verdict"]["text"])
+        self.assertNotIn("sigma", [f["id"] for f in result.get("findings", [])])
+
     def test_a_loss_from_a_rough_start(self):
         loss = "estimate:\n  - {step: all, free: [sensor/cam/pose, target/board/pose], loss: {tukey: 2}, priors: {sensor/cam/pose: 0.5}}\n"
         rough = GIVEN.replace("xyz: [2.2, 0.1, 0.5]", "xyz: [2.25, 0.14, 0.45]").replace("rpy: [-1.5708, 0.02, 1.5908]", "rpy: [-1.52, 0.06, 1.64]")
