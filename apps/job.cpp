@@ -84,6 +84,7 @@ std::string in_program_words(std::string message) {
   replace("the group gears estimates", "--group gears estimates");
   replace("leave groups out, and look for mistakes",
           "leave groups out (--no-group), and look for mistakes (kincal check)");
+  replace("look for mistakes before", "look for mistakes (kincal check) before");
   replace("have the noise estimated", "give --estimate-noise");
   return message;
 }

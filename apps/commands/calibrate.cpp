@@ -43,8 +43,7 @@ int calibrate(const CalibrateArguments& a) {
   }
   const Report report = run(job, a.settings, true, progress);
   if (report.solution.status == Status::undefined_start)
-    throw std::runtime_error(report.solution.message + "\nWhat may be wrong (kincal check):\n" +
-                             diagnosis_text(*report.diagnosis));
+    throw std::runtime_error(no_start_text(report.solution.message, *report.diagnosis));
   progress.stage("writing", std::nan(""));
   const ResultFiles files = make_files(job, report, a.settings);
   begin_writing();

@@ -19,13 +19,13 @@ namespace {
 struct EvaluateArguments {
   std::string rig, samples, urdf, noise = "latent";
   std::vector<std::string> free;
-  bool json = false;
+  bool json = false, quiet = false;
 };
 
 int evaluate(const EvaluateArguments& a) {
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   now("reading " + a.samples);
-  Progress progress(a.json);
+  Progress progress(a.quiet || a.json);
   const std::vector<Sample> samples =
       parse_samples(read_file(a.samples), a.samples, rig_file.rig, progress);
   if (std::none_of(samples.begin(), samples.end(),
@@ -35,8 +35,9 @@ int evaluate(const EvaluateArguments& a) {
       checked_recording(rig_file, samples, a.samples);
   now("evaluating");
   try {
-    progress.stage("evaluating", std::nan(""));
-    const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free);
+    const Evaluation evaluation =
+        kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
+                         [&](double share) { progress.stage("evaluating", share); });
     progress.clear();
     std::vector<Warning> words = warnings(evaluation);
     for (Warning& w : words) w.text = in_program_words(w.text);
@@ -78,6 +79,7 @@ Command evaluate_command(CLI::App& app) {
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
   command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
+  command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "Exit codes: 0 evaluated; 1 bad input or usage; 3 poses that --free or a free target leaves "
       "open did not converge.");

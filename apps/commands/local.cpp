@@ -17,7 +17,7 @@ namespace {
 struct LocalArguments {
   std::string rig, samples, near, out, noise = "latent", command;
   double within = 1;
-  bool json = false, force = false;
+  bool json = false, force = false, quiet = false;
 };
 
 /// "0.31 0.42 0.5"
@@ -38,7 +38,7 @@ int local(const LocalArguments& a) {
   }
   const RigFile rig_file = read_rig(rig_path(a.rig));
   now("reading " + a.samples);
-  Progress progress(a.json);
+  Progress progress(a.quiet || a.json);
   const std::string text = read_file(a.samples);  // once: it may be a pipe
   const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
   now("calibrating around the posture");
@@ -46,7 +46,7 @@ int local(const LocalArguments& a) {
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
-  progress.stage("calibrating locally", std::nan(""));
+  options.progress = [&](double share) { progress.stage("calibrating locally", share); };
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
   progress.clear();
   for (const std::string& name : local.open)
@@ -107,6 +107,7 @@ Command local_command(CLI::App& app, const std::string& command_line) {
       ->capture_default_str();
   command->add_flag("--json", a->json, "print the same as JSON instead of a table");
   command->add_flag("--force", a->force, "replace an existing file");
+  command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "For a task that is always done in about the same posture (plugging in, inserting): what no "
       "rigid model has, belts that stretch,\n"

@@ -19,7 +19,7 @@ struct SimulateArguments {
   std::vector<std::string> spread;
   int samples = 0;
   unsigned long long seed = 0;
-  bool force = false;
+  bool force = false, quiet = false;
 };
 
 /// Where something is that the rig gives no pose for must be said, by the truth or a spread at
@@ -73,7 +73,7 @@ int simulate(const SimulateArguments& a) {
     throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
   }
   refuse_open_poses(rig_file.rig, table, truth, spread);
-  Progress progress(false);
+  Progress progress(a.quiet);
   options.progress = [&](int done) {
     progress.stage("simulating", static_cast<double>(done) / a.samples);
     return true;
@@ -140,6 +140,7 @@ Command simulate_command(CLI::App& app) {
                       "JSON lines with postures, views and poses of targets; default: uniform "
                       "within the joint limits");
   command->add_flag("--force", a->force, "replace an existing simulation");
+  command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "Exit codes: 0 written; 1 bad input or usage, nothing written; 130 interrupted, nothing "
       "written.");

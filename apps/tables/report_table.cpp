@@ -254,8 +254,21 @@ std::string diagnosis_text(const Diagnosis& d) {
   return out + d.verdict + "\n";
 }
 
+std::string no_start_text(const std::string& message, const Diagnosis& diagnosis) {
+  const std::string heading = "What may be wrong (kincal check):\n";
+  if (diagnosis.findings.empty()) return message + "\n" + heading + diagnosis_text(diagnosis);
+  const Finding& first = diagnosis.findings[0];
+  return first.id + ": " + first.text + "\nSo no calibration can start: " + message + "\n" +
+         heading + diagnosis_text(diagnosis);
+}
+
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
+  const std::string diagnosed =
+      report.diagnosis ? "What may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis)
+                       : "";
+  const bool first = report.diagnosis && !report.diagnosis->findings.empty();
+  if (first) out += diagnosed + "\n";
   for (const StepResult& step : report.solution.steps) {
     char line[64];
     std::snprintf(line, sizeof line, ": %d iterations, chi2 %.8g\n", step.iterations, step.chi2);
@@ -317,8 +330,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
            r.transmission + " " + shortest(r.before) + " -> " + shortest(r.after) + "\n";
   if (!report.leverage.empty()) out += "\nInfluential samples\n" + leverage_table(report.leverage);
   if (!report.rejected.empty()) out += "\n" + rejected_table(report.rejected);
-  if (report.diagnosis)
-    out += "\nWhat may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis);
+  if (!first && !diagnosed.empty()) out += "\n" + diagnosed;
   if (!report.warnings.empty()) {
     out += "\nWarnings\n";
     for (const Warning& w : report.warnings) {

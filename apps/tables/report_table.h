@@ -14,6 +14,8 @@ namespace kincal {
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
 /// Shows what the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
+/// Returns why a calibration could not start: what the doctor found first, then where it ended.
+std::string no_start_text(const std::string& message, const Diagnosis& diagnosis);
 /// Shows the whole report: steps, tables, what is not in the URDF, warnings.
 std::string report_text(const Report& report, const ResultFiles& files);
 

@@ -46,6 +46,7 @@ struct Judge {
   const Values* start = nullptr;  // poses to start free targets from, else by proposals
   bool with_dof = false;
   std::vector<double> noise_ratios;
+  std::function<void(double)> progress;  // share done
 };
 
 struct Judged {
@@ -121,6 +122,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
   setup.sensors = indices(recording.rig.sensors.size());
   const std::vector<std::vector<int>> groups = judged_together(recording, samples, setup, how.free);
   for (const std::vector<int>& group : groups) {
+    if (how.progress)
+      how.progress(static_cast<double>(&group - &groups[0]) / static_cast<double>(groups.size()));
     if (group.empty()) continue;
     if (&group == &groups[0])
       setup.free = how.free;
@@ -274,7 +277,8 @@ Residuals held_out_as_read(const Solution& solution, const VectorXd& shared) {
 }
 
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
-                    const std::vector<std::string>& patterns) {
+                    const std::vector<std::string>& patterns,
+                    const std::function<void(double)>& progress) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<Freed> free;
@@ -289,8 +293,11 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
   for (int p : open) merge(free, {whole(table, p)});
   std::vector<char> influences(table.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig.sensors.size(), -1);
+  const double all = 2 * static_cast<double>(recording.samples.size());
+  double done = 0;  // samples judged, each in two ways
   for (bool train : {true, false}) {
     const std::vector<int> samples = recording.split(train);
+    const double count = static_cast<double>(samples.size());
     if (samples.empty()) continue;
     EstimationSetup setup;
     setup.sensors = indices(rig.sensors.size());
@@ -301,10 +308,13 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
     how.noise = noise;
     how.with_dof = true;
+    if (progress) how.progress = [&](double share) { progress((done + share * count) / all); };
     const Judged now = judge(recording, samples, table.initial, table.initial, how);
+    done += count;
     how.noise = NoiseMode::none;
     how.with_dof = false;
     const Judged read = judge(recording, samples, table.initial, table.initial, how);
+    done += count;
     if (!now.undefined.empty())
       throw std::runtime_error(
           "sample '" + now.undefined[0] +

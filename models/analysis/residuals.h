@@ -7,6 +7,7 @@
 // something estimated. A pose among these that the rig does not give starts in closed form.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -76,10 +77,12 @@ struct Evaluation {
 
 /// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
 /// what the rig leaves open (rig/selection.h) are estimated in each split.
+/// `progress` is called with the share that is done.
 /// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be
 /// evaluated.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
-                    const std::vector<std::string>& free);
+                    const std::vector<std::string>& free,
+                    const std::function<void(double)>& progress = {});
 
 /// Returns the result of a sensor without any view yet.
 SensorResult unseen(const Sensor& sensor);

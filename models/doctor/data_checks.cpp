@@ -53,14 +53,6 @@ Finding disconnected(const std::vector<std::string>& where, const std::string& w
   return f;
 }
 
-/// The link that carries `link` without a moving joint between, closest to the root (floating and
-/// planar joints stand still here).
-int immobile_body(const Tree& tree, int link) {
-  while (tree.joint_above[link] >= 0 && !tree.joints[tree.joint_above[link]].moves())
-    link = tree.joints[tree.joint_above[link]].parent;
-  return link;
-}
-
 /// By parameter: it places something.
 std::vector<char> placing_parameters(const ParameterTable& table) {
   std::vector<char> places(table.all.size(), 0);

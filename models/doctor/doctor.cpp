@@ -9,7 +9,10 @@
 #include "../fitting/free_targets.h"
 #include "../rig/words.h"
 #include "hypotheses.h"
+#include "joint_mistakes.h"
+#include "plausibility.h"
 #include "start_values.h"
+#include "stated_sigmas.h"
 #include "suspects.h"
 #include "trial_fits.h"
 
@@ -150,6 +153,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     const TrialFit robust = robust_fit(recording, context);
     for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
     if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
+    if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
   }
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
@@ -339,12 +343,49 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
 
 /// What the verdict is about.
 struct Outcomes {
+  Ended ended;  // the calibration that was diagnosed
   double per_dof_at_first;
   bool data_findings;           // some mistake shows in the data alone
   bool fit_findings;            // some mistake was found by fits
   bool still_joint;             // one of the former explains the fit
   const std::string& readings;  // what errors of the joint readings would explain
 };
+
+/// Of data that need no explanation, but whose calibration ended badly.
+std::string not_a_mistake(const TrialFit& now, Ended ended) {
+  std::string far;
+  for (const auto& m : now.moved)
+    if (m.second > Thresholds::far)
+      far += (far.empty() ? "" : ", ") + m.first + text(" (%.3g)", m.second);
+  if (ended == Ended::cannot_start)
+    return " from other starting values, found from the data. So none of these mistakes was made, "
+           "but from the rig's values no fit can start: " +
+           (far.empty() ? "give poses nearer to the truth, or leave them away"
+                        : "too far from the truth are " + far +
+                              " (m, rad, or share of a length): correct them, or leave them away") +
+           ".";
+  if (ended == Ended::not_converged)
+    return " if everything is freed at once, without the way of the steps. So none of these "
+           "mistakes was made, but the steps do not lead there: start nearer to the truth" +
+           (far.empty() ? "" : " (" + far + ")") + ", or free less in the first steps.";
+  return "";
+}
+
+/// What fits worst, and where to look, of a fit that no noise explains.
+std::string look_for_mistakes(const Rig& rig, const TrialFit& now) {
+  int worst = -1;
+  for (size_t s = 0; s < now.sensor.size(); ++s)
+    if (!std::isnan(now.sensor[s]) && (worst < 0 || now.sensor[s] > now.sensor[worst]))
+      worst = static_cast<int>(s);
+  return " That is no robot whose geometry differs a little from its drawing: look for a mistake "
+         "before more is freed" +
+         (worst < 0 ? std::string()
+                    : ", first in what sensor " + quoted(rig.sensors[worst].name) +
+                          text(" sees, whose errors are %.3g times its sigma",
+                               std::sqrt(now.sensor[worst]))) +
+         " (its link, its target's link and size, ids, units, whether readings and views belong "
+         "together).";
+}
 
 /// `now`: the fit with everything undone that was found.
 std::string verdict(const Recording& recording, const TrialContext& context, const TrialFit& now,
@@ -356,8 +397,10 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
     out += ", or what sees a free target does not tell where it is";
   if (good(now) && !outcomes.fit_findings) {
-    out +=
-        outcomes.data_findings ? ": the fit itself needs no explanation." : ": nothing to explain.";
+    const std::string words = not_a_mistake(now, outcomes.ended);
+    out += !words.empty()           ? words
+           : outcomes.data_findings ? ": the fit itself needs no explanation."
+                                    : ": nothing to explain.";
   } else if (good(now)) {
     out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
@@ -367,7 +410,9 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
                : text("; with what was found undone %.3g: none of the others explains that.",
                       now.per_dof());
     if (!outcomes.readings.empty()) out += " " + outcomes.readings;
-    if (context.usual_steps)
+    if (now.complete() && now.per_dof() > Thresholds::no_noise)
+      out += look_for_mistakes(recording.rig, now);
+    else if (context.usual_steps)
       out +=
           " The rig has no estimate: only poses of sensors and targets and joint offsets were "
           "fitted here. calibrate tries more (the "
@@ -387,22 +432,35 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
   };
   std::stable_sort(by_fits.begin(), by_fits.end(),
                    [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
+  const auto named = [](const Finding& f, const Finding& g) {
+    return g.id == f.id && std::any_of(f.where.begin(), f.where.end(), [&](const std::string& w) {
+             return std::count(g.where.begin(), g.where.end(), w) > 0;
+           });
+  };
   for (Finding& f : by_data)
-    if (std::none_of(by_fits.begin(), by_fits.end(),
-                     [&](const Finding& g) { return g.id == f.id && g.where == f.where; }))
+    if (f.id == "duplicates" ||
+        std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return named(f, g); }))
       by_fits.push_back(std::move(f));
   return by_fits;
 }
 
-Diagnosis examine(Recording recording, TrialContext context) {
-  Diagnosis out;
-  out.tested = {"square",    "rows-columns", "numbering",     "mirrored",    "joint-sign",
-                "degrees",   "still-joint",  "inverted-pose", "eye-in-hand", "swapped-cameras",
-                "rectified", "duplicates",   "disconnected",  "bad-samples"};
-  std::vector<Finding> by_data = find_duplicates(recording.rig, recording.samples), by_fits;
+/// The rig's own numbers and the samples, before any fit.
+std::vector<Finding> examine_data(const Recording& recording, const TrialContext& context) {
+  std::vector<Finding> out = find_implausible(recording.rig, recording.samples);
   const FreedNames freed = freed_names(recording.table, context.all);
-  check_still_joints(recording, freed, by_data);
-  check_connections(recording, freed, context.all.sensors, by_data);
+  check_still_joints(recording, freed, out);
+  check_connections(recording, freed, context.all.sensors, out);
+  return out;
+}
+
+Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
+  Diagnosis out;
+  out.tested = {"square",     "rows-columns", "numbering",     "mirrored",    "joint-sign",
+                "degrees",    "still-joint",  "inverted-pose", "eye-in-hand", "swapped-cameras",
+                "rectified",  "duplicates",   "disconnected",  "bad-samples", "units",
+                "intrinsics", "resolution",   "outside-image", "shifted",     "lag",
+                "wrong-link", "sigma"};
+  std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);
   if (now.complete()) out.chi2 = now.chi2;
@@ -420,10 +478,14 @@ Diagnosis examine(Recording recording, TrialContext context) {
          ++round)
       explain(recording, context, now, true, by_fits);
   }
+  if (by_fits.empty() && !still_joint)
+    if (std::optional<Finding> sigma = wrong_sigmas(recording, context, now))
+      by_fits.push_back(std::move(*sigma));
   if (!good(now) && now.complete() && !still_joint && !context.usual_steps)
     out.readings = joint_noise(recording, context, now);
-  out.verdict = verdict(recording, context, now,
-                        {at_first, !by_data.empty(), !by_fits.empty(), still_joint, out.readings});
+  out.verdict =
+      verdict(recording, context, now,
+              {ended, at_first, !by_data.empty(), !by_fits.empty(), still_joint, out.readings});
   out.findings = ordered(std::move(by_fits), std::move(by_data));
   return out;
 }
@@ -438,7 +500,7 @@ std::optional<Diagnosis> diagnose(const Rig& rig, const Samples& samples,
   context.progress = options.progress;
   try {
     Recording recording = plan_trials(rig, samples, context);
-    return examine(std::move(recording), std::move(context));
+    return examine(std::move(recording), std::move(context), options.ended);
   } catch (const Cancelled&) {
     return std::nullopt;
   }

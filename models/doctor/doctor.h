@@ -34,9 +34,13 @@
 
 namespace kincal {
 
+/// How a calibration ended whose data are diagnosed, for words that agree with that.
+enum class Ended { not_told, cannot_start, not_converged };
+
 struct DoctorOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
+  Ended ended = Ended::not_told;
   /// It is called before each fit with the number of fits done and the number there are to do now;
   /// false cancels.
   std::function<bool(int, int)> progress;

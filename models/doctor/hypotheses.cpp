@@ -21,6 +21,8 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_sides(rig, survey, out);
   add_exchanges(rig, survey, out);
   add_lenses(rig, table, survey, freed, out);
+  add_shifts(rig, samples, survey, out);  // many: last, where bad ones are given up soon
+  add_links(rig, samples, out);
   return out;
 }
 

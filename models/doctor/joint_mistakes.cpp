@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <set>
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -84,6 +86,384 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
     };
     out.push_back(h);
   }
+}
+
+// ------------------------------------------------------------------------------------------------
+// readings and views of other samples
+namespace {
+
+/// A sample has at least this share of the views that it had, or a hypothesis is none.
+constexpr double kKept = 0.8;
+constexpr size_t kFewest = 4;          // samples to be shifted
+constexpr double kOneMotion = 0.5;     // of second to first differences, squared: one motion
+constexpr double kShortestLag = 0.01;  // of the time between samples
+
+using ReadingsOf = std::map<std::string, std::vector<double>>;  // by sample
+
+/// Samples by time if all of them have one, else as they stand in the file.
+std::vector<int> logged_order(const std::vector<Sample>& samples) {
+  std::vector<int> out = indices(samples.size());
+  const auto stamped = [](const Sample& s) { return s.time.has_value(); };
+  if (std::all_of(samples.begin(), samples.end(), stamped))
+    std::stable_sort(out.begin(), out.end(),
+                     [&](int a, int b) { return *samples[a].time < *samples[b].time; });
+  return out;
+}
+
+/// Whether these are readings of all that places a view.
+bool readings_place(const Rig& rig, const View& view, const std::vector<double>& readings) {
+  const Target& target = rig.targets[view.target];
+  const Sensor& sensor = rig.sensors[view.sensor];
+  for (int j : joints_between(rig, sensor.link, target.link < 0 ? rig.base : target.link,
+                              sensor.scanning_joint))
+    if (!std::isfinite(readings[j])) return false;
+  return true;
+}
+
+bool same_readings(const std::vector<double>& a, const std::vector<double>& b) {
+  for (size_t j = 0; j < a.size(); ++j)
+    if (std::isfinite(a[j]) && std::isfinite(b[j]) && std::abs(a[j] - b[j]) > 1e-6) return false;
+  return true;
+}
+
+/// Gives samples other readings; those that have none, and views that miss a joint then, go.
+void replace_readings(const Rig& rig, const ReadingsOf& readings, std::vector<Sample>& samples) {
+  std::vector<Sample> kept;
+  for (Sample& s : samples) {
+    const auto found = readings.find(s.id);
+    if (found == readings.end()) continue;
+    s.readings = found->second;
+    s.views.erase(
+        std::remove_if(s.views.begin(), s.views.end(),
+                       [&](const View& v) { return !readings_place(rig, v, s.readings); }),
+        s.views.end());
+    if (!s.views.empty()) kept.push_back(std::move(s));
+  }
+  samples = std::move(kept);
+}
+
+size_t count_views(const std::vector<Sample>& samples) {
+  size_t out = 0;
+  for (const Sample& s : samples) out += s.views.size();
+  return out;
+}
+
+/// Whether nearly all views are left with other readings.
+bool keeps_views(const Rig& rig, const std::vector<Sample>& samples, const ReadingsOf& readings) {
+  std::vector<Sample> changed = samples;
+  replace_readings(rig, readings, changed);
+  return changed.size() >= kFewest && static_cast<double>(count_views(changed)) >=
+                                          kKept * static_cast<double>(count_views(samples));
+}
+
+Hypothesis shifted(int by, const std::string& what, const std::string& cure) {
+  Hypothesis h;
+  h.id = "shifted";
+  h.mistake = what + (by > 0 ? " belong to the joint readings of the sample after it"
+                             : " belong to the joint readings of the sample before it");
+  h.cure = cure;
+  return h;
+}
+
+/// The views of one sensor, by the sample to whose readings they belong.
+using ViewsOf = std::map<std::string, std::vector<View>>;
+
+void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>& samples,
+                  const std::vector<int>& order, std::vector<Hypothesis>& out) {
+  auto views = std::make_shared<ViewsOf>();
+  size_t all = 0, kept = 0;
+  for (size_t i = 0; i < order.size(); ++i)
+    for (const View& v : samples[order[i]].views) {
+      if (v.sensor != sensor) continue;
+      ++all;
+      const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
+      if (other >= order.size() || !readings_place(rig, v, samples[order[other]].readings))
+        continue;
+      (*views)[samples[order[other]].id].push_back(v);
+      ++kept;
+    }
+  if (kept < kFewest || static_cast<double>(kept) < kKept * static_cast<double>(all)) return;
+  Hypothesis h = shifted(by, "the views of sensor " + quoted(rig.sensors[sensor].name),
+                         "Pair its views with the readings of their own time: its log starts a "
+                         "sample too early or too late.");
+  h.where = {rig.sensors[sensor].name};
+  h.undo = [sensor, views](Rig&, std::vector<Sample>& changed) {
+    for (Sample& s : changed) {
+      s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
+                                   [&](const View& v) { return v.sensor == sensor; }),
+                    s.views.end());
+      const auto found = views->find(s.id);
+      if (found != views->end())
+        s.views.insert(s.views.end(), found->second.begin(), found->second.end());
+    }
+  };
+  out.push_back(std::move(h));
+}
+
+}  // namespace
+
+void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                std::vector<Hypothesis>& out) {
+  const std::vector<int> order = logged_order(samples);
+  if (order.size() <= kFewest) return;
+  for (int by : {1, -1}) {
+    auto readings = std::make_shared<ReadingsOf>();
+    bool moves = false;
+    for (size_t i = 0; i < order.size(); ++i) {
+      const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
+      if (other >= order.size()) continue;
+      (*readings)[samples[order[i]].id] = samples[order[other]].readings;
+      moves = moves || !same_readings(samples[order[i]].readings, samples[order[other]].readings);
+    }
+    if (!moves) return;
+    if (keeps_views(rig, samples, *readings)) {
+      Hypothesis h = shifted(by, "the views of every sample",
+                             "Pair readings and views of the same time: one of the two logs starts "
+                             "a sample too early or too late.");
+      for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+      h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+        replace_readings(r, *readings, changed);
+      };
+      out.push_back(std::move(h));
+    }
+    for (int s : survey.sensors)
+      if (survey.sensors.size() > 1 &&
+          rig.sensors[s].model->measurement_kind() != MeasurementKind::chain)
+        add_shift_of(s, by, rig, samples, order, out);
+  }
+}
+
+// ------------------------------------------------------------------------------------------------
+// a lag in time
+namespace {
+
+/// A LoggedMotion is what the samples show of the robot's movement.
+struct LoggedMotion {
+  std::vector<std::string> ids;
+  std::vector<double> times;                  // ascending
+  std::vector<std::vector<double>> readings;  // by sample and joint
+  bool stamped = false;
+
+  double step() const {
+    return (times.back() - times.front()) / static_cast<double>(times.size() - 1);
+  }
+  /// Readings `lag` later, between the samples by cubics; what lies outside is left out.
+  ReadingsOf later(double lag) const;
+};
+
+ReadingsOf LoggedMotion::later(double lag) const {
+  ReadingsOf out;
+  const size_t n = times.size();
+  for (size_t i = 0; i < n; ++i) {
+    const double t = times[i] + lag;
+    if (t < times.front() || t > times.back()) continue;
+    const size_t above =
+        static_cast<size_t>(std::upper_bound(times.begin(), times.end() - 1, t) - times.begin());
+    const size_t b = std::max<size_t>(1, above), a = b - 1;
+    const double h = times[b] - times[a], x = (t - times[a]) / h;
+    std::vector<double> now(readings[i].size());
+    for (size_t j = 0; j < now.size(); ++j) {
+      const auto slope = [&](size_t k) {
+        const size_t low = k > 0 ? k - 1 : k, high = std::min(k + 1, n - 1);
+        return (readings[high][j] - readings[low][j]) / (times[high] - times[low]);
+      };
+      const double qa = readings[a][j], qb = readings[b][j], y = 1 - x;
+      now[j] = (1 + 2 * x) * y * y * qa + x * x * (3 - 2 * x) * qb +
+               h * x * y * (y * slope(a) - x * slope(b));
+    }
+    out[ids[i]] = std::move(now);
+  }
+  return out;
+}
+
+/// The motion that the samples are of; nothing where they are single postures.
+std::optional<LoggedMotion> steady_motion(const std::vector<Sample>& samples) {
+  LoggedMotion out;
+  const std::vector<int> order = logged_order(samples);
+  if (order.size() < 3 * kFewest) return std::nullopt;
+  out.stamped = samples[0].time && *samples[order.front()].time < *samples[order.back()].time;
+  for (int i : order) {
+    const double t = out.stamped ? *samples[i].time : static_cast<double>(out.times.size());
+    if (!out.times.empty() && !(t > out.times.back())) return std::nullopt;
+    out.times.push_back(t);
+    out.ids.push_back(samples[i].id);
+    out.readings.push_back(samples[i].readings);
+  }
+  double first = 0, second = 0;
+  for (size_t i = 1; i + 1 < order.size(); ++i)
+    for (size_t j = 0; j < out.readings[i].size(); ++j) {
+      const double before = out.readings[i - 1][j], after = out.readings[i + 1][j],
+                   bend = before + after - 2 * out.readings[i][j];
+      if (!std::isfinite(bend)) continue;
+      first += (after - before) * (after - before);
+      second += bend * bend;
+    }
+  if (!(second < kOneMotion * first)) return std::nullopt;
+  return out;
+}
+
+}  // namespace
+
+std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContext& context) {
+  std::optional<LoggedMotion> motion = steady_motion(recording.samples);
+  if (!motion) return std::nullopt;
+  const std::vector<Sample> some = some_samples(recording, context.all.free.size());
+  const double step = motion->step();
+  // At the ends there is nothing to interpolate: the same samples are compared.
+  const ReadingsOf early = motion->later(-2 * step), late = motion->later(2 * step);
+  const auto chi2 = [&](double lag) {
+    ReadingsOf readings = motion->later(lag);
+    for (const std::string& id : motion->ids)
+      if (!early.count(id) || !late.count(id)) readings.erase(id);
+    std::vector<Sample> samples = some;
+    replace_readings(recording.rig, readings, samples);
+    if (samples.size() < kFewest) return kInfinity;
+    const TrialFit f =
+        best_fit(Recording(recording.rig, std::move(samples)), context, context.all, {40, 1e-7});
+    return f.score();
+  };
+  // The best of three, and where their parabola has its least, again and again nearer.
+  double lag = 0, least = chi2(0);
+  const double at_first = least;
+  for (double share : {0.5, 0.2, 0.1, 0.04, 0.01}) {
+    const double h = share * step, middle = lag;
+    const double before = chi2(middle - h), after = chi2(middle + h),
+                 bend = before + after - 2 * least;
+    if (!std::isfinite(bend)) return std::nullopt;
+    const double to_least = bend > 0 ? 0.5 * h * (before - after) / bend : 0,
+                 next =
+                     std::clamp(middle + std::clamp(to_least, -3 * h, 3 * h), -2 * step, 2 * step);
+    for (const auto& [at, there] :
+         {std::pair(middle - h, before), std::pair(middle + h, after), std::pair(next, chi2(next))})
+      if (there < least) lag = at, least = there;
+  }
+  if (!(least < 0.8 * at_first) || std::abs(lag) < kShortestLag * step) return std::nullopt;
+  auto readings = std::make_shared<ReadingsOf>(motion->later(lag));
+  if (!keeps_views(recording.rig, recording.samples, *readings)) return std::nullopt;
+  Hypothesis h;
+  h.id = "lag";
+  h.where = {"joints"};
+  h.mistake = std::string("the joint readings are ") + (lag > 0 ? "older" : "newer") +
+              " than the views of their sample, by " +
+              (motion->stamped ? text("%.4g s", std::abs(lag))
+                               : text("%.3g of the time from sample to sample", std::abs(lag)));
+  h.cure =
+      "Take samples while the robot stands still, or take the readings at the time of the views.";
+  h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+    replace_readings(r, *readings, changed);
+  };
+  return h;
+}
+
+// ------------------------------------------------------------------------------------------------
+// links
+namespace {
+
+/// Other bodies on the way to the root, and up to six joints further out.
+std::vector<int> other_bodies(const Tree& tree, int link) {
+  constexpr int kFurtherOut = 6;
+  std::vector<int> out;
+  const int own = immobile_body(tree, link);
+  for (int l = own; tree.joint_above[l] >= 0;) {
+    l = immobile_body(tree, tree.joints[tree.joint_above[l]].parent);
+    out.push_back(l);
+  }
+  std::vector<int> last = {own};
+  for (int k = 0; k < kFurtherOut; ++k) {
+    std::vector<int> next;
+    for (const Joint& joint : tree.joints)
+      if (joint.moves() && std::count(last.begin(), last.end(), immobile_body(tree, joint.parent)))
+        next.push_back(joint.child);
+    out.insert(out.end(), next.begin(), next.end());
+    last = std::move(next);
+  }
+  return out;
+}
+
+/// What sits on a link of the rig, or of a group of these: sensors, or one target.
+struct Seat {
+  std::vector<int> sensors;
+  int target = -1, link = -1;
+};
+
+/// Whether all samples that show the seat's things have the readings of the joints between two
+/// links, and one of these moves.
+bool readings_move_between(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat,
+                           int link) {
+  const std::vector<int> joints = joints_between(rig, seat.link, link);
+  std::map<int, std::pair<double, double>> ranges;
+  for (const Sample& s : samples)
+    for (const View& v : s.views) {
+      if (v.target != seat.target &&
+          !std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor))
+        continue;
+      for (int j : joints) {
+        if (!std::isfinite(s.readings[j])) return false;
+        auto& range = ranges.insert({j, {s.readings[j], s.readings[j]}}).first->second;
+        range = {std::min(range.first, s.readings[j]), std::max(range.second, s.readings[j])};
+      }
+    }
+  return std::any_of(ranges.begin(), ranges.end(),
+                     [](const auto& r) { return r.second.second - r.second.first > 1e-3; });
+}
+
+/// Whether something that the seat's things see, or are seen by, sits on this body.
+bool faces(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat, int body) {
+  for (const Sample& s : samples)
+    for (const View& v : s.views) {
+      const bool sees = std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor) > 0;
+      if (!sees && v.target != seat.target) continue;
+      const int other = sees ? rig.targets[v.target].link : rig.sensors[v.sensor].link;
+      if (other >= 0 && immobile_body(rig.tree, other) == body) return true;
+    }
+  return false;
+}
+
+std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
+  const Survey survey = make_survey(rig, samples);
+  std::map<int, std::vector<int>> by_link;
+  for (int s : survey.sensors)
+    if (!rig.sensors[s].model->scans()) by_link[rig.sensors[s].link].push_back(s);
+  std::vector<Seat> out;
+  for (const auto& group : by_link) {
+    out.push_back({group.second, -1, group.first});
+    for (int s : group.second)
+      if (group.second.size() > 1) out.push_back({{s}, -1, group.first});
+  }
+  for (int t : survey.targets)
+    if (rig.targets[t].link >= 0) out.push_back({{}, t, rig.targets[t].link});
+  return out;
+}
+
+}  // namespace
+
+void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
+  for (const Seat& seat : seats(rig, samples))
+    for (int link : other_bodies(rig.tree, seat.link)) {
+      if (faces(rig, samples, seat, link) || !readings_move_between(rig, samples, seat, link))
+        continue;
+      Hypothesis h;
+      h.id = "wrong-link";
+      for (int s : seat.sensors) h.where.push_back(rig.sensors[s].name);
+      if (seat.target >= 0) h.where.push_back(rig.targets[seat.target].name);
+      const std::string& name = rig.tree.links[link];
+      h.mistake = std::string(seat.target >= 0     ? "target "
+                              : h.where.size() > 1 ? "sensors "
+                                                   : "sensor ") +
+                  joined(h.where) + (h.where.size() > 1 ? " sit" : " sits") + " on link " +
+                  quoted(name) + " (or what is fixed to it), not on " +
+                  quoted(rig.tree.links[seat.link]);
+      h.cure = "Correct " +
+               (seat.target >= 0 ? "targets." + h.where[0] + ".mount.link"
+                                 : "sensors." + h.where[0] + ".link") +
+               ", and its pose, which counts from there.";
+      h.new_poses = true;
+      h.undo = [seat, link](Rig& r, std::vector<Sample>&) {
+        for (int s : seat.sensors) r.sensors[s].link = link;
+        if (seat.target >= 0) r.targets[seat.target].link = link;
+      };
+      out.push_back(std::move(h));
+    }
 }
 
 }  // namespace kincal

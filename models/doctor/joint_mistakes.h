@@ -1,14 +1,29 @@
-// Mistakes about joint readings. The function appends its hypotheses.
+// Mistakes about joint readings, and about the links that they move. Functions that add append
+// their hypotheses.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "survey.h"
+#include "trial_fits.h"
 
 namespace kincal {
 
 /// Adds joints that turn the other way, that were logged as a constant, whose readings are degrees.
 void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out);
+
+/// Adds readings that belong to the views of the sample before or after, of all sensors or of one.
+void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                std::vector<Hypothesis>& out);
+
+/// Adds sensors and mounted targets that sit on another link of their path: above theirs, or below.
+void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out);
+
+/// Finds by fits how much older or newer readings are than views, in samples of one steady motion,
+/// where these follow each other in time (by their stamps, else evenly). Nothing: they do not, or
+/// no lag lowers chi2.
+std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContext& context);
 
 }  // namespace kincal

@@ -14,6 +14,12 @@ Hypothesis mirrored_points(const std::string& clause, int axis, const std::strin
   return h;
 }
 
+int immobile_body(const Tree& tree, int link) {
+  while (tree.joint_above[link] >= 0 && !tree.joints[tree.joint_above[link]].moves())
+    link = tree.joints[tree.joint_above[link]].parent;
+  return link;
+}
+
 Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
   Survey out;
   std::map<std::pair<int, int>, std::vector<int>> joints;

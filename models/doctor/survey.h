@@ -51,6 +51,10 @@ struct Survey {
   std::map<int, std::set<int>> samples;  // joint: indices of the samples that need it
 };
 
+/// Returns the link that carries `link` without a moving joint between, closest to the root
+/// (floating and planar joints stand still here).
+int immobile_body(const Tree& tree, int link);
+
 /// Makes the survey of these samples.
 Survey make_survey(const Rig& rig, const std::vector<Sample>& samples);
 

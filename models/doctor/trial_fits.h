@@ -25,6 +25,8 @@ struct Thresholds {
   /// What a fit leaves counts as noise if chi2/dof is below this, because the rig's sigmas are
   /// guesses.
   static constexpr double noise = 3;
+  /// No noise and no robot as it is built explains chi2/dof above this.
+  static constexpr double no_noise = 100;
   /// A fit proves the rig's sigmas if chi2/dof is below this.
   static constexpr double clean = 1.3;
   /// A hypothesis is believed if chi2 falls by this factor and the fit then proves the sigmas with

@@ -23,6 +23,8 @@
 
 namespace kincal {
 
+constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
+
 /// A Warning is something to know before the result is used: `id` as in the formats, one warning an
 /// id; a sentence about the worst and how many there are; and the names of all that it is about.
 struct Warning {
@@ -44,6 +46,7 @@ struct NoiseRounds {
 };
 
 struct Report {
+  std::vector<Finding> input;  // what rig and samples show by themselves, before any fit
   Solution solution;
   Residuals residuals;
   std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "../analysis/linearisation.h"
+#include "../doctor/plausibility.h"
 #include "../rig/numbers.h"
 #include "../trials/estimate_noise.h"
 #include "verdict.h"
@@ -51,6 +52,9 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   DoctorOptions doctor;
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
+  const Status status = report.solution.status;
+  if (status == Status::undefined_start) doctor.ended = Ended::cannot_start;
+  if (status == Status::not_converged) doctor.ended = Ended::not_converged;
   const CalibrationOptions& calibration = options.calibration;
   const char* const what = "looking for mistakes";
   doctor.progress = [&](int done, int of) {
@@ -170,7 +174,10 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   if (options.diagnose) {
     const Recording& recording = *report.solution.recording;
     add_diagnosis(recording.rig, recording.samples, options, report);
-    if (!report.diagnosis->findings.empty()) return;
+    const std::vector<Finding>& findings = report.diagnosis->findings;
+    if (std::any_of(findings.begin(), findings.end(),
+                    [](const Finding& f) { return f.id != "sigma" && f.id != "outside-image"; }))
+      return;
     report.diagnosis.reset();
   }
   NoiseRounds rounds;
@@ -314,6 +321,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                             const StudyOptions& options) {
   Report report;
+  report.input = find_implausible(recording->rig, recording->samples);
   try {
     const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
     const std::shared_ptr<const Recording> given =

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -11,12 +12,13 @@ namespace {
 
 constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas: at most so unlike
 constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
+constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 
 const Finding* decisive_finding(const Report& report) {
   if (report.diagnosis)
     for (const Finding& f : report.diagnosis->findings)
-      if (f.chi2_corrected) return &f;
+      if (f.chi2_corrected && f.id != "sigma") return &f;
   return nullptr;
 }
 
@@ -39,6 +41,24 @@ double alike(const Report& report) {
   return squares > 0 ? products / squares : 0;
 }
 
+/// Whether a few residuals of a sensor are far larger than its others: the middle one is far below
+/// the root mean square. (Of noise it is two thirds of it.)
+bool few_are_far(const Report& report) {
+  std::map<int, std::pair<std::vector<double>, Mean>> by_sensor;  // sizes, squares
+  for (const ViewResiduals& v : report.residuals.after) {
+    if (!report.solution.samples()[v.sample].train || !v.whitened.allFinite()) continue;
+    auto& sizes = by_sensor[v.view->sensor];
+    for (double r : v.whitened) {
+      sizes.first.push_back(std::abs(r));
+      sizes.second.sum += r * r;
+      ++sizes.second.count;
+    }
+  }
+  return std::any_of(by_sensor.begin(), by_sensor.end(), [](const auto& s) {
+    return median(s.second.first) < kMiddleOfTails * std::sqrt(s.second.second.value());
+  });
+}
+
 /// What is unlike noise of one size in the residuals; "": nothing. (Sensors by their noise levels:
 /// a chain's few residuals are small beside many corners that decide where its target is.)
 std::string uneven(const Report& report) {
@@ -56,6 +76,7 @@ std::string uneven(const Report& report) {
     return "errors of " + worst->of + text(" are %.3g times its sigma, those of ", times(worst)) +
            best->of + text(" %.3g times", times(best));
   if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
+  if (few_are_far(report)) return "a few points have far larger residuals than the others";
   if (alike(report) > kAlike) return "neighbouring points err alike";
   return "";
 }
@@ -170,8 +191,9 @@ std::string why_unexplained(const Report& report) {
     return begin + "It is not the noise of the sensors (" + unlike +
            "), and none of the usual mistakes. " + report.diagnosis->readings;
   return begin + "A mistake is likelier than noise stated too small (" + unlike +
-         "), but none that is usually made: look at what fits worst (its sigma may be stated too "
-         "small), calibrate without it, free what else may be wrong";
+         "), but none that is usually made: look at what fits worst (its link, its target, units; "
+         "its sigma may be stated too small), calibrate without it, and look for mistakes before "
+         "more is freed";
 }
 
 Verdict verdict(const Report& report) {

@@ -7,6 +7,8 @@
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "cases.h"
+#include "input_warnings.h"
 #include "trial_warnings.h"
 
 namespace kincal {
@@ -14,26 +16,6 @@ namespace {
 
 constexpr size_t kShown = kNamed;
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
-
-/// One case of what a warning is about: how bad it is orders them.
-struct Case {
-  std::string name, text;
-  double size = 0;
-};
-
-/// Warns once of all cases: of one in its own words; of several how many there are, `what` they are
-/// ("parameters above 3 sigmas"), the worst one's words and the names of the next.
-void warn(const char* id, const char* what, std::vector<Case> cases, Warnings& out) {
-  if (cases.empty()) return;
-  std::stable_sort(cases.begin(), cases.end(),
-                   [](const Case& a, const Case& b) { return a.size > b.size; });
-  Warning warning{id, cases[0].text, {}};
-  for (const Case& c : cases) warning.names.push_back(c.name);
-  if (cases.size() > 1)
-    warning.text = std::to_string(cases.size()) + " " + what + ", worst " + cases[0].text +
-                   "; then " + listed({warning.names.begin() + 1, warning.names.end()}, kShown - 2);
-  out.push_back(std::move(warning));
-}
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
 /// more, and by four of its standard deviations, sqrt(2/dof).
@@ -117,22 +99,6 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
   warn("ambiguous_start", "pairs of poses are ambiguous", std::move(ambiguous), out);
 }
 
-/// Bodies that no training sample shows, one warning for those with a pose in the rig and one for
-/// the others.
-void warn_of_unseen(const Solution& solution, Warnings& out) {
-  const UnseenPoses unseen = unseen_poses(solution);
-  const auto warn = [&](const std::vector<int>& poses, const char* words) {
-    std::string list;
-    for (const int p : poses) list += (list.empty() ? "" : ", ") + solution.table().all[p].name;
-    if (!list.empty())
-      out.push_back(
-          {"never_seen", list + ": no training sample shows what has this pose; " + words, {}});
-  };
-  warn(unseen.open,
-       "nothing is known of it, and of what depends on it (in the result it is the identity)");
-  warn(unseen.given, "it keeps the rig's value, which predictions take as exact");
-}
-
 void warn_of_undefined(const Residuals& residuals, Warnings& out) {
   std::vector<Case> before, after;
   for (const UndefinedSample& sample : residuals.undefined)
@@ -169,9 +135,12 @@ void warn_of_steps(const Report& report, Warnings& out) {
   for (const StepResult& s : solution.steps) {
     if (s.converged || s.repeated) continue;
     std::string what = "free less, in more steps, or start nearer to the truth";
-    if (report.diagnosis && !report.diagnosis->findings.empty()) {
-      const Finding& first = report.diagnosis->findings[0];
-      what = "first look at " + first.id + ": " + first.text;
+    if (const Finding* first = first_mistake(report)) {
+      what = "first look at " + first->id + ": " + first->text;
+    } else if (has_redescending_loss(solution, s.name)) {
+      what =
+          "converge first with loss huber or none, in a step before this one: from a rough start "
+          "this loss leaves out what is right as well";
     } else if (!report.outliers.empty()) {
       what = "a calibration that rejects outliers takes them out, or look at the samples named";
     }
@@ -455,7 +424,7 @@ void warn_of_widths(const Report& report, Warnings& out) {
                                group.factor),
                       group.factor});
   warn("width", "groups are much worse than usual", std::move(wide), out);
-  if (report.gears_gain > kSpeaking)
+  if (report.gears_gain > kSpeaking && report.unexplained.empty())
     out.push_back({"gears",
                    text("the data speak for other gear ratios than stated (log evidence "
                         "%.0f), which were not estimated: predicted errors may be too "
@@ -489,6 +458,16 @@ void warn_of_noise(const Report& report, Warnings& out) {
                         std::to_string(report.noise_estimated->count) +
                         " rounds and still moves: what the model lacks is taken for noise, now of "
                         "this and now of that");
+  std::vector<std::string> kept;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (std::isnan(level.seen) && level.assumed > 0)
+      kept.push_back(level.of + (level.part.empty() ? "" : " " + level.part) +
+                     text(" (%.3g ", level.assumed) + level.unit + ")");
+  if (!kept.empty() && !std::isfinite(report.noise_estimated->stated)) {
+    sentences.push_back("these data do not determine the noise of " + listed(kept, kShown) +
+                        ": what is stated was kept");
+    names.insert(names.end(), kept.begin(), kept.end());
+  }
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
       sentences.push_back(level.of + ": " + std::to_string(level.own_views) +
@@ -527,12 +506,14 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged",  "unobservable",    "unexplained",   "undefined",
-      "outlier_sample", "outlier_view",    "outlier_point", "no_consensus",
-      "chi2",           "joint_error",     "joint_noise",   "noise",
-      "prior",          "sigma",           "minima",        "given_pose",
-      "no_start",       "ambiguous_start", "moved",         "identity",
-      "unfinished",     "joint_model",     "no_effect",     "undefined_before"};
+      "not_converged",  "unobservable",    "unexplained",     "implausible",
+      "outside_image",  "duplicates",      "few_data",        "undefined",
+      "outlier_sample", "outlier_view",    "outlier_point",   "no_consensus",
+      "chi2",           "joint_error",     "joint_noise",     "noise",
+      "prior",          "sigma",           "minima",          "given_pose",
+      "rescaled",       "no_start",        "ambiguous_start", "moved",
+      "identity",       "unfinished",      "joint_model",     "no_effect",
+      "unused_prior",   "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -541,7 +522,8 @@ size_t rank(const Warning& warning) {
 /// else follows from it.
 void keep_first_cause(Warnings& all) {
   const auto may_cause = [](const Warning& w) {
-    for (const char* id : {"outlier_", "no_consensus", "no_start", "ambiguous_start", "identity"})
+    for (const char* id : {"implausible", "outside_image", "outlier_", "no_consensus", "no_start",
+                           "ambiguous_start", "identity"})
       if (w.id.rfind(id, 0) == 0) return true;
     return false;
   };
@@ -556,7 +538,10 @@ void keep_first_cause(Warnings& all) {
 std::vector<Warning> warnings(const Report& report) {
   Warnings out;
   warn_of_starts(report.solution, out);
+  warn_of_input(report.input, out);
+  warn_of_few_data(report.solution, out);
   warn_of_unseen(report.solution, out);
+  warn_of_unused_priors(report.solution, out);
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
   warn_of_directions(report, out);
@@ -567,6 +552,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_joint_noise(report, out);
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
+  warn_of_rescaled(report.solution, out);
   warn_of_parameters(report.solution, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {

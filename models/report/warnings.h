@@ -2,14 +2,11 @@
 // is otherwise complete.
 #pragma once
 
-#include <cstddef>
 #include <vector>
 
 #include "report.h"
 
 namespace kincal {
-
-constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 
 /// Both return one warning of a kind, what matters most first; where a step did not converge only
 /// that and its first likely cause, of which everything else may come.

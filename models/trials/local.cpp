@@ -354,8 +354,12 @@ Estimate estimate_offsets(const Recording& recording, const std::vector<int>& jo
                           const LocalOptions& options, std::vector<Near>& near) {
   Estimate out;
   out.offsets = VectorXd::Zero(static_cast<Eigen::Index>(joints.size()));
+  size_t done = 0;
   for (int pass = 0; pass < 3; ++pass) {
-    for (Near& n : near) linearise(recording, joints, out.offsets, options.noise, n);
+    for (Near& n : near) {
+      options.tell(static_cast<double>(done++), 3 * near.size());
+      linearise(recording, joints, out.offsets, options.noise, n);
+    }
     out.choice = choose(near, options.within);
     out.sums = sum(near, out.choice.bandwidth);
     out.offsets = Cholesky(regular(out.sums.w, out.choice.ridge())).solve(out.sums.g);

@@ -53,6 +53,7 @@
 // for having chosen h and the radius.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -70,7 +71,12 @@ using LocalPosture = std::map<int, double>;
 
 struct LocalOptions {
   NoiseMode noise = NoiseMode::latent;
-  double within = 1;  // rad, m: samples further away take no part
+  double within = 1;                     // rad, m: samples further away take no part
+  std::function<void(double)> progress;  // called with the share that is done
+
+  void tell(double done, size_t of) const {
+    if (progress) progress(done / static_cast<double>(of));
+  }
 };
 
 struct LocalOffset {

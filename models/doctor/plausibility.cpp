@@ -1,0 +1,257 @@
+#include "plausibility.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+#include "data_checks.h"
+#include "survey.h"
+
+namespace kincal {
+namespace {
+
+// Nothing that a robot is calibrated with is as large (m), no board has such fields (m).
+constexpr double kFarAway = 200, kFarMounted = 50, kLargeSquare = 2, kSmallSquare = 0.0005;
+// Multiples of a joint's limits, and turns of one without, beyond which readings are degrees.
+constexpr double kBeyondLimits = 3, kManyTurns = 8;
+// What is seen of the resolution if all points lie in a corner.
+constexpr double kCorner = 0.52, kFilled = 0.35;
+constexpr size_t kEnoughViews = 8;
+
+Finding implausible(const char* id, const std::string& where, const std::string& words) {
+  Finding f;
+  f.id = id;
+  f.where = {where};
+  f.text = words;
+  return f;
+}
+
+/// Where a camera's points lie.
+struct PointCloud {
+  size_t points = 0, views = 0, outside = 0, outside_turned = 0;
+  double right = -kInfinity, low = -kInfinity;  // the largest u and v
+  double beyond = 0, u = 0, v = 0;              // of the point furthest outside, px
+  std::string sample;
+};
+
+/// How far a point lies outside of an image whose pixels have their centres at integers; 0: inside.
+double pixels_outside(double u, double v, int width, int height) {
+  return std::max({0.0, -0.5 - u, u - (width - 0.5), -0.5 - v, v - (height - 0.5)});
+}
+
+std::vector<PointCloud> point_clouds(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<PointCloud> out(rig.sensors.size());
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views) {
+      const Sensor& sensor = rig.sensors[view.sensor];
+      const int width = sensor.image_width, height = sensor.image_height;
+      if (sensor.model->measurement_kind() != MeasurementKind::rays || width <= 0) continue;
+      PointCloud& cloud = out[view.sensor];
+      ++cloud.views;
+      for (size_t i = 0; i + 1 < view.z.size(); i += 2) {
+        const double u = view.z[i], v = view.z[i + 1], beyond = pixels_outside(u, v, width, height);
+        ++cloud.points;
+        cloud.outside += beyond > 0;
+        cloud.outside_turned += pixels_outside(u, v, height, width) > 0;
+        cloud.right = std::max(cloud.right, u);
+        cloud.low = std::max(cloud.low, v);
+        if (!(beyond > cloud.beyond)) continue;
+        cloud.beyond = beyond;
+        cloud.u = u;
+        cloud.v = v;
+        cloud.sample = sample.id;
+      }
+    }
+  return out;
+}
+
+void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+  const std::vector<PointCloud> clouds = point_clouds(rig, samples);
+  for (size_t s = 0; s < clouds.size(); ++s) {
+    const PointCloud& cloud = clouds[s];
+    const Sensor& sensor = rig.sensors[s];
+    const int width = sensor.image_width, height = sensor.image_height;
+    if (cloud.outside > 0) {
+      const bool turned = cloud.outside_turned == 0 && width != height;
+      const bool larger = 5 * cloud.outside > cloud.points && cloud.right < 2 * width &&
+                          cloud.low < 2 * height && cloud.right > 1.3 * width;
+      out.push_back(implausible(
+          "outside-image", sensor.name,
+          "Of camera " + quoted(sensor.name) +
+              text(" %zu of %zu points lie outside its image of %d x %d pixels, the worst by %.3g "
+                   "px, at (%.5g, %.5g) in sample ",
+                   cloud.outside, cloud.points, width, height, cloud.beyond, cloud.u, cloud.v) +
+              quoted(cloud.sample) + ". " +
+              (turned   ? "Inside of it lie all if width and height are exchanged: correct "
+                          "image_size, or exchange u and v of the points"
+               : larger ? "They look like points of an image twice as large: make points, "
+                          "image_size and intrinsics those of one resolution"
+                        : "Correct image_size, or take them out: no image shows them")));
+    } else if (cloud.views >= kEnoughViews && cloud.right < kCorner * width &&
+               cloud.low < kCorner * height && cloud.right > kFilled * width &&
+               cloud.low > kFilled * height) {
+      out.push_back(implausible(
+          "resolution", sensor.name,
+          "All points of camera " + quoted(sensor.name) +
+              text(" lie in the upper left quarter of its image of %d x %d pixels: they are of "
+                   "images of half that size, or image_size is not what was detected in. Make "
+                   "points, image_size and intrinsics those of one resolution",
+                   width, height)));
+    }
+  }
+}
+
+/// fx fy cx cy.
+using Intrinsics = std::array<double, 4>;
+
+bool plausible(const Intrinsics& k, int width, int height, double margin) {
+  return k[0] > 0 && k[1] > 0 && std::max(k[0], k[1]) < 1.25 * std::min(k[0], k[1]) &&
+         std::abs(k[2] - 0.5 * width) < margin * width &&
+         std::abs(k[3] - 0.5 * height) < margin * height;
+}
+
+void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
+  const ParameterBlock* block = find_block(sensor, ParameterKind::intrinsics);
+  const int width = sensor.image_width, height = sensor.image_height;
+  if (!block || block->values.size() != 4 || width <= 0) return;
+  const Intrinsics k = {block->values[0], block->values[1], block->values[2], block->values[3]};
+  if (plausible(k, width, height, 0.3)) return;
+  const std::string given = text("[%.5g, %.5g, %.5g, %.5g]", k[0], k[1], k[2], k[3]);
+  const std::string begin = "The intrinsics of camera " + quoted(sensor.name) + ", " + given +
+                            text(", do not suit its image of %d x %d pixels: ", width, height);
+  const std::pair<Intrinsics, const char*> orders[] = {{{k[0], k[2], k[1], k[3]}, "fx cx fy cy"},
+                                                       {{k[2], k[3], k[0], k[1]}, "cx cy fx fy"},
+                                                       {{k[0], k[1], k[3], k[2]}, "fx fy cy cx"}};
+  for (const auto& order : orders)
+    if (plausible(order.first, width, height, 0.15)) {
+      out.push_back(implausible("intrinsics", sensor.name,
+                                begin + "they are " + order.second +
+                                    " there. Write them as fx, fy, cx, cy" +
+                                    text(": [%.5g, %.5g, %.5g, %.5g]", order.first[0],
+                                         order.first[1], order.first[2], order.first[3])));
+      return;
+    }
+  const double times = 2 * k[2] / width;
+  if (times > 0 && std::abs(std::log(times)) > std::log(1.5) &&
+      plausible({k[0] / times, k[1] / times, k[2] / times, k[3] / times}, width, height, 0.05))
+    out.push_back(
+        implausible("intrinsics", sensor.name,
+                    begin + text("they are of an image %.3g times as large. Make them and "
+                                 "image_size those of one resolution",
+                                 times)));
+  else if (!(k[2] > -0.5 && k[2] < width - 0.5 && k[3] > -0.5 && k[3] < height - 0.5))
+    out.push_back(implausible("intrinsics", sensor.name,
+                              begin +
+                                  "their principal point (cx, cy) lies outside of it. Write them "
+                                  "as fx, fy, cx, cy, and correct image_size"));
+}
+
+void check_lengths(const Rig& rig, std::vector<Finding>& out) {
+  for (const Target& target : rig.targets) {
+    const bool small = target.grid && target.square > 0 && target.square < kSmallSquare;
+    if (target.grid && (small || target.square > kLargeSquare))
+      out.push_back(implausible(
+          "square", target.name,
+          "The fields of target " + quoted(target.name) +
+              text(" are %.4g m large in the rig. ", target.square) +
+              (small ? "Measure, and write metres"
+                     : text("Write metres: millimetres would be %.4g", target.square / 1000))));
+    if (!target.grid && target.points.cols() > 0 &&
+        target.points.cwiseAbs().maxCoeff() > kFarMounted)
+      out.push_back(implausible("square", target.name,
+                                "Points of target " + quoted(target.name) +
+                                    text(" are %.4g m from its origin in the rig. Write metres: "
+                                         "millimetres have to be divided by 1000",
+                                         target.points.cwiseAbs().maxCoeff())));
+  }
+  const auto mounted = [&](const std::string& what, const std::string& name, const Pose& pose) {
+    if (pose.translation.norm() > kFarMounted)
+      out.push_back(implausible("units", name,
+                                what + " " + quoted(name) +
+                                    text(" stands %.4g m from its link in the rig. Write metres: "
+                                         "millimetres have to be divided by 1000",
+                                         pose.translation.norm())));
+  };
+  for (const Sensor& s : rig.sensors) mounted("Sensor", s.name, s.link_T_sensor);
+  for (const Target& t : rig.targets)
+    if (t.link >= 0) mounted("Target", t.name, t.link_T_target);
+  for (const Joint& joint : rig.tree.joints)
+    if (joint.parent_T_joint.translation.norm() > kFarMounted) {
+      out.push_back(implausible(
+          "units", joint.name,
+          "Joint " + quoted(joint.name) +
+              text(" stands %.4g m from its parent link in the URDF. Write metres: millimetres "
+                   "have to be divided by 1000",
+                   joint.parent_T_joint.translation.norm())));
+      break;
+    }
+}
+
+/// Measured points or positions, of which more than half are further away than anything.
+void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
+                            std::vector<Finding>& out) {
+  std::vector<std::vector<double>> distances(rig.sensors.size());
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views) {
+      const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
+      if (rig.sensors[view.sensor].model->scans()) continue;
+      const size_t end = kind == MeasurementKind::points ? view.z.size()
+                         : kind == MeasurementKind::pose ? std::min<size_t>(3, view.z.size())
+                                                         : 0;
+      for (size_t i = 0; i + 2 < end; i += 3)
+        distances[view.sensor].push_back(std::hypot(view.z[i], view.z[i + 1], view.z[i + 2]));
+    }
+  for (size_t s = 0; s < distances.size(); ++s) {
+    const double middle = median(std::move(distances[s]), 0);
+    if (middle > kFarAway)
+      out.push_back(implausible("square", rig.sensors[s].name,
+                                "Sensor " + quoted(rig.sensors[s].name) +
+                                    text(" measures points %.4g m away. Write metres into its "
+                                         "views: millimetres have to be divided by 1000",
+                                         middle)));
+  }
+}
+
+void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+  std::vector<std::string> names;
+  double worst = 0;
+  for (const auto& range : make_survey(rig, samples).ranges) {
+    const Joint& joint = rig.tree.joints[range.first];
+    if (joint.type != JointType::revolute && joint.type != JointType::continuous) continue;
+    const bool limited = joint.type == JointType::revolute && joint.upper > joint.lower;
+    const double reach = std::max(std::abs(joint.lower), std::abs(joint.upper));
+    const double allowed =
+        limited ? std::max(2 * kPi, kBeyondLimits * reach) : kManyTurns * 2 * kPi;
+    const double most = std::max(std::abs(range.second.first), std::abs(range.second.second));
+    if (!(most > allowed)) continue;
+    names.push_back(joint.name);
+    worst = std::max(worst, most);
+  }
+  if (names.empty()) return;
+  Finding f = implausible("degrees", "",
+                          std::string("Joint") + (names.size() == 1 ? " " : "s ") + joined(names) +
+                              (names.size() == 1 ? " has" : " have") +
+                              text(" readings of up to %.4g rad. Write radians: degrees have to be "
+                                   "multiplied by pi / 180",
+                                   worst));
+  f.where = names;
+  out.push_back(std::move(f));
+}
+
+}  // namespace
+
+std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<Finding> out;
+  check_lengths(rig, out);
+  check_measured_lengths(rig, samples, out);
+  check_angles(rig, samples, out);
+  for (const Sensor& sensor : rig.sensors) check_intrinsics(sensor, out);
+  check_images(rig, samples, out);
+  for (Finding& f : out) f.text += ".";
+  for (Finding& f : find_duplicates(rig, samples)) out.push_back(std::move(f));
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,209 @@
+#include "input_warnings.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "../analysis/frames.h"
+#include "../rig/numbers.h"
+#include "cases.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kRescaled = 2;  // times: no length of a robot is as wrong, but for a unit
+constexpr int kRigid = 6;        // so many numbers say where a rigid thing is
+
+/// Whether a parameter says where something is.
+bool is_placing(ParameterKind kind) {
+  return kind == ParameterKind::joint_offset || kind == ParameterKind::joint_scale ||
+         kind == ParameterKind::joint_shape || kind == ParameterKind::joint_origin ||
+         kind == ParameterKind::sensor_pose || kind == ParameterKind::target_pose;
+}
+
+/// How many numbers say where sensors and targets are to each other: at most six a view, less those
+/// that a free target takes.
+long placing_numbers(const Solution& solution) {
+  const std::vector<int>& sensors = solution.setup.sensors;
+  long out = 0;
+  for (int i : solution.training()) {
+    std::map<int, long> by_target;
+    for (const View& view : solution.samples()[i].views) {
+      if (std::find(sensors.begin(), sensors.end(), view.sensor) == sensors.end()) continue;
+      const SensorModel& model = *solution.rig().sensors[view.sensor].model;
+      const long rows = model.rows() * model.blocks(static_cast<int>(view.ids.size()));
+      by_target[view.target] += model.scans() ? rows : std::min<long>(kRigid, rows);
+    }
+    for (const auto& target : by_target)
+      out += std::max(0L,
+                      target.second - (solution.rig().targets[target.first].link < 0 ? kRigid : 0));
+  }
+  return out;
+}
+
+Warning warning_of(const char* id, const std::vector<const Finding*>& findings) {
+  Warning out{id, "", {}};
+  for (const Finding* f : findings) {
+    out.text += (out.text.empty() ? "" : " ") + f->text;
+    out.names.insert(out.names.end(), f->where.begin(), f->where.end());
+  }
+  if (!out.text.empty() && out.text.back() == '.') out.text.pop_back();
+  return out;
+}
+
+}  // namespace
+
+void warn_of_input(const std::vector<Finding>& input, Warnings& out) {
+  std::vector<const Finding*> implausible, outside, twice;
+  for (const Finding& f : input)
+    (f.id == "duplicates" ? twice : f.id == "outside-image" ? outside : implausible).push_back(&f);
+  if (!implausible.empty()) out.push_back(warning_of("implausible", implausible));
+  if (!outside.empty()) out.push_back(warning_of("outside_image", outside));
+  if (twice.empty()) return;
+  const Finding* worst = *std::max_element(
+      twice.begin(), twice.end(),
+      [](const Finding* a, const Finding* b) { return a->where.size() < b->where.size(); });
+  Warning duplicates = warning_of("duplicates", twice);
+  duplicates.text = worst->text;
+  if (twice.size() > 1)
+    duplicates.text = std::to_string(duplicates.names.size()) + " samples are " +
+                      std::to_string(twice.size()) +
+                      " measurements under several ids each, worst: " + worst->text;
+  duplicates.text.pop_back();
+  out.push_back(std::move(duplicates));
+}
+
+void warn_of_few_data(const Solution& solution, Warnings& out) {
+  std::set<Component> held;
+  for (const Prior& p : solution.setup.priors) held.insert({p.parameter, p.component});
+  long unknowns = 0;
+  for (const Component& c : solution.columns)
+    unknowns += is_placing(solution.table().all[c.parameter].kind) && !held.count(c);
+  const long numbers = placing_numbers(solution);
+  const size_t samples = solution.training().size();
+  const std::string of_samples =
+      std::to_string(samples) + " training sample" + (samples == 1 ? "" : "s");
+  if (unknowns > 0 && numbers <= unknowns)
+    out.push_back(
+        {"few_data",
+         of_samples +
+             text(": %ld numbers say where things are to each other (six a view at most)"
+                  ", for %ld unknowns without a prior: ",
+                  numbers, unknowns) +
+             (numbers == unknowns ? "nothing is left to judge them by" : "that is too few") +
+             ". Record more postures, or free less",
+         {}});
+  else if (!(solution.dof_data > 0) && !solution.columns.empty())
+    out.push_back({"few_data",
+                   of_samples +
+                       " have no more measured numbers than there are unknowns: nothing is left to "
+                       "judge these by. Record more, or free less",
+                   {}});
+}
+
+void warn_of_unseen(const Solution& solution, Warnings& out) {
+  const UnseenPoses unseen = unseen_poses(solution);
+  std::set<int> held_out;
+  for (const Sample& sample : solution.samples())
+    for (const View& view : sample.views)
+      held_out.insert(
+          {solution.table().sensor_pose[view.sensor], solution.table().target_pose[view.target]});
+  Warning all{"never_seen", "", {}};
+  const auto add = [&](const std::vector<int>& poses, bool shown, const std::string& words) {
+    std::string list;
+    for (const int p : poses) {
+      if ((held_out.count(p) > 0) != shown) continue;
+      list += (list.empty() ? "" : ", ") + solution.table().all[p].name;
+      all.names.push_back(solution.table().all[p].name);
+    }
+    if (!list.empty())
+      all.text += (all.text.empty() ? "" : ". ") + list +
+                  (shown ? ": only held-out samples show what has this pose; "
+                         : ": no training sample shows what has this pose; ") +
+                  words;
+  };
+  const char* const kept = "it keeps the rig's value, which predictions take as exact";
+  add(unseen.open, false,
+      "nothing is known of it, and of what depends on it (in the result it is the identity)");
+  add(unseen.given, false, kept);
+  add(unseen.open, true,
+      "they are judged with a pose of their own, and the result has none (it is the identity)");
+  add(unseen.given, true, kept);
+  if (!all.text.empty()) out.push_back(std::move(all));
+}
+
+void warn_of_unused_priors(const Solution& solution, Warnings& out) {
+  const ParameterTable& table = solution.table();
+  std::set<Component> estimated(solution.columns.begin(), solution.columns.end());
+  if (solution.prediction)
+    estimated.insert(solution.prediction->columns.begin(), solution.prediction->columns.end());
+  for (const ParameterEstimate& e : solution.parameters)
+    for (size_t c = 0; c < e.freed.size(); ++c)
+      if (e.freed[c]) estimated.insert({e.parameter, static_cast<int>(c)});
+  std::vector<PriorSetting> priors = solution.rig().priors;
+  if (!solution.prediction)
+    for (const Step& step : solution.rig().steps)
+      priors.insert(priors.end(), step.priors.begin(), step.priors.end());
+  Warning unused{"unused_prior", "", {}};
+  for (const PriorSetting& prior : priors) {
+    bool used = false;
+    for (const Component& c : components_of(table.select(prior.pattern)))
+      used = used || estimated.count(c) > 0;
+    if (!used && std::count(unused.names.begin(), unused.names.end(), prior.pattern) == 0)
+      unused.names.push_back(prior.pattern);
+  }
+  if (unused.names.empty()) return;
+  unused.text = "the prior on " + listed(unused.names, kNamed) +
+                " changes nothing: no measurement of the training depends on what it is about, "
+                "which keeps the rig's value";
+  out.push_back(std::move(unused));
+}
+
+void warn_of_rescaled(const Solution& solution, Warnings& out) {
+  std::vector<Case> cases;
+  const auto add = [&](const std::string& name, double given, double value,
+                       const std::string& unit) {
+    const double factor = std::abs(value / given);
+    if (!(given != 0) || !(std::max(factor, 1 / factor) > kRescaled)) return;
+    cases.push_back({name,
+                     name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
+                         unit + text(" in the rig (%.4g times): ", factor) +
+                         "correct the rig, is its unit right?",
+                     std::abs(std::log(factor))});
+  };
+  for (const ParameterEstimate& e : solution.parameters) {
+    const ParameterKind kind = solution.table().all[e.parameter].kind;
+    const auto length = [](const std::vector<double>& v) {
+      double sum = 0;
+      for (double x : v) sum += x * x;
+      return std::sqrt(sum);
+    };
+    if (kind == ParameterKind::points)
+      add(e.name, length(e.initial), length(e.value), " m");
+    else if (kind == ParameterKind::square)
+      add(e.name, e.initial[0], e.value[0], " m");
+    else if (kind == ParameterKind::intrinsics)
+      for (size_t c = 0; c < 2 && c < e.value.size(); ++c)
+        add(e.component_name(c), e.initial[c], e.value[c], " px");
+  }
+  warn("rescaled", "numbers are others altogether than the rig says", std::move(cases), out);
+}
+
+const Finding* first_mistake(const Report& report) {
+  if (!report.diagnosis) return nullptr;
+  for (const Finding& f : report.diagnosis->findings)
+    if (f.id != "duplicates" && f.id != "outside-image" && f.id != "sigma") return &f;
+  return nullptr;
+}
+
+bool has_redescending_loss(const Solution& solution, const std::string& name) {
+  for (const Step& step : solution.rig().steps)
+    if (step.name == name)
+      return step.loss &&
+             (step.loss->kind == LossKind::tukey || step.loss->kind == LossKind::cauchy);
+  return false;
+}
+
+}  // namespace kincal
