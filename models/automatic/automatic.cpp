@@ -458,10 +458,12 @@ VectorXd start_factors(const AutomaticGroups& groups) {
   return VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
 }
 
-/// Why nothing can be estimated.
-std::string nothing_free(const Recording& recording, const AutomaticOptions& options) {
+/// Why nothing can be estimated. `no_evidence`: no mount is free, and all else was held for want of
+/// evidence that it is off.
+std::string nothing_free(const Recording& recording, const AutomaticOptions& options,
+                         bool no_evidence) {
   std::string out = "nothing can be estimated";
-  if (!options.fix.empty() || !options.groups.without.empty())
+  if (!no_evidence && (!options.fix.empty() || !options.groups.without.empty()))
     return out + ": all that could be wrong is held on demand";
   std::map<int, std::set<int>> sensors;  // that see a free target
   for (const Sample& s : recording.samples)
@@ -474,7 +476,9 @@ std::string nothing_free(const Recording& recording, const AutomaticOptions& opt
              quoted(recording.rig.sensors[*seen.second.begin()].name) +
              " alone: its own pose in every sample explains all that this sees. Mount it "
              "(`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it";
-  return out + "; no measurement depends on a mount, joint, lens or size that is not held";
+  return out + (no_evidence ? "; no mount is free, and there is no evidence that anything else is "
+                              "off its nominal value"
+                            : "; no measurement depends on a mount, joint, lens or size");
 }
 
 /// The options of a calibration with such steps: what `fix` names is in none of them.
@@ -535,7 +539,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   AutomaticCalibration out;
   AutomaticGroups groups = groups_of(recording, options);
   if (steps_of(recording, groups, start_factors(groups), {}).empty())
-    throw std::invalid_argument(nothing_free(recording, options));
+    throw std::invalid_argument(nothing_free(recording, options, false));
   const VectorXd ones = start_factors(groups);
   const CalibrationOptions run = plain(options);
   Solution& solution = out.solution;
@@ -572,6 +576,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     if (holding.held[i]) held.push_back(learned.columns[i]);
   const std::shared_ptr<const Recording> final =
       with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
+  if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, options, true));
   VectorXd start = learned.values.shared;
   put_back(recording.table, solution.initial, learned.columns, holding.held, start);
   const Solution mounts = std::move(solution);

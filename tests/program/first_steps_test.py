@@ -334,6 +334,25 @@ class Words(Case):
         for part in ("unknown model 'plumbbob'; nearest: plumb_bob", "valid: pinhole (no distortion), brown_conrady (k1 k2 p1 p2 k3", "ROS calls it equidistant"):
             self.assertIn(part, text)
 
+    def test_a_free_board_that_one_camera_sees_alone(self):
+        """Its own pose in every sample explains everything: what to do is said, wherever it ends."""
+        self.simulate()
+        free = BY_POSE.replace("mount: {link: wall}", "mount: free")
+        result = self.calibrate(free, code=2)
+        for text in (result["verdict"]["text"], self.printed):
+            self.assertIn("mount board on the link that carries it (the base, if nothing moves), or let a second sensor see it", text)
+        self.assertIn("Mount 'board' (`mount: {link: NAME}`) on the link that carries it", self.kincal("check", "out.yaml", "sim/samples.jsonl"))
+        text = self.kincal("calibrate", "out.yaml", "sim/samples.jsonl", "--out", "no", "--no-group", "*", "--fix", "sensor/*/pose", code=1)
+        self.assertIn("nothing can be estimated: all that could be wrong is held on demand", text)
+        # A tracker on the base's own body, whose mount is a joint that nothing depends on.
+        tracker = re.sub("cam: .*", "cam: {type: point, link: optical, mount: joint/camera_joint, sigma: 0.001}", free).replace("base: base", "base: camera_link")
+        self.write("mounted.yaml", tracker.replace("mount: free", "mount: {link: wall%s}" % BOARD))
+        self.kincal("simulate", "mounted.yaml", "--samples", "8", "--seed", "1", "--out", "points")
+        self.write("tracker.yaml", tracker)
+        text = self.kincal("calibrate", "tracker.yaml", "points/samples.jsonl", "--out", "no", code=1)
+        self.assertIn("nothing can be estimated; target 'board' is free and seen by sensor 'cam' alone", text)
+        self.assertIn("Mount it (`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it", text)
+
     def test_a_joint_that_cancels_needs_no_reading(self):
         """Board and arm both turn with the torso."""
         robot = urdf(RIGHT, torso=True)
