@@ -8,6 +8,7 @@
 #include "../../io/rig/rig_file.h"
 #include "../job.h"
 #include "../signals.h"
+#include "../tables/tree_table.h"
 #include "command.h"
 
 namespace kincal {
@@ -36,6 +37,11 @@ int init(const InitArguments& a) {
   const Urdf urdf = read_urdf(a.urdf);
   for (const std::string& warning : urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  if (a.sensors.empty() && a.targets.empty() && a.out.empty()) {
+    std::cout << tree_table(urdf.tree) << "\nSay what looks at what, and the first rig.yaml is "
+              << "written:\n--sensor " << sensor_form() << "\n--target " << kTargetForm << "\n";
+    return kConverged;
+  }
   NewRig rig;
   rig.robot = a.urdf;
   if (!a.out.empty()) {  // as seen from the rig's folder
@@ -81,11 +87,9 @@ Command init_command(CLI::App& app) {
   CLI::App* command = app.add_subcommand("init", "Write a first, commented rig.yaml for a robot");
   command->add_option("URDF", a->urdf, "the robot")->required();
   command->add_option("--sensor", a->sensors, sensor_form() + "; may be repeated")
-      ->required()
       ->allow_extra_args(false)
       ->type_name("SENSOR");
   command->add_option("--target", a->targets, std::string(kTargetForm) + "; may be repeated")
-      ->required()
       ->allow_extra_args(false)
       ->type_name("TARGET");
   command
@@ -108,6 +112,7 @@ Command init_command(CLI::App& app) {
       "point:base_link:tracker \\\n"
       "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out "
       "rig.yaml\n"
+      "Without --sensor, --target and --out only the robot's links and joints are shown.\n"
       "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` "
       "frees all that could be wrong.");
   return {command, [a] { return init(*a); }};

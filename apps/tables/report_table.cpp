@@ -262,6 +262,27 @@ std::string no_start_text(const std::string& message, const Diagnosis& diagnosis
          heading + diagnosis_text(diagnosis);
 }
 
+namespace {
+
+/// Estimated mounts to be copied.
+std::string mount_lines(const std::vector<MountText>& mounts) {
+  constexpr size_t kMounts = 6;
+  std::string out;
+  if (!mounts.empty())
+    out += "\nMounts that no joint of robot.urdf has, to be copied (changes.yaml has them too)\n";
+  for (size_t i = 0; i < std::min(mounts.size(), kMounts); ++i) {
+    out += "  " + mounts[i].name + "\n    ";
+    for (const char c : mounts[i].urdf + "\n" + mounts[i].ros2)
+      out += c == '\n' ? "\n    " : std::string(1, c);
+    out += "\n";
+  }
+  if (mounts.size() > kMounts)
+    out += text("  and %d more\n", static_cast<int>(mounts.size() - kMounts));
+  return out;
+}
+
+}  // namespace
+
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;
   const std::string diagnosed =
@@ -323,6 +344,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
   }
+  out += mount_lines(files.mounts);
   if (!files.reductions.empty())
     out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
   for (const Reduction& r : files.reductions)

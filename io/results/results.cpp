@@ -5,6 +5,7 @@
 
 #include "../document/files.h"
 #include "../document/numbers.h"
+#include "../document/quoting.h"
 #include "../document/yaml.h"
 #include "../rig/rig_text.h"
 #include "../urdf/edit.h"
@@ -182,6 +183,30 @@ std::string changes_text(const RigFile& rig_file, const UrdfChanges& changes,
   return out;
 }
 
+/// Returns what changes.yaml has of mounts: lines to be copied as they are, where YAML allows it.
+std::string mounts_text(const std::vector<MountText>& mounts) {
+  std::string out;
+  const auto add = [&](const char* key, const std::string& text) {
+    out += "    " + std::string(key) + ": ";
+    if (!std::all_of(text.begin(), text.end(),
+                     [](char c) { return c == '\n' || (c >= ' ' && c <= '~'); })) {
+      out += quoted_text(text, Quoting::yaml) + "\n";
+      return;
+    }
+    out += "|-\n      ";
+    for (const char c : text) out += c == '\n' ? "\n      " : std::string(1, c);
+    out += "\n";
+  };
+  if (!mounts.empty())
+    out += "mounts:  # estimated poses that no joint of robot.urdf has, for other programs\n";
+  for (const MountText& mount : mounts) {
+    out += "  " + key_of(mount.name) + ":\n";
+    add("urdf", mount.urdf);
+    add("ros2", mount.ros2);
+  }
+  return out;
+}
+
 /// Returns result.json's `robot`: what the URDF's file now holds, to be taken out of it again.
 Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& changes,
                 const ResultOptions& options, const std::vector<Reduction>& reductions,
@@ -236,7 +261,9 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.rig_yaml = mark + out.rig_yaml;
 
   const std::vector<BentJoint> bent = bent_joints(solution);
-  out.changes_yaml = mark + changes_text(rig_file, changes, out.reductions, bent);
+  out.mounts = mount_texts(solution);
+  out.changes_yaml =
+      mark + changes_text(rig_file, changes, out.reductions, bent) + mounts_text(out.mounts);
 
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;

@@ -7,6 +7,7 @@
 
 #include "../../models/report/report.h"
 #include "../rig/rig_file.h"
+#include "mount_texts.h"
 
 namespace kincal {
 
@@ -23,6 +24,7 @@ struct ResultFiles {
   std::string batch_json;  // left to a batch (summary_file.h); empty: not written
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
   std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
+  std::vector<MountText> mounts;         // of what was estimated and no joint has; in changes.yaml
   std::vector<std::string> not_in_urdf;  // freed parameters that a URDF cannot express; they stand
                                          // in rig.yaml and result.json
 };

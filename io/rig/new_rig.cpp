@@ -193,6 +193,67 @@ std::string camera_text(const NewRig& rig, const NewSensor& s, size_t camera) {
   return out;
 }
 
+/// The fixed joint that a camera's link hangs on.
+struct MountJoint {
+  int joint = -1;        // -1: none
+  bool optical = false;  // it ends in an optical frame, so the URDF has it for the camera
+};
+
+/// A joint that only turns to the axes of an optical frame is no mount: the one above it is, if
+/// that is fixed too and nothing else hangs there.
+MountJoint joint_of_mount(const Tree& tree, int link) {
+  const int joint = tree.joint_above[link];
+  if (joint < 0 || tree.joints[joint].type != JointType::fixed) return {};
+  const Matrix3d optical = rotation_from_rpy(Vector3d(-kPi / 2, 0, -kPi / 2));
+  const Pose& origin = tree.joints[joint].parent_T_joint;
+  const int parent = tree.joints[joint].parent, above = tree.joint_above[parent];
+  const auto on_parent = std::count_if(tree.joints.begin(), tree.joints.end(),
+                                       [&](const Joint& j) { return j.parent == parent; });
+  if (!(log_so3(optical.transpose() * origin.rotation).norm() < 1e-2)) return {joint, false};
+  const bool climb = origin.translation.norm() < 1e-9 && on_parent == 1 && above >= 0 &&
+                     tree.joints[above].type == JointType::fixed;
+  return {climb ? above : joint, true};
+}
+
+/// What else would move with a joint: the first joint below it that moves, or another sensor or
+/// target; "": nothing.
+std::string moved_along(const Tree& tree, const NewRig& rig, const NewSensor& sensor, int joint) {
+  const auto below = [&](int link) {
+    for (int l = link; l >= 0;) {
+      if (l == tree.joints[joint].child) return true;
+      l = tree.joint_above[l] < 0 ? -1 : tree.joints[tree.joint_above[l]].parent;
+    }
+    return false;
+  };
+  for (const Joint& j : tree.joints)
+    if (j.type != JointType::fixed && below(j.parent)) return "joint " + yaml_text(j.name);
+  for (const NewSensor& s : rig.sensors)
+    if (&s != &sensor && below(tree.find_link(s.link))) return "sensor " + yaml_text(s.name);
+  for (const NewTarget& t : rig.targets)
+    if (!t.link.empty() && below(tree.find_link(t.link))) return "target " + yaml_text(t.name);
+  return "";
+}
+
+/// The line that mounts a camera by a fixed joint; a comment where more would move along, or where
+/// the link may be a flange's. `mounted` gets the joint, -1: none.
+std::string mount_text(const Tree& tree, const NewRig& rig, const NewSensor& s, int& mounted) {
+  const MountJoint mount = joint_of_mount(tree, tree.find_link(s.link));
+  mounted = -1;
+  if (mount.joint < 0) return "";
+  const std::string along = moved_along(tree, rig, s, mount.joint),
+                    key = "mount: " + yaml_text("joint/" + tree.joints[mount.joint].name);
+  if (!along.empty())
+    return "    # " + key + "   # would be calibrated in place of the pose, in robot.urdf; " +
+           along + " would move along\n";
+  if (!mount.optical)
+    return "    # " + key +
+           "   # is calibrated in place of the pose, in robot.urdf: if this joint is the camera's "
+           "own\n";
+  mounted = mount.joint;
+  return "    " + key +
+         "   # is calibrated, in robot.urdf; take this line away for a pose beside it\n";
+}
+
 std::string laser_text(const Tree& tree, const NewSensor& s) {
   int link = tree.find_link(s.link), joint = tree.joint_above[link];
   while (joint >= 0 && !tree.joints[joint].has_reading())
@@ -208,6 +269,8 @@ std::string sensor_text(const Tree& tree, const NewRig& rig, const NewSensor& s,
   std::string out = "  " + yaml_text(s.name) + ":\n    type: " + s.type +
                     "\n    link: " + yaml_text(s.link) + "\n" +
                     "    # pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n";
+  int mounted = -1;
+  if (s.type == "camera") out += mount_text(tree, rig, s, mounted);
   if (s.type == "camera") out += camera_text(rig, s, camera);
   if (type.make()->scans()) out += laser_text(tree, s);
   return out + "    sigma: " + type.guess + "\n";
@@ -250,7 +313,12 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
   const auto add = [&](const std::string& name) {
     poses += (poses.empty() ? "" : ", ") + yaml_text(name);
   };
-  for (const NewSensor& s : rig.sensors) add("sensor/" + s.name + "/pose");
+  for (const NewSensor& s : rig.sensors) {
+    int mounted = -1;
+    if (s.type == "camera") mount_text(tree, rig, s, mounted);
+    add(mounted < 0 ? "sensor/" + s.name + "/pose"
+                    : "joint/" + tree.joints[mounted].name + "/origin");
+  }
   for (const NewTarget& t : rig.targets) {
     if (t.link.empty()) continue;
     if (has_orientation(rig, t))

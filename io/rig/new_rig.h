@@ -42,7 +42,8 @@ struct NewRig {
 
 /// Writes the commented text of a rig that read_rig() takes. Names that are missing are made from
 /// the types. @throws InputError: duplicate names, a camera without intrinsics and image size, a
-/// tilting laser without a joint that moves it.
+/// tilting laser without a joint that moves it. A camera is mounted by the fixed joint that its
+/// link hangs on, where nothing but the camera hangs on that.
 std::string new_rig_text(const Urdf& urdf, NewRig rig);
 
 }  // namespace kincal

@@ -116,6 +116,26 @@ GridLayout read_layout(const Field& field, const std::string& type) {
   return grid;
 }
 
+/// joint/NAME: a fixed joint that the link hangs on, with nothing that moves between.
+int read_mount_joint(const Field& field, const Tree& tree, int link) {
+  const std::string given = field.string();
+  Names valid;
+  int j = tree.joint_above[link];
+  for (; j >= 0 && tree.joints[j].type == JointType::fixed;
+       j = tree.joint_above[tree.joints[j].parent]) {
+    valid.push_back("joint/" + tree.joints[j].name);
+    if (valid.back() == given) return j;
+  }
+  field.fail(
+      "'" + given + "' is no fixed joint that link '" + tree.links[link] + "' hangs on; valid: " +
+      (valid.empty()
+           ? "none" +
+                 (j < 0 ? ": the link is the robot's root"
+                        : ", for joint '" + tree.joints[j].name + "' above it is not fixed") +
+                 "; leave the key away: the pose is calibrated then"
+           : comma_separated(valid)));
+}
+
 void read_mount(const Field& field, const Tree& tree, int base, Target& target) {
   if (field.node->kind == Node::Kind::scalar) {
     if (field.string() != "free")
@@ -132,7 +152,7 @@ void read_mount(const Field& field, const Tree& tree, int base, Target& target) 
 Target read_target(const std::string& name, const Field& field, const Tree& tree, int base) {
   Target target;
   target.name = name;
-  const TargetKeys& keys = read_keys(field, target_types(), {"type", "mount"}, {});
+  const TargetKeys& keys = read_keys(field, target_types(), {"type", "mount"}, {"mount_joint"});
   target.type = keys.name;
   target.grid = target.type != "points";
   if (target.grid) {
@@ -150,27 +170,43 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   }
   if (target.type == "apriltag_grid") field["family"].string();
   read_mount(field["mount"], tree, base, target);
+  if (!field.has("mount_joint")) return target;
+  if (target.link < 0) field["mount_joint"].fail("a free target hangs on no joint");
+  target.mount_joint = read_mount_joint(field["mount_joint"], tree, target.link);
+  target.pose_given = true;  // absent: the identity
   return target;
 }
 
 // ------------------------------------------------------------------------------------------------
 // sensors
 void read_camera(const Field& field, Sensor& sensor) {
+  // The names of ROS's CameraInfo mean the same lenses.
   static const std::map<std::string, Lens> lenses = {{"pinhole", Lens::pinhole},
                                                      {"brown_conrady", Lens::brown_conrady},
-                                                     {"kannala_brandt", Lens::kannala_brandt}};
+                                                     {"plumb_bob", Lens::brown_conrady},
+                                                     {"rational_polynomial", Lens::brown_conrady},
+                                                     {"kannala_brandt", Lens::kannala_brandt},
+                                                     {"equidistant", Lens::kannala_brandt},
+                                                     {"fisheye", Lens::kannala_brandt}};
   const std::string model = field["model"].string();
   const auto lens = lenses.find(model);
   if (lens == lenses.end()) {
     Names names;
     for (const auto& one : lenses) names.push_back(one.first);
     field["model"].fail("unknown model '" + model + "'" + nearest_names(model, names) +
-                        "; valid: " + comma_separated(names));
+                        "; valid: pinhole (no distortion), brown_conrady (k1 k2 p1 p2 k3 "
+                        "[k4 k5 k6]; ROS calls it plumb_bob, with 8 numbers rational_polynomial), "
+                        "kannala_brandt (k1 k2 k3 k4; ROS calls it equidistant, OpenCV fisheye)");
   }
   const std::vector<double> intrinsics = field["intrinsics"].vector(4);
   for (size_t i = 0; i < 2; ++i) field["intrinsics"].item(i).positive();
   const bool pinhole = lens->second == Lens::pinhole;
-  std::vector<double> distortion(pinhole ? 0 : lens->second == Lens::kannala_brandt ? 4 : 5, 0.0);
+  const bool eight = model == "rational_polynomial";
+  std::vector<double> distortion(pinhole                                ? 0
+                                 : lens->second == Lens::kannala_brandt ? 4
+                                 : eight                                ? 8
+                                                                        : 5,
+                                 0.0);
   if (field.has("distortion")) {
     distortion = field["distortion"].vector();
     if (pinhole &&
@@ -215,13 +251,17 @@ void read_scanning_joint(const Field& field, const Tree& tree, const Path& path,
 Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree, int base) {
   Sensor sensor;
   sensor.name = name;
-  const SensorKeys& keys = read_keys(field, sensor_types(), {"type", "link"}, {"pose"});
+  const SensorKeys& keys = read_keys(field, sensor_types(), {"type", "link"}, {"pose", "mount"});
   sensor.type = keys.name;
   sensor.model = keys.make();
   sensor.link = read_link(field["link"], tree);
   const Path path = path_between(field["link"], tree, base, sensor.link);
   sensor.pose_given = field.has("pose");
   if (sensor.pose_given) sensor.link_T_sensor = field["pose"].pose();
+  if (field.has("mount")) {
+    sensor.mount_joint = read_mount_joint(field["mount"], tree, sensor.link);
+    sensor.pose_given = true;  // absent: the identity
+  }
   sensor.sigma = read_sigma(field["sigma"], sensor);
   if (sensor.type == "camera") read_camera(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
@@ -424,6 +464,11 @@ std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
                  nearest_names(member.first, table.names()));
     NominalValue nominal;
     nominal.parameter = member.first;
+    const int origin = static_cast<int>(p - table.all.begin());
+    if (p->kind == ParameterKind::joint_origin &&
+        (std::count(table.sensor_mount.begin(), table.sensor_mount.end(), origin) ||
+         std::count(table.target_mount.begin(), table.target_mount.end(), origin)))
+      value.fail("a mount has no nominal value; take this entry away");
     if (p->kind == ParameterKind::joint_origin) {
       nominal.pose = value.pose();
     } else if (p->pose) {

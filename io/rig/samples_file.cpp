@@ -24,9 +24,9 @@ namespace {
 struct Lookup {
   const Rig& rig;
   std::unordered_map<std::string, int> joints, sensors, targets;
-  std::vector<std::vector<int>> sensor_needs,
-      target_needs;           // joints with a reading on the path to the base
-  std::vector<char> spreads;  // by target: three points not on a line
+  std::vector<std::vector<int>> needs;  // by sensor and target: joints of which a view needs the
+                                        // reading
+  std::vector<char> spreads;            // by target: three points not on a line
 };
 
 template <class T>
@@ -37,16 +37,13 @@ std::unordered_map<std::string, int> index_of(const std::vector<T>& things) {
 }
 
 Lookup lookup(const Rig& rig) {
-  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {},
-              {}};
-  for (const Sensor& sensor : rig.sensors)
-    look.sensor_needs.push_back(joints_between(rig, rig.base, sensor.link, sensor.scanning_joint));
-  for (const Target& target : rig.targets) {
-    look.target_needs.push_back(target.link < 0 ? std::vector<int>()
-                                                : joints_between(rig, rig.base, target.link));
+  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}};
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    for (size_t t = 0; t < rig.targets.size(); ++t)
+      look.needs.push_back(view_readings(rig, static_cast<int>(s), static_cast<int>(t)));
+  for (const Target& target : rig.targets)
     look.spreads.push_back(
         !on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
-  }
   return look;
 }
 
@@ -81,19 +78,22 @@ struct SampleJoints {
   const std::vector<double>& readings;
 };
 
-/// Fails if a joint between the view's sensor or target (`what`, `owner`) and the base has no
-/// reading; names a misspelt one.
-void check_readings(const Field& view, const SampleJoints& joints, const Lookup& look,
-                    const std::vector<int>& needed, const char* what, const std::string& owner) {
-  for (int j : needed) {
+/// Fails if a joint that the view needs has no reading; names a misspelt one.
+void check_readings(const Field& field, const SampleJoints& joints, const Lookup& look,
+                    const View& view) {
+  const Rig& rig = look.rig;
+  for (int j : look.needs[view.sensor * rig.targets.size() + view.target]) {
     if (!std::isnan(joints.readings[j])) continue;
-    const std::string& name = look.rig.tree.joints[j].name;
+    const std::vector<int> of_sensor = needed_readings(rig, view.sensor, -1);
+    const bool sensors = std::find(of_sensor.begin(), of_sensor.end(), j) != of_sensor.end();
+    const std::string& name = rig.tree.joints[j].name;
     std::string near;
     for (const auto& member : joints.field.node->members)
       if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
         near = "; the sample has '" + member.first + "'";
-    view.fail(std::string(what) + " '" + owner + "' needs joint '" + name +
-              "', which the sample lacks" + near);
+    field.fail((sensors ? "sensor '" + rig.sensors[view.sensor].name
+                        : "target '" + rig.targets[view.target].name) +
+               "' needs joint '" + name + "', which the sample lacks" + near);
   }
 }
 
@@ -221,8 +221,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
     view.covariance = read_covariances(field["covariance"], static_cast<int>(view.ids.size()));
   }
   if (field.has("image")) field["image"].string();
-  check_readings(field, joints, look, look.sensor_needs[view.sensor], "sensor", sensor.name);
-  check_readings(field, joints, look, look.target_needs[view.target], "target", target.name);
+  check_readings(field, joints, look, view);
   return view;
 }
 

@@ -26,9 +26,9 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
   const MeasurementKind kind = sensor.model->measurement_kind();
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   const int hub = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
+  const std::vector<double> readings = completed(sample.readings);  // what is absent cancels
   const auto hub_T_sensor = [&](int joint, double reading) {
-    const Configuration robot =
-        Configuration(rig, table, values, sample.readings).with(joint, reading);
+    const Configuration robot = Configuration(rig, table, values, readings).with(joint, reading);
     return inverse(robot.base_T_link(hub)) * robot.base_T_link(sensor.link) * link_T_sensor;
   };
   Carried out{&view, view_ids(view, rig.targets[view.target]), {}, {}};

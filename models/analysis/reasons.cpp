@@ -348,9 +348,12 @@ class ReasonFinder {
 
   void free_targets() {
     std::set<std::string> targets;
+    std::set<int> sensors;
     for (const Scene::Seen& s : scene_.seen())
-      if (scene_.rig().targets[s.view->target].link < 0)
+      if (scene_.rig().targets[s.view->target].link < 0) {
         targets.insert(scene_.rig().targets[s.view->target].name);
+        sensors.insert(s.view->sensor);
+      }
     const std::string free = listed({targets.begin(), targets.end()});
     out_.kind = "free_targets";
     const bool one = columns_.size() == 1;
@@ -363,6 +366,12 @@ class ReasonFinder {
                " that is held ties this to the base";
     out_.cure = "hold " + first() +
                 ", or add a sensor that is held or a mounted target to the same samples";
+    if (sensors.size() == 1)
+      out_.cure = "mount " + free + " on the link that carries " +
+                  (targets.size() == 1 ? "it" : "them") +
+                  " (the base, if nothing moves), or let a second sensor see " +
+                  (targets.size() == 1 ? "it" : "them") + " in the same samples: to one sensor " +
+                  "alone a pose of its own in every sample explains everything; or hold " + first();
   }
 
   void finish(const std::vector<int>& joints) {

@@ -5,6 +5,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
+#include <stdexcept>
 
 #include "../../solver/observability.h"
 #include "../fitting/fit.h"
@@ -80,7 +82,8 @@ std::vector<std::string> held_out_poses(const Recording& recording) {
     for (const View& v : s.views) (s.train ? seen : seen_held_out)[v.target] = 1;
   std::vector<std::string> out;
   for (size_t t = 0; t < seen.size(); ++t)
-    if (seen_held_out[t] && !seen[t] && recording.table.target_pose[t] >= 0)
+    if (seen_held_out[t] && !seen[t] && recording.table.target_pose[t] >= 0 &&
+        recording.rig.targets[t].mount_joint < 0)
       out.push_back(recording.table.all[recording.table.target_pose[t]].name);
   return out;
 }
@@ -451,6 +454,33 @@ std::vector<Freed> blind_rotations(const Solution& mounts) {
   return out;
 }
 
+VectorXd start_factors(const AutomaticGroups& groups) {
+  return VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
+}
+
+/// Why nothing can be estimated. `no_evidence`: no mount is free, and all else was held for want of
+/// evidence that it is off.
+std::string nothing_free(const Recording& recording, const AutomaticOptions& options,
+                         bool no_evidence) {
+  std::string out = "nothing can be estimated";
+  if (!no_evidence && (!options.fix.empty() || !options.groups.without.empty()))
+    return out + ": all that could be wrong is held on demand";
+  std::map<int, std::set<int>> sensors;  // that see a free target
+  for (const Sample& s : recording.samples)
+    for (const View& v : s.views)
+      if (s.train && recording.rig.targets[v.target].link < 0) sensors[v.target].insert(v.sensor);
+  for (const auto& seen : sensors)
+    if (seen.second.size() == 1)
+      out += "; target " + quoted(recording.rig.targets[seen.first].name) +
+             " is free and seen by sensor " +
+             quoted(recording.rig.sensors[*seen.second.begin()].name) +
+             " alone: its own pose in every sample explains all that this sees. Mount it "
+             "(`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it";
+  return out + (no_evidence ? "; no mount is free, and there is no evidence that anything else is "
+                              "off its nominal value"
+                            : "; no measurement depends on a mount, joint, lens or size");
+}
+
 /// The options of a calibration with such steps: what `fix` names is in none of them.
 CalibrationOptions plain(const AutomaticOptions& options) {
   CalibrationOptions out = options;
@@ -468,6 +498,10 @@ std::vector<NominalValue> nominal_values(const Solution& solution) {
     if (p.kind == ParameterKind::sensor_pose || p.kind == ParameterKind::target_pose ||
         p.kind == ParameterKind::joint_offset || p.kind == ParameterKind::points)
       continue;
+    const int index = static_cast<int>(&p - table.all.data());
+    if (std::count(table.sensor_mount.begin(), table.sensor_mount.end(), index) ||
+        std::count(table.target_mount.begin(), table.target_mount.end(), index))
+      continue;  // a mount has none, the origin that stands for one neither
     const int size = p.pose ? 12 : p.size();
     bool changed = now.segment(p.start, size) != initial.segment(p.start, size);
     NominalValue value;
@@ -497,15 +531,16 @@ std::string held_text(const AutomaticNumber& n) {
 
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options) {
   const AutomaticGroups groups = groups_of(recording, options);
-  return steps_of(recording, groups,
-                  VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size())), {});
+  return steps_of(recording, groups, start_factors(groups), {});
 }
 
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options) {
   AutomaticCalibration out;
   AutomaticGroups groups = groups_of(recording, options);
-  const VectorXd ones = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
+  if (steps_of(recording, groups, start_factors(groups), {}).empty())
+    throw std::invalid_argument(nothing_free(recording, options, false));
+  const VectorXd ones = start_factors(groups);
   const CalibrationOptions run = plain(options);
   Solution& solution = out.solution;
   const auto at_start = [&] {
@@ -541,6 +576,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     if (holding.held[i]) held.push_back(learned.columns[i]);
   const std::shared_ptr<const Recording> final =
       with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
+  if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, options, true));
   VectorXd start = learned.values.shared;
   put_back(recording.table, solution.initial, learned.columns, holding.held, start);
   const Solution mounts = std::move(solution);

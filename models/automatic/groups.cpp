@@ -47,6 +47,8 @@ class GroupMaker {
 
  private:
   void make_mounts();
+  int shared_joint(size_t sensor, const std::vector<size_t>& others) const;
+  void hold_pointing(int mount);
   void make_joints();
   void make_geometry();
   void make_targets_and_sensors();
@@ -84,6 +86,27 @@ GroupMaker::GroupMaker(const Recording& recording)
     if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) carry(rig_.targets[t].link);
 }
 
+/// The joint that moves a sensor and the others of its rectified pair: the one that the rig names
+/// as a mount, else of a pair the fixed one above the link; any other sensor on that link moves
+/// along, and has a pose of its own. -1: the sensor's pose is its mount.
+int GroupMaker::shared_joint(size_t sensor, const std::vector<size_t>& others) const {
+  int named = rig_.sensors[sensor].mount_joint;
+  for (const size_t t : others) named = named >= 0 ? named : rig_.sensors[t].mount_joint;
+  if (named >= 0 || others.empty()) return named;
+  const int above = rig_.tree.joint_above[rig_.sensors[sensor].link];
+  return above >= 0 && rig_.tree.joints[above].type == JointType::fixed &&
+                 used_[table_.joint_origin[above]]
+             ? above
+             : -1;
+}
+
+/// Of a mount that nothing can turn. One that two things share turns one about the other.
+void GroupMaker::hold_pointing(int mount) {
+  const auto shares = std::count(table_.sensor_mount.begin(), table_.sensor_mount.end(), mount) +
+                      std::count(table_.target_mount.begin(), table_.target_mount.end(), mount);
+  if (shares == 1) out_.pointing.push_back({mount, {3, 4, 5}});
+}
+
 void GroupMaker::make_mounts() {
   std::vector<char> done(rig_.sensors.size(), 0), away(rig_.sensors.size(), 0);
   for (const Sample& sample : samples_)
@@ -97,22 +120,16 @@ void GroupMaker::make_mounts() {
     for (size_t t = s + 1; t < rig_.sensors.size(); ++t)
       if (used_[table_.sensor_pose[t]] && is_pair(rig_, static_cast<int>(s), static_cast<int>(t)))
         others.push_back(t);
-    // A pair is moved by the fixed joint above its link; any other sensor on that link moves along,
-    // and has a pose of its own.
-    const int above = rig_.tree.joint_above[rig_.sensors[s].link];
-    const bool shared = !others.empty() && above >= 0 &&
-                        rig_.tree.joints[above].type == JointType::fixed &&
-                        used_[table_.joint_origin[above]];
-    if (shared)
+    const int joint = shared_joint(s, others);
+    if (joint >= 0)
       for (const size_t t : others) done[t] = 1;
-    merge(out_.mounts,
-          {whole(table_, shared ? table_.joint_origin[above] : table_.sensor_pose[s])});
-    if (!away[s] && !shared)
-      out_.pointing.push_back({table_.sensor_pose[s], {3, 4, 5}});  // turning it does nothing
+    const int mount = joint >= 0 ? table_.joint_origin[joint] : table_.sensor_pose[s];
+    if (used_[mount]) merge(out_.mounts, {whole(table_, mount)});
+    if (!away[s] && mount == table_.sensor_mount[s]) hold_pointing(mount);  // turning does nothing
   }
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]])
-      merge(out_.mounts, {whole(table_, table_.target_pose[t])});
+    if (table_.target_pose[t] >= 0 && used_[table_.target_mount[t]])
+      merge(out_.mounts, {whole(table_, table_.target_mount[t])});
   std::vector<char> turns(rig_.targets.size(), 0);  // a sensor measures how it is turned
   for (const Sample& sample : samples_)
     for (const View& v : sample.views)
@@ -120,7 +137,7 @@ void GroupMaker::make_mounts() {
   for (size_t t = 0; t < rig_.targets.size(); ++t)
     if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] &&
         rig_.targets[t].count() == 1 && !turns[t])
-      out_.pointing.push_back({table_.target_pose[t], {3, 4, 5}});
+      hold_pointing(table_.target_mount[t]);
 }
 
 void GroupMaker::add(const std::string& group, int parameter, int component, double start) {

@@ -1,7 +1,8 @@
 // What the automatic path estimates: everything that could be wrong, in groups.
 //
 // Mounts. Poses of sensors and mounted targets, free without a prior: everything else is measured
-// from them. Two cameras of a rectified pair share one mount, the fixed joint above their link.
+// from them. Where the rig names a fixed joint as the mount, its origin is free in place of the
+// pose. Two cameras of a rectified pair share one mount, the fixed joint above their link.
 // What nothing can turn is held: a single-point target, and a point sensor that sees points at its
 // own origin only.
 //

@@ -1,10 +1,10 @@
 #include "start_poses.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "../fitting/unknown_poses.h"
-#include "../rig/configuration.h"
 
 namespace kincal {
 namespace {
@@ -55,45 +55,11 @@ std::vector<int> absent_poses_to_find(const std::vector<StepPlan>& plans,
 }
 
 /// A given pose that the steps free wholly, without a prior. A fixed joint's origin is found by the
-/// pose of a sensor or target behind it, `body`, with nothing but fixed joints between.
+/// pose of a sensor or target behind it, `body`, that is not to be found itself.
 struct GivenPose {
   int parameter, body;
-  Pose child_T_link;  // of a joint's origin: from its child to the link of the body
+  std::optional<StandIn> stand_in;  // of an origin
 };
-
-/// Whether nothing moves between two links.
-bool rigidly_joined(const Tree& tree, int a, int b) {
-  for (const PathStep& step : find_path(tree, a, b))
-    if (tree.joints[step.joint].type != JointType::fixed) return false;
-  return true;
-}
-
-/// Adds the origin of a fixed joint, if a body behind it that is not to be found itself can stand
-/// in for it.
-void add_origin(const Recording& recording, int parameter, const std::vector<char>& taken,
-                std::vector<GivenPose>& out) {
-  const Rig& rig = recording.rig;
-  const ParameterTable& table = recording.table;
-  const Joint& joint = rig.tree.joints[table.all[parameter].owner];
-  if (joint.type != JointType::fixed) return;
-  const auto stands_in = [&](int link, int body) {
-    if (link < 0 || body < 0 || taken[body] || !rigidly_joined(rig.tree, joint.child, link))
-      return false;
-    for (int l = link; l != joint.child;) {  // behind the joint, not before it
-      const int above = rig.tree.joint_above[l];
-      if (above < 0) return false;
-      l = rig.tree.joints[above].parent;
-    }
-    const std::vector<double> readings(rig.tree.joints.size(), 0.0);
-    out.push_back({parameter, body,
-                   Configuration(rig, table, table.initial, readings).a_T_b(joint.child, link)});
-    return true;
-  };
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (stands_in(rig.sensors[s].link, table.sensor_pose[s])) return;
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (stands_in(rig.targets[t].link, table.target_pose[t])) return;
-}
 
 std::vector<GivenPose> given_poses(const std::vector<StepPlan>& plans, const Recording& recording) {
   const ParameterTable& table = recording.table;
@@ -108,11 +74,12 @@ std::vector<GivenPose> given_poses(const std::vector<StepPlan>& plans, const Rec
       const HowFreed freed = how_freed(plans, table, p);
       if (!origin && freed.at_all) taken[i] = 1;
       if (!freed.whole || freed.prior) continue;
-      if (origin)
-        add_origin(recording, p, taken, out);
-      else if (is_given(recording.rig, parameter))
-        out.push_back({p, p, Pose()});
-      if (origin && !out.empty() && out.back().parameter == p) taken[out.back().body] = 1;
+      if (!origin && is_given(recording.rig, parameter)) out.push_back({p, p, std::nullopt});
+      if (!origin) continue;
+      if (const std::optional<StandIn> stand_in = find_stand_in(recording, p, taken)) {
+        out.push_back({p, stand_in->body, stand_in});
+        taken[stand_in->body] = 1;
+      }
     }
   return out;
 }
@@ -170,16 +137,8 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
   Values started;
   started.shared = solution.initial;
   UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);
-  for (const GivenPose& g : given) {
-    if (g.parameter == g.body) continue;
-    // origin child_T_link found = new_origin child_T_link pose
-    const int at = table.all[g.parameter].start, body = table.all[g.body].start;
-    const Pose pose = get_pose(solution.initial, body), found = get_pose(started.shared, body);
-    set_pose(started.shared, at,
-             get_pose(solution.initial, at) * g.child_T_link * found * inverse(pose) *
-                 inverse(g.child_T_link));
-    set_pose(started.shared, body, pose);
-  }
+  for (const GivenPose& g : given)
+    if (g.stand_in) move_origin(table, *g.stand_in, solution.initial, started.shared);
   bool elsewhere = first.status == Status::undefined_start;
   for (const GivenPose& g : given) {
     const auto [moved, turned] = movement(table, g.parameter, first.values.shared, started.shared);

@@ -83,6 +83,19 @@ std::vector<char> influencing(const Recording& recording, const Connections& con
                                 : probe.influencing();
 }
 
+/// What to do for a sensor that alone sees free targets.
+std::string mount_first(const Rig& rig, const std::vector<Sample>& samples, int sensor) {
+  std::set<std::string> free;
+  for (const Sample& s : samples)
+    for (const View& v : s.views)
+      if (v.sensor == sensor && rig.targets[v.target].link < 0)
+        free.insert(rig.targets[v.target].name);
+  if (free.empty()) return "";
+  return "Mount " + joined({free.begin(), free.end()}) +
+         " (`mount: {link: NAME}`) on the link that carries it, the base if it stands still: free, "
+         "it has a pose of its own in every sample, which explains all that one sensor sees.";
+}
+
 /// Appends what is tied together, stands on one body and has nothing in it whose place is held.
 void check_anchors(const Recording& recording, const FreedNames& freed, Connections& connections,
                    std::vector<Finding>& out) {
@@ -112,20 +125,23 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
         const std::vector<char> own =
             influencing(recording, connections, [&](int s) { return s == i; });
         for (size_t p = 0; p < table.all.size(); ++p) {
-          const bool target = table.all[p].kind == ParameterKind::target_pose;
+          const bool target = std::count(table.target_mount.begin(), table.target_mount.end(), p);
           if (!own[p] || !inside[p] || elsewhere[p] || !freed.parameter[p] || !places[p] || target)
             continue;
           open = true;
           if (!std::count(parameters.begin(), parameters.end(), table.all[p].name))
             parameters.push_back(table.all[p].name);
         }
-      } else if (freed.parameter[table.target_pose[i - sensors]]) {
+      } else if (freed.parameter[table.target_mount[i - sensors]]) {
         open = true;
-        parameters.push_back(table.all[table.target_pose[i - sensors]].name);
+        parameters.push_back(table.all[table.target_mount[i - sensors]].name);
       }
       anchor = anchor || !open;
     }
     if (anchor) continue;
+    const std::string first = component.second.size() == 1 && component.second[0] < sensors
+                                  ? mount_first(rig, recording.samples, component.second[0])
+                                  : "";
     out.push_back(
         disconnected(names,
                      (names.size() == 1 ? "Sensor " : "") + joined(names) +
@@ -134,7 +150,8 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
                          "sample, and no mounted target is in view from another "
                          "link, but the rig frees " +
                          joined(parameters) + ".",
-                     "Take samples in which it and another sensor see one target, or hold these."));
+                     (first.empty() ? "Take" : first + " Or take") +
+                         " samples in which it and another sensor see one target, or hold these."));
   }
 }
 
@@ -220,20 +237,20 @@ void check_connections(const Recording& recording, const FreedNames& freed,
   const ParameterTable& table = recording.table;
   Connections connections(recording);
   for (int s : sensors)
-    if (!connections.seen[s] && freed.parameter[table.sensor_pose[s]])
+    if (!connections.seen[s] && freed.parameter[table.sensor_mount[s]])
       out.push_back(
           disconnected({rig.sensors[s].name},
                        "Sensor " + quoted(rig.sensors[s].name) +
                            " has no view in any sample, but the rig frees its pose.",
-                       "Add views of it, or hold sensor/" + rig.sensors[s].name + "/pose."));
+                       "Add views of it, or hold " + table.all[table.sensor_mount[s]].name + "."));
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0 && !connections.seen[connections.sensors + t] &&
-        freed.parameter[table.target_pose[t]])
+        freed.parameter[table.target_mount[t]])
       out.push_back(
           disconnected({rig.targets[t].name},
                        "Target " + quoted(rig.targets[t].name) +
                            " is seen in no sample, but the rig frees its pose.",
-                       "Add views of it, or hold target/" + rig.targets[t].name + "/pose."));
+                       "Add views of it, or hold " + table.all[table.target_mount[t]].name + "."));
   check_anchors(recording, freed, connections, out);
 }
 

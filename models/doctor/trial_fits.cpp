@@ -23,10 +23,18 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
   Step step;
   step.name = "poses";
   for (size_t s = 0; s < rig.sensors.size(); ++s) step.sensors.push_back(static_cast<int>(s));
-  step.free = {"sensor/*/pose"};
+  if (std::any_of(rig.sensors.begin(), rig.sensors.end(),
+                  [](const Sensor& s) { return s.mount_joint < 0; }))
+    step.free.push_back("sensor/*/pose");
   if (std::any_of(rig.targets.begin(), rig.targets.end(),
-                  [](const Target& t) { return t.link >= 0; }))
+                  [](const Target& t) { return t.link >= 0 && t.mount_joint < 0; }))
     step.free.push_back("target/*/pose");
+  std::set<int> joints;  // mounts that are seen
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views)
+      joints.insert({rig.sensors[v.sensor].mount_joint, rig.targets[v.target].mount_joint});
+  for (const int j : joints)
+    if (j >= 0) step.free.push_back("joint/" + rig.tree.joints[j].name + "/origin");
   rig.steps = {step};
   step.name = "offsets";
   step.free.push_back("joint/*/offset");
@@ -89,8 +97,19 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
     add(table.sensor_pose[s], rig.sensors[s].pose_given);
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
+  std::vector<StandIn> mounts;
+  for (const std::vector<int>* all : {&table.sensor_mount, &table.target_mount})
+    for (const int p : *all)
+      if (options.closed_form && p >= 0 && table.all[p].kind == ParameterKind::joint_origin &&
+          resolved.whole[p] && !resolved.prior[p] &&
+          std::none_of(mounts.begin(), mounts.end(),
+                       [&](const StandIn& m) { return m.origin == p; }))
+        if (const auto found = find_stand_in(recording, p, std::vector<char>(table.all.size(), 0)))
+          mounts.push_back(*found);
+  for (const StandIn& mount : mounts) unknown.push_back(mount.body);
   if (!unknown.empty())
     start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
+  for (const StandIn& mount : mounts) move_origin(table, mount, table.initial, values.shared);
   return values.shared;
 }
 
@@ -286,9 +305,9 @@ bool frees_given_poses(const Recording& recording, const Stage& stage) {
   const ParameterTable& table = recording.table;
   const FreedNames freed = freed_names(table, stage);
   for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (rig.sensors[s].pose_given && freed.whole[table.sensor_pose[s]]) return true;
+    if (rig.sensors[s].pose_given && freed.whole[table.sensor_mount[s]]) return true;
   for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_pose[t]])
+    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_mount[t]])
       return true;
   return false;
 }

@@ -65,7 +65,7 @@ class PoseGraph {
 
  private:
   Configuration robot(int sample) const {
-    return Configuration(rig_, table_, values_.shared, recording_.samples[sample].readings);
+    return Configuration(rig_, table_, values_.shared, readings_[sample]);
   }
   bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
   TargetPoses known_targets() const;
@@ -86,6 +86,7 @@ class PoseGraph {
   const Rig& rig_;
   const ParameterTable& table_;
   const std::vector<int>& samples_;
+  std::vector<std::vector<double>> readings_;  // by sample; where absent anything: it cancels
   Values& values_;
   std::vector<char> known_;  // by parameter
   std::vector<int> open_;    // parameters that are not known, in the order in which they were given
@@ -102,6 +103,7 @@ PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples
       known_(recording.table.all.size(), 1),
       open_(unknown) {
   for (int p : unknown) known_[p] = 0;
+  for (const Sample& sample : recording.samples) readings_.push_back(completed(sample.readings));
   for (int index : samples)
     for (const View& v : recording.samples[index].views)
       relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
@@ -423,6 +425,54 @@ UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<
     graph.settle(first, graph.pose_of(first));
   }
   return out;
+}
+
+namespace {
+
+/// Whether a link stands behind a joint with nothing but fixed joints between.
+bool hangs_on(const Tree& tree, int link, int joint) {
+  for (int l = link; l != tree.joints[joint].child; l = tree.joints[tree.joint_above[l]].parent)
+    if (tree.joint_above[l] < 0 || tree.joints[tree.joint_above[l]].type != JointType::fixed)
+      return false;
+  return true;
+}
+
+}  // namespace
+
+std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
+                                     const std::vector<char>& taken) {
+  const Rig& rig = recording.rig;
+  const ParameterTable& table = recording.table;
+  const int joint = table.all[origin].owner;
+  if (rig.tree.joints[joint].type != JointType::fixed) return std::nullopt;
+  const std::vector<double> readings(rig.tree.joints.size(), 0.0);
+  const Configuration robot(rig, table, table.initial, readings);
+  for (const bool mounted : {true, false}) {
+    const auto stands_in = [&](int link, int body) {
+      return link >= 0 && !taken[body] && hangs_on(rig.tree, link, joint) &&
+             (!mounted || table.all[body].replaced_by == origin);
+    };
+    for (size_t s = 0; s < rig.sensors.size(); ++s)
+      if (const int link = rig.sensors[s].link; stands_in(link, table.sensor_pose[s]))
+        return StandIn{origin, table.sensor_pose[s],
+                       robot.a_T_b(rig.tree.joints[joint].child, link)};
+    for (size_t t = 0; t < rig.targets.size(); ++t)
+      if (const int link = rig.targets[t].link; stands_in(link, table.target_pose[t]))
+        return StandIn{origin, table.target_pose[t],
+                       robot.a_T_b(rig.tree.joints[joint].child, link)};
+  }
+  return std::nullopt;
+}
+
+void move_origin(const ParameterTable& table, const StandIn& stand_in, const VectorXd& initial,
+                 VectorXd& shared) {
+  // origin child_T_link found = new_origin child_T_link pose
+  const int at = table.all[stand_in.origin].start, body = table.all[stand_in.body].start;
+  const Pose pose = get_pose(initial, body), found = get_pose(shared, body);
+  set_pose(shared, at,
+           get_pose(initial, at) * stand_in.child_T_link * found * inverse(pose) *
+               inverse(stand_in.child_T_link));
+  set_pose(shared, body, pose);
 }
 
 }  // namespace kincal

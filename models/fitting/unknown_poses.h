@@ -9,6 +9,7 @@
 // tracker and its reflector), all their points together do, seen from the target's link.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,5 +32,20 @@ struct UnknownStarts {
 /// values.shared.
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
                                   const std::vector<int>& unknown, Values& values);
+
+/// A StandIn is the pose of a sensor or mounted target, `body`, behind a fixed joint with nothing
+/// but fixed joints between: where it is found, the joint's origin is.
+struct StandIn {
+  int origin, body;   // parameters
+  Pose child_T_link;  // from the joint's child to the link of the body
+};
+
+/// Returns the first that may stand in for a joint's origin, of what the rig mounts by this joint
+/// before others; none of those `taken` (by parameter).
+std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
+                                     const std::vector<char>& taken);
+/// Moves the origin to where its body was found, and the body back to where it is initially.
+void move_origin(const ParameterTable& table, const StandIn& stand_in, const VectorXd& initial,
+                 VectorXd& shared);
 
 }  // namespace kincal

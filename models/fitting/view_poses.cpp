@@ -137,10 +137,11 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
                          const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
   const Pose link_T_sensor = get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
+  const std::vector<double> readings = completed(sample.readings);
   Matrix3Xd out(3, static_cast<Eigen::Index>(view.z.size() / 3));
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const double* z = view.z.data() + 3 * i;
-    out.col(i) = Configuration(rig, table, values, sample.readings)
+    out.col(i) = Configuration(rig, table, values, readings)
                      .with(sensor.scanning_joint, z[0])
                      .base_T_link(sensor.link) *
                  link_T_sensor * TiltingLaser::measured_point(z);

@@ -50,6 +50,21 @@ std::vector<int> needed_readings(const Rig& rig, int sensor, int target) {
   return needed;
 }
 
+std::vector<int> view_readings(const Rig& rig, int sensor, int target) {
+  const int link = rig.targets[target].link, scanning = rig.sensors[sensor].scanning_joint;
+  if (link < 0) return needed_readings(rig, sensor, target);
+  const std::vector<int> all = joints_between(rig, rig.sensors[sensor].link, link);
+  if (scanning >= 0 && std::find(all.begin(), all.end(), scanning) == all.end())
+    return needed_readings(rig, sensor, target);
+  return joints_between(rig, rig.sensors[sensor].link, link, scanning);
+}
+
+std::vector<double> completed(std::vector<double> readings) {
+  for (double& reading : readings)
+    if (std::isnan(reading)) reading = 0;
+  return readings;
+}
+
 bool has_readings(const Rig& rig, int link, const std::vector<double>& readings) {
   for (int joint : joints_between(rig, rig.base, link))
     if (!std::isfinite(readings[joint])) return false;

@@ -80,6 +80,12 @@ std::vector<int> joints_between(const Rig& rig, const View& view);
 /// Returns the joints whose readings place a sensor (-1: none) and a target (-1: none; free ones
 /// need none) relative to the base, without the sensor's scanning joint unless the target needs it.
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
+/// Returns the joints whose readings a view of the sensor on the target needs: of a mounted target
+/// those that place one relative to the other. A joint that carries both cancels, but for a sensor
+/// whose own scanning joint carries both: their readings of that differ.
+std::vector<int> view_readings(const Rig& rig, int sensor, int target);
+/// Returns readings with 0 in place of those that are absent, for what does not depend on them.
+std::vector<double> completed(std::vector<double> readings);
 /// Returns whether there is a reading of every joint that places `link` relative to the base.
 bool has_readings(const Rig& rig, int link, const std::vector<double>& readings);
 

@@ -122,6 +122,14 @@ ParameterTable::ParameterTable(const Rig& rig)
     }
     target_points.push_back(points);
   }
+  const auto mount = [&](int pose, int joint) {
+    if (pose < 0 || joint < 0) return pose;
+    return all[pose].replaced_by = joint_origin[joint];
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    sensor_mount.push_back(mount(sensor_pose[s], rig.sensors[s].mount_joint));
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    target_mount.push_back(mount(target_pose[t], rig.targets[t].mount_joint));
   for (const Sensor& sensor : rig.sensors) has_pose_[sensor.link] = 1;
   for (const Target& target : rig.targets)
     if (target.link >= 0) has_pose_[target.link] = 1;

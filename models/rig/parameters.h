@@ -37,6 +37,8 @@ struct Parameter {
   ParameterKind kind = ParameterKind::own_number;
   int owner = -1;                         // index of the joint, sensor or target that it belongs to
   double usual_error = 0, yardstick = 0;  // of joint_shape, as its model says (JointNumber)
+  int replaced_by = -1;  // of a pose: the joint's origin that is calibrated in its place (the rig's
+                         // `mount`), so that no name or glob means it
 
   int size() const { return static_cast<int>(components.size()); }
   std::string component_name(int c) const {
@@ -72,6 +74,8 @@ struct ParameterTable {
   std::vector<int> sensor_pose;   // by sensor
   std::vector<int> sensor_block;  // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_points;  // by target
+  std::vector<int> sensor_mount, target_mount;  // what is calibrated of where it is: its pose, or
+                                                // the origin that replaces it
 
   explicit ParameterTable(const Rig& rig);
 

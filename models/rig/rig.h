@@ -36,6 +36,7 @@ struct Target {
   Pose link_T_target;       // where mounted
   bool pose_given =
       false;  // in the rig; else the identity, or unknown (see the formats' "Starting values")
+  int mount_joint = -1;  // fixed joint whose origin is calibrated in place of the pose; -1: none
 
   int count() const { return static_cast<int>(grid ? layout.cols() : points.cols()); }
 };
@@ -45,6 +46,7 @@ struct Sensor {
   int link = -1;
   Pose link_T_sensor;  // chain: link_T_target
   bool pose_given = false;
+  int mount_joint = -1;  // as a target's
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
   std::vector<double> sigma;              // model->sigmas() numbers

@@ -22,7 +22,7 @@ bool glob_matches(const std::string& glob, const std::string& name) {
 std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
   for (size_t p = 0; p < all.size(); ++p) {
-    if (name.compare(0, all[p].name.size(), all[p].name) != 0)
+    if (all[p].replaced_by >= 0 || name.compare(0, all[p].name.size(), all[p].name) != 0)
       continue;  // component names begin with the parameter's
     const bool whole = name.size() == all[p].name.size();
     Freed freed{static_cast<int>(p), {}};
@@ -75,6 +75,12 @@ std::vector<Freed> ParameterTable::find(const std::string& pattern,
                                         const std::string& where) const {
   if (pattern.rfind(kGeometry, 0) == 0) return select_geometry(pattern, where);
   std::vector<Freed> out = select(pattern);
+  for (const Parameter& p : all)
+    if (out.empty() && p.replaced_by >= 0 &&
+        (pattern == p.name || pattern.rfind(p.name + ".", 0) == 0 || glob_matches(pattern, p.name)))
+      throw std::invalid_argument(where + ": '" + pattern + "': the rig calibrates " +
+                                  all[p.replaced_by].name + " in place of " + p.name +
+                                  ", which stays as it is");
   if (out.empty()) throw NameError(where, pattern, names());
   return out;
 }
@@ -102,7 +108,7 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   for (size_t p = 0; p < all.size(); ++p) {
     const std::string& name = all[p].name;
     const size_t common = std::min(head, name.size());
-    if (pattern.compare(0, common, name, 0, common) != 0)
+    if (all[p].replaced_by >= 0 || pattern.compare(0, common, name, 0, common) != 0)
       continue;  // neither this name nor those of its components
     const bool whole = matches(name);
     Freed freed{static_cast<int>(p), {}};
@@ -121,6 +127,7 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
 std::vector<std::string> ParameterTable::names() const {
   std::vector<std::string> out;
   for (const Parameter& p : all) {
+    if (p.replaced_by >= 0) continue;
     out.push_back(p.name);
     for (int c = 0; c < p.size(); ++c)
       if (!p.components[c].empty()) out.push_back(p.component_name(c));
@@ -164,7 +171,7 @@ std::vector<int> open_poses(const Rig& rig, const ParameterTable& table) {
   }
   std::vector<int> out;
   const auto add = [&](int p, bool given) {
-    if (p >= 0 && !given && freed[p] && !prior[p]) out.push_back(p);
+    if (p >= 0 && !given && freed[p] && !prior[p] && table.all[p].replaced_by < 0) out.push_back(p);
   };
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     add(table.sensor_pose[s], rig.sensors[s].pose_given);

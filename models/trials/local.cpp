@@ -518,7 +518,8 @@ LocalPosture posture_of(const Rig& rig, const Sample& sample) {
   const ParameterTable table(rig);
   const Configuration robot(rig, table, table.initial, sample.readings);
   for (const View& v : sample.views)
-    for (int j : needed_readings(rig, v.sensor, v.target)) out[j] = robot.position(j);
+    for (int j : needed_readings(rig, v.sensor, v.target))
+      if (!std::isnan(sample.readings[j])) out[j] = robot.position(j);
   return out;
 }
 

@@ -1,0 +1,73 @@
+#include "mount_texts.h"
+
+#include <algorithm>
+#include <cctype>
+
+#include "../document/numbers.h"
+
+namespace kincal {
+namespace {
+
+/// A name that none of `taken` has.
+template <class Taken>
+std::string free_name(const std::string& name, const Taken& taken) {
+  std::string out = name;
+  for (int i = 2; taken(out); ++i) out = name + "_" + std::to_string(i);
+  return out;
+}
+
+std::string in_xml(const std::string& text) {
+  std::string out;
+  for (const char c : text)
+    out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
+  return out;
+}
+
+/// A word of a shell's command line.
+std::string shell_word(const std::string& text) {
+  const auto plain = [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-' || c == '.' || c == '/';
+  };
+  if (!text.empty() && std::all_of(text.begin(), text.end(), plain)) return text;
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? "'\\''" : std::string(1, c);
+  return out + "'";
+}
+
+}  // namespace
+
+std::vector<MountText> mount_texts(const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const Tree& tree = rig.tree;
+  std::vector<MountText> out;
+  std::vector<std::string> links;  // that the texts name
+  for (const ParameterEstimate& e : solution.parameters) {
+    const Parameter& p = solution.table().all[e.parameter];
+    const bool sensor = p.kind == ParameterKind::sensor_pose;
+    if (!e.pose || (!sensor && p.kind != ParameterKind::target_pose)) continue;
+    const std::string& owner = sensor ? rig.sensors[p.owner].name : rig.targets[p.owner].name;
+    const std::string& parent =
+        tree.links[sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link];
+    const std::string link = free_name(owner, [&](const std::string& n) {
+      return tree.find_link(n) >= 0 || std::count(links.begin(), links.end(), n) > 0;
+    });
+    links.push_back(link);
+    const std::string joint =
+        free_name(link + "_mount", [&](const std::string& n) { return tree.find_joint(n) >= 0; });
+    const Vector3d& t = e.pose->translation;
+    const Eigen::Vector4d q = quaternion_from_rotation(e.pose->rotation);
+    MountText text{(sensor ? "sensor/" : "target/") + owner, "", ""};
+    text.urdf = "<link name=\"" + in_xml(link) + "\"/>\n<joint name=\"" + in_xml(joint) +
+                "\" type=\"fixed\"><parent link=\"" + in_xml(parent) + "\"/><child link=\"" +
+                in_xml(link) + "\"/><origin xyz=\"" + shortest(t) + "\" rpy=\"" +
+                shortest(Vector3d(rpy_from_rotation(e.pose->rotation))) + "\"/></joint>";
+    text.ros2 = "ros2 run tf2_ros static_transform_publisher --x " + shortest(t.x()) + " --y " +
+                shortest(t.y()) + " --z " + shortest(t.z()) + " --qx " + shortest(q[0]) + " --qy " +
+                shortest(q[1]) + " --qz " + shortest(q[2]) + " --qw " + shortest(q[3]) +
+                " --frame-id " + shell_word(parent) + " --child-frame-id " + shell_word(link);
+    out.push_back(std::move(text));
+  }
+  return out;
+}
+
+}  // namespace kincal
