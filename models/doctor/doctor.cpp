@@ -8,10 +8,12 @@
 
 #include "../fitting/free_targets.h"
 #include "../rig/words.h"
+#include "camera_mistakes.h"
 #include "hypotheses.h"
 #include "start_values.h"
 #include "suspects.h"
 #include "trial_fits.h"
+#include "turned_poses.h"
 
 namespace kincal {
 namespace {
@@ -58,7 +60,7 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
     t.cost = t.fit.score();
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
-  if (h.id == "bad-samples")
+  if (h.leaves_out)
     t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
               static_cast<double>(std::max(1L, t.fit.dof));
   return t;
@@ -79,6 +81,16 @@ std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Tria
   const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
                     std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
   return sane ? factors : std::vector<double>();
+}
+
+/// Words about where the fit puts the principal point of a camera, "" where it is not far away.
+std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  const Parameter& p =
+      t.recording.table.all[t.recording.table.index_of(ParameterKind::intrinsics, h.cropped)];
+  const VectorXd found = t.fit.values.shared.segment(p.start, 4);
+  return cropped_words(rig.sensors[h.cropped].name,
+                       find_block(rig.sensors[h.cropped], ParameterKind::intrinsics)->values,
+                       {found.data(), found.data() + 4});
 }
 
 /// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
@@ -102,9 +114,9 @@ bool explains(const Rig& rig, const Question& question, const Hypothesis& h, con
   if (question.by_movement)
     return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
-  const bool leaves_out = h.id == "bad-samples";
-  return believed(question.now, t.fit, leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
-                  leaves_out || h.ignored_joint >= 0);
+  if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
+  return believed(question.now, t.fit, h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
+                  h.leaves_out || h.ignored_joint >= 0);
 }
 
 /// The best few of the first `count` candidates, by a few iterations with some samples; best first.
@@ -150,6 +162,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     const TrialFit robust = robust_fit(recording, context);
     for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
     if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
+    if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
+    for (Hypothesis& h : turned_poses(recording, context)) all.push_back(std::move(h));
   }
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
@@ -302,6 +316,14 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   if (!evidence) return false;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
+  if (best->hypothesis.cropped >= 0) {
+    best->hypothesis.mistake = cropped(recording.rig, best->hypothesis, best->trial);
+    best->hypothesis.cure =
+        "Give the intrinsics of the image in which the points were detected: of a cropped one, cx "
+        "minus the columns that are cut off at the left, cy minus the rows at the top; or free "
+        "sensor/" +
+        best->hypothesis.where[0] + "/intrinsics.";
+  }
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
@@ -396,10 +418,15 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
 
 Diagnosis examine(Recording recording, TrialContext context) {
   Diagnosis out;
-  out.tested = {"square",    "rows-columns", "numbering",     "mirrored",    "joint-sign",
-                "degrees",   "still-joint",  "inverted-pose", "eye-in-hand", "swapped-cameras",
-                "rectified", "duplicates",   "disconnected",  "bad-samples"};
+  out.tested = {"square",        "rows-columns",    "numbering",      "mirrored",
+                "joint-sign",    "degrees",         "still-joint",    "inverted-pose",
+                "eye-in-hand",   "swapped-cameras", "rectified",      "duplicates",
+                "disconnected",  "bad-samples",     "exchanged-axes", "resolution",
+                "intrinsics",    "normalised",      "board-columns",  "turned-pose",
+                "outlier-points"};
   std::vector<Finding> by_data = find_duplicates(recording.rig, recording.samples), by_fits;
+  for (Finding& f : find_normalised(recording.rig, recording.samples))
+    by_data.push_back(std::move(f));
   const FreedNames freed = freed_names(recording.table, context.all);
   check_still_joints(recording, freed, by_data);
   check_connections(recording, freed, context.all.sensors, by_data);

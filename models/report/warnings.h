@@ -9,6 +9,9 @@
 
 namespace kincal {
 
+/// Widths that came out larger than those they began with by this factor, two spreads of what is
+/// assumed of them, are unusual.
+constexpr double kUnusualWidth = 9;
 constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 
 /// Both return one warning of a kind, what matters most first; where a step did not converge only
