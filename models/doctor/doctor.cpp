@@ -8,6 +8,7 @@
 
 #include "../fitting/free_targets.h"
 #include "../rig/words.h"
+#include "camera_mistakes.h"
 #include "hypotheses.h"
 #include "joint_mistakes.h"
 #include "plausibility.h"
@@ -15,6 +16,7 @@
 #include "stated_sigmas.h"
 #include "suspects.h"
 #include "trial_fits.h"
+#include "turned_poses.h"
 
 namespace kincal {
 namespace {
@@ -61,7 +63,7 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
     t.cost = t.fit.score();
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
-  if (h.id == "bad-samples")
+  if (h.leaves_out)
     t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
               static_cast<double>(std::max(1L, t.fit.dof));
   return t;
@@ -82,6 +84,16 @@ std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Tria
   const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
                     std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
   return sane ? factors : std::vector<double>();
+}
+
+/// Words about where the fit puts the principal point of a camera, "" where it is not far away.
+std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  const Parameter& p =
+      t.recording.table.all[t.recording.table.index_of(ParameterKind::intrinsics, h.cropped)];
+  const VectorXd found = t.fit.values.shared.segment(p.start, 4);
+  return cropped_words(rig.sensors[h.cropped].name,
+                       find_block(rig.sensors[h.cropped], ParameterKind::intrinsics)->values,
+                       {found.data(), found.data() + 4});
 }
 
 /// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
@@ -105,9 +117,9 @@ bool explains(const Rig& rig, const Question& question, const Hypothesis& h, con
   if (question.by_movement)
     return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
-  const bool leaves_out = h.id == "bad-samples";
-  return believed(question.now, t.fit, leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
-                  leaves_out || h.ignored_joint >= 0);
+  if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
+  return believed(question.now, t.fit, h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
+                  h.leaves_out || h.ignored_joint >= 0);
 }
 
 /// The best few of the first `count` candidates, by a few iterations with some samples; best first.
@@ -154,6 +166,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
     if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
     if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
+    if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
+    for (Hypothesis& h : turned_poses(recording, context)) all.push_back(std::move(h));
   }
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
@@ -306,6 +320,14 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   if (!evidence) return false;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
+  if (best->hypothesis.cropped >= 0) {
+    best->hypothesis.mistake = cropped(recording.rig, best->hypothesis, best->trial);
+    best->hypothesis.cure =
+        "Give the intrinsics of the image in which the points were detected: of a cropped one, cx "
+        "minus the columns that are cut off at the left, cy minus the rows at the top; or free "
+        "sensor/" +
+        best->hypothesis.where[0] + "/intrinsics.";
+  }
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
@@ -432,8 +454,14 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
   };
   std::stable_sort(by_fits.begin(), by_fits.end(),
                    [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
-  const auto named = [](const Finding& f, const Finding& g) {
-    return g.id == f.id && std::any_of(f.where.begin(), f.where.end(), [&](const std::string& w) {
+  // A fit that proves how an image is wrong says why points lie outside of it.
+  const auto says = [](const Finding& g, const Finding& f) {
+    return g.id == f.id ||
+           (f.id == "outside-image" && (g.id == "resolution" || g.id == "exchanged-axes" ||
+                                        g.id == "intrinsics" || g.id == "swapped-cameras"));
+  };
+  const auto named = [&](const Finding& f, const Finding& g) {
+    return says(g, f) && std::any_of(f.where.begin(), f.where.end(), [&](const std::string& w) {
              return std::count(g.where.begin(), g.where.end(), w) > 0;
            });
   };
@@ -447,6 +475,7 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
 /// The rig's own numbers and the samples, before any fit.
 std::vector<Finding> examine_data(const Recording& recording, const TrialContext& context) {
   std::vector<Finding> out = find_implausible(recording.rig, recording.samples);
+  for (Finding& f : find_normalised(recording.rig, recording.samples)) out.push_back(std::move(f));
   const FreedNames freed = freed_names(recording.table, context.all);
   check_still_joints(recording, freed, out);
   check_connections(recording, freed, context.all.sensors, out);
@@ -455,11 +484,13 @@ std::vector<Finding> examine_data(const Recording& recording, const TrialContext
 
 Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   Diagnosis out;
-  out.tested = {"square",     "rows-columns", "numbering",     "mirrored",    "joint-sign",
-                "degrees",    "still-joint",  "inverted-pose", "eye-in-hand", "swapped-cameras",
-                "rectified",  "duplicates",   "disconnected",  "bad-samples", "units",
-                "intrinsics", "resolution",   "outside-image", "shifted",     "lag",
-                "wrong-link", "sigma"};
+  out.tested = {
+      "square",         "rows-columns", "numbering",     "mirrored",      "joint-sign",
+      "degrees",        "still-joint",  "inverted-pose", "eye-in-hand",   "swapped-cameras",
+      "rectified",      "duplicates",   "disconnected",  "bad-samples",   "exchanged-axes",
+      "resolution",     "intrinsics",   "normalised",    "board-columns", "turned-pose",
+      "outlier-points", "units",        "outside-image", "shifted",       "lag",
+      "wrong-link",     "sigma"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);
@@ -478,7 +509,9 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
          ++round)
       explain(recording, context, now, true, by_fits);
   }
-  if (by_fits.empty() && !still_joint)
+  const bool normalised = std::any_of(by_data.begin(), by_data.end(),
+                                      [](const Finding& f) { return f.id == "normalised"; });
+  if (by_fits.empty() && !still_joint && !normalised)
     if (std::optional<Finding> sigma = wrong_sigmas(recording, context, now))
       by_fits.push_back(std::move(*sigma));
   if (!good(now) && now.complete() && !still_joint && !context.usual_steps)

@@ -15,7 +15,8 @@
 //    poses nearest to the rig's. Bad samples are found by a robust fit (Cauchy, its scale taken
 //    from the data and lowered to 3 sigmas): those whose rows have more than 25 times the median
 //    sample's mean square. Views numbered from the other corner likewise: a view that half a turn
-//    fits far better, with everything else as it is.
+//    fits far better, with everything else as it is; and single points that lie far off. Held poses
+//    that are turned: turned_poses.h.
 // 4. Start values. A wrong pose that is freed wholly disappears in the estimate. It shows if the
 // estimate is far from the rig's pose but
 //    near to its inverse, or to the pose turned as another numbering of the board would turn it.

@@ -1,5 +1,6 @@
 #include "hypotheses.h"
 
+#include "camera_mistakes.h"
 #include "joint_mistakes.h"
 #include "sensor_mistakes.h"
 #include "target_mistakes.h"
@@ -14,6 +15,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_bearings(rig, samples, survey, out);
   add_squares(rig, table, survey, freed, out);
   add_boards(rig, survey, out);
+  add_widths(rig, samples, survey, out);
   add_mirrors(rig, survey, out);
   add_mirrored_points(rig, survey, out);
   add_units(rig, survey, out);
@@ -21,6 +23,10 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_sides(rig, survey, out);
   add_exchanges(rig, survey, out);
   add_lenses(rig, table, survey, freed, out);
+  add_exchanged_axes(rig, survey, out);
+  add_resolutions(rig, table, samples, survey, freed, out);
+  add_orders(rig, survey, out);
+  add_normalised(rig, samples, survey, out);
   add_shifts(rig, samples, survey, out);  // many: last, where bad ones are given up soon
   add_links(rig, samples, out);
   return out;

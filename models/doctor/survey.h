@@ -26,8 +26,10 @@ struct Hypothesis {
   std::vector<std::string> free;  // parameters that are free besides
   bool new_poses =
       false;  // freed poses mean something else now: their values are to be found in closed form
+  bool leaves_out = false;           // undo() leaves out what it cannot put right
   bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
+  int cropped = -1;  // camera whose principal point is free besides and says where it is, -1: none
 };
 
 /// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")

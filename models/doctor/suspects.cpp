@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -115,6 +116,7 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
   }
   Hypothesis h;
   h.id = "bad-samples";
+  h.leaves_out = true;
   h.where.assign(bad.begin(), bad.end());
   h.mistake =
       (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") +
@@ -125,6 +127,119 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     samples.erase(std::remove_if(samples.begin(), samples.end(),
                                  [&](const Sample& s) { return bad.count(s.id) > 0; }),
                   samples.end());
+  };
+  return h;
+}
+
+namespace {
+
+/// A point of a view that lies far from where everything else says it is.
+struct FarPoint {
+  int sample, place;  // place of the point in the view
+  const View* view;
+  double whitened, raw;  // in sigmas, in units of the sensor
+};
+
+/// Points at more than `Thresholds::far_point` times their sigma (and what the others show), in
+/// views of which most points are near. `points`: how many there are in all.
+std::vector<FarPoint> far_points(const Recording& recording, const TrialContext& context,
+                                 const TrialFit& robust, size_t& points) {
+  std::vector<FarPoint> out;
+  points = 0;
+  std::vector<int> samples;
+  for (size_t i = 0; i < robust.sample.size(); ++i)
+    if (std::isfinite(robust.sample[i])) samples.push_back(static_cast<int>(i));
+  if (samples.empty() || robust.values.shared.size() != recording.table.initial.size()) return out;
+  EstimationSetup setup;
+  setup.noise = context.noise;
+  setup.sensors = context.all.sensors;
+  Estimation problem(recording, samples, setup);
+  const VectorXd state = problem.pack(robust.values);
+  problem.renew(state);
+  const std::vector<ViewResiduals> residuals = problem.residuals(state);
+  std::vector<double> sizes;
+  std::vector<std::vector<FarPoint>> views;
+  for (const ViewResiduals& r : residuals) {
+    const SensorModel& model = *recording.rig.sensors[r.view->sensor].model;
+    const Eigen::Index count = static_cast<Eigen::Index>(r.view->ids.size());
+    if (model.measures_pose() || count < 4 || r.raw.size() % count != 0 ||
+        r.whitened.size() % count != 0)
+      continue;
+    const Eigen::Index rows = r.whitened.size() / count, raw = r.raw.size() / count;
+    views.emplace_back();
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const double size = r.whitened.segment(k * rows, rows).norm();
+      sizes.push_back(std::isfinite(size) ? size : kInfinity);
+      views.back().push_back({r.sample, static_cast<int>(k), r.view, sizes.back(),
+                              r.raw.segment(k * raw, raw).norm()});
+    }
+  }
+  points = sizes.size();
+  const double limit = Thresholds::far_point * std::max(1.0, median(std::move(sizes), 1.0));
+  for (const std::vector<FarPoint>& view : views) {
+    std::vector<FarPoint> far;
+    std::copy_if(view.begin(), view.end(), std::back_inserter(far),
+                 [&](const FarPoint& p) { return p.whitened > limit; });
+    if (3 * far.size() <= view.size()) out.insert(out.end(), far.begin(), far.end());
+  }
+  return out;
+}
+
+/// The view without the points at these places, ascending.
+void leave_out(const std::vector<int>& places, View& view) {
+  const auto numbers = static_cast<std::ptrdiff_t>(view.z.size() / view.ids.size());
+  for (auto p = places.rbegin(); p != places.rend(); ++p) {
+    view.z.erase(view.z.begin() + *p * numbers, view.z.begin() + (*p + 1) * numbers);
+    if (view.covariance.size() == view.ids.size())
+      view.covariance.erase(view.covariance.begin() + *p);
+    view.ids.erase(view.ids.begin() + *p);
+  }
+}
+
+}  // namespace
+
+std::optional<Hypothesis> outlier_points(const Recording& recording, const TrialContext& context,
+                                         const TrialFit& robust) {
+  size_t points = 0;
+  std::vector<FarPoint> far = far_points(recording, context, robust, points);
+  if (far.empty() || static_cast<double>(far.size()) > Thresholds::most_far * points)
+    return std::nullopt;
+  std::map<std::pair<std::string, int>, std::vector<int>> out;  // sample, place of its view
+  std::vector<std::string> samples;
+  for (const FarPoint& p : far) {
+    const Sample& sample = recording.samples[p.sample];
+    out[{sample.id, static_cast<int>(p.view - sample.views.data())}].push_back(p.place);
+    if (samples.empty() || samples.back() != sample.id) samples.push_back(sample.id);
+  }
+  std::sort(samples.begin(), samples.end());
+  samples.erase(std::unique(samples.begin(), samples.end()), samples.end());
+  std::sort(far.begin(), far.end(),
+            [](const FarPoint& a, const FarPoint& b) { return a.whitened > b.whitened; });
+  const FarPoint& worst = far.front();
+  const Sensor& sensor = recording.rig.sensors[worst.view->sensor];
+  const bool pixels = sensor.model->measurement_kind() == MeasurementKind::rays;
+  Hypothesis h;
+  h.id = "outlier-points";
+  h.where = samples;
+  h.leaves_out = true;
+  h.mistake = std::to_string(far.size()) + " of " + std::to_string(points) +
+              (far.size() == 1 ? " points lies" : " points lie") +
+              " far off in views that are good otherwise (" + std::to_string(out.size()) +
+              (out.size() == 1 ? " view, sample" : " views, sample") +
+              (samples.size() == 1 ? " " : "s ") + joined(samples) + "), worst point " +
+              std::to_string(worst.view->ids[worst.place]) + " of target " +
+              quoted(recording.rig.targets[worst.view->target].name) + " by sensor " +
+              quoted(sensor.name) + " in sample " + quoted(recording.samples[worst.sample].id) +
+              (pixels ? text(": %.3g px", worst.raw) : text(": %.3g sigmas", worst.whitened));
+  h.cure =
+      "Leave these points out where they were detected, or let calibrate do it (--reject), or "
+      "give the steps a loss that bears them (loss: {huber: 3}; {cauchy: 3, scale: data} "
+      "where many are far off).";
+  h.undo = [out](Rig&, std::vector<Sample>& all) {
+    for (Sample& sample : all)
+      for (size_t v = 0; v < sample.views.size(); ++v)
+        if (const auto p = out.find({sample.id, static_cast<int>(v)}); p != out.end())
+          leave_out(p->second, sample.views[v]);
   };
   return h;
 }

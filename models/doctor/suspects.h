@@ -17,6 +17,11 @@ TrialFit robust_fit(const Recording& recording, const TrialContext& context);
 std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context,
                                       const TrialFit& robust);
 
+/// Finds single points that lie far off in views that are good otherwise; nothing where there are
+/// none, or too many.
+std::optional<Hypothesis> outlier_points(const Recording& recording, const TrialContext& context,
+                                         const TrialFit& robust);
+
 /// Finds single views of a grid that fit far better after half a turn while everything shared
 /// stays. One hypothesis or none.
 std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 
@@ -18,32 +19,72 @@ Matrix2d matrix(double a, double b, double c, double d) {
   return (Matrix2d() << a, b, c, d).finished();
 }
 
-/// Layouts of a regular grid (of single points, or of tags of four) with rows and columns
-/// exchanged: the same points numbered row by row of the other shape, and column by column.
-std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
+/// The rows and columns of a regular grid of single points or of tags of four; 0: it is none.
+struct GridShape {
+  int block = 1, rows = 0, columns = 0;
+  bool asymmetric = false;  // every other row is shifted by half a pitch
+};
+
+GridShape shape_of(const Target& target) {
   const Eigen::Matrix3Xd& old = target.layout;
-  const int block = points_of_mark(target), n = static_cast<int>(old.cols()) / block;
+  GridShape out;
+  out.block = points_of_mark(target);
+  const int n = static_cast<int>(old.cols()) / out.block;
   int columns = 1;
-  while (columns < n && std::abs(old(1, columns * block) - old(1, 0)) < 1e-9) ++columns;
+  while (columns < n && std::abs(old(1, columns * out.block) - old(1, 0)) < 1e-9) ++columns;
   const int rows = columns ? n / columns : 0;
-  if (rows < 2 || columns < 2 || rows * columns != n) return {};
-  const bool asymmetric = std::abs(old(0, columns * block) - old(0, 0)) > 1e-9;
-  const double pitch = old(1, columns * block) - old(1, 0);
-  std::vector<Eigen::Matrix3Xd> out;
-  for (bool by_column : {false, true}) {
-    if (!by_column && rows == columns) continue;
-    if (by_column && asymmetric) continue;
-    Eigen::Matrix3Xd layout = old;
-    for (int i = 0; i < n; ++i) {
-      const int r = by_column ? i % rows : i / rows, c = by_column ? i / rows : i % rows;
-      const Vector3d corner =
-          old.col(0) + Vector3d(asymmetric ? 2 * c + r % 2 : pitch * c, pitch * r, 0);
-      for (int k = 0; k < block; ++k)
-        layout.col(i * block + k) = corner + Vector3d(old.col(k) - old.col(0));
-    }
-    out.push_back(layout);
+  if (rows < 2 || columns < 2 || rows * columns != n) return out;
+  out.rows = rows, out.columns = columns;
+  out.asymmetric = std::abs(old(0, columns * out.block) - old(0, 0)) > 1e-9;
+  return out;
+}
+
+/// The layout with as many marks, whose mark i stands in the row and column that `place` says.
+template <typename Place>
+Eigen::Matrix3Xd laid_out(const Target& target, const GridShape& shape, const Place& place) {
+  const Eigen::Matrix3Xd& old = target.layout;
+  const double pitch = old(1, shape.columns * shape.block) - old(1, 0);
+  Eigen::Matrix3Xd out = old;
+  for (int i = 0; i < shape.rows * shape.columns; ++i) {
+    const std::pair<int, int> at = place(i);
+    const int r = at.first, c = at.second;
+    const Vector3d corner =
+        old.col(0) + Vector3d(shape.asymmetric ? 2 * c + r % 2 : pitch * c, pitch * r, 0);
+    for (int k = 0; k < shape.block; ++k)
+      out.col(i * shape.block + k) = corner + Vector3d(old.col(k) - old.col(0));
   }
   return out;
+}
+
+/// Layouts of a regular grid with rows and columns exchanged: the same points numbered row by row
+/// of the other shape, and column by column.
+std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
+  const GridShape shape = shape_of(target);
+  std::vector<Eigen::Matrix3Xd> out;
+  const int rows = shape.rows;
+  for (bool by_column : {false, true}) {
+    if (rows == 0 || (!by_column && rows == shape.columns) || (by_column && shape.asymmetric))
+      continue;
+    out.push_back(laid_out(target, shape, [&](int i) {
+      return by_column ? std::make_pair(i % rows, i / rows) : std::make_pair(i / rows, i % rows);
+    }));
+  }
+  return out;
+}
+
+/// The number of points of the board that the views show, as far as their ids tell: the largest
+/// and one. `complete`: all views show as many.
+int points_seen(const std::vector<Sample>& samples, int target, bool& complete) {
+  int most = 0;
+  size_t fewest = std::numeric_limits<size_t>::max();
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views)
+      if (v.target == target && !v.ids.empty()) {
+        most = std::max(most, *std::max_element(v.ids.begin(), v.ids.end()) + 1);
+        fewest = std::min(fewest, v.ids.size());
+      }
+  complete = fewest == static_cast<size_t>(most);
+  return most;
 }
 
 }  // namespace
@@ -172,6 +213,40 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
                   quoted(rig.targets[p.first].name),
               {p}, s.first);
     }
+}
+
+void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                std::vector<Hypothesis>& out) {
+  for (int t : survey.targets) {
+    const Target& target = rig.targets[t];
+    if (!target.grid) continue;
+    const GridShape shape = shape_of(target);
+    bool complete = false;
+    const int seen = points_seen(samples, t, complete) / shape.block;
+    for (int width : {shape.columns - 1, shape.columns + 1}) {
+      if (shape.rows == 0 || width < 2 || width == shape.rows || (complete && seen % width != 0))
+        continue;
+      const bool squares =
+          complete && width == shape.columns - 1 && seen == (shape.rows - 1) * (shape.columns - 1);
+      Hypothesis h;
+      h.id = "board-columns";
+      h.where = {target.name};
+      h.mistake = "the points of target " + quoted(target.name) + " are numbered in rows of " +
+                  std::to_string(width) + ", but the rig's board has " +
+                  std::to_string(shape.columns) + " in a row";
+      if (squares) h.mistake += ": the rig counts squares in place of inner corners";
+      const int more = width - shape.columns;
+      h.cure =
+          "Count rows and columns again (inner corners, not squares; of a charuco board "
+          "squares): targets." +
+          target.name + ".columns is one" + (more > 0 ? " too small" : " too large") +
+          (complete ? text(", and the points seen make %d rows", seen / width) : "") + ".";
+      h.undo = [t, layout = laid_out(target, shape, [&](int i) {
+                     return std::make_pair(i / width, i % width);
+                   })](Rig& r, std::vector<Sample>&) { r.targets[t].layout = layout; };
+      out.push_back(h);
+    }
+  }
 }
 
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {

@@ -13,6 +13,10 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
                  const FreedNames& freed, std::vector<Hypothesis>& out);
 /// Adds rows and columns exchanged, points numbered from another corner or mirrored.
 void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Adds boards whose rows have one point more or less than the rig says: squares counted in place
+/// of inner corners, another board.
+void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                std::vector<Hypothesis>& out);
 /// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 

@@ -45,6 +45,8 @@ struct Thresholds {
   static constexpr double most_bad = 0.4;
   /// Leaving samples out must be better by this factor than what keeps them.
   static constexpr double leaving_out = 10;
+  /// A point lies far off at this many sigmas, if at most this share of all points does.
+  static constexpr double far_point = 10, most_far = 0.1;
   /// Mistakes are looked for on top of each other in at most this many rounds.
   static constexpr int rounds = 4;
 };

@@ -66,6 +66,13 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   if (!report.diagnosis) throw StudyCancelled();
 }
 
+/// Whether a group came out so much worse than usual that it may take a mistake up: residuals are
+/// good then.
+bool takes_up_a_mistake(const Report& report) {
+  return std::any_of(report.automatic.begin(), report.automatic.end(),
+                     [](const AutomaticGroup& g) { return g.factor > kUnusualWidth && !g.held; });
+}
+
 /// The rig with joints that are stated exact taken for noisy.
 Rig with_noisy_joints(const Recording& recording) {
   Rig out = recording.rig;
@@ -342,6 +349,9 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       // were wrong, too.
       if (recording->rig.steps.empty() && report.diagnosis->findings.empty())
         add_diagnosis(recording->rig, samples, options, report);
+    } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
+      add_diagnosis(recording->rig, solution.samples(), options, report);
+      if (report.diagnosis->findings.empty()) report.diagnosis.reset();
     }
   } catch (const StudyCancelled&) {
     return std::nullopt;

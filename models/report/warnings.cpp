@@ -412,11 +412,10 @@ std::string doubted_gears(const Report& report) {
 /// Groups that came out much worse than such numbers usually are, and gears that the rig's path
 /// leaves out.
 void warn_of_widths(const Report& report, Warnings& out) {
-  constexpr double kUnusual = 9;    // two spreads of what is assumed of a width
   constexpr double kSpeaking = 10;  // log evidence
   std::vector<Case> wide;
   for (const AutomaticGroup& group : report.automatic)
-    if (group.factor > kUnusual && !group.held)
+    if (group.factor > kUnusualWidth && !group.held)
       wide.push_back({group.name,
                       "group '" + group.name +
                           text("': its numbers are off by %.0f times as much as usual: look for a "

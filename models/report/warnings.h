@@ -8,6 +8,10 @@
 
 namespace kincal {
 
+/// Widths that came out larger than those they began with by this factor, two spreads of what is
+/// assumed of them, are unusual.
+constexpr double kUnusualWidth = 9;
+
 /// Both return one warning of a kind, what matters most first; where a step did not converge only
 /// that and its first likely cause, of which everything else may come.
 std::vector<Warning> warnings(const Report& report);

@@ -196,7 +196,7 @@ class Endings(Input):
                     pixel[1] += rng.gauss(0, 40)
         code, result, said = self.run_calibrate(GIVEN, samples)
         self.assertEqual(code, 5, said)
-        self.assertIn("A mistake is likelier than noise stated too small (", result["verdict"]["text"])
+        self.assertIn("A mistake is likelier than noise stated too small: outlier-points", result["verdict"]["text"])
         self.assertNotIn("sigma", [f["id"] for f in result.get("findings", [])])
 
     def test_a_loss_from_a_rough_start(self):

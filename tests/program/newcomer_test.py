@@ -157,15 +157,28 @@ class Words(Case):
         for old, new in CAMERA_POSES:
             true = true.replace(old, new)
         samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
-        self.write("mm.yaml", CAMERA.replace("square: 0.025", "square: 25"))
+        for s in samples:
+            s["joints"]["j2"] = -s["joints"]["j2"]
+        self.write("rig.yaml", CAMERA)
         self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
-        found = json.loads(self.kincal("check", "mm.yaml", "samples.jsonl", "--json"))["findings"]
-        self.assertEqual(len(found), 1)
-        p = subprocess.run([KINCAL, "calibrate", "mm.yaml", "samples.jsonl", "--out", "out"], cwd=self.dir, capture_output=True, text=True)
+        found = json.loads(self.kincal("check", "rig.yaml", "samples.jsonl", "--json"))["findings"]
+        self.assertEqual(found[0]["id"], "joint-sign")
+        p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out"], cwd=self.dir, capture_output=True, text=True)
         self.assertNotEqual(p.returncode, 0)
-        with open(self.path("out", "result.json"), encoding="utf-8") as file:
-            result = json.load(file)
-        self.assertEqual([f["id"] for f in result["findings"]], [found[0]["id"]], p.stdout)
+        self.assertIn(found[0]["text"][:60], p.stdout + p.stderr)
+
+    def test_a_board_in_millimetres_is_calibrated_and_named(self):
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        self.write("mm.yaml", CAMERA.replace("square: 0.025", "square: 25"))
+        result, text = self.calibrate(samples, rig="mm.yaml")
+        self.assertAlmostEqual(result["parameters"]["target/board/square"]["value"][0], 0.025, delta=1e-4, msg=text)
+        self.assertEqual(result["verdict"]["use"], "doubts", text)
+        for kind in ("implausible", "rescaled"):
+            self.assertEqual(len(self.warnings(result, kind)), 1, text)
+            self.assertIn("board", self.warnings(result, kind)[0])
 
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)

@@ -1,0 +1,35 @@
+// Mistakes about what a camera's numbers mean: u and v exchanged, images of another size than the
+// intrinsics, intrinsics in another order, normalised coordinates for pixels. Each function appends
+// its hypotheses.
+#pragma once
+
+#include <vector>
+
+#include "finding.h"
+#include "survey.h"
+
+namespace kincal {
+
+/// Adds views that have v first.
+void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Adds intrinsics of another resolution, where the pixels lie as if of it, and images that were
+/// cropped, where the principal point is held.
+void add_resolutions(const Rig& rig, const ParameterTable& table,
+                     const std::vector<Sample>& samples, const Survey& survey,
+                     const FreedNames& freed, std::vector<Hypothesis>& out);
+/// Adds other orders of fx fy cx cy that are as plausible.
+void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Adds normalised coordinates in the views of a camera with intrinsics in pixels, and the reverse.
+void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                    std::vector<Hypothesis>& out);
+
+/// Words for how far the principal point of a cropped image is from the rig's, and where it is; ""
+/// if it is not far enough to be one. `before`, `after`: fx fy cx cy.
+std::string cropped_words(const std::string& camera, const std::vector<double>& before,
+                          const std::vector<double>& after);
+
+/// Finds cameras whose views can only be normalised coordinates although their intrinsics are in
+/// pixels: a fit need not be bad with them.
+std::vector<Finding> find_normalised(const Rig& rig, const std::vector<Sample>& samples);
+
+}  // namespace kincal
