@@ -3,6 +3,7 @@
 #include <iostream>
 #include <memory>
 
+#include "../../io/document/files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <iostream>
 
+#include "../../io/document/files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/report/warnings.h"
