@@ -77,8 +77,11 @@ Command check_command(CLI::App& app) {
       "joints\n"
       "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and "
       "targets on the wrong side, exchanged\n"
-      "cameras, images rectified or not, samples twice, sensors tied to nothing, and samples whose "
-      "readings do not belong to their views.\n"
+      "cameras, images rectified or not, samples twice, sensors tied to nothing, samples whose "
+      "readings do not belong to their views,\n"
+      "readings that are a sample or some time late, sensors and targets on a wrong link, sigmas "
+      "wrong by 5 times and more, points outside of\n"
+      "the image, intrinsics in another order, lengths in millimetres.\n"
       "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 "
       "interrupted.");
   return {command, [a] { return check(*a); }};

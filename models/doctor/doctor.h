@@ -1,7 +1,8 @@
 // What is wrong with these data? The usual mistakes are tested as hypotheses, and the one that
 // explains the data is reported, with the evidence.
 //
-// 1. The data alone: samples that are duplicated, joints that never move, sensors tied to nothing.
+// 1. The data alone: samples that are duplicated, numbers that nobody can mean (plausibility.h),
+//    joints that never move, sensors tied to nothing.
 // 2. The fit as it is: everything that any step frees, at once, over all samples (held-out ones
 // too: they can be wrong as well). The best
 //    of three starts: the rig's values, the rig's steps one after the other, and closed form for
@@ -20,6 +21,8 @@
 // 4. Start values. A wrong pose that is freed wholly disappears in the estimate. It shows if the
 // estimate is far from the rig's pose but
 //    near to its inverse, or to the pose turned as another numbering of the board would turn it.
+// 5. Sigmas, where no mistake was found: the noise levels of the data, if these are noise
+//    (stated_sigmas.h).
 //
 // What cannot be seen: docs/doctor.md.
 #pragma once

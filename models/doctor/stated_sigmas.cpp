@@ -15,9 +15,9 @@
 namespace kincal {
 namespace {
 
-constexpr double kWrong = 5;      // times as large or small as stated
-constexpr double kKnown = 0.3;    // relative uncertainty of a level
-constexpr double kAtRest = 0.05;  // of the logarithm of a level, from round to round
+constexpr double kWrong = 5;           // times as large or small as stated
+constexpr double kKnown = 0.3;         // relative uncertainty of a level
+constexpr double kLevelAtRest = 0.05;  // of the logarithm of a level, from round to round
 constexpr int kNoiseFits = 8;
 constexpr double kErrAlike = 0.3;     // correlation of neighbouring points
 constexpr double kSampleApart = 10;   // times the median sample's mean square
@@ -75,7 +75,7 @@ std::optional<NoiseFit> fit_noise(const Recording& recording, const TrialContext
       if (std::max(factor, 1 / factor) > 1.1) moved = std::max(moved, std::abs(std::log(factor)));
     }
     if (round == 0 && farthest < kNearlyRight) return std::nullopt;
-    if (moved < kAtRest) return out;
+    if (moved < kLevelAtRest) return out;
     scale_noise(rig, samples, levels);
   }
   return std::nullopt;

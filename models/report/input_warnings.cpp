@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "../analysis/frames.h"
+#include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 #include "cases.h"
 
@@ -135,23 +136,23 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
 }
 
 void warn_of_unused_priors(const Solution& solution, Warnings& out) {
-  const ParameterTable& table = solution.table();
-  std::set<Component> estimated(solution.columns.begin(), solution.columns.end());
-  if (solution.prediction)
-    estimated.insert(solution.prediction->columns.begin(), solution.prediction->columns.end());
-  for (const ParameterEstimate& e : solution.parameters)
-    for (size_t c = 0; c < e.freed.size(); ++c)
-      if (e.freed[c]) estimated.insert({e.parameter, static_cast<int>(c)});
   std::vector<PriorSetting> priors = solution.rig().priors;
-  if (!solution.prediction)
-    for (const Step& step : solution.rig().steps)
+  for (const Step& step : solution.rig().steps)
+    if (!solution.prediction)  // else the steps are not the rig's
       priors.insert(priors.end(), step.priors.begin(), step.priors.end());
+  if (priors.empty()) return;
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = indices(solution.rig().sensors.size());
+  const Estimation probe(*solution.recording, solution.training(), setup);
+  if (probe.groups().empty()) return;
+  const std::vector<char> matters = probe.influencing();
   Warning unused{"unused_prior", "", {}};
   for (const PriorSetting& prior : priors) {
-    bool used = false;
-    for (const Component& c : components_of(table.select(prior.pattern)))
-      used = used || estimated.count(c) > 0;
-    if (!used && std::count(unused.names.begin(), unused.names.end(), prior.pattern) == 0)
+    const std::vector<Freed> covered = solution.table().select(prior.pattern);
+    if (std::none_of(covered.begin(), covered.end(),
+                     [&](const Freed& f) { return matters[f.parameter]; }) &&
+        std::count(unused.names.begin(), unused.names.end(), prior.pattern) == 0)
       unused.names.push_back(prior.pattern);
   }
   if (unused.names.empty()) return;

@@ -228,6 +228,12 @@ class Unseen(Input):
         for name, unused in (("target/spare/pose", True), ("joint/j2/offset", False), ("joint/*/offset", False)):
             _, result, said = self.run_calibrate(rig + "priors: {'%s': 0.05}\n" % name, samples)
             self.assertEqual([w["names"] for w in result["warnings"] if w["id"] == "unused_prior"], [[name]] if unused else [], said)
+        # what is held, or belongs to a step that did not run, is another matter
+        steps = TRACKER + "estimate:\n  - {step: a, free: ['sensor/tracker/pose', 'target/*/pose.x', 'target/*/pose.y', 'target/*/pose.z']}\n" \
+            "  - {step: b, free: ['sensor/tracker/pose', 'joint/j2/offset'], priors: {'joint/j2/offset': 0.05}}\n"
+        for options in (("--step", "a"), ("--fix", "joint/j2/offset")):
+            _, result, said = self.run_calibrate(steps, samples, *options)
+            self.assertEqual([w for w in result["warnings"] if w["id"] == "unused_prior"], [], said)
 
     def test_noise_that_cannot_be_estimated(self):
         samples = self.seen(samples=6)
