@@ -132,8 +132,13 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
   if (given.empty()) return false;
   const std::vector<int> absent = absent_poses_to_find(plans, recording);
   std::vector<int> unknown = absent;
-  for (const GivenPose& g : given) unknown.push_back(g.body);
+  for (const GivenPose& g : given) {
+    unknown.push_back(g.body);
+    if (g.stand_in)
+      unknown.insert(unknown.end(), g.stand_in->others.begin(), g.stand_in->others.end());
+  }
   std::sort(unknown.begin(), unknown.end());
+  unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
   Values started;
   started.shared = solution.initial;
   UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);

@@ -97,6 +97,8 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
     add(table.sensor_pose[s], rig.sensors[s].pose_given);
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
+  std::vector<char> taken(table.all.size(), 0);
+  for (const int p : unknown) taken[p] = 1;
   std::vector<StandIn> mounts;
   for (const std::vector<int>* all : {&table.sensor_mount, &table.target_mount})
     for (const int p : *all)
@@ -104,9 +106,13 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
           resolved.whole[p] && !resolved.prior[p] &&
           std::none_of(mounts.begin(), mounts.end(),
                        [&](const StandIn& m) { return m.origin == p; }))
-        if (const auto found = find_stand_in(recording, p, std::vector<char>(table.all.size(), 0)))
-          mounts.push_back(*found);
-  for (const StandIn& mount : mounts) unknown.push_back(mount.body);
+        if (const auto found = find_stand_in(recording, p, taken)) mounts.push_back(*found);
+  for (const StandIn& mount : mounts) {
+    unknown.push_back(mount.body);
+    unknown.insert(unknown.end(), mount.others.begin(), mount.others.end());
+  }
+  std::sort(unknown.begin(), unknown.end());
+  unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
   if (!unknown.empty())
     start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
   for (const StandIn& mount : mounts) move_origin(table, mount, table.initial, values.shared);

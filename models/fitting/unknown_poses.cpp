@@ -447,21 +447,24 @@ std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
   if (rig.tree.joints[joint].type != JointType::fixed) return std::nullopt;
   const std::vector<double> readings(rig.tree.joints.size(), 0.0);
   const Configuration robot(rig, table, table.initial, readings);
-  for (const bool mounted : {true, false}) {
-    const auto stands_in = [&](int link, int body) {
-      return link >= 0 && !taken[body] && hangs_on(rig.tree, link, joint) &&
-             (!mounted || table.all[body].replaced_by == origin);
-    };
-    for (size_t s = 0; s < rig.sensors.size(); ++s)
-      if (const int link = rig.sensors[s].link; stands_in(link, table.sensor_pose[s]))
-        return StandIn{origin, table.sensor_pose[s],
-                       robot.a_T_b(rig.tree.joints[joint].child, link)};
-    for (size_t t = 0; t < rig.targets.size(); ++t)
-      if (const int link = rig.targets[t].link; stands_in(link, table.target_pose[t]))
-        return StandIn{origin, table.target_pose[t],
-                       robot.a_T_b(rig.tree.joints[joint].child, link)};
-  }
-  return std::nullopt;
+  std::optional<StandIn> out;
+  std::vector<int> bodies;
+  const auto consider = [&](int link, int body) {
+    if (link < 0 || taken[body] || !hangs_on(rig.tree, link, joint)) return;
+    bodies.push_back(body);
+    if (!out ||
+        (table.all[body].replaced_by == origin && table.all[out->body].replaced_by != origin))
+      out = StandIn{origin, body, robot.a_T_b(rig.tree.joints[joint].child, link), {}};
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    consider(rig.sensors[s].link, table.sensor_pose[s]);
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    consider(rig.targets[t].link, table.target_pose[t]);
+  for (const int body : bodies)
+    if (body != out->body &&
+        (table.all[body].replaced_by < 0 || table.all[body].replaced_by == origin))
+      out->others.push_back(body);
+  return out;
 }
 
 void move_origin(const ParameterTable& table, const StandIn& stand_in, const VectorXd& initial,
@@ -473,6 +476,8 @@ void move_origin(const ParameterTable& table, const StandIn& stand_in, const Vec
            get_pose(initial, at) * stand_in.child_T_link * found * inverse(pose) *
                inverse(stand_in.child_T_link));
   set_pose(shared, body, pose);
+  for (const int other : stand_in.others)
+    set_pose(shared, table.all[other].start, get_pose(initial, table.all[other].start));
 }
 
 }  // namespace kincal

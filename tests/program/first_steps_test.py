@@ -210,6 +210,22 @@ class Mount(Case):
         self.assertEqual([n for n in result["parameters"] if n.endswith("/pose")], [])
         self.assertSame(self.camera(result), self.camera(self.calibrate(BY_POSE, out="pose"), "pose"), 2e-6, 2e-6)
 
+    def test_a_rectified_pair_on_one_joint(self):
+        """The other camera is as far off as the first: neither may be believed. One name is enough for both."""
+        def pair(left, right, board=""):
+            head, line = (RIG % (board, "", "@")).rsplit("  cam:", 1)
+            return (head + "  cam:" + line.replace("@", left) +
+                    "  right:" + line.replace("@", right).replace("sigma: 0.2", "sigma: 0.2, baseline: 0.1"))
+
+        self.simulate(rig=pair("", "", BOARD))
+        self.write("arm.urdf", urdf(WRONG))
+        mount = "mount: joint/camera_joint, "
+        for left, right in ((mount, mount), (mount, ""), ("", mount)):
+            result = self.calibrate(pair(left, right))
+            self.assertEqual([n for n in result["parameters"] if "/pose" in n], ["target/board/pose"])
+            self.assertSame([frame(self.read("out", "robot.urdf"), "camera_link", {})], [frame(urdf(RIGHT), "camera_link", {})], 0.02, 0.02)
+            self.assertIn("Nothing found", self.kincal("check", "out.yaml", "sim/samples.jsonl"))
+
     def test_with_steps(self):
         self.simulate(truth={})
         self.write("arm.urdf", urdf(WRONG))
