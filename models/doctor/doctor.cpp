@@ -97,7 +97,10 @@ std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
 /// unknowns were added or data left out.
 bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
   const double per_dof = now.per_dof();
-  if (!before.complete()) return per_dof < Thresholds::overwhelming;
+  // Another mistake may spoil some points besides.
+  if (!before.complete())
+    return per_dof < Thresholds::overwhelming ||
+           (now.complete() && now.typical() < Thresholds::overwhelming);
   if (per_dof < Thresholds::clean && !strict) {
     double worst = 0;  // a sensor's share of all may be small
     for (size_t s = 0; s < before.sensor.size(); ++s)
@@ -163,7 +166,6 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
     if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
     if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
-    for (Hypothesis& h : turned_poses(recording, context)) all.push_back(std::move(h));
   }
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
@@ -173,7 +175,9 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
                            best && !question.by_movement ? 20 * best->cost : kInfinity};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
-    const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
+    // A principal point that is free takes part of other mistakes up.
+    const double near = best && (all[i].cropped >= 0) != (all[chosen].cropped >= 0) ? 2.5 : 1.2;
+    const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
     const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
     if (!best || (equal ? extra < fewest ||
                               (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest())
@@ -186,6 +190,11 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!best || best->fit.per_dof() > Thresholds::clean ||
       static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
     for (size_t i : shortlist(recording, context, question, all, common)) try_with_all_samples(i);
+  if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
+    for (Hypothesis& h : turned_poses(recording, context)) {
+      all.push_back(std::move(h));
+      try_with_all_samples(all.size() - 1);
+    }
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};
 }

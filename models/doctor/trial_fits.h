@@ -111,6 +111,14 @@ struct TrialFit {
     return out;
   }
 
+  /// The median of what samples have without the worst of each view's points.
+  double typical() const {
+    std::vector<double> finite;
+    for (double t : trimmed)
+      if (std::isfinite(t)) finite.push_back(t);
+    return median(std::move(finite), kInfinity);
+  }
+
   bool complete() const { return undefined.empty() && std::isfinite(chi2); }
   double score() const { return complete() ? cost : kInfinity; }
   double per_dof() const {
