@@ -90,7 +90,7 @@ bool lies_as_if(const Pixels& pixels, const std::vector<double>& k, double facto
   const std::array<double, 2> middle = pixels.middle();
   const std::vector<double> other = scaled_intrinsics(k, factor);
   return std::hypot(middle[0] - other[2], middle[1] - other[3]) <
-         0.4 * std::hypot(middle[0] - k[2], middle[1] - k[3]);
+         0.6 * std::hypot(middle[0] - k[2], middle[1] - k[3]);
 }
 
 struct PlainFactor {
