@@ -28,7 +28,8 @@ void set_intrinsics(Sensor& sensor, const std::vector<double>& values) {
     if (block.name == "intrinsics") block.values = values;
 }
 
-/// Cameras that a mistake may be about together: each alone, those of one link, all.
+/// Cameras that a mistake may be about together: each alone, those of one link, all. A robot with
+/// many has no time for links.
 std::set<std::vector<int>> camera_groups(const Rig& rig, const Survey& survey) {
   std::map<int, std::vector<int>> on_link;
   std::set<std::vector<int>> out;
@@ -39,7 +40,8 @@ std::set<std::vector<int>> camera_groups(const Rig& rig, const Survey& survey) {
       all.push_back(s);
       out.insert({s});
     }
-  for (const auto& link : on_link) out.insert(link.second);
+  if (all.size() <= 4)
+    for (const auto& link : on_link) out.insert(link.second);
   if (!all.empty()) out.insert(all);
   return out;
 }
@@ -88,7 +90,7 @@ bool lies_as_if(const Pixels& pixels, const std::vector<double>& k, double facto
   const std::array<double, 2> middle = pixels.middle();
   const std::vector<double> other = scaled_intrinsics(k, factor);
   return std::hypot(middle[0] - other[2], middle[1] - other[3]) <
-         0.7 * std::hypot(middle[0] - k[2], middle[1] - k[3]);
+         0.6 * std::hypot(middle[0] - k[2], middle[1] - k[3]);
 }
 
 struct PlainFactor {

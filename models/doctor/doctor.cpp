@@ -100,7 +100,10 @@ std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
 /// unknowns were added or data left out.
 bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
   const double per_dof = now.per_dof();
-  if (!before.complete()) return per_dof < Thresholds::overwhelming;
+  // Another mistake may spoil some points besides.
+  if (!before.complete())
+    return per_dof < Thresholds::overwhelming ||
+           (now.complete() && now.typical() < Thresholds::overwhelming);
   if (per_dof < Thresholds::clean && !strict) {
     double worst = 0;  // a sensor's share of all may be small
     for (size_t s = 0; s < before.sensor.size(); ++s)
@@ -167,7 +170,6 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
     if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
     if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
-    for (Hypothesis& h : turned_poses(recording, context)) all.push_back(std::move(h));
   }
   const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
   std::optional<Trial> best;
@@ -177,7 +179,9 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
                            best && !question.by_movement ? 20 * best->cost : kInfinity};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
-    const bool equal = best && t.cost < 1.2 * best->cost && best->cost < 1.2 * t.cost;
+    // A principal point that is free takes part of other mistakes up.
+    const double near = best && (all[i].cropped >= 0) != (all[chosen].cropped >= 0) ? 2.5 : 1.2;
+    const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
     const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
     if (!best || (equal ? extra < fewest ||
                               (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest())
@@ -190,6 +194,11 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!best || best->fit.per_dof() > Thresholds::clean ||
       static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
     for (size_t i : shortlist(recording, context, question, all, common)) try_with_all_samples(i);
+  if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
+    for (Hypothesis& h : turned_poses(recording, context)) {
+      all.push_back(std::move(h));
+      try_with_all_samples(all.size() - 1);
+    }
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};
 }
@@ -202,18 +211,20 @@ struct Evidence {
   std::string sentence;
 };
 
-Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit) {
+/// `what`: what the second fit is without.
+Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit,
+                       const char* what = "this mistake") {
   Evidence out;
   if (now.complete()) out.before = now.chi2;
   out.after = fit.chi2;
   out.sentence =
       now.complete()
-          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without this mistake. ",
-                 now.chi2, now.per_dof(), fit.chi2, fit.per_dof())
+          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without %s. ", now.chi2,
+                 now.per_dof(), fit.chi2, fit.per_dof(), what)
           : text(
-                "As it is the fit cannot even start (points behind a camera); without this mistake "
+                "As it is the fit cannot even start (points behind a camera); without %s "
                 "chi2 is %.6g (chi2/dof %.3g). ",
-                fit.chi2, fit.per_dof());
+                what, fit.chi2, fit.per_dof());
   return out;
 }
 
@@ -333,6 +344,88 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   context.all = std::move(best->trial.stage);
   context.given_poses_freed = frees_given_poses(recording, context.all);
   now = std::move(best->trial.fit);
+  return true;
+}
+
+/// Two mistakes that explain together what neither does alone, and the trial without both.
+struct TwoMistakes {
+  Hypothesis first, second;
+  Trial trial;
+};
+
+/// Looks for the second mistake on top of each of the few that lower chi2 most, however little.
+std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
+                                      const TrialFit& now) {
+  const auto plain = [&](const Recording& r, const Stage& stage) {
+    std::vector<Hypothesis> out =
+        hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
+    out.erase(std::remove_if(out.begin(), out.end(),
+                             [](const Hypothesis& h) {
+                               return h.cropped >= 0 || h.ignored_joint >= 0 || !h.free.empty();
+                             }),
+              out.end());
+    return out;
+  };
+  const std::vector<Hypothesis> all = plain(recording, context.all);
+  std::optional<TwoMistakes> best;
+  for (size_t i : shortlist(recording, context, {now, false}, all, all.size())) {
+    const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
+    if (!std::isfinite(one.cost)) continue;
+    TrialContext further = context;
+    further.all = one.stage;
+    further.given_poses_freed = frees_given_poses(one.recording, one.stage);
+    std::vector<Hypothesis> others = plain(one.recording, one.stage);
+    if (!all[i].squares.empty())
+      others.erase(std::remove_if(others.begin(), others.end(),
+                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
+                   others.end());
+    const Question question = {one.fit, false};
+    for (size_t k : shortlist(one.recording, further, question, others, others.size())) {
+      Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
+                                 {100, 1e-9, false, best ? best->trial.cost : kInfinity});
+      if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
+      best = TwoMistakes{all[i], others[k], std::move(two)};
+    }
+  }
+  if (!best) return best;
+  const double per_dof = best->trial.fit.per_dof();
+  const double demanded =
+      per_dof < Thresholds::noise ? Thresholds::overwhelming : Thresholds::together;
+  const bool enough =
+      now.complete() ? now.cost > demanded * best->trial.cost : per_dof < Thresholds::overwhelming;
+  if (!enough) best.reset();
+  return best;
+}
+
+/// As explain(), of two mistakes at once.
+bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
+                 std::vector<Finding>& out) {
+  std::optional<TwoMistakes> best = choose_two(recording, context, now);
+  if (!best) return false;
+  Rig rig = best->trial.recording.rig;
+  Explanatory explanatory{std::move(best->first), std::move(best->trial)};
+  std::vector<Hypothesis> both;
+  for (Hypothesis* h : {&explanatory.hypothesis, &best->second}) {
+    if (h != &explanatory.hypothesis) explanatory.hypothesis = std::move(*h);
+    if (!explanatory.hypothesis.squares.empty()) {
+      if (size_factors(recording.rig, explanatory.hypothesis, explanatory.trial).empty())
+        return false;
+      scale(recording.rig, explanatory, rig);
+    }
+    both.push_back(explanatory.hypothesis);
+  }
+  const Evidence evidence = prove_by_chi2(now, explanatory.trial.fit, "both");
+  for (size_t i = 0; i < 2; ++i) {
+    Evidence one = evidence;
+    one.sentence = "This and " + both[1 - i].id +
+                   " are two mistakes of which neither alone explains the data. " +
+                   evidence.sentence;
+    out.push_back(word(both[i], one));
+  }
+  recording = Recording(std::move(rig), std::move(explanatory.trial.recording.samples));
+  context.all = std::move(explanatory.trial.stage);
+  context.given_poses_freed = frees_given_poses(recording, context.all);
+  now = std::move(explanatory.trial.fit);
   return true;
 }
 
@@ -501,6 +594,8 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
     if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint")
       break;
+  if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless))
+    explain_two(recording, context, now, by_fits);
   if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);

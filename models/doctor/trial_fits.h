@@ -45,8 +45,11 @@ struct Thresholds {
   static constexpr double most_bad = 0.4;
   /// Leaving samples out must be better by this factor than what keeps them.
   static constexpr double leaving_out = 10;
+  /// Two mistakes at once are looked for if none is found and chi2/dof is above the one; they are
+  /// believed if chi2 falls by the other, where more than noise remains.
+  static constexpr double hopeless = 100, together = 50;
   /// A point lies far off at this many sigmas, if at most this share of all points does.
-  static constexpr double far_point = 10, most_far = 0.1;
+  static constexpr double far_point = 10, most_far = 0.2;
   /// Mistakes are looked for on top of each other in at most this many rounds.
   static constexpr int rounds = 4;
 };
@@ -108,6 +111,14 @@ struct TrialFit {
     double out = 0;
     for (const auto& m : moved) out = std::max(out, m.second);
     return out;
+  }
+
+  /// The median of what samples have without the worst of each view's points.
+  double typical() const {
+    std::vector<double> finite;
+    for (double t : trimmed)
+      if (std::isfinite(t)) finite.push_back(t);
+    return median(std::move(finite), kInfinity);
   }
 
   bool complete() const { return undefined.empty() && std::isfinite(chi2); }

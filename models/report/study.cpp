@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <stdexcept>
 
 #include "../analysis/linearisation.h"
@@ -21,6 +22,9 @@ constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin w
 constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr int kNoiseRounds = 4;
+// Boards that were measured and lenses that were calibrated are nearer than this: share of a size,
+// of a focal length.
+constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05;
 
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
@@ -66,11 +70,36 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   if (!report.diagnosis) throw StudyCancelled();
 }
 
-/// Whether a group came out so much worse than usual that it may take a mistake up: residuals are
-/// good then.
+/// How much of a number may change before somebody must have been mistaken about it; infinite: it
+/// is none that is given with care. Of boards and lenses.
+double mistaken_beyond(const Rig& rig, const Parameter& p) {
+  switch (p.kind) {
+    case ParameterKind::square:
+      return kMeasuredSize * std::abs(rig.targets[p.owner].square);
+    case ParameterKind::intrinsics:
+      return kCalibratedCentre *
+             std::abs(find_block(rig.sensors[p.owner], ParameterKind::intrinsics)->values[0]);
+    default:
+      return kInfinity;
+  }
+}
+
+/// Whether a group came out so much worse than usual that it may take a mistake up, or a number so
+/// far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  return std::any_of(report.automatic.begin(), report.automatic.end(),
-                     [](const AutomaticGroup& g) { return g.factor > kUnusualWidth && !g.held; });
+  std::map<std::string, double> limits;
+  for (const Parameter& p : report.solution.recording->table.all)
+    for (size_t c = 0; c < p.components.size(); ++c)
+      limits[p.component_name(static_cast<int>(c))] = mistaken_beyond(report.solution.rig(), p);
+  for (const AutomaticGroup& g : report.automatic) {
+    if (g.held) continue;
+    if (g.factor > kUnusualWidth) return true;
+    for (const AutomaticNumber& n : g.numbers)
+      if (const auto limit = limits.find(n.name);
+          limit != limits.end() && std::abs(n.value) > limit->second)
+        return true;
+  }
+  return false;
 }
 
 /// The rig with joints that are stated exact taken for noisy.
