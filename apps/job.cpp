@@ -41,6 +41,7 @@ std::string error_text(const std::exception& error) {
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
     case Status::converged:
+      if (report.verdict.use == "no") return kUnobservable;
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;

@@ -105,23 +105,6 @@ const char* what_to_do(const std::string& id) {
   return "look at these, or leave them out";
 }
 
-/// The pose that is known worst, if that is no better than what a mount is good for.
-std::string loose_mount(const Solution& solution) {
-  std::string out;
-  double worst = 1;
-  for (const ParameterEstimate& e : solution.parameters)
-    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
-      const bool turn = e.units[c] == "rad";
-      const double loose = e.sigma[c] / (turn ? kLooseRadians : kLooseMetres);
-      if (!(loose > worst)) continue;
-      worst = loose;
-      out = e.name + " is known to " +
-            (turn ? text("%.3g degrees", e.sigma[c] * 180 / kPi) : text("%.3g m", e.sigma[c])) +
-            " only: record more varied postures, or give it a prior";
-    }
-  return out;
-}
-
 /// What is not determined although everything converged: what an earlier step freed, or a frame.
 std::vector<std::string> undetermined(const Report& report) {
   std::vector<std::string> out;
@@ -158,6 +141,22 @@ std::string size_words(const Solution& solution) {
 }
 
 }  // namespace
+
+std::string loose_mount(const Solution& solution) {
+  std::string out;
+  double worst = 1;
+  for (const ParameterEstimate& e : solution.parameters)
+    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
+      const bool turn = e.units[c] == "rad";
+      const double loose = e.sigma[c] / (turn ? kLooseRadians : kLooseMetres);
+      if (!(loose > worst)) continue;
+      worst = loose;
+      out = e.name + " is known to " +
+            (turn ? text("%.3g degrees", e.sigma[c] * 180 / kPi) : text("%.3g m", e.sigma[c])) +
+            " only: record more varied postures, or give it a prior";
+    }
+  return out;
+}
 
 double data_misfit(const Report& report) {
   const Solution& solution = report.solution;
@@ -208,6 +207,12 @@ Verdict verdict(const Report& report) {
   const std::string loose = loose_mount(solution);
   if (!loose.empty()) return {"no", loose};
 
+  std::string found;
+  if (report.diagnosis && !report.diagnosis->findings.empty()) {
+    const Finding& first = report.diagnosis->findings.front();
+    found = "converged, but a mistake was found that the result may have taken up: " + first.id +
+            ": " + first.text;
+  }
   std::string unmet;
   for (const Judgement& j : report.validation.requirements)
     if (!j.met) unmet += "; not met: " + j.requirement.text;
@@ -223,6 +228,7 @@ Verdict verdict(const Report& report) {
                                                 (others.size() == 1 ? "warning " : "warnings ") +
                                                 listed(others, 5);
   const std::vector<std::string> open = undetermined(report);
+  if (!found.empty()) return {"doubts", found + more + held_words(report.automatic) + unmet};
   if (doubt)
     return {"doubts", "converged, but " + doubt->text + ". What to do: " + what_to_do(doubt->id) +
                           more + held_words(report.automatic) + unmet};

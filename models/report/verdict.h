@@ -21,6 +21,9 @@ double data_misfit(const Report& report);
 /// Returns why the model does not explain the data, which of the two is likelier and what to do; ""
 /// where it does, or where there is no solution to judge.
 std::string why_unexplained(const Report& report);
+/// Names the pose that is known worst, if that is no better than what a mount is good for, and what
+/// to do; "" where all are better.
+std::string loose_mount(const Solution& solution);
 /// Returns the verdict of a report that is otherwise complete.
 Verdict verdict(const Report& report);
 

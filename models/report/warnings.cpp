@@ -10,11 +10,13 @@
 #include "cases.h"
 #include "input_warnings.h"
 #include "trial_warnings.h"
+#include "verdict.h"
 
 namespace kincal {
 namespace {
 
 constexpr size_t kShown = kNamed;
+constexpr double kFitsWell = 5;  // chi2/dof, of a step that did not converge
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
@@ -137,6 +139,9 @@ void warn_of_steps(const Report& report, Warnings& out) {
     std::string what = "free less, in more steps, or start nearer to the truth";
     if (const Finding* first = first_mistake(report)) {
       what = "first look at " + first->id + ": " + first->text;
+    } else if (const std::string loose = loose_mount(solution);
+               !loose.empty() && solution.chi2_per_dof() < kFitsWell) {
+      what = loose;
     } else if (has_redescending_loss(solution, s.name)) {
       what =
           "converge first with loss huber or none, in a step before this one: from a rough start "
