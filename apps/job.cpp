@@ -11,6 +11,7 @@
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
+#include "../models/report/verdict.h"
 #include "../models/rig/selection.h"
 #include "require.h"
 
@@ -41,7 +42,7 @@ std::string error_text(const std::exception& error) {
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
     case Status::converged:
-      if (report.verdict.use == "no") return kUnobservable;
+      if (has_open_mount(report.solution)) return kUnobservable;
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;

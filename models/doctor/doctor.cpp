@@ -21,6 +21,8 @@
 namespace kincal {
 namespace {
 
+constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
+
 using Samples = std::vector<Sample>;
 
 /// A hypothesis tried: the recording with the mistake undone, and the fit of it.
@@ -132,12 +134,16 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
   const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
   std::vector<std::pair<double, size_t>> order;
   double least = kInfinity;
+  bool explained = false;  // the many of some kinds are not tried where all is clear already
   for (size_t i = 0; i < count; ++i) {
     context.report(static_cast<int>(i), static_cast<int>(count));
+    const std::string& id = candidates[i].id;
+    if (explained && (id == "wrong-link" || id == "shifted")) continue;
     const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : 20 * least};
     const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
     if (!std::isfinite(t.cost)) continue;
     least = std::min(least, t.cost);
+    explained = explained || (t.fit.complete() && t.fit.per_dof() < Thresholds::clean);
     if (!question.by_movement)
       order.push_back({t.cost, i});
     else if (return_of_movement(question.now, t.fit) > 0)
@@ -368,6 +374,7 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
   };
   const std::vector<Hypothesis> all = plain(recording, context.all);
   std::optional<TwoMistakes> best;
+  if (all.size() > kMostForPairs) return best;
   for (size_t i : shortlist(recording, context, {now, false}, all, all.size())) {
     const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
     if (!std::isfinite(one.cost)) continue;

@@ -171,6 +171,7 @@ TrialMinimum minimise(Estimation& problem, const TrialContext& context, const Tr
   solver_options.threads = context.threads;
   solver_options.max_iterations = options.iterations;
   solver_options.relative_decrease = options.relative_decrease;
+  solver_options.second_derivatives = false;  // what explains the data has small residuals
   solver_options.progress = [&](int iteration, double chi2, double) {
     if (context.progress && !context.progress(-1, 0)) return false;
     out.gave_up = iteration >= 5 && chi2 > options.give_up;

@@ -14,6 +14,7 @@ constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas:
 constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
 constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
+constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
   if (report.diagnosis)
@@ -142,21 +143,38 @@ std::string size_words(const Solution& solution) {
 
 }  // namespace
 
-std::string loose_mount(const Solution& solution) {
-  std::string out;
-  double worst = 1;
+namespace {
+
+/// The number of a pose that is known worst, and how much worse than what a mount is good for.
+struct LooseNumber {
+  const ParameterEstimate* pose = nullptr;
+  size_t component = 0;
+  double times = 1;
+};
+
+LooseNumber loosest(const Solution& solution) {
+  LooseNumber out;
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
-      const bool turn = e.units[c] == "rad";
-      const double loose = e.sigma[c] / (turn ? kLooseRadians : kLooseMetres);
-      if (!(loose > worst)) continue;
-      worst = loose;
-      out = e.name + " is known to " +
-            (turn ? text("%.3g degrees", e.sigma[c] * 180 / kPi) : text("%.3g m", e.sigma[c])) +
-            " only: record more varied postures, or give it a prior";
+      const double times = e.sigma[c] / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+      if (times > out.times) out = {&e, c, times};
     }
   return out;
 }
+
+}  // namespace
+
+std::string loose_mount(const Solution& solution) {
+  const LooseNumber loose = loosest(solution);
+  if (!loose.pose) return "";
+  const double sigma = loose.pose->sigma[loose.component];
+  return loose.pose->name + " is known to " +
+         (loose.pose->units[loose.component] == "rad" ? text("%.3g degrees", sigma * 180 / kPi)
+                                                      : text("%.3g m", sigma)) +
+         " only: record more varied postures, or give it a prior";
+}
+
+bool has_open_mount(const Solution& solution) { return loosest(solution).times > kOpen; }
 
 double data_misfit(const Report& report) {
   const Solution& solution = report.solution;

@@ -24,6 +24,8 @@ std::string why_unexplained(const Report& report);
 /// Names the pose that is known worst, if that is no better than what a mount is good for, and what
 /// to do; "" where all are better.
 std::string loose_mount(const Solution& solution);
+/// Returns whether a pose is known to no better than 0.3 m or 30 degrees.
+bool has_open_mount(const Solution& solution);
 /// Returns the verdict of a report that is otherwise complete.
 Verdict verdict(const Report& report);
 
