@@ -42,7 +42,7 @@ std::string error_text(const std::exception& error) {
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
     case Status::converged:
-      if (has_open_mount(report.solution)) return kUnobservable;
+      if (!report.automatic.empty() && has_open_mount(report.solution)) return kUnobservable;
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;

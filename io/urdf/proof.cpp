@@ -171,13 +171,17 @@ double random_reading(const Joint& joint, Draws& draws) {
 /// How far two poses are apart.
 struct Difference {
   double metres, radians;
-  bool matters() const { return !(metres <= 1e-9 && radians <= 1e-9); }  // NaN matters
+  double from_base;       // m: what is far away is known to fewer digits
+  bool matters() const {  // NaN matters
+    return !(metres <= 1e-9 + 1e-12 * from_base && radians <= 1e-9);
+  }
 };
 
 Difference difference(const Pose& a, const Eigen::Isometry3d& b) {
   const Matrix3d r = a.rotation.transpose() * b.linear();
   const Vector3d twice_sine(r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1));
-  return {(a.translation - b.translation()).norm(), std::atan2(twice_sine.norm(), r.trace() - 1)};
+  return {(a.translation - b.translation()).norm(), std::atan2(twice_sine.norm(), r.trace() - 1),
+          a.translation.norm()};
 }
 
 }  // namespace

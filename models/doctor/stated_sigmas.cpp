@@ -147,7 +147,7 @@ Stage with_usual_errors(const Recording& recording, Stage stage) {
     for (int c = 0; c < table.all[p].size(); ++c) {
       const Component component{static_cast<int>(p), c};
       const std::string name = table.name(component);
-      if (freed.count(name)) continue;
+      if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
       stage.free.push_back(name);
       stage.priors.push_back({name, usual_error(table, component, table.initial)});
     }
