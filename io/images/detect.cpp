@@ -91,6 +91,7 @@ void judge(const cv::Mat& image, Detection& found) {
 }  // namespace
 
 ImageTarget read_image_target(const std::string& name, const Field& field, Points2 points) {
+  using Kind = ImageTarget::Kind;
   ImageTarget out;
   out.name = name;
   out.points = std::move(points);
@@ -109,15 +110,38 @@ ImageTarget read_image_target(const std::string& name, const Field& field, Point
   if (type == "chessboard") {
     if (out.rows < 3 || out.columns < 3)
       field.fail("a chessboard needs at least 3 x 3 inner corners to be found in an image");
+  } else if (type == "circles") {
+    out.kind = Kind::circles;
+    out.asymmetric = field.has("asymmetric") && field["asymmetric"].boolean();
+    out.large_origin = field.has("origin");
+    if (out.rows < 2 || out.columns < 2)
+      field.fail("a grid needs at least 2 x 2 circles to be found in an image");
+  } else if (type == "charuco") {
+    out.kind = Kind::charuco;
+    out.marker = field["marker"].positive() / field["square"].positive();
+    if (out.marker >= 1) field["marker"].fail("a marker is smaller than its square");
+    dictionary("dictionary");
+  } else if (type == "apriltag_grid") {
+    out.kind = Kind::tags;
+    out.gap = field["spacing"].number_at_least(0);
+    dictionary("family");
+  } else if (type == "marker") {
+    out.kind = Kind::marker;
+    out.marker_id = field["id"].integer(0, 100000);
+    dictionary("dictionary");
   } else {
     field["type"].fail("targets of type '" + type + "' are not found in images");
   }
-  (void)dictionary;
   return out;
 }
 
 Detection detect(const cv::Mat& image, const ImageTarget& target) {
-  Detection found = find_chessboard(image, target);
+  using Kind = ImageTarget::Kind;
+  Detection found = target.kind == Kind::charuco   ? find_charuco(image, target)
+                    : target.kind == Kind::tags    ? find_tags(image, target)
+                    : target.kind == Kind::marker  ? find_marker(image, target)
+                    : target.kind == Kind::circles ? find_circles(image, target)
+                                                   : find_chessboard(image, target);
   if (found.ids.empty()) return found;
   judge(image, found);
   found.rms = fit_rms(image, target, found);

@@ -124,6 +124,24 @@ class Detect(Case):
         p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "out.jsonl", "--dry-run"], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         self.assertEqual(p.returncode, 0, p.stdout.decode())
 
+    def test_every_type_of_target(self):
+        more = """targets:
+  tag: {type: marker, dictionary: DICT_4X4_50, id: 3, size: 0.05, mount: free}
+  dots: {type: circles, rows: 4, columns: 5, spacing: 0.02, origin: large, mount: free}
+  charuco: {type: charuco, rows: 5, columns: 7, square: 0.03, marker: 0.02, dictionary: DICT_5X5_100, mount: free}
+  grid: {type: apriltag_grid, rows: 3, columns: 4, tag: 0.03, spacing: 0.3, family: tag36h11, mount: free}
+"""
+        self.write("rig.yaml", RIG.replace("targets:\n", more).encode())
+        self.detect("rig.yaml", "images", "--out", "out.jsonl")
+        self.assertIn("3 of 15 views found; 3 samples", self.out)
+        for name in ("tag", "dots", "charuco", "grid"):
+            self.assertIn("a1.pgm: %s: NOT FOUND: " % name, self.out)
+        for old, new, words in (("DICT_4X4_50", "DICT_4X4_51", "DICT_4X4_51"), ("tag36h11", "tag36h12", "tag36h11"), ("origin: large", "origin: small", "large"),
+                                ("id: 3, ", "", "id")):
+            self.write("rig.yaml", RIG.replace("targets:\n", more).replace(old, new).encode())
+            self.detect("rig.yaml", "images", "--out", "wrong.jsonl", code=1)
+            self.assertIn(words, self.err)
+
     def test_readings_by_time(self):
         for name, new in (("a1", "12.50"), ("a2", "1700000000250000000"), ("a10", "99")):
             os.rename(os.path.join(self.dir, "images", name + ".pgm"), os.path.join(self.dir, "images", new + ".pgm"))
