@@ -254,3 +254,74 @@ TEST_CASE(
   CHECK(none.ids.empty());
   CHECK_FALSE(none.reason.empty());
 }
+
+// Not run with the others: makes the table of docs/results.md (benchmarks/detectors).
+TEST_CASE("images: table of errors against blur, noise and tilt", "[.table]") {
+  struct Row {
+    std::string name, text;
+    GridLayout grid;
+    std::function<double(double, double)> print;
+    cv::Point3d middle;  // and the distance
+    bool y_up = false;
+  };
+  const auto dots = [](double x, double y) {
+    const double dx = x - std::round(x), dy = y - std::round(y);
+    const bool on = x > -0.5 && y > -0.5 && x < 6.5 && y < 4.5;
+    return on && dx * dx + dy * dy < 0.09 ? 0 : 1;
+  };
+  const std::vector<Row> rows = {
+      {"chessboard 6 x 9",
+       "{type: chessboard, rows: 6, columns: 9, square: 1}",
+       {GridLayout::Kind::corners, 6, 9},
+       [](double x, double y) { return chessboard(x, y, 6, 9); },
+       {4, 2.5, 14}},
+      {"charuco 6 x 8",
+       "{type: charuco, rows: 6, columns: 8, square: 1, marker: 0.7, dictionary: DICT_5X5_250}",
+       {GridLayout::Kind::charuco, 6, 8},
+       [](double x, double y) { return charuco(x, y, 6, 8, 1); },
+       {4, 3, 12}},
+      {"circles 5 x 7",
+       "{type: circles, rows: 5, columns: 7, spacing: 1}",
+       {GridLayout::Kind::circles, 5, 7},
+       dots,
+       {3, 2, 10}},
+      {"apriltag_grid 4 x 5",
+       "{type: apriltag_grid, rows: 4, columns: 5, tag: 1, spacing: 0.3, family: tag36h11}",
+       {GridLayout::Kind::tags, 4, 5, false, 0.3},
+       [](double x, double y) { return tags(x, y, 4, 5); },
+       {3.1, 2.45, 11},
+       true}};
+  std::printf(
+      "| target, px between points | straight | blur 1 | 2 | 4 px | noise 2 | 5 | 15 | tilt 30 | "
+      "50 | 65 deg |\n");
+  std::printf("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  for (const Row& row : rows) {
+    const ImageTarget target = target_of(row.text, row.grid);
+    std::printf("| %s, %.0f |", row.name.c_str(), 600 / row.middle.z);
+    for (const auto& [blur, noise, tilt] : std::vector<std::array<double, 3>>{{0.6, 0, 10},
+                                                                              {1, 0, 10},
+                                                                              {2, 0, 10},
+                                                                              {4, 0, 10},
+                                                                              {0.6, 2, 10},
+                                                                              {0.6, 5, 10},
+                                                                              {0.6, 15, 10},
+                                                                              {0.6, 0, 30},
+                                                                              {0.6, 0, 50},
+                                                                              {0.6, 0, 65}}) {
+      PictureCamera camera;
+      camera.blur = blur;
+      camera.noise = noise;
+      camera.rotation = turned(0.1, tilt * CV_PI / 180, 0.1) * turned(row.y_up ? CV_PI : 0, 0, 0);
+      aim(camera, row.middle.x, row.middle.y, row.middle.z);
+      const Errors e = errors_of(camera, target, detect(render(camera, row.print), target));
+      if (e.count == 0)
+        std::printf(" not found |");
+      else if (e.count < static_cast<int>(target.points.size()))
+        std::printf(" %.3f (%d %%) |", e.rms,
+                    static_cast<int>(100. * e.count / static_cast<double>(target.points.size())));
+      else
+        std::printf(" %.3f |", e.rms);
+    }
+    std::printf("\n");
+  }
+}
