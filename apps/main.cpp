@@ -1,6 +1,7 @@
 // The program: subcommands, help, and what is common to their errors and exit codes. Everything
 // else is in the libraries.
 
+#include <algorithm>
 #include <cctype>
 #include <cstdio>
 #include <iostream>
@@ -55,9 +56,16 @@ int main(int argc, char** argv) {
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
-      init_command(app),        check_command(app),       calibrate_command(app, line),
-      batch_command(app, line), evaluate_command(app),    diff_command(app),
-      apply_command(app),       local_command(app, line), simulate_command(app),
+      init_command(app),
+      check_command(app),
+      calibrate_command(app, line),
+      batch_command(app, line),
+      evaluate_command(app),
+      diff_command(app),
+      apply_command(app),
+      local_command(app, line),
+      simulate_command(app),
+      detect_command(app, {argv + std::min(argc, 1), argv + argc}),
   };
   // Set last: a command without a footer of its own would take it over.
   app.footer(
@@ -74,6 +82,7 @@ int main(int argc, char** argv) {
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
       "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
       "around one posture\n"
+      "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
       "  kincal diff result other_result                            two calibrations compared\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
       "determined by the data (named in the\n"

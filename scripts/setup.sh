@@ -9,7 +9,8 @@ mkdir -p "$root/build"
 
 build_packages=(g++ cmake ninja-build pkg-config libeigen3-dev libsuitesparse-dev libopenblas0-serial liburdfdom-dev nettle-dev
                 libpugixml-dev libyaml-cpp-dev nlohmann-json3-dev libcli11-dev)
-test_packages=(catch2 python3-numpy python3-scipy python3-yaml)  # Python: an independent implementation to compare with
+# Python: an independent implementation to compare with. OpenCV: for kincal-detect, which is left out without it.
+test_packages=(catch2 python3-numpy python3-scipy python3-yaml libopencv-contrib-dev)
 
 fail() {
   printf '%s\n' "$@" >&2

@@ -40,6 +40,7 @@ MAY_INCLUDE = {
     "io/urdf": [KINEMATICS, *MODELS, "io/document"],
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
+    "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
     "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common
     "apps/batch": [KINEMATICS, *MODELS, "io/*", "apps", "apps/tables"],

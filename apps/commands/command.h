@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <string>
+#include <vector>
 
 namespace kincal {
 
@@ -24,5 +25,6 @@ Command apply_command(CLI::App& app);
 Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
+Command detect_command(CLI::App& app, std::vector<std::string> arguments);
 
 }  // namespace kincal

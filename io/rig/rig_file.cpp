@@ -149,21 +149,35 @@ void read_mount(const Field& field, const Tree& tree, int base, Target& target) 
   if (target.pose_given) target.link_T_target = field["pose"].pose();
 }
 
+/// The corners of a marker, clockwise from the upper left; x right and y up in it.
+Eigen::Matrix3Xd marker_corners(double size) {
+  Eigen::Matrix3Xd corners(3, 4);
+  corners << -1, 1, 1, -1, 1, 1, -1, -1, 0, 0, 0, 0;
+  return 0.5 * size * corners;
+}
+
 Target read_target(const std::string& name, const Field& field, const Tree& tree, int base) {
   Target target;
   target.name = name;
   const TargetKeys& keys = read_keys(field, target_types(), {"type", "mount"}, {"mount_joint"});
   target.type = keys.name;
-  target.grid = target.type != "points";
+  const bool marker = target.type == "marker";
+  target.grid = target.type != "points" && !marker;
   if (target.grid) {
     const GridLayout grid = read_layout(field, target.type);
     target.layout = grid_layout(grid);
     target.y_up = grid.kind == GridLayout::Kind::tags;  // as Kalibr counts them
     target.square = field[keys.size].positive();
+  } else if (marker) {
+    target.points = marker_corners(field["size"].positive());
+    field["id"].integer(0, kMostPoints);
+    field["dictionary"].string();
   } else {
     target.points = matrix_of(field["points"].table(3));
     if (target.count() == 0) field["points"].fail("at least one point is expected");
   }
+  if (field.has("origin") && field["origin"].string() != "large")
+    field["origin"].fail("'large' is expected: the circle at point 0 is the bigger one");
   if (target.type == "charuco") {  // for the detection in images only
     field["marker"].positive();
     field["dictionary"].string();

@@ -8,9 +8,10 @@ namespace kincal {
 const std::vector<TargetKeys>& target_types() {
   static const std::vector<TargetKeys> types = {
       {"chessboard", {"rows", "columns", "square"}, {}, "square"},
-      {"circles", {"rows", "columns", "spacing"}, {"asymmetric"}, "spacing"},
+      {"circles", {"rows", "columns", "spacing"}, {"asymmetric", "origin"}, "spacing"},
       {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {}, "square"},
       {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {}, "tag"},
+      {"marker", {"dictionary", "id", "size"}, {}, ""},
       {"points", {"points"}, {}, ""}};
   return types;
 }

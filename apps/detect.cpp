@@ -1,0 +1,92 @@
+// The program kincal-detect, which `kincal detect` becomes: from images to samples.
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <thread>
+
+#include "../io/document/error.h"
+#include "../io/document/files.h"
+#include "../io/images/fill.h"
+#include "detect_options.h"
+#include "progress.h"
+#include "signals.h"
+
+namespace {
+
+using namespace kincal;
+
+bool holds_samples(const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  return ending == ".jsonl" || ending == ".json" || ending == ".ndjson";
+}
+
+void say(const DetectArguments& a, const Filled& filled) {
+  for (const std::string& line : filled.lines)
+    if (!a.quiet || line.find(": NOT FOUND") != std::string::npos ||
+        line.find(": UNUSABLE") != std::string::npos)
+      std::cout << line << "\n";
+  for (const std::string& line : filled.lost) std::cout << "left out: " << line << "\n";
+  std::cout << filled.found << " of " << filled.views << " views found";
+  if (filled.unusable > 0) std::cout << ", " << filled.unusable << " images not usable";
+  std::cout << "; " << filled.samples << " samples\n";
+}
+
+int detect_all(const DetectArguments& a) {
+  std::string folder = a.rig;
+  if (std::filesystem::is_directory(folder))
+    folder = (std::filesystem::path(folder) / "rig.yaml").string();
+  const RigFile rig = read_rig(folder);
+  check_output_file(a.out, a.force);
+  FillOptions options;
+  options.out = a.out;
+  options.sensor = a.sensor;
+  options.joints = a.joints;
+  options.draw = a.draw;
+  options.tolerance = a.tolerance;
+  options.threads = a.threads > 0
+                        ? a.threads
+                        : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  Progress progress(a.quiet);
+  options.progress = [&](double share) { progress.stage("looking at images", share); };
+  if (holds_samples(a.input) && (!a.sensor.empty() || !a.joints.empty()))
+    throw InputError("--sensor and --joints are for images without samples; " + a.input +
+                     " has both in it");
+  const Filled filled = holds_samples(a.input) ? fill_samples(rig, a.input, options)
+                                               : fill_images(rig, image_files(a.input), options);
+  progress.clear();
+  say(a, filled);
+  if (filled.samples == 0) throw InputError("nothing was found, nothing is written");
+  begin_writing();
+  if (!not_interrupted()) return say_interrupted();
+  write_file(a.out, filled.text, a.force);
+  return kConverged;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  keep_standard_descriptors();
+  end_on_signals();
+  cv::setNumThreads(1);  // images go side by side instead
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  CLI::App app("kincal-detect finds boards and markers in images and writes them as samples.");
+  app.set_version_flag("--version", "kincal " KINCAL_VERSION);
+  DetectArguments a;
+  add_detect_options(app, a);
+  try {
+    app.parse(argc, argv);
+    const int code = detect_all(a);
+    if (std::cout.flush()) return code;
+    std::fprintf(stderr, "kincal: error: standard output cannot be written\n");
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    std::fprintf(stderr, "kincal: error: %s\nRun `kincal detect --help` for more.\n", error.what());
+  } catch (const std::exception& error) {
+    std::cout.flush();
+    std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  }
+  return kBadInput;
+}

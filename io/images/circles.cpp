@@ -1,0 +1,174 @@
+// Grids of circles: found by OpenCV, the middles of the ellipses corrected to the circles' centres.
+//
+// The centre of a circle does not project into the middle of its ellipse when it is seen obliquely.
+// With H the homography from the plane and C = H diag(1, 1, -rho^2) H^T (moved to the circle's
+// place) as its dual conic, the middle of the ellipse is (C13, C23) / C33; the centre is H (x, y,
+// 1). Their difference, with rho from the area of the blobs, is taken off.
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "finders.h"
+
+namespace kincal {
+namespace {
+
+struct Blob {
+  cv::Point2d middle;
+  double area = 0;  // px^2
+};
+
+/// The weighted middle and the area of the dark (or bright) blob at `p`; the neighbours are `reach`
+/// px away. Weights are how much of a pixel is the blob's, between its own brightness and that
+/// around it.
+Blob measure_blob(const cv::Mat& image, cv::Point2d p, double reach) {
+  Blob out{p, 0};
+  const cv::Rect box =
+      cv::Rect(cv::Point(p - cv::Point2d(reach, reach)), cv::Point(p + cv::Point2d(reach, reach))) &
+      cv::Rect(0, 0, image.cols, image.rows);
+  const cv::Point middle(cvRound(p.x), cvRound(p.y));
+  if (!box.contains(middle)) return out;
+  std::vector<uchar> rim;
+  for (int i = 0; i < 64; ++i) {
+    const cv::Point at(p + 0.95 * reach *
+                               cv::Point2d(std::cos(i * CV_PI / 32), std::sin(i * CV_PI / 32)));
+    if (box.contains(at)) rim.push_back(image.at<uchar>(at));
+  }
+  if (rim.size() < 16) return out;
+  std::nth_element(rim.begin(), rim.begin() + rim.size() / 2, rim.end());
+  const double around = rim[rim.size() / 2], inside = image.at<uchar>(middle);
+  if (std::abs(around - inside) < 10) return out;
+  // Only what hangs together with the middle, and the slope around it.
+  cv::Mat half, labels;
+  cv::Mat(image(box)).convertTo(half, CV_32F, 1 / (inside - around), -around / (inside - around));
+  const cv::Mat own = half > 0.5;
+  cv::connectedComponents(own, labels, 4);
+  const int label = labels.at<int>(middle - box.tl());
+  if (label == 0) return out;
+  cv::Mat mask = labels == label;
+  cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_ELLIPSE, {9, 9}));
+  mask.setTo(0, (labels != label) & own);
+  cv::Point2d sum;
+  for (int y = 0; y < half.rows; ++y)
+    for (int x = 0; x < half.cols; ++x) {
+      const double w = half.at<float>(y, x);
+      if (!mask.at<uchar>(y, x) || w < 0.03) continue;
+      out.area += std::min(w, 1.0);
+      sum += std::min(w, 1.0) * cv::Point2d(x, y);
+    }
+  out.middle = sum / out.area + cv::Point2d(box.tl());
+  return out;
+}
+
+/// How far the middle of the ellipse of a circle lies from the image of its centre.
+cv::Point2d ellipse_offset(const cv::Matx33d& h, cv::Point2d centre, double radius) {
+  const cv::Matx33d place(1, 0, centre.x, 0, 1, centre.y, 0, 0, 1);
+  const cv::Matx33d dual(radius * radius, 0, 0, 0, radius * radius, 0, 0, 0, -1);
+  const cv::Matx33d m = h * place, c = m * dual * m.t();
+  return cv::Point2d(c(0, 2) / c(2, 2), c(1, 2) / c(2, 2)) -
+         cv::Point2d(m(0, 2) / m(2, 2), m(1, 2) / m(2, 2));
+}
+
+/// Pixels of area for one unit of area of the plane, at a point of it.
+double area_scale(const cv::Matx33d& h, cv::Point2d p) {
+  const double w = h(2, 0) * p.x + h(2, 1) * p.y + h(2, 2);
+  return std::abs(cv::determinant(h) / (w * w * w));
+}
+
+/// Numbers the circles: rows and columns turn as those of the rig, point 0 is the bigger one if
+/// there is one, else of two ways the one nearer to the image's top-left.
+void number(const ImageTarget& target, std::vector<Blob>& blobs) {
+  const int rows = target.rows, columns = target.columns;
+  std::vector<std::vector<Blob>> ways = {blobs};
+  std::vector<Blob> mirrored(blobs.size());
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c)
+      mirrored[r * columns + c] = blobs[r * columns + columns - 1 - c];
+  const cv::Point2d x = blobs[columns - 1].middle - blobs[0].middle;
+  const cv::Point2d y =
+      blobs[static_cast<size_t>((rows - 1) / 2 * 2 * columns)].middle - blobs[0].middle;
+  if (!target.asymmetric && x.cross(y) < 0) ways = {mirrored};
+  if (!target.asymmetric || rows % 2 == 1) ways.emplace_back(ways[0].rbegin(), ways[0].rend());
+  if (!target.asymmetric && rows == columns)
+    for (int i = 0; i < 2; ++i) {
+      std::vector<Blob> turned(blobs.size());
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < columns; ++c)
+          turned[r * columns + c] = ways[i][(columns - 1 - c) * columns + r];
+      ways.push_back(turned);
+    }
+  const auto rank = [&](const std::vector<Blob>& way) {
+    if (!target.large_origin) return way[0].middle.x + way[0].middle.y;
+    std::vector<cv::Point2d> middles;
+    for (const Blob& blob : way) middles.push_back(blob.middle);
+    const cv::Mat h = cv::findHomography(target.points, middles);
+    return h.empty() ? 0 : -way[0].area / area_scale(cv::Matx33d(h), target.points[0]);
+  };
+  blobs = *std::min_element(ways.begin(), ways.end(),
+                            [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
+}
+
+bool find_grid(const cv::Mat& image, const ImageTarget& target, std::vector<cv::Point2f>& found) {
+  cv::SimpleBlobDetector::Params parameters;
+  parameters.minArea = 12;
+  parameters.maxArea = static_cast<float>(image.total()) / 20;
+  parameters.minDistBetweenBlobs = 4;
+  parameters.minConvexity = 0.8f;
+  const int kind = target.asymmetric ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
+  for (const int colour : {0, 255})
+    for (const int way : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)}) {
+      parameters.blobColor = static_cast<uchar>(colour);
+      if (cv::findCirclesGrid(image, {target.columns, target.rows}, found, kind | way,
+                              cv::SimpleBlobDetector::create(parameters)))
+        return true;
+    }
+  return false;
+}
+
+}  // namespace
+
+Detection find_circles(const cv::Mat& image, const ImageTarget& target) {
+  Detection out;
+  std::vector<cv::Point2f> found;
+  if (!find_grid(image, target, found)) {
+    out.reason = "no grid of " + std::to_string(target.rows) + " x " +
+                 std::to_string(target.columns) + " circles";
+    return out;
+  }
+  std::vector<Blob> blobs;
+  for (size_t i = 0; i < found.size(); ++i) {
+    double nearest = 1e9;
+    for (size_t j = 0; j < found.size(); ++j)
+      if (j != i) nearest = std::min(nearest, cv::norm(cv::Point2d(found[i] - found[j])));
+    blobs.push_back(measure_blob(image, found[i], 0.6 * nearest));
+    if (blobs.back().area == 0) {
+      out.reason = "a circle of the grid has no edge";
+      return out;
+    }
+  }
+  number(target, blobs);
+  std::vector<cv::Point2d> middles;
+  for (const Blob& blob : blobs) middles.push_back(blob.middle);
+  const cv::Mat fitted = cv::findHomography(target.points, middles);
+  if (fitted.empty()) {
+    out.reason = "the circles lie on a line";
+    return out;
+  }
+  const cv::Matx33d h(fitted);
+  std::vector<double> areas;
+  for (size_t i = 0; i < blobs.size(); ++i)
+    areas.push_back(blobs[i].area / area_scale(h, target.points[i]));
+  std::vector<double> sorted = areas;
+  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+  const double usual = sorted[sorted.size() / 2];
+  for (size_t i = 0; i < blobs.size(); ++i) {
+    const double area = i == 0 && target.large_origin ? areas[0] : usual;
+    out.ids.push_back(static_cast<int>(i));
+    out.pixels.push_back(middles[i] - ellipse_offset(h, target.points[i], std::sqrt(area / CV_PI)));
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,169 @@
+#include "detect.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "finders.h"
+
+namespace kincal {
+namespace {
+
+using Points2 = std::vector<cv::Point2d>;
+
+/// Distances of a homography fitted to the pixels with the lens undone by one radial number, in
+/// the pixels' own scale. `r` is the radius that `k` belongs to.
+double homography_rms(const Points2& plane, const Points2& pixels, cv::Point2d centre, double r,
+                      double k) {
+  Points2 straight;
+  double scale = 0;
+  for (const cv::Point2d& p : pixels) {
+    const cv::Point2d d = (p - centre) / r;
+    const double factor = 1 + k * d.dot(d);
+    straight.push_back(centre + factor * (p - centre));
+    scale += factor;
+  }
+  const cv::Mat h = cv::findHomography(plane, straight);
+  if (h.empty()) return 1e9;
+  Points2 fitted;
+  cv::perspectiveTransform(plane, fitted, h);
+  double sum = 0;
+  for (size_t i = 0; i < fitted.size(); ++i)
+    sum += (fitted[i] - straight[i]).dot(fitted[i] - straight[i]);
+  return std::sqrt(sum / static_cast<double>(fitted.size())) * static_cast<double>(fitted.size()) /
+         scale;
+}
+
+/// The best homography with a radial distortion: golden section over the one number that is left.
+double fit_rms(const cv::Mat& image, const ImageTarget& target, const Detection& found) {
+  if (found.ids.size() < 5) return 0;  // four points fit any homography
+  Points2 plane;
+  for (int id : found.ids) plane.push_back(target.points[id]);
+  const cv::Point2d centre(0.5 * (image.cols - 1), 0.5 * (image.rows - 1));
+  const double r = cv::norm(centre), golden = 0.5 * (std::sqrt(5.0) - 1);
+  const auto rms = [&](double k) { return homography_rms(plane, found.pixels, centre, r, k); };
+  if (found.ids.size() < 6) return rms(0);
+  double low = -0.5, high = 1.5;
+  double a = high - golden * (high - low), b = low + golden * (high - low);
+  double at_a = rms(a), at_b = rms(b);
+  for (int i = 0; i < 25; ++i) {
+    if (at_a < at_b) {
+      high = b, b = a, at_b = at_a;
+      a = high - golden * (high - low), at_a = rms(a);
+    } else {
+      low = a, a = b, at_a = at_b;
+      b = low + golden * (high - low), at_b = rms(b);
+    }
+  }
+  return std::min({at_a, at_b, rms(0)});
+}
+
+/// Contrast and blur where the target is. The steepest edges are as steep as the blur lets them: a
+/// step of height A blurred by sigma has the slope A / (sigma sqrt(2 pi)).
+void judge(const cv::Mat& image, Detection& found) {
+  std::vector<cv::Point2f> pixels(found.pixels.begin(), found.pixels.end());
+  const cv::Rect box = cv::boundingRect(pixels) & cv::Rect(0, 0, image.cols, image.rows);
+  if (box.width < 5 || box.height < 5) return;
+  const cv::Mat part = image(box);
+  cv::Mat dx, dy, slopes;
+  cv::Sobel(part, dx, CV_32F, 1, 0, 3, 0.125);
+  cv::Sobel(part, dy, CV_32F, 0, 1, 3, 0.125);
+  cv::magnitude(dx, dy, slopes);
+  std::vector<float> values, steepness;
+  for (int y = 1; y + 1 < part.rows; ++y)
+    for (int x = 1; x + 1 < part.cols; ++x) {
+      values.push_back(part.at<uchar>(y, x));
+      steepness.push_back(slopes.at<float>(y, x));
+    }
+  const auto at = [](std::vector<float>& all, double share) {
+    const auto place = all.begin() + static_cast<long>(share * static_cast<double>(all.size() - 1));
+    std::nth_element(all.begin(), place, all.end());
+    return static_cast<double>(*place);
+  };
+  const double height = at(values, 0.95) - at(values, 0.05);
+  found.contrast = height / 255;
+  const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, at(steepness, 0.995)));
+  constexpr double kOwn = 5. / 12;  // px^2, of the pixel and of the difference across two of them
+  found.blur = std::sqrt(std::max(0.0, width * width - kOwn));
+}
+
+}  // namespace
+
+ImageTarget read_image_target(const std::string& name, const Field& field, Points2 points) {
+  using Kind = ImageTarget::Kind;
+  ImageTarget out;
+  out.name = name;
+  out.points = std::move(points);
+  const std::string type = field["type"].string();
+  const auto dictionary = [&](const std::string& key) {
+    out.dictionary = marker_dictionary(field[key].string());
+    if (out.dictionary < 0)
+      field[key].fail("there is no dictionary '" + field[key].string() +
+                      "'; valid: OpenCV's names (DICT_4X4_50 to DICT_7X7_1000, "
+                      "DICT_ARUCO_ORIGINAL) and tag16h5, tag25h9, tag36h10, tag36h11");
+  };
+  if (field.has("rows")) {
+    out.rows = field["rows"].integer(1, 10000);
+    out.columns = field["columns"].integer(1, 10000);
+  }
+  if (type == "chessboard") {
+    if (out.rows < 3 || out.columns < 3)
+      field.fail("a chessboard needs at least 3 x 3 inner corners to be found in an image");
+  } else if (type == "circles") {
+    out.kind = Kind::circles;
+    out.asymmetric = field.has("asymmetric") && field["asymmetric"].boolean();
+    out.large_origin = field.has("origin");
+    if (out.rows < 2 || out.columns < 2)
+      field.fail("a grid needs at least 2 x 2 circles to be found in an image");
+  } else if (type == "charuco") {
+    out.kind = Kind::charuco;
+    out.marker = field["marker"].positive() / field["square"].positive();
+    if (out.marker >= 1) field["marker"].fail("a marker is smaller than its square");
+    dictionary("dictionary");
+  } else if (type == "apriltag_grid") {
+    out.kind = Kind::tags;
+    out.gap = field["spacing"].number_at_least(0);
+    dictionary("family");
+  } else if (type == "marker") {
+    out.kind = Kind::marker;
+    out.marker_id = field["id"].integer(0, 100000);
+    dictionary("dictionary");
+  } else {
+    field["type"].fail("targets of type '" + type + "' are not found in images");
+  }
+  return out;
+}
+
+Detection detect(const cv::Mat& image, const ImageTarget& target) {
+  using Kind = ImageTarget::Kind;
+  Detection found = target.kind == Kind::charuco   ? find_charuco(image, target)
+                    : target.kind == Kind::tags    ? find_tags(image, target)
+                    : target.kind == Kind::marker  ? find_marker(image, target)
+                    : target.kind == Kind::circles ? find_circles(image, target)
+                                                   : find_chessboard(image, target);
+  if (found.ids.empty()) return found;
+  judge(image, found);
+  found.rms = fit_rms(image, target, found);
+  return found;
+}
+
+void draw(cv::Mat& picture, const ImageTarget& target, const Detection& found) {
+  constexpr int kShift = 4;  // of a pixel: sixteenths
+  const auto fine = [](cv::Point2d p) { return cv::Point(cv::Point2d(p * (1 << kShift))); };
+  const int size = std::max(3, picture.cols / 250), font = cv::FONT_HERSHEY_SIMPLEX;
+  for (size_t i = 0; i < found.ids.size(); ++i) {
+    const double share = static_cast<double>(found.ids[i]) /
+                         static_cast<double>(std::max<size_t>(1, target.points.size() - 1));
+    const cv::Scalar colour(255 * share, 128 * (1 - std::abs(2 * share - 1)), 255 * (1 - share));
+    const cv::Point2d p = found.pixels[i];
+    for (const cv::Point2d d : {cv::Point2d(size, 0), cv::Point2d(0, size)})
+      cv::line(picture, fine(p - d), fine(p + d), colour, 1, cv::LINE_AA, kShift);
+    cv::circle(picture, fine(p), size << kShift, colour, 1, cv::LINE_AA, kShift);
+    if (i == 0 || i + 1 == found.ids.size() || found.ids.size() <= 16)
+      cv::putText(picture, std::to_string(found.ids[i]), cv::Point(p) + cv::Point(size, -size),
+                  font, 0.15 * size, colour, std::max(1, size / 3), cv::LINE_AA);
+  }
+}
+
+}  // namespace kincal

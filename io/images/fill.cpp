@@ -1,0 +1,309 @@
+#include "fill.h"
+
+#include <fnmatch.h>
+#include <string.h>
+
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <sstream>
+#include <thread>
+
+#include "../../models/rig/targets.h"
+#include "../document/error.h"
+#include "../document/files.h"
+#include "../document/names.h"
+#include "detect.h"
+#include "joint_table.h"
+#include "load.h"
+
+namespace kincal {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+/// An ImageTask is one image and the views that it is to fill.
+struct ImageTask {
+  std::string path, shown;
+  int width = 0, height = 0;
+  struct Wanted {
+    int sample = 0, view = 0;
+    const ImageTarget* target = nullptr;
+    Detection found;
+  };
+  std::vector<Wanted> wanted;
+  LoadedImage image;  // without its pixels once it is done
+};
+
+using ImageTargets = std::map<std::string, ImageTarget>;
+
+/// `needed`: only the target of that name; "": all that can be found in images.
+void add_targets(const RigFile& rig, const std::string& needed, ImageTargets& out) {
+  const Field targets = top(rig.node, rig.path)["targets"];
+  for (const Target& target : rig.rig.targets) {
+    if (out.count(target.name) || (!needed.empty() && target.name != needed)) continue;
+    if (needed.empty() && target.type == "points") continue;
+    std::vector<cv::Point2d> points;
+    const Eigen::Matrix3Xd& places = target.grid ? target.layout : target.points;
+    for (int i = 0; i < target.count(); ++i) points.emplace_back(places(0, i), places(1, i));
+    out[target.name] = read_image_target(target.name, targets[target.name], points);
+  }
+}
+
+const Sensor& camera(const RigFile& rig, const std::string& name, const std::string& where) {
+  std::vector<std::string> cameras;
+  const Sensor* found = nullptr;
+  for (const Sensor& sensor : rig.rig.sensors) {
+    if (sensor.type != "camera") continue;
+    cameras.push_back(sensor.name);
+    if (sensor.name == name || (name.empty() && !found)) found = &sensor;
+  }
+  if (cameras.empty()) throw InputError(rig.path + ": there is no camera in it");
+  if (name.empty() && cameras.size() > 1)
+    throw InputError("the rig has several cameras (" + comma_separated(cameras) +
+                     "): say by --sensor which one took the images");
+  if (!found)
+    throw InputError(where + ": there is no camera '" + name + "'" + nearest_names(name, cameras) +
+                     "; known: " + comma_separated(cameras));
+  return *found;
+}
+
+void draw_found(const ImageTask& task, const std::string& folder) {
+  if (folder.empty() || task.image.grey.empty()) return;
+  cv::Mat picture;
+  cv::cvtColor(task.image.grey, picture, cv::COLOR_GRAY2BGR);
+  for (const ImageTask::Wanted& one : task.wanted) draw(picture, *one.target, one.found);
+  std::string name = task.shown;
+  std::replace(name.begin(), name.end(), '/', '_');
+  cv::imwrite((fs::path(folder) / (name + ".png")).string(), picture);
+}
+
+void work(ImageTask& task, const FillOptions& options) {
+  task.image = load_image(task.path, task.width, task.height);
+  try {
+    if (!task.image.grey.empty())
+      for (ImageTask::Wanted& one : task.wanted) one.found = detect(task.image.grey, *one.target);
+    draw_found(task, options.draw);
+  } catch (const std::exception& error) {  // of OpenCV; one image must not end the others
+    for (ImageTask::Wanted& one : task.wanted)
+      if (one.found.ids.empty()) one.found.reason = error.what();
+  }
+  task.image.grey.release();
+}
+
+void work_all(std::vector<ImageTask>& tasks, const FillOptions& options) {
+  if (!options.draw.empty()) fs::create_directories(options.draw);
+  std::atomic<size_t> next{0};
+  size_t done = 0;
+  std::mutex mutex;
+  const auto run = [&] {
+    for (size_t i = next++; i < tasks.size(); i = next++) {
+      work(tasks[i], options);
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (options.progress)
+        options.progress(static_cast<double>(++done) / static_cast<double>(tasks.size()));
+    }
+  };
+  std::vector<std::thread> crew;
+  for (int i = 1; i < options.threads; ++i) crew.emplace_back(run);
+  run();
+  for (std::thread& one : crew) one.join();
+}
+
+std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
+  std::string line = task.shown + ": " + one.target->name + ": ";
+  char text[160];
+  if (one.found.ids.empty()) {
+    line += "NOT FOUND: " + one.found.reason;
+  } else {
+    std::snprintf(text, sizeof text, "%zu of %zu points, blur %.1f px, contrast %.2f, rms %.3f px",
+                  one.found.ids.size(), one.target->points.size(), one.found.blur,
+                  one.found.contrast, one.found.rms);
+    line += text;
+  }
+  for (const std::string& note : task.image.notes) line += "; the image " + note;
+  return line;
+}
+
+/// Numbers as short as they can be and still right to a ten-thousandth of a pixel.
+double rounded(double value) { return std::round(value * 1e4) / 1e4; }
+
+void put(const ImageTask::Wanted& one, Json& view) {
+  if (one.found.ids.size() < one.target->points.size()) view["ids"] = one.found.ids;
+  Json pixels = Json::array();
+  for (const cv::Point2d& p : one.found.pixels) pixels.push_back({rounded(p.x), rounded(p.y)});
+  view["pixels"] = std::move(pixels);
+}
+
+/// Looks for everything, writes what was found into the samples and drops what was not.
+Filled finish(std::vector<Json>& samples, std::vector<ImageTask>& tasks,
+              const FillOptions& options) {
+  work_all(tasks, options);
+  Filled out;
+  for (ImageTask& task : tasks) {
+    if (!task.image.error.empty()) {
+      ++out.unusable;
+      out.lines.push_back(task.shown + ": UNUSABLE: the image " + task.image.error);
+    }
+    for (ImageTask::Wanted& one : task.wanted) {
+      ++out.views;
+      Json& view = samples[one.sample]["views"][one.view];
+      if (task.image.error.empty()) out.lines.push_back(verdict_line(task, one));
+      if (one.found.ids.empty()) {
+        view = nullptr;
+        continue;
+      }
+      ++out.found;
+      put(one, view);
+    }
+  }
+  for (Json& sample : samples) {
+    Json views = Json::array();
+    for (Json& view : sample["views"])
+      if (!view.is_null()) views.push_back(std::move(view));
+    if (views.empty()) {
+      out.lost.push_back("sample '" + sample.value("id", "") + "': nothing was found");
+      continue;
+    }
+    sample["views"] = std::move(views);
+    out.text += sample.dump() + "\n";
+    ++out.samples;
+  }
+  return out;
+}
+
+/// The path of an image as the written samples file has to name it.
+std::string path_for(const std::string& image, const std::string& out) {
+  const fs::path folder = fs::absolute(out).lexically_normal().parent_path();
+  return fs::absolute(image).lexically_normal().lexically_relative(folder).string();
+}
+
+std::vector<Json> parse_lines(const std::string& path) {
+  std::istringstream in(read_file(path));
+  std::vector<Json> samples;
+  std::string line;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    Json sample = Json::parse(line, nullptr, false);
+    const std::string where = path + ":" + std::to_string(number);
+    if (!sample.is_object() || !sample.contains("views") || !sample["views"].is_array())
+      throw InputError(where +
+                       ": a sample is expected: {\"id\": ..., \"joints\": {...}, "
+                       "\"views\": [...]}");
+    for (const Json& view : sample["views"])
+      for (const char* key : {"sensor", "target", "image"})
+        if (!view.is_object() || (view.contains(key) ? !view[key].is_string() : *key != 'i'))
+          throw InputError(where +
+                           ": views: each needs \"sensor\" and \"target\", texts as "
+                           "\"image\"");
+    samples.push_back(std::move(sample));
+  }
+  return samples;
+}
+
+}  // namespace
+
+Filled fill_samples(const RigFile& rig, const std::string& path, const FillOptions& options) {
+  std::vector<Json> samples = parse_lines(path);
+  std::vector<ImageTask> tasks;
+  std::map<std::pair<std::string, std::string>, size_t> known;  // image and sensor: its task
+  ImageTargets targets;
+  for (size_t s = 0; s < samples.size(); ++s)
+    for (size_t v = 0; v < samples[s]["views"].size(); ++v) {
+      Json& view = samples[s]["views"][v];
+      if (!view.contains("image")) continue;
+      const std::string shown = view["image"].get<std::string>();
+      const fs::path image =
+          fs::path(shown).is_absolute() ? fs::path(shown) : fs::path(path).parent_path() / shown;
+      if (!fs::path(shown).is_absolute()) view["image"] = path_for(image.string(), options.out);
+      const Sensor* sensor = nullptr;
+      for (const Sensor& one : rig.rig.sensors)
+        if (one.name == view["sensor"].get<std::string>()) sensor = &one;
+      if (view.contains("pixels") || (sensor && sensor->type != "camera")) continue;
+      const Sensor& seen_by = camera(rig, view["sensor"].get<std::string>(), path);
+      const std::string target = view["target"].get<std::string>();
+      add_targets(rig, target, targets);
+      if (!targets.count(target))
+        throw InputError(path + ": there is no target '" + target + "' in " + rig.path);
+      const auto at = known.emplace(std::make_pair(shown, seen_by.name), tasks.size());
+      if (at.second)
+        tasks.push_back({image.string(), shown, seen_by.image_width, seen_by.image_height, {}, {}});
+      tasks[at.first->second].wanted.push_back(
+          {static_cast<int>(s), static_cast<int>(v), &targets.at(target), {}});
+    }
+  if (tasks.empty())
+    throw InputError(path + ": no view of a camera has an `image` and no `pixels`: nothing to do");
+  return finish(samples, tasks, options);
+}
+
+Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
+                   const FillOptions& options) {
+  const Sensor& sensor = camera(rig, options.sensor, "--sensor");
+  const std::vector<JointRow> rows =
+      options.joints.empty() ? std::vector<JointRow>() : read_joint_table(options.joints);
+  ImageTargets targets;
+  add_targets(rig, "", targets);
+  if (targets.empty()) throw InputError(rig.path + ": no target of it can be found in images");
+  std::vector<Json> samples;
+  std::vector<ImageTask> tasks;
+  std::vector<std::string> without;
+  for (const std::string& image : images) {
+    Json joints = Json::object();
+    if (!rows.empty()) {
+      const JointRow* row = row_of_image(rows, image, options.tolerance);
+      if (!row) {
+        without.push_back("image '" + image + "': no joint readings in " + options.joints);
+        continue;
+      }
+      for (const auto& [name, value] : row->joints) joints[name] = value;
+    }
+    ImageTask task{image, image, sensor.image_width, sensor.image_height, {}, {}};
+    Json views = Json::array();
+    for (const auto& [name, target] : targets) {
+      task.wanted.push_back(
+          {static_cast<int>(samples.size()), static_cast<int>(views.size()), &target, {}});
+      views.push_back(
+          {{"sensor", sensor.name}, {"target", name}, {"image", path_for(image, options.out)}});
+    }
+    samples.push_back({{"id", fs::path(image).stem().string()}, {"joints", joints}});
+    samples.back()["views"] = views;
+    tasks.push_back(std::move(task));
+  }
+  Filled out = finish(samples, tasks, options);
+  out.lost.insert(out.lost.begin(), without.begin(), without.end());
+  return out;
+}
+
+std::vector<std::string> image_files(const std::string& path) {
+  const bool folder = fs::is_directory(path);
+  const bool pattern = !folder && path.find_first_of("*?[") != std::string::npos;
+  if (!folder && !pattern) return {path};
+  fs::path inside = folder ? fs::path(path) : fs::path(path).parent_path();
+  if (inside.empty()) inside = ".";
+  static const std::vector<std::string> endings = {".png",  ".jpg", ".jpeg", ".bmp", ".tif",
+                                                   ".tiff", ".pgm", ".ppm",  ".webp"};
+  std::vector<std::string> out;
+  std::error_code status;
+  for (const fs::directory_entry& entry : fs::directory_iterator(inside, status)) {
+    const std::string name = entry.path().filename().string();
+    std::string ending = entry.path().extension().string();
+    for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    const bool meant = pattern ? fnmatch(fs::path(path).filename().c_str(), name.c_str(), 0) == 0
+                               : std::find(endings.begin(), endings.end(), ending) != endings.end();
+    if (meant && entry.is_regular_file())
+      out.push_back((inside / name).lexically_normal().string());
+  }
+  std::sort(out.begin(), out.end(), [](const std::string& a, const std::string& b) {
+    return strverscmp(a.c_str(), b.c_str()) < 0;
+  });
+  if (out.empty()) throw InputError(path + ": no images there");
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,36 @@
+// What a picture shows of a target, and what was found of it. Pixels are as everywhere: (0, 0) is
+// the centre of the top-left pixel.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace kincal {
+
+/// An ImageTarget is what a picture shows of a target: the print, not the points alone.
+struct ImageTarget {
+  enum class Kind { chessboard, circles, charuco, tags, marker };
+  Kind kind = Kind::chessboard;
+  std::string name;
+  int rows = 0, columns = 0;        // as in the rig: inner corners, circles, squares or tags
+  bool asymmetric = false;          // circles
+  bool large_origin = false;        // circles: the one at point 0 is bigger
+  double marker = 0;                // charuco: edge of a marker in squares
+  double gap = 0;                   // tags: gap in tags
+  int dictionary = -1;              // OpenCV's number
+  int marker_id = 0;                // marker
+  std::vector<cv::Point2d> points;  // of the plane, in spacings
+};
+
+/// A Detection is what was found of a target in one image.
+struct Detection {
+  std::vector<int> ids;  // ascending; empty: not found
+  std::vector<cv::Point2d> pixels;
+  std::string reason;  // why nothing was found
+  double blur = 0;  // px: sigma of the Gaussian that makes a step edge as wide as the sharpest here
+  double contrast = 0;  // between dark and bright of the print, 1: the whole range
+  double rms = 0;       // px: of the best homography with a radial distortion
+};
+
+}  // namespace kincal

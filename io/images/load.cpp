@@ -1,0 +1,68 @@
+#include "load.h"
+
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace kincal {
+namespace {
+
+std::string size_text(int width, int height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
+
+/// Whether the file asks viewers to turn the image (EXIF): the decoder then returns another one if
+/// it may. Only formats that can say so are decoded twice.
+bool asks_to_be_turned(const std::string& path, const cv::Mat& stored) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  if (extension != ".jpg" && extension != ".jpeg" && extension != ".tif" && extension != ".tiff")
+    return false;
+  const cv::Mat turned = cv::imread(path, cv::IMREAD_ANYDEPTH | cv::IMREAD_GRAYSCALE);
+  return turned.size() != stored.size() ||
+         (!turned.empty() && cv::norm(turned, stored, cv::NORM_INF) > 0);
+}
+
+}  // namespace
+
+LoadedImage load_image(const std::string& path, int width, int height) {
+  LoadedImage out;
+  std::error_code status;
+  if (!std::filesystem::is_regular_file(path, status)) {
+    out.error = std::filesystem::exists(path, status) ? "is no file" : "is not there";
+    return out;
+  }
+  if (std::filesystem::file_size(path, status) == 0) {
+    out.error = "is empty";
+    return out;
+  }
+  cv::Mat image;
+  try {
+    // IGNORE_ORIENTATION only works with a flag for the colour; what a lens does belongs to the
+    // pixels as the sensor has them.
+    image = cv::imread(path,
+                       cv::IMREAD_ANYDEPTH | cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!image.empty() && asks_to_be_turned(path, image))
+      out.notes.push_back("asks to be turned (EXIF), which was not done: pixels are as stored");
+  } catch (const cv::Exception& error) {
+    out.error = "cannot be read: " + error.err;
+    return out;
+  }
+  if (image.empty()) {
+    out.error = "cannot be read: broken, or no image";
+  } else if (width > 0 && (image.cols != width || image.rows != height)) {
+    out.error = "has " + size_text(image.cols, image.rows) + " pixels, the rig's image_size is " +
+                size_text(width, height);
+  } else if (image.depth() != CV_8U) {
+    double low = 0, high = 0;
+    cv::minMaxLoc(image, &low, &high);
+    out.notes.push_back("has more than 8 bits: its range was mapped to 8");
+    image.convertTo(out.grey, CV_8U, high > low ? 255 / (high - low) : 1,
+                    high > low ? -255 * low / (high - low) : 0);
+  } else {
+    out.grey = image;
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,20 @@
+// An image file as the detectors take it: 8 bits, one channel, pixels as stored.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace kincal {
+
+struct LoadedImage {
+  cv::Mat grey;                    // empty: not usable
+  std::string error;               // why not
+  std::vector<std::string> notes;  // what is unusual about it, and what was done
+};
+
+/// Reads an image. `width`, `height`: what it should have, 0: anything. Never throws for what is in
+/// the file.
+LoadedImage load_image(const std::string& path, int width, int height);
+
+}  // namespace kincal

@@ -1,0 +1,307 @@
+// Boards with markers: ChArUco, grids of AprilTags as Kalibr prints them, single markers. OpenCV
+// finds the markers; the corners are located here, because OpenCV 4.6 reports ChArUco corners and
+// its AprilTag refinement half a pixel off.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <opencv2/aruco.hpp>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "finders.h"
+
+namespace kincal {
+namespace {
+
+using Quad = std::array<cv::Point2d, 4>;  // clockwise from the marker's upper left
+using Markers = std::multimap<int, Quad>;
+using Places = std::vector<cv::Point2d>;
+
+/// All that are seen whole. A number may be there twice: what else looks like a code.
+Markers find_markers(const cv::Mat& image, int dictionary, int border) {
+  const auto parameters = cv::aruco::DetectorParameters::create();
+  parameters->markerBorderBits = border;
+  parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;
+  parameters->minMarkerPerimeterRate = 0.02;
+  parameters->adaptiveThreshWinSizeMax = 43;  // wide windows part tags from squares that touch them
+  parameters->adaptiveThreshWinSizeStep = 4;
+  std::vector<std::vector<cv::Point2f>> corners;
+  std::vector<int> ids;
+  cv::aruco::detectMarkers(image, cv::aruco::getPredefinedDictionary(dictionary), corners, ids,
+                           parameters);
+  Markers out;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    Quad quad;
+    bool whole = true;  // edges at the rim of the image are not where they seem
+    for (size_t k = 0; k < 4; ++k) {
+      quad[k] = corners[i][k];
+      whole = whole && cv::Rect(6, 6, image.cols - 12, image.rows - 12).contains(corners[i][k]);
+    }
+    if (!whole) continue;
+    out.emplace(ids[i], quad);
+  }
+  return out;
+}
+
+double edge_length(const Quad& quad) {
+  double out = 1e9;
+  for (size_t k = 0; k < 4; ++k) out = std::min(out, cv::norm(quad[k] - quad[(k + 1) % 4]));
+  return out;
+}
+
+double brightness(const cv::Mat& image, cv::Point2d p) {
+  const int x = std::clamp(static_cast<int>(std::floor(p.x)), 0, image.cols - 2);
+  const int y = std::clamp(static_cast<int>(std::floor(p.y)), 0, image.rows - 2);
+  const double a = std::clamp(p.x - x, 0., 1.), b = std::clamp(p.y - y, 0., 1.);
+  return (1 - b) * ((1 - a) * image.at<uchar>(y, x) + a * image.at<uchar>(y, x + 1)) +
+         b * ((1 - a) * image.at<uchar>(y + 1, x) + a * image.at<uchar>(y + 1, x + 1));
+}
+
+/// How far beside the line through `p` along its `normal` the edge is: the middle of the slope.
+double edge_offset(const cv::Mat& image, cv::Point2d p, cv::Point2d normal, double reach) {
+  double weight = 0, sum = 0;
+  for (double o = -reach; o <= reach; o += 0.25) {
+    const double slope =
+        brightness(image, p + (o + 0.5) * normal) - brightness(image, p + (o - 0.5) * normal);
+    if (slope <= 0) continue;  // out of the marker it gets brighter
+    weight += slope * slope;
+    sum += slope * slope * o;
+  }
+  return weight > 0 ? sum / weight : 0;
+}
+
+/// Moves the corners of a dark quad to where its edges meet: each is a parabola (of the lens)
+/// fitted to where the brightness changes; its ends are left out, blur makes them round.
+Quad refine_quad(const cv::Mat& image, const Quad& given, double reach) {
+  Quad quad = given;
+  for (int pass = 0; pass < 3; ++pass) {
+    std::array<cv::Point2d, 4> begin, begin_way, end, end_way;
+    for (size_t k = 0; k < 4; ++k) {
+      const cv::Point2d from = quad[k], way = quad[(k + 1) % 4] - from;
+      const double length = cv::norm(way);
+      const cv::Point2d normal = cv::Point2d(way.y, -way.x) / length;  // out of the quad
+      const int n = std::clamp(static_cast<int>(length), 12, 120);
+      cv::Mat a(n, 3, CV_64F), b(n, 1, CV_64F), x;
+      for (int i = 0; i < n; ++i) {
+        const double t = 0.1 + 0.8 * i / (n - 1);
+        a.at<double>(i, 0) = 1, a.at<double>(i, 1) = t, a.at<double>(i, 2) = t * t;
+        b.at<double>(i) = edge_offset(image, from + t * way, normal, pass ? 0.7 * reach : reach);
+      }
+      cv::solve(a, b, x, cv::DECOMP_QR);
+      const double c0 = x.at<double>(0), c1 = x.at<double>(1), c2 = x.at<double>(2);
+      begin[k] = from + c0 * normal, begin_way[k] = way + c1 * normal;
+      end[k] = from + way + (c0 + c1 + c2) * normal, end_way[k] = way + (c1 + 2 * c2) * normal;
+    }
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t before = (k + 3) % 4;
+      const double cross = end_way[before].cross(begin_way[k]);
+      if (std::abs(cross) < 1e-9) return given;
+      const double t = (begin[k] - end[before]).cross(begin_way[k]) / cross;
+      quad[k] = end[before] + t * end_way[before];
+      if (cv::norm(quad[k] - given[k]) > 2 * reach + 2) return given;
+    }
+  }
+  return quad;
+}
+
+int bits_of(int dictionary) { return cv::aruco::getPredefinedDictionary(dictionary)->markerSize; }
+
+/// The points that agree with one homography, and its worst distances for those that do.
+int agreeing(const Places& plane, const Places& pixels, double tolerance, cv::Mat& inliers) {
+  if (plane.size() < 4) return 0;
+  const cv::Mat h = cv::findHomography(plane, pixels, cv::RANSAC, tolerance, inliers, 2000);
+  return h.empty() ? 0 : cv::countNonZero(inliers);
+}
+
+bool on_one_line(const Places& points) {
+  std::vector<cv::Point2f> fine(points.begin(), points.end());
+  const cv::RotatedRect box = cv::minAreaRect(fine);
+  return std::min(box.size.width, box.size.height) < 1e-3f;
+}
+
+Detection missing(const std::string& reason) {
+  Detection out;
+  out.reason = reason;
+  return out;
+}
+
+/// The markers of a ChArUco board that agree with one layout: by number in the board, with the
+/// square they are in.
+struct Placed {
+  cv::Point square;
+  Quad quad;
+};
+
+/// `odd`: markers are in squares whose row + column is odd (the upper left square is dark), else
+/// even (OpenCV's boards with an even number of rows before 4.6).
+std::vector<Placed> placed_markers(const Markers& markers, const ImageTarget& target, int odd) {
+  std::vector<cv::Point> squares;
+  for (int r = 0; r < target.rows; ++r)
+    for (int c = 0; c < target.columns; ++c)
+      if ((r + c) % 2 == odd) squares.emplace_back(c, r);
+  std::vector<Placed> all, out;
+  Places plane, pixels;
+  double edge = 0;
+  const double m = 0.5 * target.marker;
+  for (const auto& [id, quad] : markers) {
+    if (id >= static_cast<int>(squares.size())) continue;
+    all.push_back({squares[id], quad});
+    const cv::Point2d middle = cv::Point2d(squares[id]) + cv::Point2d(0.5, 0.5);
+    for (const cv::Point2d d :
+         {cv::Point2d(-m, -m), cv::Point2d(m, -m), cv::Point2d(m, m), cv::Point2d(-m, m)})
+      plane.push_back(middle + d);
+    pixels.insert(pixels.end(), quad.begin(), quad.end());
+    edge += edge_length(quad);
+  }
+  cv::Mat inliers;
+  if (agreeing(plane, pixels,
+               3 + 0.15 * edge / static_cast<double>(std::max<size_t>(1, all.size())), inliers) < 4)
+    return out;
+  for (size_t i = 0; i < all.size(); ++i)
+    if (cv::countNonZero(inliers.rowRange(static_cast<int>(4 * i), static_cast<int>(4 * i + 4))) ==
+        4)
+      out.push_back(all[i]);
+  return out;
+}
+
+/// Where the inner corner at (x, y) is by the markers around it; false: none touches it.
+bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner,
+             cv::Point2d& out) {
+  Places plane, pixels;
+  for (const Placed& one : markers) {
+    const cv::Point2d middle = cv::Point2d(one.square) + cv::Point2d(0.5, 0.5);
+    if (std::max(std::abs(middle.x - corner.x), std::abs(middle.y - corner.y)) > 0.75) continue;
+    for (const cv::Point2d d : {cv::Point2d(-half, -half), cv::Point2d(half, -half),
+                                cv::Point2d(half, half), cv::Point2d(-half, half)})
+      plane.push_back(middle + d);
+    pixels.insert(pixels.end(), one.quad.begin(), one.quad.end());
+  }
+  if (plane.empty()) return false;
+  const cv::Mat h = cv::findHomography(plane, pixels);
+  if (h.empty()) return false;
+  Places one = {corner};
+  cv::perspectiveTransform(one, one, h);
+  out = one[0];
+  return true;
+}
+
+}  // namespace
+
+int marker_dictionary(const std::string& name) {
+  static const char* const sizes[] = {"50", "100", "250", "1000"};
+  std::map<std::string, int> known = {{"ARUCO_ORIGINAL", cv::aruco::DICT_ARUCO_ORIGINAL},
+                                      {"16h5", cv::aruco::DICT_APRILTAG_16h5},
+                                      {"25h9", cv::aruco::DICT_APRILTAG_25h9},
+                                      {"36h10", cv::aruco::DICT_APRILTAG_36h10},
+                                      {"36h11", cv::aruco::DICT_APRILTAG_36h11}};
+  for (int bits = 4; bits <= 7; ++bits)
+    for (int i = 0; i < 4; ++i)
+      known[std::to_string(bits) + "X" + std::to_string(bits) + "_" + sizes[i]] =
+          cv::aruco::DICT_4X4_50 + 4 * (bits - 4) + i;
+  std::string bare = name;
+  for (const char* prefix : {"cv2.aruco.", "cv::aruco::", "DICT_", "APRILTAG_", "tag", "t"})
+    if (bare.rfind(prefix, 0) == 0) bare.erase(0, std::string(prefix).size());
+  std::replace(bare.begin(), bare.end(), 'x', 'X');
+  const auto found = known.find(bare);
+  return found == known.end() ? -1 : found->second;
+}
+
+Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
+  Markers markers = find_markers(image, target.dictionary, 1);
+  if (markers.empty()) return missing("no marker of its dictionary");
+  for (auto& one : markers) {
+    const double reach =
+        std::clamp(0.6 * edge_length(one.second) / (bits_of(target.dictionary) + 2), 1.5, 5.0);
+    one.second = refine_quad(image, one.second, reach);
+  }
+  std::vector<Placed> placed = placed_markers(markers, target, 1);
+  const std::vector<Placed> other = placed_markers(markers, target, 0);
+  if (other.size() > placed.size()) placed = other;
+  if (placed.size() < std::min<size_t>(2, markers.size()))
+    return missing("the markers do not lie as on this board");
+  Detection out;
+  const double free = 0.5 * (1 - target.marker) / target.marker;  // round a corner, in markers
+  for (int r = 0; r + 1 < target.rows; ++r)
+    for (int c = 0; c + 1 < target.columns; ++c) {
+      cv::Point2d pixel;
+      if (!predict(placed, 0.5 * target.marker, cv::Point2d(c + 1, r + 1), pixel)) continue;
+      double edge = 1e9;  // of the markers beside it
+      for (const Placed& one : placed)
+        if (std::abs(one.square.x + 0.5 - c - 1) < 1 && std::abs(one.square.y + 0.5 - r - 1) < 1)
+          edge = std::min(edge, edge_length(one.quad));
+      if (!cv::Rect(3, 3, image.cols - 6, image.rows - 6).contains(cv::Point(pixel))) continue;
+      std::vector<cv::Point2d> one = {pixel};
+      refine_saddles(image, {std::max(2.0, 0.9 * free * edge) / 0.35}, one);
+      out.ids.push_back(r * (target.columns - 1) + c);
+      out.pixels.push_back(one[0]);
+    }
+  if (out.ids.size() < 4 || on_one_line(out.pixels))
+    return missing(std::to_string(out.ids.size()) + " corners: too few, or on a line");
+  return out;
+}
+
+Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
+  int border = 2;  // Kalibr's; a grid of plain tags has 1
+  Markers tags = find_markers(image, target.dictionary, border);
+  const Markers plain = find_markers(image, target.dictionary, 1);
+  if (plain.size() > tags.size()) tags = plain, border = 1;
+  for (auto one = tags.begin(); one != tags.end();)
+    one = one->first < target.rows * target.columns ? std::next(one) : tags.erase(one);
+  if (tags.empty()) return missing("no tag of its family and numbers");
+
+  // OpenCV turns a family's codes its own way: the grid tells which corner is which, and for a
+  // single tag what OpenCV 4 does.
+  Places pixels, best_plane;
+  for (const auto& one : tags) pixels.insert(pixels.end(), one.second.begin(), one.second.end());
+  cv::Mat inliers;
+  int best = 0, best_turn = 1;
+  const double tolerance = 3 + 0.1 * edge_length(tags.begin()->second);
+  for (const int turn : {1, 3, 0, 2}) {
+    Places plane;
+    for (const auto& one : tags)
+      for (int k = 0; k < 4; ++k)
+        plane.push_back(target.points[4 * one.first + (turn - k + 4) % 4]);
+    cv::Mat mask;
+    const int count = agreeing(plane, pixels, tolerance, mask);
+    if (count > best) best = count, best_turn = turn, inliers = mask;
+  }
+  if (best < 4) return missing("the tags do not lie as on this grid");
+  Detection out;
+  int row = 0;
+  for (auto& [id, quad] : tags) {
+    const bool good = cv::countNonZero(inliers.rowRange(row, row + 4)) == 4;
+    row += 4;
+    if (!good || (!out.ids.empty() && out.ids.back() == 4 * id + 3)) continue;
+    const double edge = edge_length(quad), cell = edge / (bits_of(target.dictionary) + 2 * border);
+    Places corners;
+    const Quad sharp = refine_quad(image, quad, std::clamp(0.8 * border * cell, 1.5, 5.0));
+    corners.assign(sharp.begin(), sharp.end());
+    if (border == 2 && target.gap > 0)  // dark squares touch the corners
+      refine_saddles(
+          image,
+          std::vector<double>(4, std::max(2.0, 0.8 * std::min(target.gap * edge, 2 * cell)) / 0.35),
+          corners);
+    for (int k = 0; k < 4; ++k) {
+      out.ids.push_back(4 * id + k);
+      out.pixels.push_back(corners[(best_turn - k + 4) % 4]);
+    }
+  }
+  if (out.ids.empty()) return missing("the tags do not lie as on this grid");
+  return out;
+}
+
+Detection find_marker(const cv::Mat& image, const ImageTarget& target) {
+  const Markers markers = find_markers(image, target.dictionary, 1);
+  const auto found = markers.find(target.marker_id);
+  if (markers.count(target.marker_id) != 1)
+    return missing("no marker " + std::to_string(target.marker_id) + ", or more than one");
+  const double cell = edge_length(found->second) / (bits_of(target.dictionary) + 2);
+  const Quad quad = refine_quad(image, found->second, std::clamp(0.6 * cell, 1.5, 5.0));
+  Detection out;
+  out.ids = {0, 1, 2, 3};
+  out.pixels.assign(quad.begin(), quad.end());
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,327 @@
+// Proves that targets are found where they are: pictures of prints, made by rays through a lens,
+// and the pixels that the detectors return beside the true ones; bias and scatter of each detector.
+// Not proved: real light, dirt, rolling shutters.
+#include "../../io/images/detect.h"
+
+#include <cmath>
+#include <opencv2/aruco.hpp>
+
+#include "../../io/document/yaml.h"
+#include "../../models/rig/targets.h"
+#include "../fixtures/render.h"
+#include "catch2/catch.hpp"
+
+using namespace kincal;
+using namespace fixtures;
+
+namespace {
+
+struct Errors {
+  int count = 0;
+  cv::Point2d bias;
+  double rms = 0, worst = 0;
+};
+
+/// Compares what was found with where the points are.
+Errors errors_of(const PictureCamera& camera, const ImageTarget& target, const Detection& found) {
+  Errors out;
+  for (size_t i = 0; i < found.ids.size(); ++i) {
+    const cv::Point2d p = target.points[found.ids[i]];
+    const cv::Point2d d = found.pixels[i] - project(camera, p.x, p.y);
+    out.bias += d;
+    out.rms += d.dot(d);
+    out.worst = std::max(out.worst, cv::norm(d));
+  }
+  out.count = static_cast<int>(found.ids.size());
+  if (out.count == 0) return out;
+  out.bias /= out.count;
+  out.rms = std::sqrt(out.rms / out.count);
+  return out;
+}
+
+ImageTarget target_of(const std::string& text, const GridLayout& grid) {
+  const Node node = parse_yaml(text, "target");
+  const std::string path = "target";
+  std::vector<cv::Point2d> points;
+  const Eigen::Matrix3Xd layout = grid_layout(grid);
+  for (int i = 0; i < layout.cols(); ++i) points.emplace_back(layout(0, i), layout(1, i));
+  return read_image_target("board", top(node, path), points);
+}
+
+/// Postures of the camera: straight, and tilted both ways and turned in the image.
+std::vector<PictureCamera> postures(double mx, double my, double depth) {
+  std::vector<PictureCamera> out;
+  for (const cv::Vec3d& angles : {cv::Vec3d(0, 0, 0.03), cv::Vec3d(0.5, 0.1, 0.2),
+                                  cv::Vec3d(-0.2, 0.6, -0.3), cv::Vec3d(0.3, -0.4, 0.6)}) {
+    PictureCamera camera;
+    camera.rotation = turned(angles[0], angles[1], angles[2]);
+    aim(camera, mx, my, depth);
+    out.push_back(camera);
+  }
+  return out;
+}
+
+/// Every posture: all points, of the right numbers, bias and scatter below the limits.
+void check_target(const ImageTarget& target, const std::vector<PictureCamera>& cameras,
+                  const std::function<double(double, double)>& print, double rms,
+                  double least = 1) {
+  cv::Point2d bias;
+  for (const PictureCamera& camera : cameras) {
+    const Detection found = detect(render(camera, print), target);
+    const Errors e = errors_of(camera, target, found);
+    std::string ids;
+    for (const int id : found.ids) ids += " " + std::to_string(id);
+    CAPTURE(ids, found.reason, e.bias.x, e.bias.y, e.rms, e.worst, found.rms, found.blur);
+    CHECK(e.count >= least * static_cast<double>(target.points.size()));
+    CHECK(e.rms < rms);
+    bias += e.bias / static_cast<double>(cameras.size());
+  }
+  CAPTURE(bias.x, bias.y);
+  CHECK(std::abs(bias.x) < 0.02);
+  CHECK(std::abs(bias.y) < 0.02);
+}
+
+/// The print of a chessboard whose outer square at point 0 is dark.
+double chessboard(double x, double y, int rows, int columns) {
+  if (x < -1 || y < -1 || x > columns || y > rows) return 1;
+  return (static_cast<int>(std::floor(x)) + static_cast<int>(std::floor(y))) % 2 == 0 ? 0 : 1;
+}
+
+/// The print of a marker from (0, 0) to (1, 1), y down: its bits in a dark border.
+double marker(double x, double y, int dictionary, int id, int border) {
+  static std::map<std::pair<int, int>, cv::Mat> known;
+  cv::Mat& bits = known[{dictionary, id}];
+  if (bits.empty()) {
+    const auto all = cv::aruco::getPredefinedDictionary(dictionary);
+    bits = cv::aruco::Dictionary::getBitsFromByteList(all->bytesList.rowRange(id, id + 1),
+                                                      all->markerSize);
+  }
+  const int size = bits.rows + 2 * border;
+  const int c = static_cast<int>(std::floor(x * size)) - border;
+  const int r = static_cast<int>(std::floor(y * size)) - border;
+  return c < 0 || r < 0 || c >= bits.cols || r >= bits.rows ? 0 : bits.at<uchar>(r, c);
+}
+
+/// The print of a ChArUco board, markers of 0.7 squares. `odd`: where they are.
+double charuco(double x, double y, int rows, int columns, int odd) {
+  if (x < 0 || y < 0 || x >= columns || y >= rows) return 1;
+  const int c = static_cast<int>(x), r = static_cast<int>(y);
+  if ((r + c) % 2 != odd) return 0;
+  int id = 0;
+  for (int i = 0; i < r * columns + c; ++i) id += (i / columns + i % columns) % 2 == odd;
+  const double u = (x - c - 0.15) / 0.7, v = (y - r - 0.15) / 0.7;
+  return u < 0 || v < 0 || u >= 1 || v >= 1 ? 1 : marker(u, v, cv::aruco::DICT_5X5_250, id, 1);
+}
+
+/// The print of Kalibr's grid, y up: tags of 1 with gaps of 0.3 and dark squares between their
+/// corners. OpenCV's codes stand on their heads in it.
+double tags(double x, double y, int rows, int columns) {
+  const double pitch = 1.3;
+  if (x < -0.3 || y < -0.3 || x >= columns * pitch || y >= rows * pitch) return 1;
+  const int c = static_cast<int>(std::floor(x / pitch)),
+            r = static_cast<int>(std::floor(y / pitch));
+  const double u = x - c * pitch, v = y - r * pitch;
+  if (u < 1 && v < 1 && c >= 0 && r >= 0)
+    return marker(1 - u, v, cv::aruco::DICT_APRILTAG_36h11, r * columns + c, 2);
+  return u >= 1 && v >= 1 ? 0 : 1;
+}
+
+/// As seen from the front where y of the print points up.
+std::vector<PictureCamera> upright(std::vector<PictureCamera> cameras, double mx, double my,
+                                   double depth) {
+  for (PictureCamera& camera : cameras) {
+    camera.rotation = camera.rotation * turned(CV_PI, 0, 0);
+    aim(camera, mx, my, depth);
+  }
+  return cameras;
+}
+
+}  // namespace
+
+TEST_CASE("images: a ChArUco board is found, whole and in part") {
+  const ImageTarget target = target_of(
+      "{type: charuco, rows: 6, columns: 8, square: 0.03, marker: 0.021, dictionary: "
+      "DICT_5X5_250}",
+      {GridLayout::Kind::charuco, 6, 8});
+  for (const int odd : {1, 0}) {
+    const auto print = [&](double x, double y) { return charuco(x, y, 6, 8, odd); };
+    check_target(target, postures(4, 3, 12), print, 0.1);
+  }
+  PictureCamera camera = postures(4, 3, 12)[1];
+  camera.translation[0] += 5;
+  camera.rotation = camera.rotation * turned(0, 0, 0.2);
+  const Detection part =
+      detect(render(camera, [](double x, double y) { return charuco(x, y, 6, 8, 1); }), target);
+  const Errors e = errors_of(camera, target, part);
+  CHECK(e.count > 8);
+  CHECK(e.count < 35);
+  CHECK(e.worst < 0.3);
+}
+
+TEST_CASE("images: Kalibr's grid of AprilTags is found, whole and in part") {
+  const ImageTarget target = target_of(
+      "{type: apriltag_grid, rows: 4, columns: 5, tag: 0.03, spacing: 0.3, family: tag36h11}",
+      {GridLayout::Kind::tags, 4, 5, false, 0.3});
+  const auto print = [](double x, double y) { return tags(x, y, 4, 5); };
+  const std::vector<PictureCamera> cameras = upright(postures(3.1, 2.45, 11), 3.1, 2.45, 11);
+  check_target(target, cameras, print, 0.15, 0.9);  // OpenCV misses a tag now and then
+  PictureCamera camera = cameras[1];
+  camera.translation[0] += 3;
+  const Errors e = errors_of(camera, target, detect(render(camera, print), target));
+  CHECK(e.count >= 16);
+  CHECK(e.count < 80);
+  CHECK(e.worst < 0.4);
+}
+
+TEST_CASE("images: grids of circles are found, and big ones seen obliquely are where they are") {
+  const auto print = [](bool asymmetric, bool large, int rows, int columns, double radius) {
+    return [=](double x, double y) {
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < columns; ++c) {
+          const double dx = x - (asymmetric ? 2 * c + r % 2 : c), dy = y - r;
+          const double size = radius * (large && r + c == 0 ? 1.4 : 1);
+          if (dx * dx + dy * dy < size * size) return 0;
+        }
+      return 1;
+    };
+  };
+  const ImageTarget symmetric = target_of("{type: circles, rows: 5, columns: 7, spacing: 0.03}",
+                                          {GridLayout::Kind::circles, 5, 7});
+  check_target(symmetric, postures(3, 2, 10), print(false, false, 5, 7, 0.33), 0.1);
+  const ImageTarget large =
+      target_of("{type: circles, rows: 5, columns: 7, spacing: 0.03, origin: large}",
+                {GridLayout::Kind::circles, 5, 7});
+  std::vector<PictureCamera> cameras = postures(3, 2, 10);
+  check_target(large, cameras, print(false, true, 5, 7, 0.25), 0.1);
+  for (PictureCamera& camera : cameras) {  // head down
+    camera.rotation = camera.rotation * turned(0, 0, CV_PI);
+    aim(camera, 3, 2, 10);
+  }
+  check_target(large, cameras, print(false, true, 5, 7, 0.25), 0.1);
+  const ImageTarget asymmetric =
+      target_of("{type: circles, rows: 11, columns: 4, spacing: 0.02, asymmetric: true}",
+                {GridLayout::Kind::circles, 11, 4, true});
+  check_target(asymmetric, postures(3.5, 5, 20), print(true, false, 11, 4, 0.5), 0.1);
+}
+
+TEST_CASE("images: a single marker is found by its edges") {
+  ImageTarget target;
+  for (const auto& [text, dictionary] :
+       {std::make_pair("{type: marker, dictionary: DICT_4X4_50, id: 7, size: 0.05}",
+                       cv::aruco::DICT_4X4_50),
+        std::make_pair("{type: marker, dictionary: tag36h11, id: 7, size: 0.05}",
+                       cv::aruco::DICT_APRILTAG_36h11)}) {
+    const Node node = parse_yaml(text, "target");
+    const std::string path = "target";
+    target = read_image_target("marker", top(node, path),
+                               {{-0.5, 0.5}, {0.5, 0.5}, {0.5, -0.5}, {-0.5, -0.5}});
+    const auto print = [d = dictionary](double x, double y) {
+      return std::abs(x) > 0.5 || std::abs(y) > 0.5 ? 1 : marker(x + 0.5, 0.5 - y, d, 7, 1);
+    };
+    check_target(target, upright(postures(0, 0, 4), 0, 0, 4), print, 0.1);
+  }
+}
+
+TEST_CASE("images: a chessboard is found where it is, and numbered from its dark end") {
+  const ImageTarget target = target_of("{type: chessboard, rows: 6, columns: 9, square: 0.02}",
+                                       {GridLayout::Kind::corners, 6, 9});
+  const auto print = [](double x, double y) { return chessboard(x, y, 6, 9); };
+  std::vector<PictureCamera> cameras = postures(4, 2.5, 14);
+  check_target(target, cameras, print, 0.1);
+  for (PictureCamera& camera : cameras) {  // head down: the numbers go with the print
+    camera.rotation = camera.rotation * turned(0, 0, CV_PI);
+    aim(camera, 4, 2.5, 14);
+  }
+  check_target(target, cameras, print, 0.1);
+}
+
+TEST_CASE(
+    "images: what blurs a picture is told in pixels, and a picture without a board gives none") {
+  const ImageTarget target = target_of("{type: chessboard, rows: 6, columns: 9, square: 0.02}",
+                                       {GridLayout::Kind::corners, 6, 9});
+  PictureCamera camera = postures(4, 2.5, 14)[0];
+  for (const double blur : {0.8, 2.0}) {
+    camera.blur = blur;
+    const Detection found =
+        detect(render(camera, [](double x, double y) { return chessboard(x, y, 6, 9); }), target);
+    REQUIRE(found.ids.size() == 54);
+    CHECK(found.blur == Approx(blur).epsilon(0.25));
+    CHECK(found.contrast == Approx(190. / 255).epsilon(0.15));
+    CHECK(found.rms < 0.1);
+  }
+  const Detection none =
+      detect(render(camera, [](double x, double) { return x > 3 ? 1 : 0; }), target);
+  CHECK(none.ids.empty());
+  CHECK_FALSE(none.reason.empty());
+}
+
+// Not run with the others: makes the table of docs/results.md (benchmarks/detectors).
+TEST_CASE("images: table of errors against blur, noise and tilt", "[.table]") {
+  struct Row {
+    std::string name, text;
+    GridLayout grid;
+    std::function<double(double, double)> print;
+    cv::Point3d middle;  // and the distance
+    bool y_up = false;
+  };
+  const auto dots = [](double x, double y) {
+    const double dx = x - std::round(x), dy = y - std::round(y);
+    const bool on = x > -0.5 && y > -0.5 && x < 6.5 && y < 4.5;
+    return on && dx * dx + dy * dy < 0.09 ? 0 : 1;
+  };
+  const std::vector<Row> rows = {
+      {"chessboard 6 x 9",
+       "{type: chessboard, rows: 6, columns: 9, square: 1}",
+       {GridLayout::Kind::corners, 6, 9},
+       [](double x, double y) { return chessboard(x, y, 6, 9); },
+       {4, 2.5, 14}},
+      {"charuco 6 x 8",
+       "{type: charuco, rows: 6, columns: 8, square: 1, marker: 0.7, dictionary: DICT_5X5_250}",
+       {GridLayout::Kind::charuco, 6, 8},
+       [](double x, double y) { return charuco(x, y, 6, 8, 1); },
+       {4, 3, 12}},
+      {"circles 5 x 7",
+       "{type: circles, rows: 5, columns: 7, spacing: 1}",
+       {GridLayout::Kind::circles, 5, 7},
+       dots,
+       {3, 2, 10}},
+      {"apriltag_grid 4 x 5",
+       "{type: apriltag_grid, rows: 4, columns: 5, tag: 1, spacing: 0.3, family: tag36h11}",
+       {GridLayout::Kind::tags, 4, 5, false, 0.3},
+       [](double x, double y) { return tags(x, y, 4, 5); },
+       {3.1, 2.45, 11},
+       true}};
+  std::printf(
+      "| target, px between points | straight | blur 1 | 2 | 4 px | noise 2 | 5 | 15 | tilt 30 | "
+      "50 | 65 deg |\n");
+  std::printf("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  for (const Row& row : rows) {
+    const ImageTarget target = target_of(row.text, row.grid);
+    std::printf("| %s, %.0f |", row.name.c_str(), 600 / row.middle.z);
+    for (const auto& [blur, noise, tilt] : std::vector<std::array<double, 3>>{{0.6, 0, 10},
+                                                                              {1, 0, 10},
+                                                                              {2, 0, 10},
+                                                                              {4, 0, 10},
+                                                                              {0.6, 2, 10},
+                                                                              {0.6, 5, 10},
+                                                                              {0.6, 15, 10},
+                                                                              {0.6, 0, 30},
+                                                                              {0.6, 0, 50},
+                                                                              {0.6, 0, 65}}) {
+      PictureCamera camera;
+      camera.blur = blur;
+      camera.noise = noise;
+      camera.rotation = turned(0.1, tilt * CV_PI / 180, 0.1) * turned(row.y_up ? CV_PI : 0, 0, 0);
+      aim(camera, row.middle.x, row.middle.y, row.middle.z);
+      const Errors e = errors_of(camera, target, detect(render(camera, row.print), target));
+      if (e.count == 0)
+        std::printf(" not found |");
+      else if (e.count < static_cast<int>(target.points.size()))
+        std::printf(" %.3f (%d %%) |", e.rms,
+                    static_cast<int>(100. * e.count / static_cast<double>(target.points.size())));
+      else
+        std::printf(" %.3f |", e.rms);
+    }
+    std::printf("\n");
+  }
+}

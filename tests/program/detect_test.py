@@ -1,0 +1,181 @@
+"""From images to samples through the program: python3 detect_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Makes pictures of a chessboard (no lens: the detectors' accuracy is proved by tests/images). Proves: views with an image and no pixels get them,
+all else of a samples file is kept; a folder of images becomes samples, with the readings of a table joined by name or by time; images that
+cannot be used are named and counted and end nothing; where nothing is found nothing is written; one thread or four write the
+same bytes; without kincal-detect the program says what to install.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy
+
+SOURCE_DIR = KINCAL = None
+RIG = """format: kincal/1
+robot: robot.urdf
+base: base
+targets:
+  board: {type: chessboard, rows: 5, columns: 8, square: 0.02, mount: {link: base}}
+sensors:
+  eye: {type: camera, link: tip, model: pinhole, intrinsics: [600, 600, 199.5, 149.5], image_size: [400, 300], sigma: 0.2}
+estimate:
+  - {step: all, free: [sensor/eye/pose, target/board/pose]}
+"""
+URDF = """<robot name="r"><link name="base"/><link name="tip"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>
+"""
+SIDE = 30.0
+
+
+def corners(angle, x, y):
+    """Where the corners of the board are: turned about its point 0, which is at (x, y)."""
+    c, s = numpy.cos(angle), numpy.sin(angle)
+    return [[x + SIDE * (c * i - s * j), y + SIDE * (s * i + c * j)] for j in range(5) for i in range(8)]
+
+
+def picture(angle, x, y, width=400, height=300, fine=5):
+    step = (numpy.arange(fine) + 0.5) / fine - 0.5
+    u = (numpy.arange(width)[:, None] + step).ravel()[None, :] - x
+    v = (numpy.arange(height)[:, None] + step).ravel()[:, None] - y
+    c, s = numpy.cos(angle), numpy.sin(angle)
+    i, j = numpy.floor((c * u + s * v) / SIDE), numpy.floor((c * v - s * u) / SIDE)
+    dark = ((i + j) % 2 == 0) & (i >= -1) & (i < 8) & (j >= -1) & (j < 5)
+    bright = numpy.where(dark, 30.0, 220.0).reshape(height, fine, width, fine).mean(axis=(1, 3))
+    return numpy.round(bright)
+
+
+def pgm(image, bits=8):
+    head = b"P5\n%d %d\n%d\n" % (image.shape[1], image.shape[0], 255 if bits == 8 else 65535)
+    return head + (image.astype("u1") if bits == 8 else (image * 200).astype(">u2")).tobytes()
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.dir = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.dir)
+        self.write("rig.yaml", RIG.encode())
+        self.write("robot.urdf", URDF.encode())
+        self.truth = {"a1": (0.1, 60, 60), "a2": (-0.15, 70, 110), "a10": (3.3, 330, 230)}
+        for name, where in self.truth.items():
+            self.write("images/%s.pgm" % name, pgm(picture(*where)))
+
+    def write(self, name, data):
+        path = os.path.join(self.dir, name)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "wb") as f:
+            f.write(data)
+
+    def detect(self, *arguments, code=0, program=None):
+        p = subprocess.run([program or KINCAL, "detect", *arguments], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=300,
+                           env={**os.environ, "PATH": "/nowhere"})
+        self.out, self.err = p.stdout.decode(), p.stderr.decode()
+        self.assertEqual(p.returncode, code, self.out + self.err)
+
+    def samples(self, name="out.jsonl"):
+        with open(os.path.join(self.dir, name)) as f:
+            return [json.loads(line) for line in f]
+
+    def right(self, pixels, name):
+        difference = numpy.array(pixels) - corners(*self.truth[name])
+        self.assertLess(numpy.abs(difference).max(), 0.1, name)
+
+
+class Detect(Case):
+    def setUp(self):
+        super().setUp()
+        if not os.path.exists(os.path.join(os.path.dirname(KINCAL), "kincal-detect")):
+            self.skipTest("kincal-detect is not built: no OpenCV")
+
+    def test_views_are_filled_in(self):
+        given = [{"id": "one", "time": 3.25, "joints": {"j": 0.125}, "note": "kept", "split": "test",
+                  "views": [{"sensor": "eye", "target": "board", "image": "images/a1.pgm", "sigma": 0.5}]},
+                 {"id": "two", "joints": {"j": 0.25}, "views": [{"sensor": "eye", "target": "board", "pixels": [[1.5, 2]], "ids": [3], "image": "images/a2.pgm"}]},
+                 {"id": "three", "joints": {"j": 0.5}, "views": [{"sensor": "eye", "target": "board", "image": "images/none.pgm"}]}]
+        self.write("in.jsonl", "".join(json.dumps(s) + "\n" for s in given).encode())
+        os.mkdir(os.path.join(self.dir, "there"))
+        self.detect("rig.yaml", "in.jsonl", "--out", "there/out.jsonl", "--draw", "drawn")
+        one, two = self.samples("there/out.jsonl")
+        self.right(one["views"][0].pop("pixels"), "a1")
+        for s in given:
+            s["views"][0]["image"] = "../" + s["views"][0]["image"]
+        self.assertEqual([one, two], given[:2])
+        self.assertIn("images/none.pgm: UNUSABLE: the image is not there", self.out)
+        self.assertIn("left out: sample 'three'", self.out)
+        self.assertEqual(len(os.listdir(os.path.join(self.dir, "drawn"))), 1)
+        self.detect("rig.yaml", "in.jsonl", "--out", "there/out.jsonl", code=1)
+        self.assertIn("--force", self.err)
+
+    def test_a_folder_becomes_samples(self):
+        self.write("joints.csv", b"image,j\na1.pgm,0.5\na10.pgm,0.75\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--threads", "1")
+        one = self.samples()
+        self.assertEqual([(s["id"], s["joints"], s["views"][0]["image"]) for s in one], [("a1", {"j": 0.5}, "images/a1.pgm"), ("a10", {"j": 0.75}, "images/a10.pgm")])
+        for s in one:
+            self.right(s["views"][0]["pixels"], s["id"])
+        self.assertIn("image 'images/a2.pgm': no joint readings", self.out)
+        self.detect("rig.yaml", "images/*.pgm", "--out", "four.jsonl", "--joints", "joints.csv", "--threads", "4")
+        self.assertEqual(one, self.samples("four.jsonl"))
+        p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "out.jsonl", "--dry-run"], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        self.assertEqual(p.returncode, 0, p.stdout.decode())
+
+    def test_every_type_of_target(self):
+        more = """targets:
+  tag: {type: marker, dictionary: DICT_4X4_50, id: 3, size: 0.05, mount: free}
+  dots: {type: circles, rows: 4, columns: 5, spacing: 0.02, origin: large, mount: free}
+  charuco: {type: charuco, rows: 5, columns: 7, square: 0.03, marker: 0.02, dictionary: DICT_5X5_100, mount: free}
+  grid: {type: apriltag_grid, rows: 3, columns: 4, tag: 0.03, spacing: 0.3, family: tag36h11, mount: free}
+"""
+        self.write("rig.yaml", RIG.replace("targets:\n", more).encode())
+        self.detect("rig.yaml", "images", "--out", "out.jsonl")
+        self.assertIn("3 of 15 views found; 3 samples", self.out)
+        for name in ("tag", "dots", "charuco", "grid"):
+            self.assertIn("a1.pgm: %s: NOT FOUND: " % name, self.out)
+        for old, new, words in (("DICT_4X4_50", "DICT_4X4_51", "DICT_4X4_51"), ("tag36h11", "tag36h12", "tag36h11"), ("origin: large", "origin: small", "large"),
+                                ("id: 3, ", "", "id")):
+            self.write("rig.yaml", RIG.replace("targets:\n", more).replace(old, new).encode())
+            self.detect("rig.yaml", "images", "--out", "wrong.jsonl", code=1)
+            self.assertIn(words, self.err)
+
+    def test_readings_by_time(self):
+        for name, new in (("a1", "12.50"), ("a2", "1700000000250000000"), ("a10", "99")):
+            os.rename(os.path.join(self.dir, "images", name + ".pgm"), os.path.join(self.dir, "images", new + ".pgm"))
+        self.write("joints.jsonl", b'{"time": 12.4, "joints": {"j": 1}}\n{"time": 12.49, "joints": {"j": 2}}\n{"time": 1700000000.26, "joints": {"j": 3}}\n')
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.jsonl", "--tolerance", "0.02")
+        self.assertEqual({s["id"]: s["joints"]["j"] for s in self.samples()}, {"12.50": 2, "1700000000250000000": 3})
+        self.assertIn("99.pgm", self.out)
+
+    def test_what_cannot_be_used_is_named(self):
+        self.write("images/empty.pgm", b"")
+        self.write("images/broken.png", b"\x89PNG\r\n\x1a\nno more")
+        self.write("images/small.pgm", pgm(picture(0.1, 60, 60)[:200]))
+        self.write("images/grey.pgm", pgm(numpy.full((300, 400), 128)))
+        self.write("images/deep.pgm", pgm(picture(*self.truth["a1"]), bits=16))
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--quiet")
+        self.assertEqual([s["id"] for s in self.samples()], ["a1", "a2", "a10", "deep"])
+        self.right(self.samples()[3]["views"][0]["pixels"], "a1")
+        for words in ("empty.pgm: UNUSABLE: the image is empty", "broken.png: UNUSABLE", "small.pgm: UNUSABLE: the image has 400 x 200 pixels, the rig's image_size is 400 x 300",
+                      "grey.pgm: board: NOT FOUND", "4 of 8 views found, 3 images not usable; 4 samples"):
+            self.assertIn(words, self.out)
+        self.detect("rig.yaml", "images/grey.pgm", "--out", "none.jsonl", code=1)
+        self.assertFalse(os.path.exists(os.path.join(self.dir, "none.jsonl")))
+
+
+class Missing(Case):
+    def test_the_program_says_what_to_install(self):
+        alone = os.path.join(self.dir, "kincal")
+        shutil.copy(KINCAL, alone)
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", program=alone, code=1)
+        self.assertIn("libopencv-contrib-dev", self.err)
+        self.detect("--help", program=alone)
+        self.assertIn("--joints", self.out)
+
+
+if __name__ == "__main__":
+    SOURCE_DIR, KINCAL = sys.argv[1], os.path.abspath(sys.argv[2])
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
