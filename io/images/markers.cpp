@@ -244,6 +244,13 @@ Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
 Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
   int border = 2;  // Kalibr's; a grid of plain tags has 1
   Markers tags = find_markers(image, target.dictionary, border);
+  // Small tags are read better in a bigger picture, where contours have finer corners.
+  cv::Mat bigger;
+  cv::resize(image, bigger, {}, 2, 2, cv::INTER_CUBIC);
+  for (auto one : find_markers(bigger, target.dictionary, border)) {
+    for (cv::Point2d& p : one.second) p = 0.5 * (p + cv::Point2d(0.5, 0.5)) - cv::Point2d(0.5, 0.5);
+    if (!tags.count(one.first)) tags.insert(one);
+  }
   const Markers plain = find_markers(image, target.dictionary, 1);
   if (plain.size() > tags.size()) tags = plain, border = 1;
   for (auto one = tags.begin(); one != tags.end();)
@@ -252,7 +259,7 @@ Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
 
   // OpenCV turns a family's codes its own way: the grid tells which corner is which, and for a
   // single tag what OpenCV 4 does.
-  Places pixels, best_plane;
+  Places pixels;
   for (const auto& one : tags) pixels.insert(pixels.end(), one.second.begin(), one.second.end());
   cv::Mat inliers;
   int best = 0, best_turn = 1;
