@@ -145,6 +145,8 @@ void GroupMaker::add(const std::string& group, int parameter, int component, dou
                             [&](const WidthGroup& g) { return g.name == group; });
   if (found == out_.groups.end()) found = out_.groups.insert(found, {group, {}, {}});
   (used_[parameter] ? found->members : found->unseen).push_back({{parameter, component}, start});
+  const ParameterKind kind = table_.all[parameter].kind;
+  found->of_lens = kind == ParameterKind::intrinsics || kind == ParameterKind::distortion;
 }
 
 void GroupMaker::make_joints() {

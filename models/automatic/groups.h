@@ -48,6 +48,7 @@ struct WidthGroup {
   std::string name;
   std::vector<Member> members;  // some measurement depends on each
   std::vector<Member> unseen;   // none does
+  bool of_lens = false;         // numbers that no two lenses share: hardly ever as drawn
 };
 
 struct AutomaticGroups {

@@ -13,7 +13,6 @@ constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
 constexpr int kGrid = 8;             // of them, to either side
 constexpr double kSmallestPivot = 1e-6;  // of H's factor, scaled: above rounding
-constexpr double kNominal = 2;           // odds beforehand that a group's numbers are nominal
 constexpr double kBeyondThree = 0.0027;  // share of normal errors beyond three sigmas
 constexpr double kEvidence = 3;          // log evidence that keeps a group
 constexpr double kResolved = 1e-3;       // share that is prior, below which only the mean counts
@@ -257,7 +256,8 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
   for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, k));
   const auto probability = [&](int k) {  // that a group held whole is off all the same
     const bool told = widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
-    return told ? 1 / (1 + kNominal * std::exp(-out.gain(k))) : 1.0;
+    const double odds = p.odds.empty() ? kNominal : p.odds[k];
+    return told ? 1 / (1 + odds * std::exp(-out.gain(k))) : 1.0;
   };
   for (;;) {
     int least = -1;

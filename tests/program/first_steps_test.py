@@ -193,6 +193,15 @@ class Mount(Case):
         result = self.calibrate(BY_JOINT)
         self.assertEqual([w["id"] for w in result["warnings"] if w["id"] in ("given_pose", "moved", "identity")], [])
 
+    def test_a_sigma_that_is_stated_too_small(self):
+        """What the doctor frees on the way to that finding leaves out poses that a joint stands for."""
+        self.simulate()
+        wrong = BY_JOINT.replace("sigma: 0.2}", "sigma: 0.05}")
+        self.write("wrong.yaml", wrong)
+        self.assertIn("chi2/dof is 15", self.kincal("check", "wrong.yaml", "sim/samples.jsonl"))
+        result = self.calibrate(wrong, code=None)
+        self.assertIn("joint/camera_joint/origin", result["parameters"])
+
     def test_the_joint_of_a_target(self):
         self.simulate()
         self.write("arm.urdf", urdf(dict(RIGHT, wall_joint=WRONG["wall_joint"])))

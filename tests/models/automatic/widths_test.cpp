@@ -352,6 +352,14 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(holding.second_moment);
       CHECK(eigen.eigenvalues().minCoeff() > -1e-12 * eigen.eigenvalues().maxCoeff());
       CHECK((holding.second_moment.diagonal() - fixed.covariance.diagonal()).minCoeff() > -1e-15);
+      // The odds count: of what is hardly ever nominal the same is held and more is left open.
+      WidthProblem lens = l.problem;
+      lens.odds = {kNominal, kNominalLens};
+      const Holding likelier = hold(lens, widths);
+      CHECK(likelier.held == holding.held);
+      const double q = 1 / (1 + kNominalLens * std::exp(-holding.gain(1)));
+      const VectorXd more = (likelier.second_moment - holding.second_moment).diagonal();
+      for (const int i : h) CHECK(more(i) > 0.5 * (q - p) * off(i, i));
     }
 }
 
