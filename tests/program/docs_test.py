@@ -214,7 +214,7 @@ def check_warnings(source):
     ids = set(re.findall(r'(?:warnings\.push_back\(\s*|\bWarning)\{"([a-z_0-9]+)",', code))
     for name in ("warnings.cpp", "trial_warnings.cpp", "input_warnings.cpp"):
         with open(os.path.join(source, "models", "report", name), encoding="utf-8") as file:
-            ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{)"([a-z_0-9]+)",', file.read()))
+            ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{|\bwarning_of\()"([a-z_0-9]+)",', file.read()))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:

@@ -1226,7 +1226,7 @@ TEST_CASE("levenberg-marquardt: second derivatives are those of the cost") {
   const double with = reduced();
   double expected = hessian(0, 0);
   for (int i = 1; i <= count; ++i) expected -= hessian(0, i) * hessian(0, i) / hessian(i, i);
-  CHECK(std::abs(with / expected - 1) < 1e-3);  // one-sided, over 1e-3 standard deviations
+  CHECK(std::abs(with / expected - 1) < 1e-3);     // one-sided, over 1e-3 standard deviations
   CHECK(std::abs(without / expected - 1) > 0.05);  // what is lacking is not little here
   arrowhead.forget_curvature();
   CHECK(reduced() == without);
