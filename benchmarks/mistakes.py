@@ -108,7 +108,7 @@ def other_columns(change):
 
 
 def ids(case, view):
-    return view.get("ids") or list(range(len(view["pixels"])))
+    return view.get("ids") or list(range(len(next((view[k] for k in ("pixels", "points", "rays") if k in view), []))))  # a chain has none
 
 
 def reversed_views(count=None):
@@ -211,6 +211,8 @@ def twice(case):
 
 
 def exchanged_links(case):
+    if not case.camera():
+        return None
     for v in case.views(case.camera()):
         mount = case.rig["targets"][v["target"]]["mount"]
         if isinstance(mount, dict):

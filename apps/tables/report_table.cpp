@@ -14,6 +14,9 @@
 namespace kincal {
 namespace {
 
+constexpr double kExplained =
+    2;  // chi2/dof below which there is nothing that a mistake could explain
+
 /// The `most` components of parameters that changed most, with sigmas.
 std::string parameter_table(const Report& report, size_t most) {
   std::vector<WeightedRow> lines;
@@ -247,7 +250,9 @@ std::string diagnosis_text(const Diagnosis& d) {
   std::string out;
   for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
   if (d.findings.empty()) {
-    out += "Nothing found. Tested: ";
+    const bool explained = d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
+    out += explained ? "Nothing found. Tested: "
+                     : "None of the usual mistakes explains the data. Tested: ";
     for (size_t i = 0; i < d.tested.size(); ++i) out += (i ? ", " : "") + d.tested[i];
     out += "\n";
   }

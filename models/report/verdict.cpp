@@ -130,8 +130,11 @@ std::string held_words(const std::vector<AutomaticGroup>& groups) {
     for (const AutomaticNumber& n : g.unseen) held.push_back(n.name);
   }
   return held.empty() ? ""
-                      : text("; %zu %s held, not determined: ", held.size(),
-                             held.size() == 1 ? "number" : "numbers") +
+                      : text(
+                            "; %zu %s as the rig has %s, for the data do not tell (what is "
+                            "predicted counts that): ",
+                            held.size(), held.size() == 1 ? "number is" : "numbers are",
+                            held.size() == 1 ? "it" : "them") +
                             listed(held);
 }
 

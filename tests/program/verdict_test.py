@@ -173,7 +173,7 @@ class Words(Case):
         rig = self.write("automatic.yaml", self.text[:self.text.index("estimate:")])
         result, _ = self.calibrate(rig)
         held = [h for h in result["held"] if h["reason"] == "undetermined"]
-        self.assertIn("; %d numbers held, not determined: %s" % (len(held), held[0]["parameter"]), result["verdict"]["text"])
+        self.assertIn("; %d numbers are as the rig has them, for the data do not tell (what is predicted counts that): %s" % (len(held), held[0]["parameter"]), result["verdict"]["text"])
 
     def test_one_line_a_kind(self):
         """Priors that the data contradict, and joints noisier than stated: counted, the worst named, the names in result.json."""

@@ -88,8 +88,10 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.automatic[0].unseen[0].name = "joint/a/offset";
   report.automatic[0].unseen[1].name = "joint/b/offset";
   CHECK(judged(report).use == "good");
-  CHECK_THAT(verdict(report).text,
-             Contains("; 2 numbers held, not determined: joint/a/offset and joint/b/offset"));
+  CHECK_THAT(
+      verdict(report).text,
+      Contains("; 2 numbers are as the rig has them, for the data do not tell (what is predicted "
+               "counts that): joint/a/offset and joint/b/offset"));
 }
 
 TEST_CASE("verdict: a model that does not explain the data") {
