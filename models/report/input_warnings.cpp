@@ -15,7 +15,8 @@ namespace kincal {
 namespace {
 
 constexpr double kRescaled = 2;  // times: no length of a robot is as wrong, but for a unit
-constexpr int kRigid = 6;        // so many numbers say where a rigid thing is
+constexpr double kResized = 1.015, kRefocused = 1.2;  // times: more than a ruler or a lens does
+constexpr int kRigid = 6;                             // so many numbers say where a rigid thing is
 
 /// Whether a parameter says where something is.
 bool is_placing(ParameterKind kind) {
@@ -167,11 +168,15 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
   const auto add = [&](const std::string& name, double given, double value,
                        const std::string& unit) {
     const double factor = std::abs(value / given);
-    if (!(given != 0) || !(std::max(factor, 1 / factor) > kRescaled)) return;
+    const double times = std::max(factor, 1 / factor);
+    const bool lens = std::string(unit) == " px";
+    if (!(given != 0) || !(times > (lens ? kRefocused : kResized))) return;
     cases.push_back({name,
                      name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
                          unit + text(" in the rig (%.4g times): ", factor) +
-                         "correct the rig, is its unit right?",
+                         (times > kRescaled ? "correct the rig, is its unit right?"
+                          : lens ? "are the rig's intrinsics those of this camera and resolution?"
+                                 : "measure it, and correct the rig"),
                      std::abs(std::log(factor))});
   };
   for (const ParameterEstimate& e : solution.parameters) {
@@ -189,7 +194,7 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
       for (size_t c = 0; c < 2 && c < e.value.size(); ++c)
         add(e.component_name(c), e.initial[c], e.value[c], " px");
   }
-  warn("rescaled", "numbers are others altogether than the rig says", std::move(cases), out);
+  warn("rescaled", "sizes or focal lengths are others than the rig says", std::move(cases), out);
 }
 
 const Finding* first_mistake(const Report& report) {

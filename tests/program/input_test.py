@@ -255,6 +255,15 @@ class Unseen(Input):
         self.assertEqual(warning["names"], ["target/board/square"])
         self.assertIn("0.001 times", warning["text"])
 
+    def test_a_board_that_is_a_little_larger(self):
+        samples = self.seen(samples=25)
+        for size, expected in ((0.026, 1), (0.0251, 0)):  # 4 %; 0.4 %, within what a ruler does
+            rig = GIVEN.replace("square: 0.025", "square: %g" % size)
+            code, result, said = self.run_calibrate(rig, samples)
+            self.assertEqual(code, 0, said)
+            self.assertAlmostEqual(result["parameters"]["target/board/square"]["value"][0], 0.025, delta=2e-4, msg=said)
+            self.assertEqual(len([w for w in result["warnings"] if w["id"] == "rescaled"]), expected, said)
+
 
 class Quiet(Input):
     def on_terminal(self, *arguments):
