@@ -11,7 +11,6 @@
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
-#include "../models/report/verdict.h"
 #include "../models/rig/selection.h"
 #include "require.h"
 
@@ -42,7 +41,6 @@ std::string error_text(const std::exception& error) {
 ExitCode exit_code(const Report& report) {
   switch (report.solution.status) {
     case Status::converged:
-      if (!report.automatic.empty() && has_open_mount(report.solution)) return kUnobservable;
       return report.validation.met() ? kConverged : kToleranceNotMet;
     case Status::unobservable:
       return kUnobservable;

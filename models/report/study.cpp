@@ -385,6 +385,12 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   } catch (const StudyCancelled&) {
     return std::nullopt;
   }
+  // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
+  if (!report.automatic.empty() && report.solution.status == Status::converged &&
+      has_open_mount(report.solution)) {
+    report.solution.status = Status::unobservable;
+    report.solution.message = loose_mount(report.solution);
+  }
   report.unexplained = why_unexplained(report);
   if (!report.unexplained.empty() && report.solution.status == Status::converged &&
       options.calibration.last_step.empty()) {

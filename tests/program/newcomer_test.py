@@ -8,6 +8,7 @@ such contradictions, and thresholds on other robots.
 import json
 import math
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -179,6 +180,28 @@ class Words(Case):
         for kind in ("implausible", "rescaled"):
             self.assertEqual(len(self.warnings(result, kind)), 1, text)
             self.assertIn("board", self.warnings(result, kind)[0])
+
+    def test_a_pose_that_nothing_tells_is_no_result(self):
+        """Readings that hardly change: exit code 2, and the files say so, too. Of steps the same is the user's own choice."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        first = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)[0]
+        rng = random.Random(3)
+        near = [{"id": "n%d" % k, "joints": {j: q + rng.uniform(-0.01, 0.01) for j, q in first["joints"].items()},
+                 "views": [{"sensor": "cam", "target": "board"}]} for k in range(12)]
+        self.write("near.jsonl", "".join(json.dumps(p) + "\n" for p in near))
+        self.write("rig.yaml", true.replace("sigma: 0.2", "sigma: 3"))
+        self.kincal("simulate", "rig.yaml", "--samples", "12", "--seed", "2", "--postures", "near.jsonl", "--truth", "truth.json", "--out", "near")
+        with open(self.path("near", "samples.jsonl"), encoding="utf-8") as file:
+            samples = [json.loads(line) for line in file]
+        self.write("rig.yaml", CAMERA.replace("sigma: 0.2", "sigma: 3"))
+        result, text = self.calibrate(samples, code=2)
+        self.assertEqual(result["status"], "unobservable", text)
+        self.assertEqual(result["verdict"]["use"], "no")
+        self.assertIn("record more varied postures", result["verdict"]["text"])
+        with open(self.path("out", "rig.yaml"), encoding="utf-8") as file:
+            self.assertIn("do not rely", file.readline())
 
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
