@@ -19,7 +19,8 @@ struct RigFile {
   std::string text;
   Node node;  // the parsed text, to write it again with other values
   Rig rig;
-  Urdf urdf;
+  Urdf urdf;                 // its tree as written: floating joints are opened in the rig's only
+  bool flange_only = false;  // `robot: {base, flange}`: there is no URDF, this is made up
   JointModels joint_models;  // that the rig can name
 };
 

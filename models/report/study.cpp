@@ -109,7 +109,8 @@ Rig with_noisy_joints(const Recording& recording) {
   for (const Sensor& sensor : out.sensors)
     if (sensor.scanning_joint >= 0) scans[sensor.scanning_joint] = 1;
   for (size_t j = 0; j < out.joints.size(); ++j)
-    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0)
+    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0 &&
+        out.tree.joints[j].axis_of_pose != PoseAxis::reading)
       out.joints[j].sigma = kStatedExact;
   return out;
 }
