@@ -11,8 +11,8 @@ struct Axis {
   int along;  // x, y or z
 };
 constexpr Axis kReading[kPoseAxes] = {
-    {"x", JointType::prismatic, 0},   {"y", JointType::prismatic, 1},
-    {"z", JointType::prismatic, 2},   {"yaw", JointType::revolute, 2},
+    {"x", JointType::prismatic, 0},    {"y", JointType::prismatic, 1},
+    {"z", JointType::prismatic, 2},    {"yaw", JointType::revolute, 2},
     {"pitch", JointType::revolute, 1}, {"roll", JointType::revolute, 0}};
 constexpr Axis kError[kPoseAxes] = {
     {"dx", JointType::prismatic, 0}, {"dy", JointType::prismatic, 1},

@@ -418,28 +418,26 @@ void read_floating(const Field& entry, const Tree& tree, int joint,
                    std::vector<JointSettings>& settings) {
   for (const char* key : {"offset", "scale", "model"})
     if (entry.has(key))
-      entry[key].fail("the reading of a floating joint is a pose; it has a sigma only: {sigma: "
-                      "{translation: 0.0001, rotation: 0.0002}}");
+      entry[key].fail(
+          "the reading of a floating joint is a pose; it has a sigma only: {sigma: "
+          "{translation: 0.0001, rotation: 0.0002}}");
   if (!entry.has("sigma")) return;
   const Field sigma = entry["sigma"];
   sigma.check_keys({"translation", "rotation"});
   const int first = tree.joints[joint].first_axis + kPoseAxes;
-  for (int k = 0; k < kPoseAxes; ++k)
-    settings[first + k].sigma =
-        sigma[k < 3 ? "translation" : "rotation"].number_at_least(0);
+  for (int k = 0; k < kPoseAxes; ++k) {
+    settings[first + k].sigma = sigma[k < 3 ? "translation" : "rotation"].number_at_least(0);
+    settings[first + k].noise_unknown = false;
+  }
 }
 
-/// A robot that is known by the poses of its flange only, as the URDF that says so.
-std::string two_links(const Field& robot) {
+Urdf read_flange_robot(const Field& robot, const std::string& path) {
   robot.check_keys({"base", "flange"});
-  const std::string base = robot["base"].string(), flange = robot["flange"].string();
-  if (base == flange) robot["flange"].fail("another name than that of 'base' is expected");
-  for (const char* key : {"base", "flange"})
-    if (robot[key].string().find_first_of("<>&\"") != std::string::npos || robot[key].string().empty())
-      robot[key].fail("a name without < > & \" is expected");
-  return "<robot name=\"" + flange + "\"><link name=\"" + base + "\"/><link name=\"" + flange +
-         "\"/><joint name=\"flange\" type=\"floating\"><parent link=\"" + base +
-         "\"/><child link=\"" + flange + "\"/></joint></robot>\n";
+  try {
+    return flange_robot(robot["base"].string(), robot["flange"].string(), path);
+  } catch (const std::invalid_argument& e) {
+    robot.fail(e.what());
+  }
 }
 
 }  // namespace
@@ -447,6 +445,8 @@ std::string two_links(const Field& robot) {
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
                                                const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
+  for (size_t j = 0; j < settings.size(); ++j)
+    settings[j].noise_unknown = tree.joints[j].axis_of_pose == PoseAxis::error;
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");
@@ -535,6 +535,20 @@ std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
   return out;
 }
 
+Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path) {
+  if (base == flange) throw std::invalid_argument("base and flange are two links, with two names");
+  for (const std::string& name : {base, flange})
+    if (name.empty() || name.find_first_of("<>&\"") != std::string::npos)
+      throw std::invalid_argument("the name of a link has no < > & \" and is not empty");
+  return parse_urdf("<robot name=\"" + flange + "\"><link name=\"" + base + "\"/><link name=\"" +
+                        flange + "\"/><joint name=\"" + kFlangeJoint +
+                        "\" type=\"floating\"><parent link=\"" + base + "\"/><child link=\"" +
+                        flange + "\"/></joint></robot>\n",
+                    path);
+}
+
+const Node kNoJoints;
+
 RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
   RigFile file;
   file.path = path;
@@ -549,17 +563,17 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
   const Field robot = all["robot"];
   file.flange_only = urdf_path.empty() && robot.node->kind == Node::Kind::mapping;
-  file.urdf = file.flange_only ? parse_urdf(two_links(robot), path)
+  file.urdf = file.flange_only ? read_flange_robot(robot, path)
                                : read_urdf(urdf_path.empty() ? robot_path(robot, path) : urdf_path);
 
   Rig& rig = file.rig;
   rig.tree = file.urdf.tree;
   open_floating(rig.tree);
   if (file.flange_only)  // its origin is nothing that a file could hold: no parameter
-    rig.tree.joints[rig.tree.find_joint("flange")].axis_of_pose = PoseAxis::reading;
+    rig.tree.joints[rig.tree.find_joint(kFlangeJoint)].axis_of_pose = PoseAxis::reading;
   rig.base = all.has("base") ? read_link(all["base"], rig.tree) : rig.tree.root;
-  rig.joints.resize(rig.tree.joints.size());
-  if (all.has("joints")) rig.joints = read_joint_settings(all["joints"], rig.tree, models);
+  rig.joints = read_joint_settings(
+      all.has("joints") ? all["joints"] : Field{&kNoJoints, &path, "joints"}, rig.tree, models);
   if (!urdf_path.empty())
     for (JointSettings& joint : rig.joints) joint.offset = 0;
   const Field targets = all["targets"], sensors = all["sensors"];

@@ -30,6 +30,12 @@ struct RigFile {
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
 
+/// The joint of a robot that is known by the poses of its flange only.
+constexpr const char* kFlangeJoint = "flange";
+/// Makes the URDF of such a robot: two links and a floating joint between them.
+/// @throws std::invalid_argument: equal or unusable names
+Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path);
+
 /// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones.
 /// @throws InputError
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,

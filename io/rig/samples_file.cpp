@@ -313,8 +313,8 @@ std::string json_sample(const Rig& rig, const Sample& sample) {
   std::string views;
   for (const View& view : sample.views) views += (views.empty() ? "" : ", ") + json_view(rig, view);
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
-  return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) + ", \"views\": [" + views + "], \"split\": " + split +
-         "}\n";
+  return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) + ", \"views\": [" +
+         views + "], \"split\": " + split + "}\n";
 }
 
 }  // namespace
