@@ -130,6 +130,8 @@ const char* name_of(Wanted wanted) {
       return "postures (one JSON object a line)";
     case Wanted::truth:
       return "truth.json";
+    case Wanted::foreign:
+      return "file of another program";
     default:
       return "result.json";
   }
