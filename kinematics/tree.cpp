@@ -93,7 +93,8 @@ Path find_path(const Tree& tree, int from, int to) {
   for (auto j = down.rbegin(); j != down.rend(); ++j) path.push_back({*j, +1});
   for (const PathStep& step : path) {
     const Joint& joint = tree.joints[step.joint];
-    if (joint.type == JointType::floating || joint.type == JointType::planar)
+    if ((joint.type == JointType::floating && joint.first_axis < 0) ||
+        joint.type == JointType::planar)
       throw std::invalid_argument(
           "joint '" + joint.name + "' between links '" + tree.links[from] + "' and '" +
           tree.links[to] + "' is " + (joint.type == JointType::floating ? "floating" : "planar") +
@@ -103,6 +104,7 @@ Path find_path(const Tree& tree, int from, int to) {
 }
 
 std::pair<double, double> usual_range(const Joint& joint) {
+  if (joint.axis_of_pose == PoseAxis::error) return {0, 0};
   const double without = joint.type == JointType::prismatic ? 0.5 : kPi;
   if (joint.type == JointType::continuous || !(joint.lower < joint.upper))
     return {-without, without};

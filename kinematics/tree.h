@@ -34,6 +34,9 @@ struct Mimic {
   double multiplier = 1, offset = 0;
 };
 
+/// A PoseAxis is what a joint does for a floating one whose reading is a pose (floating.h).
+enum class PoseAxis { none, reading, error };
+
 struct Joint {
   std::string name;
   JointType type = JointType::fixed;
@@ -42,14 +45,19 @@ struct Joint {
   Vector3d axis = Vector3d::UnitX();  // unit length, in the joint's frame; meaningless where !moves
   std::optional<Mimic> mimic;
   double lower = 0, upper = 0;  // limits, rad or m; lower == upper: none given
+  PoseAxis axis_of_pose = PoseAxis::none;
+  int floating = -1;   // of an axis of a pose: the floating joint
+  int first_axis = -1;  // of a floating joint that is opened: its first axis
 
   /// True if the joint has one degree of freedom, which this module can walk.
   bool moves() const {
     return type == JointType::revolute || type == JointType::continuous ||
            type == JointType::prismatic;
   }
+  /// True if the joint moves and mimics nothing.
+  bool drives() const { return moves() && !mimic; }
   /// True if the joint moves and has a reading of its own (and so an offset, a scale and a noise).
-  bool has_reading() const { return moves() && !mimic; }
+  bool has_reading() const { return drives() && axis_of_pose == PoseAxis::none; }
 };
 
 /// A Tree is the topology and nominal geometry of a robot; it does not change once it is made.
@@ -91,11 +99,12 @@ using Path = std::vector<PathStep>;
 
 /// Returns the joints on the path from link `from` to link `to`; those above the common ancestor
 /// are not among them.
-/// @throws std::invalid_argument if a floating or planar joint lies on the path.
+/// @throws std::invalid_argument if a planar joint, or a floating one that is not opened, lies on
+/// the path.
 Path find_path(const Tree& tree, int from, int to);
 
 /// Returns the range of positions that a joint may be asked to take: its limits; without such, and
-/// of continuous joints, +-pi or +-0.5 m.
+/// of continuous joints, +-pi or +-0.5 m. What carries the error of a pose has none (0, 0).
 std::pair<double, double> usual_range(const Joint& joint);
 
 /// Returns the motion of a joint at a position (rad or m); it is the identity for joints that do

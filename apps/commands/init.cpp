@@ -15,7 +15,7 @@ namespace kincal {
 namespace {
 
 struct InitArguments {
-  std::string urdf, out;
+  std::string urdf, flange, out;
   std::vector<std::string> sensors, targets, intrinsics, image_sizes;
   bool force = false;
 };
@@ -29,12 +29,29 @@ std::vector<double> numbers(const std::string& option, std::string text, char se
   return Field{&node, &option, text}.vector(count);
 }
 
+/// "LINK" or "BASE:LINK".
+Urdf robot_of_flange(const std::string& text) {
+  const size_t colon = text.find(':');
+  try {
+    return colon == std::string::npos
+               ? flange_robot("base", text, "--flange")
+               : flange_robot(text.substr(0, colon), text.substr(colon + 1), "--flange");
+  } catch (const std::invalid_argument& e) {
+    throw InputError("--flange " + text + ": " + e.what());
+  }
+}
+
 int init(const InitArguments& a) {
   if (!a.out.empty()) {
     say_cleared(clear_leftovers(a.out));
     check_output_file(a.out, a.force);
   }
-  const Urdf urdf = read_urdf(a.urdf);
+  if (a.urdf.empty() == a.flange.empty())
+    throw InputError(a.urdf.empty()
+                         ? "a URDF is expected, or --flange LINK for a robot that is known by "
+                           "the poses of its flange only"
+                         : "--flange: for a robot without URDF; of one with a URDF name its links");
+  const Urdf urdf = a.flange.empty() ? read_urdf(a.urdf) : robot_of_flange(a.flange);
   for (const std::string& warning : urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (a.sensors.empty() && a.targets.empty() && a.out.empty()) {
@@ -44,7 +61,7 @@ int init(const InitArguments& a) {
   }
   NewRig rig;
   rig.robot = a.urdf;
-  if (!a.out.empty()) {  // as seen from the rig's folder
+  if (!a.out.empty() && a.flange.empty()) {  // as seen from the rig's folder
     const std::filesystem::path folder = std::filesystem::absolute(a.out).parent_path();
     rig.robot = std::filesystem::absolute(a.urdf)
                     .lexically_normal()
@@ -85,7 +102,12 @@ int init(const InitArguments& a) {
 Command init_command(CLI::App& app) {
   auto a = std::make_shared<InitArguments>();
   CLI::App* command = app.add_subcommand("init", "Write a first, commented rig.yaml for a robot");
-  command->add_option("URDF", a->urdf, "the robot")->required();
+  command->add_option("URDF", a->urdf, "the robot");
+  command
+      ->add_option("--flange", a->flange,
+                   "in place of a URDF: the robot is known by the poses of this link in the base "
+                   "only; [BASE:]LINK")
+      ->type_name("LINK");
   command->add_option("--sensor", a->sensors, sensor_form() + "; may be repeated")
       ->allow_extra_args(false)
       ->type_name("SENSOR");
@@ -112,6 +134,11 @@ Command init_command(CLI::App& app) {
       "point:base_link:tracker \\\n"
       "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out "
       "rig.yaml\n"
+      "Without a URDF, from poses of the flange (a target without @LINK is mounted where the "
+      "camera "
+      "is not):\n"
+      "  kincal init --flange tool0 --sensor camera:tool0:cam --image-size 1280x960 --target "
+      "chessboard:8x11:0.015:board --out rig.yaml\n"
       "Without --sensor, --target and --out only the robot's links and joints are shown.\n"
       "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` "
       "frees all that could be wrong.");

@@ -270,11 +270,12 @@ std::string no_start_text(const std::string& message, const Diagnosis& diagnosis
 namespace {
 
 /// Estimated mounts to be copied.
-std::string mount_lines(const std::vector<MountText>& mounts) {
+std::string mount_lines(const std::vector<MountText>& mounts, bool has_urdf) {
   constexpr size_t kMounts = 6;
   std::string out;
   if (!mounts.empty())
-    out += "\nMounts that no joint of robot.urdf has, to be copied (changes.yaml has them too)\n";
+    out += std::string("\nMounts") + (has_urdf ? " that no joint of robot.urdf has" : "") +
+           ", to be copied (changes.yaml has them too)\n";
   for (size_t i = 0; i < std::min(mounts.size(), kMounts); ++i) {
     out += "  " + mounts[i].name + "\n    ";
     for (const char c : mounts[i].urdf + "\n" + mounts[i].ros2)
@@ -345,11 +346,12 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   out += "\n";
   out += noise_text(report);
   out += weak_text(report.explanation);
-  if (!files.not_in_urdf.empty()) {
+  const bool has_urdf = !files.robot_urdf.empty();
+  if (has_urdf && !files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";
     for (const std::string& n : files.not_in_urdf) out += "  " + n + "\n";
   }
-  out += mount_lines(files.mounts);
+  out += mount_lines(files.mounts, has_urdf);
   if (!files.reductions.empty())
     out += "\nGear scales as mechanicalReduction (--write-reduction puts them into robot.urdf)\n";
   for (const Reduction& r : files.reductions)

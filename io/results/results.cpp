@@ -245,8 +245,10 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   ResultFiles out;
 
   const UrdfChanges changes = urdf_changes(rig_file, solution, folded, options, out);
-  out.robot_urdf = edit_urdf(rig_file.urdf, changes);
-  prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
+  if (!rig_file.flange_only) {
+    out.robot_urdf = edit_urdf(rig_file.urdf, changes);
+    prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
+  }
 
   // The rig: what is folded into the robot is not in it.
   out.rig_yaml = rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions),
@@ -293,7 +295,7 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
       {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
-    if ((f.first != "residuals.csv" && f.first != "batch.json") || !f.second->empty())
+    if (!f.second->empty())  // robot.urdf: of a robot without one; residuals.csv, batch.json
       present.push_back({f.first, *f.second});
   return write_directory(directory, present, force, go_on, scratch);
 }

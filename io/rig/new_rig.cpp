@@ -143,6 +143,18 @@ void complete(NewRig& rig) {
 
 /// What stands above the targets: the robot and the noise of its joints.
 std::string head_text(const Tree& tree, const std::string& robot) {
+  if (robot.empty())
+    return "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
+           "format: kincal/1\n"
+           "# No URDF: each sample has the pose of the flange in the base as the robot reports "
+           "it,\n"
+           "#   \"joints\": {\"flange\": {\"xyz\": [x, y, z], \"quat\": [x, y, z, w]}}    m\n"
+           "robot: {base: " +
+           yaml_text(tree.links[tree.root]) +
+           ", flange: " + yaml_text(tree.links[tree.joints[0].child]) +
+           "}\n\n"
+           "# Noise of the poses, m and rad (0: exact). Left away, it is found from the data.\n"
+           "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n";
   std::string out =
       "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
       "format: kincal/1\n"
@@ -326,6 +338,11 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
     else
       for (const char* axis : {"x", "y", "z"}) add("target/" + t.name + "/pose." + axis);
   }
+  if (rig.robot.empty())
+    return "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong. Steps of "
+           "your "
+           "own:\n# estimate:\n#   - step: mounts\n#     free: [" +
+           poses + "]\n";
   const std::string chain = example_chain(tree, rig);
   std::string out =
       "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong, learns from the "
@@ -421,6 +438,13 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
 std::string new_rig_text(const Urdf& urdf, NewRig rig) {
   const Tree& tree = urdf.tree;
   complete(rig);
+  if (rig.robot
+          .empty())  // known by its flange: what the first sensor looks at is on the other link
+    for (NewTarget& target : rig.targets)
+      if (target.link.empty()) {
+        const int base = tree.root, flange = tree.joints[0].child;
+        target.link = tree.links[rig.sensors[0].link == tree.links[flange] ? base : flange];
+      }
   std::string out = head_text(tree, rig.robot) + "\ntargets:\n";
   for (const NewTarget& t : rig.targets) out += target_text(t);
   out +=

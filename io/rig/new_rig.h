@@ -32,7 +32,7 @@ NewSensor parse_new_sensor(const std::string& text, const Tree& tree);
 NewTarget parse_new_target(const std::string& text, const Tree& tree);
 
 struct NewRig {
-  std::string robot;  // as the rig names it
+  std::string robot;  // as the rig names it; empty: a flange_robot()
   std::vector<NewSensor> sensors;
   std::vector<NewTarget> targets;
   /// These stand in the order of the cameras; one is for all of them if it is the only one.

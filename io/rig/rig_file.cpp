@@ -5,6 +5,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "../../kinematics/floating.h"
 #include "../../models/rig/selection.h"
 #include "../../models/rig/targets.h"
 #include "../../models/sensors/sensors.h"
@@ -412,11 +413,40 @@ void read_further(const Field& entry, const std::string& joint, const JointModel
                                ", which has no '" + other.name + "'");
 }
 
+/// Of a floating joint: the noise of its reading, a pose.
+void read_floating(const Field& entry, const Tree& tree, int joint,
+                   std::vector<JointSettings>& settings) {
+  for (const char* key : {"offset", "scale", "model"})
+    if (entry.has(key))
+      entry[key].fail(
+          "the reading of a floating joint is a pose; it has a sigma only: {sigma: "
+          "{translation: 0.0001, rotation: 0.0002}}");
+  if (!entry.has("sigma")) return;
+  const Field sigma = entry["sigma"];
+  sigma.check_keys({"translation", "rotation"});
+  const int first = tree.joints[joint].first_axis + kPoseAxes;
+  for (int k = 0; k < kPoseAxes; ++k) {
+    settings[first + k].sigma = sigma[k < 3 ? "translation" : "rotation"].number_at_least(0);
+    settings[first + k].noise_unknown = false;
+  }
+}
+
+Urdf read_flange_robot(const Field& robot, const std::string& path) {
+  robot.check_keys({"base", "flange"});
+  try {
+    return flange_robot(robot["base"].string(), robot["flange"].string(), path);
+  } catch (const std::invalid_argument& e) {
+    robot.fail(e.what());
+  }
+}
+
 }  // namespace
 
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
                                                const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
+  for (size_t j = 0; j < settings.size(); ++j)
+    settings[j].noise_unknown = tree.joints[j].axis_of_pose == PoseAxis::error;
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");
@@ -431,10 +461,14 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
     entry.check_keys({}, keys);
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];
+      if (joint.first_axis >= 0 && joint.name == pattern) {
+        read_floating(entry, tree, j, settings);
+        continue;
+      }
       if (!joint.has_reading()) {
         const std::string kind = joint.mimic                      ? "mimic"
                                  : joint.type == JointType::fixed ? "fixed"
-                                                                  : "floating or planar";
+                                                                  : "planar";
         if (joint.name == pattern) entry.fail("a " + kind + " joint has no reading of its own");
         continue;
       }
@@ -501,6 +535,20 @@ std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
   return out;
 }
 
+Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path) {
+  if (base == flange) throw std::invalid_argument("base and flange are two links, with two names");
+  for (const std::string& name : {base, flange})
+    if (name.empty() || name.find_first_of("<>&\"") != std::string::npos)
+      throw std::invalid_argument("the name of a link has no < > & \" and is not empty");
+  return parse_urdf("<robot name=\"" + flange + "\"><link name=\"" + base + "\"/><link name=\"" +
+                        flange + "\"/><joint name=\"" + kFlangeJoint +
+                        "\" type=\"floating\"><parent link=\"" + base + "\"/><child link=\"" +
+                        flange + "\"/></joint></robot>\n",
+                    path);
+}
+
+const Node kNoJoints;
+
 RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
   RigFile file;
   file.path = path;
@@ -513,15 +561,19 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
                  {"base", "joints", "estimate", "priors", "nominal"});
   if (all["format"].string() != "kincal/1")
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
-  const std::string robot = urdf_path.empty() ? robot_path(all["robot"], path) : urdf_path;
-  all["robot"].string();
-  file.urdf = read_urdf(robot);
+  const Field robot = all["robot"];
+  file.flange_only = urdf_path.empty() && robot.node->kind == Node::Kind::mapping;
+  file.urdf = file.flange_only ? read_flange_robot(robot, path)
+                               : read_urdf(urdf_path.empty() ? robot_path(robot, path) : urdf_path);
 
   Rig& rig = file.rig;
   rig.tree = file.urdf.tree;
+  open_floating(rig.tree);
+  if (file.flange_only)  // its origin is nothing that a file could hold: no parameter
+    rig.tree.joints[rig.tree.find_joint(kFlangeJoint)].axis_of_pose = PoseAxis::reading;
   rig.base = all.has("base") ? read_link(all["base"], rig.tree) : rig.tree.root;
-  rig.joints.resize(rig.tree.joints.size());
-  if (all.has("joints")) rig.joints = read_joint_settings(all["joints"], rig.tree, models);
+  rig.joints = read_joint_settings(
+      all.has("joints") ? all["joints"] : Field{&kNoJoints, &path, "joints"}, rig.tree, models);
   if (!urdf_path.empty())
     for (JointSettings& joint : rig.joints) joint.offset = 0;
   const Field targets = all["targets"], sensors = all["sensors"];

@@ -19,7 +19,8 @@ struct RigFile {
   std::string text;
   Node node;  // the parsed text, to write it again with other values
   Rig rig;
-  Urdf urdf;
+  Urdf urdf;                 // its tree as written: floating joints are opened in the rig's only
+  bool flange_only = false;  // `robot: {base, flange}`: there is no URDF, this is made up
   JointModels joint_models;  // that the rig can name
 };
 
@@ -28,6 +29,12 @@ struct RigFile {
 /// joint models that the rig can name. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
+
+/// The joint of a robot that is known by the poses of its flange only.
+constexpr const char* kFlangeJoint = "flange";
+/// Makes the URDF of such a robot: two links and a floating joint between them.
+/// @throws std::invalid_argument: equal or unusable names
+Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path);
 
 /// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones.
 /// @throws InputError

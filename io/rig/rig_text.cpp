@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "../../kinematics/floating.h"
 #include "../../models/rig/parameters.h"
 #include "../document/error.h"
 #include "../document/numbers.h"
@@ -118,6 +119,20 @@ Node joint_node(const JointSettings& settings, bool named) {
   return node;
 }
 
+/// The noise of a floating joint's pose; `axis` is one of its errors.
+void set_floating_sigma(Node& joints, const Tree& tree, int axis, double sigma) {
+  if (joints.kind != Node::Kind::mapping) joints = mapping_node();
+  Node& entry = member(joints, read_name(tree, axis));
+  if (entry.kind != Node::Kind::mapping) entry = mapping_node();
+  Node& node = member(entry, "sigma");
+  if (node.kind != Node::Kind::mapping) {
+    node = mapping_node();
+    member(node, "translation") = member(node, "rotation") = number_node(0);
+  }
+  member(node, tree.joints[axis].type == JointType::prismatic ? "translation" : "rotation") =
+      number_node(sigma);
+}
+
 /// First each joint's own entry is changed or appended. If a later glob still wins over it, it
 /// moves to the end; so it does at once with another model, for its numbers are wrong keys where a
 /// glob takes the model back.
@@ -132,9 +147,11 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
       const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j],
                                  values.joint_scales[j], values.joint_models[j],
                                  values.joint_further[j]};
+      const std::string& name = tree.joints[j].name;
+      if (tree.joints[j].axis_of_pose == PoseAxis::error && given[j].sigma != now.sigma)
+        set_floating_sigma(joints, tree, static_cast<int>(j), now.sigma);
       if (!tree.joints[j].has_reading() || same(given[j], now)) continue;
       if (joints.kind != Node::Kind::mapping) joints = mapping_node();
-      const std::string& name = tree.joints[j].name;
       const bool other = given[j].model != now.model;
       if (other && find_joint_model(rig.joint_models, now.model->name()) != now.model)
         throw InputError(
@@ -240,7 +257,7 @@ void set_nominal(RigFile& rig, const std::vector<NominalValue>& values) {
 
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {
   Node root = rig.node;
-  member(root, "robot") = scalar_node(robot);
+  if (!rig.flange_only) member(root, "robot") = scalar_node(robot);
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <unordered_map>
 
+#include "../../kinematics/floating.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/targets.h"
@@ -41,6 +42,8 @@ Lookup lookup(const Rig& rig) {
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     for (size_t t = 0; t < rig.targets.size(); ++t)
       look.needs.push_back(view_readings(rig, static_cast<int>(s), static_cast<int>(t)));
+  for (const Joint& joint : rig.tree.joints)
+    if (joint.floating >= 0) look.joints.erase(joint.name);  // nobody writes them
   for (const Target& target : rig.targets)
     look.spreads.push_back(
         !on_a_line(target.grid ? Eigen::Matrix3Xd(target.layout) : target.points));
@@ -65,9 +68,13 @@ std::vector<double> read_readings(const Field& field, const Lookup& look, size_t
     field.fail("a mapping of joint names to readings is expected");
   std::vector<double> readings(joints, kNan);
   for (const auto& [name, node] : field.node->members) {
-    const double reading = Field{&node, field.path, field.name + "." + name}.number();
+    const Field reading{&node, field.path, field.name + "." + name};
     const auto found = look.joints.find(name);
-    if (found != look.joints.end()) readings[found->second] = reading;
+    const int joint = found == look.joints.end() ? -1 : found->second;
+    if (joint >= 0 && look.rig.tree.joints[joint].first_axis >= 0)
+      set_pose_reading(look.rig.tree, joint, read_pose_reading(reading), readings);
+    else if (const double number = reading.number(); joint >= 0)
+      readings[joint] = number;
   }
   return readings;
 }
@@ -86,7 +93,7 @@ void check_readings(const Field& field, const SampleJoints& joints, const Lookup
     if (!std::isnan(joints.readings[j])) continue;
     const std::vector<int> of_sensor = needed_readings(rig, view.sensor, -1);
     const bool sensors = std::find(of_sensor.begin(), of_sensor.end(), j) != of_sensor.end();
-    const std::string& name = rig.tree.joints[j].name;
+    const std::string& name = read_name(rig.tree, j);
     std::string near;
     for (const auto& member : joints.field.node->members)
       if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
@@ -303,18 +310,42 @@ std::string json_view(const Rig& rig, const View& view) {
 std::string json_sample(const Rig& rig, const Sample& sample) {
   std::string out = "{\"id\": " + json_string(sample.id);
   if (sample.time) out += ", \"time\": " + shortest(*sample.time);
-  std::string joints, views;
-  for (size_t j = 0; j < sample.readings.size(); ++j)
-    if (!std::isnan(sample.readings[j]))
-      joints += (joints.empty() ? "" : ", ") + json_string(rig.tree.joints[j].name) + ": " +
-                shortest(sample.readings[j]);
+  std::string views;
   for (const View& view : sample.views) views += (views.empty() ? "" : ", ") + json_view(rig, view);
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
-  return out + ", \"joints\": {" + joints + "}, \"views\": [" + views + "], \"split\": " + split +
-         "}\n";
+  return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) + ", \"views\": [" +
+         views + "], \"split\": " + split + "}\n";
 }
 
 }  // namespace
+
+Pose read_pose_reading(const Field& field) {
+  if (field.node->kind != Node::Kind::mapping || !field.has("xyz") ||
+      !(field.has("quat") || field.has("rpy")))
+    field.fail(
+        "the reading of a floating joint is a pose, {\"xyz\": [x, y, z], \"quat\": [x, y, z, "
+        "w]} (or \"rpy\")");
+  return field.pose();
+}
+
+std::string readings_text(const Tree& tree, const std::vector<double>& readings) {
+  std::string out;
+  for (size_t j = 0; j < readings.size(); ++j) {
+    const Joint& joint = tree.joints[j];
+    const bool pose = joint.first_axis >= 0;
+    if (joint.floating >= 0 || std::isnan(readings[pose ? joint.first_axis : j])) continue;
+    out += (out.empty() ? "" : ", ") + json_string(joint.name) + ": ";
+    if (!pose) {
+      out += shortest(readings[j]);
+      continue;
+    }
+    const Pose reading = pose_reading(tree, static_cast<int>(j), readings);
+    const Eigen::Vector4d q = quaternion_from_rotation(reading.rotation);
+    out += "{\"xyz\": " + list_text(reading.translation.data(), 3) +
+           ", \"quat\": " + list_text(q.data(), 4) + "}";
+  }
+  return "{" + out + "}";
+}
 
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
                                   const std::function<void(double)>& progress) {

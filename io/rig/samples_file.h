@@ -7,6 +7,7 @@
 
 #include "../../models/rig/rig.h"
 #include "../../models/rig/samples.h"
+#include "../document/document.h"
 
 namespace kincal {
 
@@ -17,6 +18,11 @@ std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
 /// read, from time to time. @throws InputError
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
                                   const std::function<void(double)>& progress = nullptr);
+
+/// The reading of a floating joint: a pose, of which nothing may be left away. @throws InputError
+Pose read_pose_reading(const Field& field);
+/// Writes readings (by joint, NaN: absent) as one JSON mapping.
+std::string readings_text(const Tree& tree, const std::vector<double>& readings);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
 /// back the same).

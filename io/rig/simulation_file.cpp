@@ -7,6 +7,7 @@
 #include <set>
 #include <unordered_map>
 
+#include "../../kinematics/floating.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/targets.h"
 #include "../document/files.h"
@@ -14,6 +15,7 @@
 #include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "samples_file.h"
 
 namespace kincal {
 namespace {
@@ -44,10 +46,15 @@ std::vector<double> read_joints(const Field& field, const Tree& tree) {
   for (const auto& [name, node] : field.node->members) {
     const Field reading{&node, field.path, field.name + "." + name};
     const Joint& joint = tree.joints[index_of(reading, name, tree.joints, "joint")];
+    const int j = static_cast<int>(&joint - tree.joints.data());
+    if (joint.first_axis >= 0) {
+      set_pose_reading(tree, j, read_pose_reading(reading), readings);
+      continue;
+    }
     if (!joint.has_reading())
       reading.fail(joint.mimic ? "a mimic joint has no reading of its own"
                                : "the joint does not move");
-    readings[&joint - tree.joints.data()] = reading.number();
+    readings[j] = reading.number();
   }
   return readings;
 }
@@ -66,7 +73,7 @@ void read_views(const Field& field, const Rig& rig, Posture& posture) {
     posture.views.push_back(pair);
     for (int j : needed_readings(rig, s, t))
       if (std::isnan(posture.readings[j]))
-        view.fail("needs joint '" + rig.tree.joints[j].name + "', which the posture lacks");
+        view.fail("needs joint '" + read_name(rig.tree, j) + "', which the posture lacks");
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::chain) continue;
     const Target& target = rig.targets[t];
     if (target.link >= 0)
@@ -233,11 +240,7 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
     }
   }
   for (size_t k = 0; k < simulation.samples.size(); ++k) {
-    std::string joints, targets;
-    for (size_t j = 0; j < simulation.true_readings[k].size(); ++j)
-      if (!std::isnan(simulation.true_readings[k][j]))
-        joints += (joints.empty() ? "" : ", ") + json_name(rig.tree.joints[j].name) + ": " +
-                  shortest(simulation.true_readings[k][j]);
+    std::string targets;
     const int sample = static_cast<int>(k);
     for (auto t = simulation.targets.lower_bound({sample, 0});
          t != simulation.targets.end() && t->first.first == sample; ++t) {
@@ -247,7 +250,8 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
                  ", \"quat\": " + list_text(q.data(), 4) + "}";
     }
     samples.add(simulation.samples[k].id,
-                "{\"joints\": {" + joints + "}, \"targets\": {" + targets + "}}");
+                "{\"joints\": " + readings_text(rig.tree, simulation.true_readings[k]) +
+                    ", \"targets\": {" + targets + "}}");
   }
   return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from "
          "the rig; poses as increments from the "

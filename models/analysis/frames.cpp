@@ -180,7 +180,7 @@ std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t s
   for (Readings& readings : out)
     for (size_t j = 0; j < readings.size(); ++j) {
       const Joint& joint = rig.tree.joints[j];
-      if (!joint.has_reading()) continue;
+      if (!joint.drives()) continue;
       const auto [low, high] = usual_range(joint);
       readings[j] = draws.uniform(low, high);
     }

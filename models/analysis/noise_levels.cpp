@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -98,10 +99,18 @@ void add_sensors(const EstimationSetup& setup, const Rig& rig, NoiseKinds& kinds
 
 void add_joints(const Rig& rig, NoiseKinds& kinds) {
   for (size_t j = 0; j < rig.joints.size(); ++j) {
-    if (!rig.tree.joints[j].has_reading() || !(rig.joints[j].sigma > 0)) continue;
+    const Joint& joint = rig.tree.joints[j];
+    if (!joint.drives() || !(rig.joints[j].sigma > 0)) continue;
+    const int first = same_noise(rig.tree, static_cast<int>(j)).front();
+    if (first != static_cast<int>(j)) {
+      kinds.of_joint[j] = kinds.of_joint[first];
+      continue;
+    }
     kinds.of_joint[j] = static_cast<int>(kinds.levels.size());
     NoiseLevel level;
-    level.of = "joint/" + rig.tree.joints[j].name;
+    level.of = "joint/" + read_name(rig.tree, first);
+    if (joint.floating >= 0)
+      level.part = joint.type == JointType::prismatic ? "translation" : "rotation";
     level.unit = rig.tree.joints[j].type == JointType::prismatic ? "m" : "rad";
     level.joint = static_cast<int>(j);
     level.assumed = rig.joints[j].sigma;
@@ -389,7 +398,7 @@ void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<Noise
     if (!std::isfinite(level.seen)) continue;
     const double factor = level.seen / level.assumed;
     if (level.joint >= 0) {
-      rig.joints[level.joint].sigma *= factor;
+      for (int j : same_noise(rig.tree, level.joint)) rig.joints[j].sigma *= factor;
       continue;
     }
     const auto scale = [&](std::vector<double>& sigma) {

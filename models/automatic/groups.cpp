@@ -156,7 +156,7 @@ void GroupMaker::make_joints() {
       scans[rig_.sensors[s].scanning_joint] = 1;
   for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
     const int offset = table_.joint_offset[j], scale = table_.joint_scale[j];
-    if (offset < 0 || !(used_[offset] || carries_[j])) continue;
+    if (offset < 0 || table_.all[offset].hidden() || !(used_[offset] || carries_[j])) continue;
     const bool slides = rig_.tree.joints[j].type == JointType::prismatic;
     if (scans[j]) {
       add("scan offsets", offset, 0, kScanOffset);
@@ -258,6 +258,8 @@ void GroupMaker::make_geometry() {
   for (const auto& entry : run) {
     const Joint& joint = rig_.tree.joints[entry.first];
     const int origin = table_.joint_origin[entry.first];
+    // A pose that is measured is where it is: what stands in front of it has no error of its own.
+    if (joint.type == JointType::floating || table_.all[origin].hidden()) continue;
     if (!moves_on[entry.first] || is_mount(origin) || !(used_[origin] || carries_[entry.first]))
       continue;
     for (int c = 0; c < 6; ++c) {

@@ -5,6 +5,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "../../kinematics/floating.h"
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
 #include "../rig/numbers.h"
@@ -21,6 +22,7 @@ struct StudyCancelled {};
 constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
 constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
+constexpr double kUnstated = 3e-4, kUnstatedFactor = 100;  // as kStatedExact, kLargestFactor
 constexpr int kNoiseRounds = 4;
 // Boards that were measured and lenses that were calibrated are nearer than this: share of a size,
 // of a focal length.
@@ -109,9 +111,38 @@ Rig with_noisy_joints(const Recording& recording) {
   for (const Sensor& sensor : out.sensors)
     if (sensor.scanning_joint >= 0) scans[sensor.scanning_joint] = 1;
   for (size_t j = 0; j < out.joints.size(); ++j)
-    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0)
+    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0 &&
+        out.tree.joints[j].axis_of_pose != PoseAxis::reading)
       out.joints[j].sigma = kStatedExact;
   return out;
+}
+
+/// Whether a level is that of poses of which no noise is stated.
+bool is_unknown(const Rig& rig, const NoiseLevel& level) {
+  return level.joint >= 0 && rig.joints[level.joint].noise_unknown;
+}
+
+/// A floating joint's poses are never exact: those of which no noise is stated begin with some, and
+/// what they have is found out afterwards.
+std::shared_ptr<const Recording> with_unknown_noise(
+    const std::shared_ptr<const Recording>& recording) {
+  Rig rig = recording->rig;
+  bool any = false;
+  for (JointSettings& joint : rig.joints)
+    if (joint.noise_unknown) joint.sigma = kUnstated, any = true;
+  return any ? make_recording(std::move(rig), recording->samples) : recording;
+}
+
+/// Poses of which the data do not tell the noise have less than was tried: they begin with less;
+/// true: some do.
+bool lower_unknown(const std::vector<NoiseLevel>& levels, Rig& rig) {
+  bool any = false;
+  for (const NoiseLevel& level : levels) {
+    if (!is_unknown(rig, level) || std::isfinite(level.seen)) continue;
+    for (int j : same_noise(rig.tree, level.joint)) rig.joints[j].sigma = kUnstated / 10;
+    any = true;
+  }
+  return any;
 }
 
 double first_sigma(const Rig& rig, const NoiseLevel& level) {
@@ -127,7 +158,8 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
   for (NoiseLevel& level : levels) {
     const double first = first_sigma(stated, level), before = first_sigma(between, level),
                  now = first_sigma(estimated, level);
-    const double factor = std::clamp(now / first, 1 / kLargestFactor, kLargestFactor);
+    const double largest = is_unknown(stated, level) ? kUnstatedFactor : kLargestFactor,
+                 factor = std::clamp(now / first, 1 / largest, largest);
     moved = std::max(moved, std::abs(std::log(factor * first / before)));
     level.assumed *= first / before;
     level.used = level.assumed * factor;
@@ -162,16 +194,22 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
 
 /// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
 /// what all corners of a view share).
+/// `unknown_only`: of poses without a stated noise alone, all else stays.
 void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                       NoiseRounds rounds, Report& report) {
+                       NoiseRounds rounds, bool unknown_only, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
-  const Rig noisy = with_noisy_joints(*first);
+  Rig noisy = unknown_only ? first->rig : with_noisy_joints(*first);
   std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
   for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
-    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
+    std::optional<NoiseEstimate> estimate =
+        estimate_noise(recording, calibration, unknown_only ? is_unknown : nullptr);
     if (!estimate) throw StudyCancelled();
     if (!estimate->solution.usable()) return;
     rounds.count += estimate->rounds;
+    if (round == 0 && lower_unknown(estimate->levels, noisy)) {
+      recording = make_recording(noisy, first->samples);
+      continue;
+    }
     const double moved =
         bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
     if (!calibrate_with(noisy, first->samples, std::move(estimate->levels), options, report))
@@ -204,10 +242,14 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
                by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
   const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
                          reading_errors < kReadingErrors;
-  if (!report.solution.usable() || as_stated || ratio > kMistaken || options.estimate_noise ||
+  const std::vector<JointSettings>& joints = report.solution.rig().joints;
+  const bool unknown = std::any_of(joints.begin(), joints.end(),
+                                   [](const JointSettings& joint) { return joint.noise_unknown; });
+  if (!report.solution.usable() || (as_stated && !unknown) || ratio > kMistaken ||
+      options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
-  if (options.diagnose) {
+  if (options.diagnose && !as_stated) {
     const Recording& recording = *report.solution.recording;
     add_diagnosis(recording.rig, recording.samples, options, report);
     const std::vector<Finding>& findings = report.diagnosis->findings;
@@ -218,10 +260,10 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   }
   NoiseRounds rounds;
   rounds.stated = ratio;
-  if (ratio < 1 && reading_errors < kReadingErrors)
+  if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
     find_smaller_noise(options, rounds, report);
   else
-    find_larger_noise(options, calibration, rounds, report);
+    find_larger_noise(options, calibration, rounds, as_stated, report);
 }
 
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
@@ -243,6 +285,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (ended(report.solution)) return recording;
   }
   if (automatic) {
+    left = with_unknown_noise(left);
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
     const double reading_errors = found.reading_errors;
     take(std::move(found), report);

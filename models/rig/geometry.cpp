@@ -19,7 +19,7 @@ std::vector<std::vector<double>> draw_postures(const Tree& tree) {
   for (std::vector<double>& positions : out) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const Joint& joint = tree.joints[j];
-      if (!joint.has_reading()) continue;
+      if (!joint.drives()) continue;
       const auto [lower, upper] = usual_range(joint);
       positions[j] = draws.uniform(lower, upper);
     }
@@ -84,7 +84,9 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree,
     chains.push_back(chain);
     paths.push_back(find_path(tree, chain.base, chain.tip));
     for (const PathStep& step : paths.back())
-      if (!std::count(joints.begin(), joints.end(), step.joint)) joints.push_back(step.joint);
+      if (tree.joints[step.joint].axis_of_pose == PoseAxis::none &&
+          !std::count(joints.begin(), joints.end(), step.joint))
+        joints.push_back(step.joint);
     for (int link : {chain.base, chain.tip}) {
       const int body = body_of(tree, link);
       if (body_has_pose[body] && !std::count(ends.begin(), ends.end(), body)) ends.push_back(body);
@@ -116,8 +118,8 @@ std::vector<OriginComponents> independent_geometry(const Tree& tree,
         walk(step, origins[step.joint],
              joint_motion(tree.joints[step.joint], positions[step.joint]), base_T_here,
              base_T_joint, base_T_there);
-        of_joint[place(joints, step.joint)].middleRows<6>(row) =
-            step.direction * adjoint(base_T_joint);
+        if (const size_t at = place(joints, step.joint); at < joints.size())
+          of_joint[at].middleRows<6>(row) = step.direction * adjoint(base_T_joint);
         base_T_here = base_T_there;
         reach = std::max(reach, base_T_here.translation.norm());
       }

@@ -76,7 +76,7 @@ ParameterTable::ParameterTable(const Rig& rig)
     const Joint& joint = rig.tree.joints[j];
     const std::string prefix = "joint/" + joint.name + "/",
                       unit = joint.type == JointType::prismatic ? "m" : "rad";
-    if (joint.has_reading()) {
+    if (joint.drives()) {
       const JointSettings& settings = rig.joints[j];
       joint_offset[j] =
           add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
@@ -91,6 +91,9 @@ ParameterTable::ParameterTable(const Rig& rig)
     }
     joint_origin[j] =
         add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
+    if (joint.axis_of_pose != PoseAxis::none)
+      for (int p : {joint_offset[j], joint_scale[j], joint_origin[j]})
+        if (p >= 0) all[p].name.clear();
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.sensors[s];

@@ -23,6 +23,7 @@ struct JointSettings {
   std::shared_ptr<const JointModel> model = linear_joint();
   std::vector<double> further = {};  // initial values of its further numbers; of those that are
                                      // missing the model's own (further_numbers())
+  bool noise_unknown = false;        // of a floating joint's errors: no sigma is stated
 };
 
 struct Target {

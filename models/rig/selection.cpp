@@ -22,7 +22,8 @@ bool glob_matches(const std::string& glob, const std::string& name) {
 std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
   for (size_t p = 0; p < all.size(); ++p) {
-    if (all[p].replaced_by >= 0 || name.compare(0, all[p].name.size(), all[p].name) != 0)
+    if (all[p].replaced_by >= 0 || all[p].hidden() ||
+        name.compare(0, all[p].name.size(), all[p].name) != 0)
       continue;  // component names begin with the parameter's
     const bool whole = name.size() == all[p].name.size();
     Freed freed{static_cast<int>(p), {}};
@@ -108,7 +109,8 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   for (size_t p = 0; p < all.size(); ++p) {
     const std::string& name = all[p].name;
     const size_t common = std::min(head, name.size());
-    if (all[p].replaced_by >= 0 || pattern.compare(0, common, name, 0, common) != 0)
+    if (all[p].replaced_by >= 0 || all[p].hidden() ||
+        pattern.compare(0, common, name, 0, common) != 0)
       continue;  // neither this name nor those of its components
     const bool whole = matches(name);
     Freed freed{static_cast<int>(p), {}};
@@ -127,7 +129,7 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
 std::vector<std::string> ParameterTable::names() const {
   std::vector<std::string> out;
   for (const Parameter& p : all) {
-    if (p.replaced_by >= 0) continue;
+    if (p.replaced_by >= 0 || p.hidden()) continue;
     out.push_back(p.name);
     for (int c = 0; c < p.size(); ++c)
       if (!p.components[c].empty()) out.push_back(p.component_name(c));

@@ -5,11 +5,13 @@
 #include <stdexcept>
 
 #include "../analysis/linearisation.h"
+#include "../rig/numbers.h"
 
 namespace kincal {
 
 std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given,
-                                            const CalibrationOptions& options) {
+                                            const CalibrationOptions& options,
+                                            bool (*which)(const Rig&, const NoiseLevel&)) {
   constexpr int kRounds = 20, kFull = 5;
   constexpr double kAtRest = 0.01, kLargest = 3;
   if (options.noise != NoiseMode::latent && options.noise != NoiseMode::none)
@@ -37,6 +39,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     double moved = 0;
     std::vector<NoiseLevel> steps = out.levels;
     for (NoiseLevel& level : steps) {
+      if (which && !which(rig, level)) level.seen = kNan;
       if (!std::isfinite(level.seen)) continue;
       const double change = std::log(level.seen / level.assumed);
       moved = std::max(moved, std::abs(change));

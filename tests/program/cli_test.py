@@ -528,7 +528,7 @@ class WrongRobot(Case):
 
     def test_floating_joint_in_a_used_chain(self):
         self.write("rig.yaml", RIG.replace("mount: {link: tool}", "mount: {link: cart}"))
-        self.fails(self.calibrate(), "caster", "floating")
+        self.fails(self.calibrate(), "samples.jsonl:1", "needs joint 'caster'")
 
 
 class WrongSamples(Case):

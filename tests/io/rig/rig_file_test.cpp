@@ -973,3 +973,100 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
   CHECK(rigs >= 11);
   CHECK(files >= 11);
 }
+
+TEST_CASE("rig: a robot known by the poses of its flange, and back to text") {
+  const Place place;
+  const std::string text = R"(format: kincal/1
+robot: {base: base, flange: tool0}
+joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}
+targets: {dot: {type: points, points: [[0, 0, 0]], mount: {link: tool0}}}
+sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
+)";
+  place.write("rig.yaml", text);
+  const RigFile file = read_rig(place.rig);
+  CHECK(file.flange_only);
+  const Tree& tree = file.rig.tree;
+  REQUIRE(tree.joints[0].first_axis == 1);
+  CHECK(file.rig.joints[7].sigma == 0.0001);
+  CHECK(file.rig.joints[10].sigma == 0.0002);
+  CHECK(file.rig.joints[1].sigma == 0);
+  CHECK_FALSE(file.rig.joints[7].noise_unknown);
+  // Nothing of it can be freed, and no name means its axes.
+  for (const std::string& name : ParameterTable(file.rig).names())
+    CHECK_THAT(name, !Contains("flange"));
+  CHECK(ParameterTable(file.rig).select("joint/*").empty());
+
+  const std::string line =
+      R"({"id": "a", "joints": {"flange": {"xyz": [0.1, 0.2, 0.3], "quat": [0, 0, 0.6, 0.8]}}, )"
+      R"("views": [{"sensor": "tracker", "target": "dot", "points": [[0.1, 0.2, 0.3]]}]})";
+  const std::vector<Sample> samples = parse_samples(line, "samples.jsonl", file.rig);
+  const std::string written = samples_text(file.rig, samples);
+  CHECK_THAT(written, Contains(R"("joints": {"flange": {"xyz": [0.1, 0.2, 0.3], "quat": )"));
+  CHECK_THAT(written, !Contains("flange."));
+  const std::vector<Sample> again = parse_samples(written, "again.jsonl", file.rig);
+  for (size_t j = 1; j < tree.joints.size(); ++j)
+    CHECK(again[0].readings[j] == Approx(samples[0].readings[j]).margin(1e-15));
+
+  RigValues values = values_of(file.rig);
+  CHECK(rig_text(file, values, "robot.urdf") == rig_text(file, values, "another.urdf"));
+  for (int k = 10; k < 13; ++k) values.joint_sigmas[k] = 0.0005;
+  const std::string louder = rig_text(file, values, "robot.urdf");
+  CHECK_THAT(louder, Contains("{base: base, flange: tool0}"));
+  place.write("written.yaml", louder);
+  const RigFile read = read_rig((place.directory / "written.yaml").string());
+  CHECK(read.rig.joints[12].sigma == 0.0005);
+  CHECK(read.rig.joints[9].sigma == 0.0001);
+
+  std::string without = text;
+  without.erase(without.find("joints:"), without.find("targets:") - without.find("joints:"));
+  // No sigma: unknown, not exact.
+  place.write("rig.yaml", without);
+  CHECK(read_rig(place.rig).rig.joints[7].noise_unknown);
+}
+
+TEST_CASE("rig: mistakes with floating joints are named") {
+  const Place place;
+  const auto fails = [&](const std::string& robot, const std::string& joints) {
+    place.write("rig.yaml", "format: kincal/1\nrobot: " + robot + "\njoints: " + joints +
+                                "\ntargets: {dot: {type: points, points: [[0, 0, 0]], mount: "
+                                "{link: tool0}}}\nsensors: {tracker: {type: point, link: base, "
+                                "sigma: 0.0001}}\n");
+    try {
+      read_rig(place.rig);
+    } catch (const std::exception& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  const std::string robot = "{base: base, flange: tool0}";
+  CHECK(fails(robot, "{flange: {sigma: {translation: 1e-4, rotation: 0}}}").empty());
+  CHECK_THAT(fails(robot, "{flange: {sigma: 0.001}}"),
+             Contains("rig.yaml:3") && Contains("joints.flange.sigma"));
+  CHECK_THAT(fails(robot, "{flange: {sigma: {translation: 1e-4}}}"), Contains("rotation"));
+  CHECK_THAT(fails(robot, "{flange: {offset: 1}}"),
+             Contains("joints.flange.offset") && Contains("a pose"));
+  CHECK_THAT(fails("{base: base}", "{}"), Contains("flange"));
+  CHECK_THAT(fails("{base: tool0, flange: tool0}", "{}"), Contains("two names"));
+  CHECK_THAT(fails("{base: base, flange: \"a<b\"}", "{}"), Contains("no < > &"));
+  CHECK(fails(robot, "{}").empty());
+  const RigFile file = read_rig(place.rig);
+  const auto sample = [&](const std::string& reading) {
+    try {
+      parse_samples("{\"id\": \"a\", \"joints\": {" + reading +
+                        "}, \"views\": [{\"sensor\": \"tracker\", \"target\": \"dot\", "
+                        "\"points\": [[0, 0, 0]]}]}",
+                    "samples.jsonl", file.rig);
+    } catch (const std::exception& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  CHECK(sample(R"("flange": {"xyz": [0, 0, 0], "rpy": [0, 0, 0]})").empty());
+  CHECK_THAT(sample(R"("flange": 0.3)"),
+             Contains("samples.jsonl:1: joints.flange") && Contains("a pose"));
+  CHECK_THAT(sample(R"("flange": {"xyz": [0, 0, 0]})"), Contains("a pose"));
+  CHECK_THAT(sample(R"("flange": {"xyz": [0, 0, 0], "quat": [1, 1, 0, 0]})"),
+             Contains("unit quaternion"));
+  CHECK_THAT(sample(""), Contains("needs joint 'flange'"));
+  CHECK_THAT(sample(R"("flange.x": 1)"), Contains("needs joint 'flange'"));
+}
