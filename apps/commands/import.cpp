@@ -6,6 +6,7 @@
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
 #include "../../io/exchange/kalibr_target.h"
+#include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
 #include "../job.h"
 #include "../signals.h"
@@ -16,6 +17,7 @@ namespace {
 
 struct ImportArguments {
   std::string file, rig, out, sensor, target;
+  std::string pose_format, unit, setup;  // of poses
   LensChoice lens;
   bool force = false;
 };
@@ -101,7 +103,69 @@ int import_camera(const ImportArguments& a) {
   return put_into_rig(a, "sensors", name, rig, lens_keys(lens));
 }
 
+/// A table of the flange's poses as samples, or as readings for `kincal detect`.
+int import_poses(const ImportArguments& a) {
+  if (a.sensor.empty() != a.target.empty())
+    throw InputError(std::string(a.sensor.empty() ? "--sensor" : "--target") +
+                     ": say both, what saw and what was seen, or neither");
+  if (!a.unit.empty() && a.unit != "m" && a.unit != "mm")
+    throw InputError("--unit: 'm' or 'mm' is expected, not '" + a.unit + "'");
+  const double length = a.unit.empty() ? 0 : a.unit == "m" ? 1 : 0.001;
+  const std::vector<FlangePose> poses =
+      read_flange_poses(a.file, pose_format(a.pose_format), length);
+  constexpr double kFar = 20;  // m: no robot reaches so far
+  for (const FlangePose& one : poses)
+    if (one.pose.translation.norm() > kFar) {
+      std::cerr << "kincal: warning: " << a.file << ": a pose is "
+                << static_cast<int>(one.pose.translation.norm())
+                << " m away: if lengths are in mm, take --unit mm\n";
+      break;
+    }
+  const std::string text = flange_lines(poses, a.sensor, a.target);
+  if (a.out.empty()) {
+    std::cout << text;
+    return kConverged;
+  }
+  begin_writing();
+  write_file(a.out, text, a.force);
+  std::cout << "Written to " << a.out << ": " << poses.size() << " poses\n";
+  return kConverged;
+}
+
+/// The samples of a hand-eye program as a folder with a rig and samples.
+int import_hand_eye(const ImportArguments& a) {
+  const Names hand = {"eye_in_hand", "eye_on_hand"},
+              world = {"eye_to_hand", "eye_on_base", "eye_to_base"};
+  const bool in_hand = std::count(hand.begin(), hand.end(), a.setup) > 0;
+  if (!in_hand && !std::count(world.begin(), world.end(), a.setup))
+    throw InputError(
+        "--setup: say where the camera is: eye_in_hand (on the flange) or eye_to_hand (beside the "
+        "robot)" +
+        (a.setup.empty() ? "" : ", not '" + a.setup + "'"));
+  if (a.out.empty()) throw InputError("--out: the folder for rig.yaml and samples.jsonl is needed");
+  const HandEyeFiles files = read_hand_eye(a.file, in_hand);
+  begin_writing();
+  write_directory(a.out, {{"rig.yaml", files.rig_yaml}, {"samples.jsonl", files.samples_jsonl}},
+                  a.force, nullptr);
+  std::cout << "Written to " << a.out << ": rig.yaml (look for GUESS in it) and " << files.count
+            << " samples; next: kincal calibrate " << a.out << "/rig.yaml " << a.out
+            << "/samples.jsonl --out result\n";
+  return kConverged;
+}
+
 int import_file(const ImportArguments& a) {
+  const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
+  if (hand_eye || !a.pose_format.empty()) {
+    if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");
+    if (!a.out.empty()) {
+      say_cleared(clear_leftovers(a.out));
+      if (hand_eye)
+        check_output(a.out, a.force);
+      else
+        check_output_file(a.out, a.force);
+    }
+    return hand_eye ? import_hand_eye(a) : import_poses(a);
+  }
   if (a.rig.empty() != a.out.empty())
     throw InputError(a.rig.empty()
                          ? "--out: a rig to change is needed as well: --rig RIG; without both the "
@@ -121,11 +185,12 @@ int import_file(const ImportArguments& a) {
 Command import_command(CLI::App& app) {
   auto a = std::make_shared<ImportArguments>();
   CLI::App* command = app.add_subcommand(
-      "import", "Read a file of another program: ROS, OpenCV, Kalibr");
+      "import", "Read a file of another program: ROS, OpenCV, Kalibr, easy_handeye, MoveIt");
   command
       ->add_option("FILE", a->file,
                    "camera_info YAML or message (ROS), camera YAML or XML (OpenCV), camchain or "
-                   "target YAML (Kalibr)")
+                   "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a table of the "
+                   "flange's poses (CSV, with --pose-format)")
       ->required();
   command->add_option("--rig", a->rig,
                       "the rig that gets the numbers; without it they are printed");
@@ -144,7 +209,30 @@ Command import_command(CLI::App& app) {
                     "of K and D");
   command->add_flag("--fisheye", a->lens.fisheye,
                     "four numbers of distortion are those of OpenCV's fisheye");
-  command->add_option("--out", a->out, "the rig to write");
+  std::string formats;
+  for (const PoseFormat& format : pose_formats()) {
+    std::string line = "\n  " + format.name;
+    line.resize(13, ' ');
+    for (const std::string& column : format.columns)
+      if (format.columns.size() < 12) line += column + " ";
+    line.resize(std::max<size_t>(line.size(), 36), ' ');
+    formats += line + format.about;
+  }
+  command
+      ->add_option("--pose-format", a->pose_format,
+                   "FILE is a table of the flange's poses, as below; with --sensor and --target "
+                   "they become samples with images, without them readings for `kincal detect "
+                   "--joints`")
+      ->type_name("FORMAT");
+  command->add_option("--unit", a->unit, "m or mm, where lengths are not as below");
+  command
+      ->add_option("--setup", a->setup,
+                   "of samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand "
+                   "(beside the robot)")
+      ->type_name("WHERE");
+  command->add_option("--out", a->out,
+                      "the rig, or the samples, to write; of samples of poses a new folder for "
+                      "both");
   command->add_flag("--force", a->force, "replace an existing file");
   command->footer(
       "Examples:\n"
@@ -154,6 +242,12 @@ Command import_command(CLI::App& app) {
       "  kincal import camchain.yaml --camera cam1 --rig rig.yaml --sensor right --out "
       "new_rig.yaml\n"
       "  kincal import april_6x6.yaml --rig rig.yaml --target board --out new_rig.yaml\n"
+      "  kincal import poses.csv --pose-format kuka --sensor camera --target board --out "
+      "samples.jsonl\n"
+      "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
+      "Pose formats (the columns in this order, or as the header names them):" +
+      formats +
+      "\n"
       "The rig keeps its text and comments but for these keys. `kincal export` writes such files. "
       "Exit codes: 0 written; 1 bad\n"
       "input or usage, nothing written.");

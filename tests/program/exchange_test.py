@@ -3,8 +3,10 @@
 Proves: what `export` writes is what ROS, OpenCV, Kalibr and easy_handeye read, as far as a YAML reader and their own formulas (written
 here) tell: camera_info's P projects as the rig's camera does, T_cn_cnm1 and the static transforms are where the rig's frames are; `import`
 of what was exported gives the same numbers; files as those programs write them are read, and what kincal does not have is refused with
-file, line, field and what is valid. Not proved: that every version of these programs takes the files.
+file, line, field and what is valid; poses of a flange in the conventions of six makers against elementary rotations; samples of hand-eye
+programs, calibrated, give the pose that they were made with. Not proved: that every version of these programs takes the files.
 """
+import json
 import math
 import os
 import subprocess
@@ -478,6 +480,176 @@ cam1:
             self.fails(["import", "a.yaml"], *words)
         self.write("c2.yaml", self.exported("camera_info", "--sensor", "left"))
         self.fails(["import", "c2.yaml", "--target", "board"], "target_type")
+
+
+# ------------------------------------------------------------------------------------------------ poses
+def about(axis, angle):
+    """Rodrigues."""
+    x, y, z = axis
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
+
+
+X, Y, Z = np.eye(3)
+
+
+def quat_of(r):
+    """x y z w of a rotation by its eigenvector: another way than the program's."""
+    values, vectors = np.linalg.eig(r)
+    axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])
+    axis /= np.linalg.norm(axis)
+    angle = math.atan2(np.dot([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]], axis), np.trace(r) - 1)
+    return [*(axis * math.sin(angle / 2)), math.cos(angle / 2)]
+
+
+DEG = math.pi / 180
+
+
+class Poses(Case):
+    def lines(self, *arguments):
+        return [json.loads(line) for line in self.good("import", *arguments).stdout.splitlines()]
+
+    def flange(self, line):
+        reading = line["joints"]["flange"]
+        return from_quat(reading["xyz"], reading["quat"])
+
+    def test_formats(self):
+        """Each convention against elementary rotations by Rodrigues' formula."""
+        rng = np.random.default_rng(1)
+        for _ in range(5):
+            a, b, c = rng.uniform(-1.4, 1.4, 3)
+            xyz = rng.uniform(-1, 1, 3)
+            zyx = about(Z, c) @ about(Y, b) @ about(X, a)  # rpy (a, b, c)
+            x, y, z, w = quat_of(zyx)
+            axis = rng.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            t = np.eye(4)
+            t[:3, :3], t[:3, 3] = zyx, xyz
+            for format, numbers, rotation in (
+                    ("xyzw", [*xyz, x, y, z, w], zyx), ("wxyz", [*xyz, w, x, y, z], zyx), ("abb", [*(1000 * xyz), w, x, y, z], zyx),
+                    ("rpy", [*xyz, a, b, c], zyx), ("rpy_deg", [*xyz, a / DEG, b / DEG, c / DEG], zyx),
+                    ("fanuc", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, c) @ about(Y, b) @ about(X, a)),
+                    ("kuka", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, a) @ about(Y, b) @ about(X, c)),
+                    ("rotvec", [*xyz, *(axis * a)], about(axis, a)), ("matrix", list(t.flatten()), zyx)):
+                with self.subTest(format=format):
+                    self.write("p.csv", ",".join("%.17g" % n for n in numbers) + "\n")
+                    found = self.flange(self.lines("p.csv", "--pose-format", format)[0])
+                    np.testing.assert_allclose(found[:3, :3], rotation, atol=1e-12)
+                    np.testing.assert_allclose(found[:3, 3], xyz, atol=1e-12)
+
+    def test_columns(self):
+        self.write("p.csv", "image,time,C,B,A,Z,Y,X,speed\nimages/0001.png,12.5,30,20,10,300,200,100,1\nimages/0002.png,13.5,0,0,0,0,0,0,2\n")
+        lines = self.lines("p.csv", "--pose-format", "kuka")
+        self.assertEqual([line["id"] for line in lines], ["0001", "0002"])
+        self.assertEqual((lines[0]["time"], lines[0]["image"]), (12.5, "images/0001.png"))
+        t = self.flange(lines[0])
+        np.testing.assert_allclose(t[:3, 3], [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(t[:3, :3], about(Z, 10 * DEG) @ about(Y, 20 * DEG) @ about(X, 30 * DEG), atol=1e-12)
+        lines = self.lines("p.csv", "--pose-format", "kuka", "--sensor", "cam", "--target", "board")
+        self.assertEqual(lines[0]["views"], [{"sensor": "cam", "target": "board", "image": "images/0001.png"}])
+        self.write("p.csv", "0.1 0.2 0.3 0 0 0 1\n0.2 0.2 0.3 0 0 0 1\n")
+        self.assertEqual([line["id"] for line in self.lines("p.csv", "--pose-format", "xyzw")], ["pose_001", "pose_002"])
+        self.write("p.csv", "a.png;100;200;300;0;0;0;1\n")
+        line = self.lines("p.csv", "--pose-format", "xyzw", "--unit", "mm")[0]
+        self.assertEqual((line["id"], line["image"]), ("a", "a.png"))
+        self.assertEqual(line["joints"]["flange"]["xyz"], [0.1, 0.2, 0.3])
+        self.good("import", "p.csv", "--pose-format", "xyzw", "--unit", "mm", "--out", "p.jsonl")
+        self.assertEqual(json.loads(self.read("p.jsonl")), line)
+        self.assertIn("m", self.good("import", "p.csv", "--pose-format", "xyzw").stderr)  # 300 m away
+
+    def test_wrong(self):
+        for text, arguments, words in (
+                ("1,2,3,0.5,0.5,0,0\n", ["--pose-format", "xyzw"], ("p.csv:1", "length 1", "qx, qy, qz, qw")),
+                ("x,y,z,rx,ry,rz\n0,0,0,90,0,0\n", ["--pose-format", "rotvec"], ("p.csv:2: rx", "90", "rad")),
+                ("x,y,z,rx,ry\n", ["--pose-format", "rotvec"], ("p.csv:1", "x, y, z, rx, ry, rz")),
+                ("0,0,0,1,0,0\n0,0,0,1,0\n", ["--pose-format", "rotvec"], ("p.csv:2", "5 cells")),
+                ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
+                ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
+                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
+                ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
+                ("", ["--pose-format", "rpy"], ("no pose",)),
+                ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),
+                ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--sensor", "cam"], ("--target",)),
+                ("x,y,z\n1,2,3\n", [], ("CSV", "--pose-format"))):
+            with self.subTest(text=text, arguments=arguments):
+                self.write("p.csv", text)
+                self.fails(["import", "p.csv", *arguments], *words)
+
+
+class HandEye(Case):
+    """A camera that sees the whole pose of a board, on the hand and beside the robot."""
+
+    def simulated(self, in_hand, count=12):
+        rng = np.random.default_rng(2)
+        hand_sensor, base_target = pose((0.05, 0.02, 0.1), (0.2, 0.1, 1.5)), pose((0.8, 0.1, 0.05), (0.1, 3, 0.2))
+        base_sensor, hand_target = pose((1.2, 0.3, 0.6), (2, 0.1, 1)), pose((0.02, 0.03, 0.12), (0.1, 0.2, 0.3))
+        pairs = []
+        for _ in range(count):
+            flange = pose(rng.uniform(-0.3, 0.3, 3) + [0.5, 0, 0.5], rng.uniform(-1, 1, 3))
+            seen = np.linalg.inv(hand_sensor) @ np.linalg.inv(flange) @ base_target if in_hand else np.linalg.inv(base_sensor) @ flange @ hand_target
+            pairs.append((flange, seen))
+        return pairs, hand_sensor if in_hand else base_sensor
+
+    def check(self, folder, pairs, in_hand):
+        lines = [json.loads(line) for line in self.read(folder + "/samples.jsonl").splitlines()]
+        self.assertEqual(len(lines), len(pairs))
+        for line, (flange, seen) in zip(lines, pairs):
+            for found, expected in ((line["joints"]["flange"], flange), (line["views"][0]["pose"], seen)):
+                np.testing.assert_allclose(from_quat(found["xyz"], found["quat"]), expected, atol=1e-9)
+        rig = yaml.safe_load(self.read(folder + "/rig.yaml"))
+        self.assertEqual(rig["robot"], {"base": "base", "flange": "tool0"})
+        self.assertEqual((rig["sensors"]["camera"]["link"], rig["targets"]["board"]["mount"]["link"]),
+                         ("tool0", "base") if in_hand else ("base", "tool0"))
+
+    def transform(self, t):
+        x, y, z, w = quat_of(t[:3, :3])
+        return {"translation": dict(zip("xyz", map(float, t[:3, 3]))), "rotation": {"x": float(x), "y": float(y), "z": float(z), "w": float(w)}}
+
+    def test_moveit(self):
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_to_hand")):
+            pairs, _ = self.simulated(in_hand)
+            self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [float(v) for v in f.flatten()], "object_wrt_sensor": [float(v) for v in s.flatten()]}
+                                                 for f, s in pairs]))
+            self.good("import", "s.yaml", "--setup", setup, "--out", setup)
+            self.check(setup, pairs, in_hand)
+
+    def test_easy_handeye(self):
+        """eye on base: easy_handeye stores the robot's transform the other way round."""
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_on_base")):
+            pairs, _ = self.simulated(in_hand)
+            robot = [self.transform(f if in_hand else np.linalg.inv(f)) for f, _ in pairs]
+            tracking = [self.transform(s) for _, s in pairs]
+            self.write("two.samples", yaml.safe_dump({"samples": [{"robot": r, "tracking": t} for r, t in zip(robot, tracking)]}))
+            self.write("one.yaml", yaml.safe_dump({"samples": {"hand_world_samples": robot, "camera_marker_samples": tracking}}))
+            for name in ("two.samples", "one.yaml"):
+                self.good("import", name, "--setup", setup, "--out", setup, "--force")
+                self.check(setup, pairs, in_hand)
+
+    def test_calibrated(self):
+        """From the samples of a hand-eye program to the camera's pose, and out again."""
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_to_hand")):
+            pairs, truth = self.simulated(in_hand, 20)
+            self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [float(v) for v in f.flatten()], "object_wrt_sensor": [float(v) for v in s.flatten()]}
+                                                 for f, s in pairs]))
+            self.good("import", "s.yaml", "--setup", setup, "--out", setup)
+            self.run_kincal("calibrate", setup + "/rig.yaml", setup + "/samples.jsonl", "--out", setup + "_result", "--quiet")
+            data = yaml.safe_load(self.good("export", setup + "_result", "--as", "easy_handeye").stdout)
+            self.assertEqual(data["parameters"]["eye_on_hand"], in_hand)
+            t = data["transformation"]
+            np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]), truth, atol=1e-6)
+
+    def test_wrong(self):
+        self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [1] * 16, "object_wrt_sensor": [1] * 16}]))
+        self.fails(["import", "s.yaml", "--out", "x"], "--setup", "eye_in_hand")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand"], "--out")
+        self.fails(["import", "s.yaml", "--setup", "in_hand", "--out", "x"], "--setup", "eye_to_hand")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml", "effector_wrt_world", "rigid motion")
+        self.write("s.yaml", "- effector_wrt_world: [1, 2]\n  object_wrt_sensor: []\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml:1: [0].effector_wrt_world", "16")
+        self.write("s.yaml", "samples:\n- robot: {translation: {x: 0, y: 0, z: 0}, rotation: {x: 0, y: 0, z: 0, w: 0}}\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml:2: samples[0].robot.rotation", "length 1")
+        self.write("s.yaml", "samples: []\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "no sample")
 
 
 if __name__ == "__main__":
