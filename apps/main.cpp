@@ -63,6 +63,8 @@ int main(int argc, char** argv) {
       evaluate_command(app),
       diff_command(app),
       apply_command(app),
+      export_command(app),
+      import_command(app),
       local_command(app, line),
       simulate_command(app),
       detect_command(app, {argv + std::min(argc, 1), argv + argc}),
@@ -80,6 +82,8 @@ int main(int argc, char** argv) {
       "values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
+      "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
+      "easy_handeye\n"
       "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
       "around one posture\n"
       "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"

@@ -32,6 +32,10 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Export Import Poses HandEye)
+  kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()

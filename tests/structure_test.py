@@ -40,6 +40,7 @@ MAY_INCLUDE = {
     "io/urdf": [KINEMATICS, *MODELS, "io/document"],
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
+    "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
     "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
     "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common

@@ -130,6 +130,8 @@ const char* name_of(Wanted wanted) {
       return "postures (one JSON object a line)";
     case Wanted::truth:
       return "truth.json";
+    case Wanted::foreign:
+      return "file of another program";
     default:
       return "result.json";
   }
@@ -147,6 +149,8 @@ std::string cure_of(const Likeness& looks, Wanted wanted) {
   if (looks.is == Wanted::rig && lines) return "the rig comes first, then these";
   if (looks.is == Wanted::rig && wanted == Wanted::urdf)
     return "give the file that the rig names (robot: ...)";
+  if (wanted == Wanted::foreign && has(looks.what, "CSV"))
+    return "if its rows are poses, say how: --pose-format";
   if (lines && has(looks.what, "CSV"))
     return R"(write each row as {"id": "...", "joints": {...}, "views": [...]})";
   return "";

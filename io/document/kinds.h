@@ -7,7 +7,7 @@
 namespace kincal {
 
 /// What a reader wants, for messages and to know its own.
-enum class Wanted { urdf, rig, samples, postures, truth, result };
+enum class Wanted { urdf, rig, samples, postures, truth, result, foreign };
 
 /// Does nothing unless the text is plainly something else, judged by its beginning; what is merely
 /// wrong is left to the reader. @throws InputError that says what it looks like, what is wanted and

@@ -36,6 +36,31 @@ std::string shell_word(const std::string& text) {
 
 }  // namespace
 
+std::string new_link_name(const Tree& tree, const std::string& owner,
+                          const std::vector<std::string>& taken) {
+  return free_name(owner, [&](const std::string& name) {
+    return tree.find_link(name) >= 0 || std::count(taken.begin(), taken.end(), name) > 0;
+  });
+}
+
+std::string ros1_static_transform(const Pose& parent_T_child, const std::string& parent,
+                                  const std::string& child) {
+  const Eigen::Vector4d q = quaternion_from_rotation(parent_T_child.rotation);
+  return "rosrun tf2_ros static_transform_publisher " + shortest(parent_T_child.translation) + " " +
+         shortest(q[0]) + " " + shortest(q[1]) + " " + shortest(q[2]) + " " + shortest(q[3]) + " " +
+         shell_word(parent) + " " + shell_word(child);
+}
+
+std::string ros2_static_transform(const Pose& parent_T_child, const std::string& parent,
+                                  const std::string& child) {
+  const Vector3d& t = parent_T_child.translation;
+  const Eigen::Vector4d q = quaternion_from_rotation(parent_T_child.rotation);
+  return "ros2 run tf2_ros static_transform_publisher --x " + shortest(t.x()) + " --y " +
+         shortest(t.y()) + " --z " + shortest(t.z()) + " --qx " + shortest(q[0]) + " --qy " +
+         shortest(q[1]) + " --qz " + shortest(q[2]) + " --qw " + shortest(q[3]) + " --frame-id " +
+         shell_word(parent) + " --child-frame-id " + shell_word(child);
+}
+
 std::vector<MountText> mount_texts(const Solution& solution) {
   const Rig& rig = solution.rig();
   const Tree& tree = rig.tree;
@@ -48,23 +73,16 @@ std::vector<MountText> mount_texts(const Solution& solution) {
     const std::string& owner = sensor ? rig.sensors[p.owner].name : rig.targets[p.owner].name;
     const std::string& parent =
         tree.links[sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link];
-    const std::string link = free_name(owner, [&](const std::string& n) {
-      return tree.find_link(n) >= 0 || std::count(links.begin(), links.end(), n) > 0;
-    });
+    const std::string link = new_link_name(tree, owner, links);
     links.push_back(link);
     const std::string joint =
         free_name(link + "_mount", [&](const std::string& n) { return tree.find_joint(n) >= 0; });
-    const Vector3d& t = e.pose->translation;
-    const Eigen::Vector4d q = quaternion_from_rotation(e.pose->rotation);
     MountText text{(sensor ? "sensor/" : "target/") + owner, "", ""};
     text.urdf = "<link name=\"" + in_xml(link) + "\"/>\n<joint name=\"" + in_xml(joint) +
                 "\" type=\"fixed\"><parent link=\"" + in_xml(parent) + "\"/><child link=\"" +
-                in_xml(link) + "\"/><origin xyz=\"" + shortest(t) + "\" rpy=\"" +
+                in_xml(link) + "\"/><origin xyz=\"" + shortest(e.pose->translation) + "\" rpy=\"" +
                 shortest(Vector3d(rpy_from_rotation(e.pose->rotation))) + "\"/></joint>";
-    text.ros2 = "ros2 run tf2_ros static_transform_publisher --x " + shortest(t.x()) + " --y " +
-                shortest(t.y()) + " --z " + shortest(t.z()) + " --qx " + shortest(q[0]) + " --qy " +
-                shortest(q[1]) + " --qz " + shortest(q[2]) + " --qw " + shortest(q[3]) +
-                " --frame-id " + shell_word(parent) + " --child-frame-id " + shell_word(link);
+    text.ros2 = ros2_static_transform(*e.pose, parent, link);
     out.push_back(std::move(text));
   }
   return out;

@@ -1,4 +1,4 @@
-// Estimated mounts in the words of other programs: a URDF's joint, and a line for ROS 2.
+// Mounts in the words of other programs: a URDF's joint, and lines for ROS 1 and 2.
 #pragma once
 
 #include <string>
@@ -17,5 +17,16 @@ struct MountText {
 };
 
 std::vector<MountText> mount_texts(const Solution& solution);
+
+/// Both return the command line that publishes parent_T_child as a static transform.
+std::string ros1_static_transform(const Pose& parent_T_child, const std::string& parent,
+                                  const std::string& child);
+std::string ros2_static_transform(const Pose& parent_T_child, const std::string& parent,
+                                  const std::string& child);
+
+/// Returns the name of the link for a sensor or target called `owner`: none of the robot's links
+/// nor of `taken` has it.
+std::string new_link_name(const Tree& tree, const std::string& owner,
+                          const std::vector<std::string>& taken);
 
 }  // namespace kincal

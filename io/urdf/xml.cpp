@@ -121,21 +121,26 @@ void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what
   throw InputError(where(xml, element) + what);
 }
 
-pugi::xml_node load(Xml& xml) {
+pugi::xml_node load_document(Xml& xml) {
   const pugi::xml_parse_result result = xml.document.load_buffer(
       xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
   if (!result)
     throw InputError(at_offset(xml, result.offset) +
                      ": not well-formed XML: " + result.description());
-  const pugi::xml_node robot = xml.document.document_element();
+  const pugi::xml_node top = xml.document.document_element();
   for (pugi::xml_node n = xml.document.first_child(); n; n = next_node(n))
     if (n.type() == pugi::node_element) {
-      if (n.parent() == xml.document && n != robot)
+      if (n.parent() == xml.document && n != top)
         throw InputError(at_offset(xml, n.offset_debug()) + ": not well-formed XML: <" + n.name() +
-                         "> after the end of <" + robot.name() +
+                         "> after the end of <" + top.name() +
                          ">; a file has one element at the top");
       check_element(xml, n);
     }
+  return top;
+}
+
+pugi::xml_node load(Xml& xml) {
+  const pugi::xml_node robot = load_document(xml);
   if (std::strcmp(robot.name(), "robot") != 0)
     throw InputError(at_offset(xml, robot.offset_debug()) + ": <" + robot.name() +
                      "> is no URDF; the top element must be <robot>");

@@ -19,9 +19,12 @@ struct Xml {
   pugi::xml_document document;
 };
 
-/// Parses and returns <robot>. The bytes are taken as they are (UTF-8 or anything that contains
-/// ASCII): pugixml converts nothing.
+/// Parses any XML and returns its top element. The bytes are taken as they are (UTF-8 or anything
+/// that contains ASCII): pugixml converts nothing.
 /// @throws InputError
+pugi::xml_node load_document(Xml& xml);
+
+/// Parses a URDF and returns <robot>. @throws InputError
 pugi::xml_node load(Xml& xml);
 
 /// Returns "path:line" of a byte.

@@ -1,0 +1,80 @@
+// `kincal export`: a calibrated rig in the files of other programs.
+#include <iostream>
+
+#include "../../io/document/error.h"
+#include "../../io/document/files.h"
+#include "../../io/document/names.h"
+#include "../../io/exchange/exports.h"
+#include "../../io/results/read_calibrated.h"
+#include "../job.h"
+#include "../signals.h"
+#include "command.h"
+
+namespace kincal {
+namespace {
+
+struct ExportArguments {
+  std::string result, format, out;
+  std::vector<std::string> sensors;
+  bool force = false;
+};
+
+int export_result(const ExportArguments& a) {
+  if (!a.out.empty()) {
+    say_cleared(clear_leftovers(a.out));
+    check_output_file(a.out, a.force);
+  }
+  const CalibratedFiles files = read_calibrated(a.result);
+  if (!files.status.empty() && files.status != "converged" && !a.force)
+    throw InputError(a.result + ": its status is '" + files.status +
+                     "', not 'converged'; --force exports it all the same");
+  const ExportedFile exported = export_rig(files.rig_file.rig, a.format, a.sensors);
+  for (const std::string& note : exported.notes) std::cerr << "kincal: warning: " << note << "\n";
+  if (a.out.empty()) {
+    std::cout << exported.text;
+    return kConverged;
+  }
+  begin_writing();
+  write_file(a.out, exported.text, a.force);
+  std::cout << "Written to " << a.out << "\n";
+  return kConverged;
+}
+
+}  // namespace
+
+Command export_command(CLI::App& app) {
+  auto a = std::make_shared<ExportArguments>();
+  CLI::App* command = app.add_subcommand(
+      "export", "Write a result for other programs: ROS, OpenCV, Kalibr, easy_handeye");
+  command->add_option("RESULT", a->result, "result directory, its result.json, or a rig.yaml")
+      ->required();
+  command->add_option("--as", a->format, "one of " + comma_separated(export_formats()))
+      ->required()
+      ->type_name("FORMAT");
+  command
+      ->add_option("--sensor", a->sensors,
+                   "repeatable: the sensors to write; default: all, which camera_info, opencv, "
+                   "easy_handeye and easy_handeye2 take only if it is one")
+      ->allow_extra_args(false)
+      ->type_name("NAME");
+  command->add_option("--out", a->out, "file to write; default: standard output");
+  command->add_flag("--force", a->force,
+                    "replace an existing file; export a result that is not converged");
+  command->footer(
+      "Formats:\n"
+      "  camera_info         ROS 1 and 2: K, D, R, P of one camera, as camera_info_manager reads "
+      "it\n"
+      "  opencv              OpenCV's FileStorage (YAML): camera_matrix, distortion_coefficients\n"
+      "  kalibr              camchain.yaml: all cameras, with T_cn_cnm1\n"
+      "  static_transforms   a line for a shell for every sensor and mounted target\n"
+      "  easy_handeye, easy_handeye2   their calibration file (.yaml; .calib), eye on hand or on "
+      "base\n"
+      "Examples:\n"
+      "  kincal export result --as camera_info --sensor camera --out camera.yaml\n"
+      "  kincal export result --as static_transforms > transforms.sh\n"
+      "`kincal import` reads such files. Exit codes: 0 written; 1 bad input or usage, nothing "
+      "written.");
+  return {command, [a] { return export_result(*a); }};
+}
+
+}  // namespace kincal

@@ -1,0 +1,257 @@
+// `kincal import`: files of other programs as kincal's.
+#include <filesystem>
+#include <iostream>
+
+#include "../../io/document/error.h"
+#include "../../io/document/files.h"
+#include "../../io/document/names.h"
+#include "../../io/exchange/kalibr_target.h"
+#include "../../io/exchange/pose_samples.h"
+#include "../../io/exchange/read_lens.h"
+#include "../job.h"
+#include "../signals.h"
+#include "command.h"
+
+namespace kincal {
+namespace {
+
+struct ImportArguments {
+  std::string file, rig, out, sensor, target;
+  std::string pose_format, unit, setup;  // of poses
+  LensChoice lens;
+  bool force = false;
+};
+
+using Notes = std::vector<std::string>;
+
+void print_notes(const Notes& notes) {
+  for (const std::string& note : notes) std::cerr << "kincal: warning: " << note << "\n";
+}
+
+/// The rig's robot as seen from the folder of the rig that is written.
+std::string robot_from(const ImportArguments& a, const RigFile& rig) {
+  namespace fs = std::filesystem;
+  const std::string robot = rig.node.find("robot")->text;
+  const auto folder = [](const std::string& path) {
+    return fs::absolute(path).parent_path().lexically_normal();
+  };
+  if (fs::path(robot).is_absolute() || folder(a.rig) == folder(a.out)) return robot;
+  return (folder(a.rig) / robot).lexically_normal().lexically_proximate(folder(a.out)).string();
+}
+
+/// The entry that the file is about: the named one, or the only one that fits.
+std::string entry_name(const std::string& given, const Names& names, const std::string& option) {
+  if (given.empty() && names.size() == 1) return names[0];
+  const std::string valid = "; valid: " + comma_separated(names);
+  if (given.empty())
+    throw InputError(option + ": say which of the rig's this file is about" + valid);
+  for (const std::string& name : names)
+    if (name == given) return given;
+  throw InputError(option + ": there is no '" + given + "' in the rig" +
+                   nearest_names(given, names) + valid);
+}
+
+/// Writes keys into the rig, or shows them where no rig is given.
+int put_into_rig(const ImportArguments& a, const std::string& section, const std::string& name,
+                 const RigFile& rig, const RigKeys& keys) {
+  const EditedRig edited = edited_rig(rig, section, name, keys, robot_from(a, rig));
+  if (!edited.comments_kept)
+    std::cerr << "kincal: warning: " << a.rig
+              << " is written anew: its comments could not be kept\n";
+  begin_writing();
+  write_file(a.out, edited.text, a.force);
+  read_rig(a.out);
+  std::cout << "Written to " << a.out << ", " << section << "." << name << ":\n" << keys_text(keys);
+  return kConverged;
+}
+
+int import_target(const ImportArguments& a) {
+  Notes notes;
+  const RigKeys keys = read_kalibr_target(a.file, notes);
+  print_notes(notes);
+  if (a.rig.empty()) {
+    std::cout << keys_text(keys);
+    return kConverged;
+  }
+  const RigFile rig = read_rig(a.rig);
+  const std::string name = entry_name(a.target, names_of(rig.rig.targets), "--target");
+  return put_into_rig(a, "targets", name, rig, keys);
+}
+
+int import_camera(const ImportArguments& a) {
+  Notes notes;
+  LensNumbers lens = read_lens(a.file, a.lens, notes);
+  print_notes(notes);
+  if (a.rig.empty()) {
+    std::cout << keys_text(lens_keys(lens));
+    return kConverged;
+  }
+  const RigFile rig = read_rig(a.rig);
+  Names cameras;
+  for (const Sensor* camera : cameras_of(rig.rig, {})) cameras.push_back(camera->name);
+  const std::string name = entry_name(a.sensor, cameras, "--sensor");
+  const LensNumbers old = lens_of(*cameras_of(rig.rig, {name})[0]);
+  if (lens.width > 0 && old.width > 0 && (lens.width != old.width || lens.height != old.height))
+    std::cerr << "kincal: warning: " << a.file << " is for images of " << lens.width << " x "
+              << lens.height << ", the rig said " << old.width << " x " << old.height << "\n";
+  const bool straight =
+      std::all_of(lens.distortion.begin(), lens.distortion.end(), [](double k) { return k == 0; });
+  if (old.model == "pinhole" && straight) {  // nothing to say of a lens that bends nothing
+    lens.model = old.model;
+    lens.distortion.clear();
+  }
+  return put_into_rig(a, "sensors", name, rig, lens_keys(lens));
+}
+
+/// A table of the flange's poses as samples, or as readings for `kincal detect`.
+int import_poses(const ImportArguments& a) {
+  if (a.sensor.empty() != a.target.empty())
+    throw InputError(std::string(a.sensor.empty() ? "--sensor" : "--target") +
+                     ": say both, what saw and what was seen, or neither");
+  if (!a.unit.empty() && a.unit != "m" && a.unit != "mm")
+    throw InputError("--unit: 'm' or 'mm' is expected, not '" + a.unit + "'");
+  const double length = a.unit.empty() ? 0 : a.unit == "m" ? 1 : 0.001;
+  const std::vector<FlangePose> poses =
+      read_flange_poses(a.file, pose_format(a.pose_format), length);
+  constexpr double kFar = 20;  // m: no robot reaches so far
+  for (const FlangePose& one : poses)
+    if (one.pose.translation.norm() > kFar) {
+      std::cerr << "kincal: warning: " << a.file << ": a pose is "
+                << static_cast<int>(one.pose.translation.norm())
+                << " m away: if lengths are in mm, take --unit mm\n";
+      break;
+    }
+  const std::string text = flange_lines(poses, a.sensor, a.target);
+  if (a.out.empty()) {
+    std::cout << text;
+    return kConverged;
+  }
+  begin_writing();
+  write_file(a.out, text, a.force);
+  std::cout << "Written to " << a.out << ": " << poses.size() << " poses\n";
+  return kConverged;
+}
+
+/// The samples of a hand-eye program as a folder with a rig and samples.
+int import_hand_eye(const ImportArguments& a) {
+  const Names hand = {"eye_in_hand", "eye_on_hand"},
+              world = {"eye_to_hand", "eye_on_base", "eye_to_base"};
+  const bool in_hand = std::count(hand.begin(), hand.end(), a.setup) > 0;
+  if (!in_hand && !std::count(world.begin(), world.end(), a.setup))
+    throw InputError(
+        "--setup: say where the camera is: eye_in_hand (on the flange) or eye_to_hand (beside the "
+        "robot)" +
+        (a.setup.empty() ? "" : ", not '" + a.setup + "'"));
+  if (a.out.empty()) throw InputError("--out: the folder for rig.yaml and samples.jsonl is needed");
+  const HandEyeFiles files = read_hand_eye(a.file, in_hand);
+  begin_writing();
+  write_directory(a.out, {{"rig.yaml", files.rig_yaml}, {"samples.jsonl", files.samples_jsonl}},
+                  a.force, nullptr);
+  std::cout << "Written to " << a.out << ": rig.yaml (look for GUESS in it) and " << files.count
+            << " samples; next: kincal calibrate " << a.out << "/rig.yaml " << a.out
+            << "/samples.jsonl --out result\n";
+  return kConverged;
+}
+
+int import_file(const ImportArguments& a) {
+  const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
+  if (hand_eye || !a.pose_format.empty()) {
+    if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");
+    if (!a.out.empty()) {
+      say_cleared(clear_leftovers(a.out));
+      if (hand_eye)
+        check_output(a.out, a.force);
+      else
+        check_output_file(a.out, a.force);
+    }
+    return hand_eye ? import_hand_eye(a) : import_poses(a);
+  }
+  if (a.rig.empty() != a.out.empty())
+    throw InputError(a.rig.empty()
+                         ? "--out: a rig to change is needed as well: --rig RIG; without both the "
+                           "keys are printed"
+                         : "--out: the file for the changed rig is needed; it may be the same as "
+                           "--rig, with --force");
+  if (!a.out.empty()) {
+    say_cleared(clear_leftovers(a.out));
+    check_output_file(a.out, a.force);
+  }
+  if (!a.target.empty() || is_kalibr_target(a.file)) return import_target(a);
+  return import_camera(a);
+}
+
+}  // namespace
+
+Command import_command(CLI::App& app) {
+  auto a = std::make_shared<ImportArguments>();
+  CLI::App* command = app.add_subcommand(
+      "import", "Read a file of another program: ROS, OpenCV, Kalibr, easy_handeye, MoveIt");
+  command
+      ->add_option("FILE", a->file,
+                   "camera_info YAML or message (ROS), camera YAML or XML (OpenCV), camchain or "
+                   "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a table of the "
+                   "flange's poses (CSV, with --pose-format)")
+      ->required();
+  command->add_option("--rig", a->rig,
+                      "the rig that gets the numbers; without it they are printed");
+  command
+      ->add_option("--sensor", a->sensor,
+                   "the camera of the rig; may be left away if it has one only")
+      ->type_name("NAME");
+  command->add_option("--target", a->target, "the target of the rig, for a target's file; likewise")
+      ->type_name("NAME");
+  command
+      ->add_option("--camera", a->lens.camera,
+                   "which camera of the file: cam0, cam1, ... (Kalibr); 1 or 2 (M1, M2 of OpenCV)")
+      ->type_name("NAME");
+  command->add_flag("--rectified", a->lens.rectified,
+                    "the images are rectified: take P of camera_info, with the baseline, in place "
+                    "of K and D");
+  command->add_flag("--fisheye", a->lens.fisheye,
+                    "four numbers of distortion are those of OpenCV's fisheye");
+  std::string formats;
+  for (const PoseFormat& format : pose_formats()) {
+    std::string line = "\n  " + format.name;
+    line.resize(13, ' ');
+    for (const std::string& column : format.columns)
+      if (format.columns.size() < 12) line += column + " ";
+    line.resize(std::max<size_t>(line.size(), 36), ' ');
+    formats += line + format.about;
+  }
+  command
+      ->add_option("--pose-format", a->pose_format,
+                   "FILE is a table of the flange's poses, as below; with --sensor and --target "
+                   "they become samples with images, without them readings for `kincal detect "
+                   "--joints`")
+      ->type_name("FORMAT");
+  command->add_option("--unit", a->unit, "m or mm, where lengths are not as below");
+  command
+      ->add_option("--setup", a->setup,
+                   "of samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand "
+                   "(beside the robot)")
+      ->type_name("WHERE");
+  command->add_option("--out", a->out,
+                      "the rig, or the samples, to write; of samples of poses a new folder for "
+                      "both");
+  command->add_flag("--force", a->force, "replace an existing file");
+  command->footer(
+      "Examples:\n"
+      "  kincal import camera_info.yaml                                   the keys for rig.yaml, "
+      "to copy\n"
+      "  kincal import camera_info.yaml --rig rig.yaml --sensor camera --out new_rig.yaml\n"
+      "  kincal import camchain.yaml --camera cam1 --rig rig.yaml --sensor right --out "
+      "new_rig.yaml\n"
+      "  kincal import april_6x6.yaml --rig rig.yaml --target board --out new_rig.yaml\n"
+      "  kincal import poses.csv --pose-format kuka --sensor camera --target board --out "
+      "samples.jsonl\n"
+      "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
+      "Pose formats (the columns in this order, or as the header names them):" +
+      formats +
+      "\n"
+      "The rig keeps its text and comments but for these keys. `kincal export` writes such files. "
+      "Exit codes: 0 written; 1 bad\n"
+      "input or usage, nothing written.");
+  return {command, [a] { return import_file(*a); }};
+}
+
+}  // namespace kincal

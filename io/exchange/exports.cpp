@@ -1,0 +1,242 @@
+#include "exports.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "../document/error.h"
+#include "../document/names.h"
+#include "../document/numbers.h"
+#include "../document/yaml.h"
+#include "../results/mount_texts.h"
+#include "lens.h"
+#include "write_lens.h"
+
+namespace kincal {
+namespace {
+
+/// Returns a_T_b if nothing but fixed joints is between the links.
+std::optional<Pose> fixed_pose(const Tree& tree, int a, int b) {
+  const auto from_root = [&](int link, std::vector<int>& joints) {
+    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
+      joints.push_back(j);
+  };
+  std::vector<int> up, down;
+  from_root(a, up);
+  from_root(b, down);
+  while (!up.empty() && !down.empty() && up.back() == down.back()) up.pop_back(), down.pop_back();
+  Pose a_T_top, b_T_top;
+  for (const auto& [joints, pose] : {std::make_pair(&up, &a_T_top), {&down, &b_T_top}})
+    for (int j : *joints) {
+      if (tree.joints[j].type != JointType::fixed) return std::nullopt;
+      *pose = *pose * inverse(tree.joints[j].parent_T_joint);
+    }
+  return a_T_top * inverse(b_T_top);
+}
+
+void check_sensors(const Rig& rig, const Names& given) {
+  const Names names = names_of(rig.sensors);
+  for (const std::string& name : given)
+    if (!std::count(names.begin(), names.end(), name))
+      throw InputError("--sensor: there is no sensor '" + name + "'" + nearest_names(name, names) +
+                       "; valid: " + comma_separated(names));
+}
+
+/// The one sensor of a format that holds one.
+const Sensor& only_sensor(const std::vector<const Sensor*>& sensors, const std::string& format) {
+  if (sensors.size() == 1) return *sensors[0];
+  Names names;
+  for (const Sensor* sensor : sensors) names.push_back(sensor->name);
+  throw InputError("a file of " + format + " holds one sensor: take --sensor NAME with one of " +
+                   comma_separated(names));
+}
+
+/// Where the centre of a rectified right camera is, in the sensor's frame.
+Pose lens_in_sensor(const LensNumbers& lens) {
+  return {Matrix3d::Identity(), Vector3d(lens.baseline, 0, 0)};
+}
+
+std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,
+                     std::vector<std::string>& notes) {
+  std::vector<LensNumbers> lenses;
+  std::vector<std::optional<Pose>> before;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const Sensor& camera = *cameras[i];
+    lenses.push_back(lens_of(camera));
+    before.emplace_back();
+    if (i == 0) continue;
+    const Sensor& last = *cameras[i - 1];
+    const std::optional<Pose> links = fixed_pose(rig.tree, camera.link, last.link);
+    if (!links || !camera.pose_given || !last.pose_given)
+      notes.push_back("T_cn_cnm1 of cam" + std::to_string(i) + " is left away: " + last.name +
+                      " and " + camera.name +
+                      (links ? " have no poses in the rig" : " move against each other"));
+    else
+      before[i] = inverse(camera.link_T_sensor * lens_in_sensor(lenses[i])) * *links *
+                  last.link_T_sensor * lens_in_sensor(lenses[i - 1]);
+  }
+  return kalibr_text(lenses, before);
+}
+
+// ------------------------------------------------------------------------------------------------
+// poses
+/// One frame below another; `in_robot`: a joint of the robot has it.
+struct NamedPose {
+  std::string of, parent, child;
+  Pose pose;
+  bool in_robot = false;
+};
+
+/// What sensors and targets have in common of this.
+template <class T>
+void add_pose(const Rig& rig, const T& thing, const Pose& pose, std::vector<NamedPose>& out) {
+  const Tree& tree = rig.tree;
+  if (thing.mount_joint >= 0) {
+    const Joint& joint = tree.joints[thing.mount_joint];
+    out.push_back({thing.name, tree.links[joint.parent], tree.links[joint.child],
+                   joint.parent_T_joint, true});
+    return;
+  }
+  Names taken;
+  for (const NamedPose& one : out) taken.push_back(one.child);
+  out.push_back({thing.name, tree.links[thing.link], new_link_name(tree, thing.name, taken), pose});
+}
+
+std::string static_transforms(const Rig& rig, const Names& names, std::vector<std::string>& notes) {
+  std::vector<NamedPose> poses;
+  const auto unknown = [&](const std::string& name) {
+    notes.push_back(name +
+                    " is left away: its pose is not in the rig. Export a result of `kincal "
+                    "calibrate`");
+  };
+  for (const Sensor& sensor : rig.sensors) {
+    if (!names.empty() && !std::count(names.begin(), names.end(), sensor.name)) continue;
+    if (sensor.pose_given)
+      add_pose(rig, sensor, sensor.link_T_sensor, poses);
+    else
+      unknown("sensors." + sensor.name);
+  }
+  for (const Target& target : rig.targets) {
+    if (!names.empty() || target.link < 0) continue;
+    if (target.pose_given)
+      add_pose(rig, target, target.link_T_target, poses);
+    else
+      unknown("targets." + target.name);
+  }
+  if (poses.empty())
+    throw InputError(
+        "no pose of a sensor or mounted target is in the rig: export a result of `kincal "
+        "calibrate`");
+  std::string out;
+  for (const NamedPose& one : poses)
+    out += "# " + one.of +
+           (one.in_robot ? ": in robot.urdf, whose robot_state_publisher sends it already" : "") +
+           "\n" + ros2_static_transform(one.pose, one.parent, one.child) +
+           "\n# ROS 1: " + ros1_static_transform(one.pose, one.parent, one.child) + "\n";
+  return out;
+}
+
+struct HandEye {
+  bool in_hand = false;
+  std::string base, effector, camera, marker;  // frames
+  Pose pose;                                   // of the camera, in effector or base
+};
+
+HandEye hand_eye(const Rig& rig, const Sensor& sensor) {
+  if (!sensor.pose_given)
+    throw InputError("sensors." + sensor.name +
+                     ": its pose is not in the rig: export a result of `kincal calibrate`");
+  const Tree& tree = rig.tree;
+  HandEye out;
+  out.base = tree.links[rig.base];
+  const std::optional<Pose> base_T_link = fixed_pose(tree, rig.base, sensor.link);
+  out.in_hand = !base_T_link;
+  // A pose that a joint of the robot has is told from the joint's parent: the link may be the
+  // camera's own.
+  const int above = sensor.mount_joint < 0 ? sensor.link : tree.joints[sensor.mount_joint].parent;
+  const Pose link_T_sensor = *fixed_pose(tree, above, sensor.link) * sensor.link_T_sensor;
+  const bool own_link = above != sensor.link && sensor.link_T_sensor.translation.isZero(0) &&
+                        sensor.link_T_sensor.rotation.isIdentity(0);
+  out.camera = own_link ? tree.links[sensor.link] : new_link_name(tree, sensor.name, {});
+  out.pose = out.in_hand ? link_T_sensor : *base_T_link * sensor.link_T_sensor;
+  if (out.in_hand) out.effector = tree.links[above];
+  for (const Target& target : rig.targets) {
+    if (out.marker.empty()) out.marker = target.name;
+    if (out.effector.empty() && target.link >= 0 && !fixed_pose(tree, rig.base, target.link)) {
+      out.effector = tree.links[target.link];
+      out.marker = target.name;
+    }
+  }
+  return out;
+}
+
+std::string easy_handeye(const HandEye& it, const std::string& name) {
+  const Eigen::Vector4d q = quaternion_from_rotation(it.pose.rotation);
+  const Vector3d& t = it.pose.translation;
+  const std::string space = "/" + name + (it.in_hand ? "_eye_on_hand/" : "_eye_on_base/");
+  return "parameters:\n  eye_on_hand: " + std::string(it.in_hand ? "true" : "false") +
+         "\n  move_group: manipulator\n  move_group_namespace: /\n  namespace: " +
+         yaml_text(space) + "\n  robot_base_frame: " + yaml_text(it.base) +
+         "\n  robot_effector_frame: " + yaml_text(it.effector) +
+         "\n  tracking_base_frame: " + yaml_text(it.camera) +
+         "\n  tracking_marker_frame: " + yaml_text(it.marker) +
+         "\ntransformation:\n  qw: " + real_text(q[3]) + "\n  qx: " + real_text(q[0]) +
+         "\n  qy: " + real_text(q[1]) + "\n  qz: " + real_text(q[2]) +
+         "\n  x: " + real_text(t.x()) + "\n  y: " + real_text(t.y()) +
+         "\n  z: " + real_text(t.z()) + "\n";
+}
+
+std::string easy_handeye2(const HandEye& it, const std::string& name) {
+  const Eigen::Vector4d q = quaternion_from_rotation(it.pose.rotation);
+  const Vector3d& t = it.pose.translation;
+  return "parameters:\n  name: " + yaml_text(name) +
+         "\n  calibration_type: " + (it.in_hand ? "eye_in_hand" : "eye_on_base") +
+         "\n  tracking_base_frame: " + yaml_text(it.camera) +
+         "\n  tracking_marker_frame: " + yaml_text(it.marker) +
+         "\n  robot_base_frame: " + yaml_text(it.base) +
+         "\n  robot_effector_frame: " + yaml_text(it.effector) +
+         "\n  freehand_robot_movement: true\ntransform:\n  translation:\n    x: " +
+         real_text(t.x()) + "\n    y: " + real_text(t.y()) + "\n    z: " + real_text(t.z()) +
+         "\n  rotation:\n    x: " + real_text(q[0]) + "\n    y: " + real_text(q[1]) +
+         "\n    z: " + real_text(q[2]) + "\n    w: " + real_text(q[3]) + "\n";
+}
+
+}  // namespace
+
+const Names& export_formats() {
+  static const Names formats = {"camera_info",       "opencv",       "kalibr",
+                                "static_transforms", "easy_handeye", "easy_handeye2"};
+  return formats;
+}
+
+ExportedFile export_rig(const Rig& rig, const std::string& format, const Names& sensors) {
+  ExportedFile out;
+  check_sensors(rig, sensors);
+  if (format == "static_transforms") {
+    out.text = static_transforms(rig, sensors, out.notes);
+  } else if (format == "easy_handeye" || format == "easy_handeye2") {
+    std::vector<const Sensor*> chosen;
+    for (const Sensor& sensor : rig.sensors)
+      if (sensors.empty() ? sensor.type != "chain"
+                          : std::count(sensors.begin(), sensors.end(), sensor.name) > 0)
+        chosen.push_back(&sensor);
+    const Sensor& sensor = only_sensor(chosen, format);
+    const HandEye it = hand_eye(rig, sensor);
+    out.text =
+        format == "easy_handeye" ? easy_handeye(it, sensor.name) : easy_handeye2(it, sensor.name);
+  } else {
+    const std::vector<const Sensor*> cameras = cameras_of(rig, sensors);
+    if (format == "kalibr")
+      out.text = camchain(rig, cameras, out.notes);
+    else if (format == "camera_info")
+      out.text = camera_info_text(lens_of(only_sensor(cameras, format)));
+    else if (format == "opencv")
+      out.text = opencv_text(lens_of(only_sensor(cameras, format)), out.notes);
+    else
+      throw InputError("--as: unknown format '" + format + "'" +
+                       nearest_names(format, export_formats()) +
+                       "; valid: " + comma_separated(export_formats()));
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,71 @@
+#include "lens.h"
+
+#include <algorithm>
+
+#include "../document/error.h"
+#include "../document/names.h"
+#include "../document/numbers.h"
+
+namespace kincal {
+namespace {
+
+std::string numbers_text(const std::vector<double>& numbers) {
+  return list_text(numbers.data(), static_cast<int>(numbers.size()));
+}
+
+}  // namespace
+
+std::string real_text(double value) {
+  std::string text = shortest(value);
+  const size_t exponent = text.find('e');
+  if (text.find('.') == std::string::npos)
+    text.insert(exponent == std::string::npos ? text.size() : exponent, ".0");
+  return text;
+}
+
+LensNumbers lens_of(const Sensor& camera) {
+  LensNumbers lens;
+  lens.name = camera.name;
+  lens.width = camera.image_width;
+  lens.height = camera.image_height;
+  for (const ParameterBlock& block : camera.parameters) {
+    if (block.name == "intrinsics") lens.intrinsics = block.values;
+    if (block.name == "distortion") lens.distortion = block.values;
+    if (block.name == "baseline") lens.baseline = block.values[0];
+  }
+  // The number of distortion numbers tells the lens (models/sensors/sensors.h).
+  lens.model = lens.distortion.empty()       ? "pinhole"
+               : lens.distortion.size() == 4 ? "kannala_brandt"
+                                             : "brown_conrady";
+  return lens;
+}
+
+RigKeys lens_keys(const LensNumbers& lens) {
+  RigKeys keys = {{"model", lens.model}};
+  if (lens.width > 0)
+    keys.emplace_back("image_size",
+                      "[" + std::to_string(lens.width) + ", " + std::to_string(lens.height) + "]");
+  keys.emplace_back("intrinsics", numbers_text(lens.intrinsics));
+  keys.emplace_back("distortion", lens.distortion.empty() ? "" : numbers_text(lens.distortion));
+  keys.emplace_back("baseline", lens.baseline == 0 ? "" : shortest(lens.baseline));
+  return keys;
+}
+
+std::vector<const Sensor*> cameras_of(const Rig& rig, const Names& names) {
+  std::vector<const Sensor*> found;
+  Names cameras;
+  for (const Sensor& sensor : rig.sensors)
+    if (sensor.type == "camera") cameras.push_back(sensor.name);
+  if (cameras.empty()) throw InputError("the rig has no camera");
+  for (const std::string& name : names.empty() ? cameras : names) {
+    const auto sensor = std::find_if(rig.sensors.begin(), rig.sensors.end(),
+                                     [&](const Sensor& s) { return s.name == name; });
+    if (sensor == rig.sensors.end() || sensor->type != "camera")
+      throw InputError("--sensor: '" + name + "' is no camera of the rig" +
+                       nearest_names(name, cameras) + "; valid: " + comma_separated(cameras));
+    found.push_back(&*sensor);
+  }
+  return found;
+}
+
+}  // namespace kincal

@@ -1,0 +1,37 @@
+// A camera's lens as plain numbers: what rig.yaml has of it, and what the files of other programs
+// are read into and written from.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/rig/rig.h"
+#include "../rig/types.h"
+#include "rig_entry.h"
+
+namespace kincal {
+
+struct LensNumbers {
+  std::string name;                // of the camera; "" where a file has none
+  std::string model = "pinhole";   // as in rig.yaml: pinhole, brown_conrady, kannala_brandt
+  std::vector<double> intrinsics;  // fx fy cx cy
+  std::vector<double> distortion;  // none, 5 or 8, 4: as in rig.yaml
+  double baseline = 0;             // m
+  int width = 0, height = 0;       // px; 0: unknown
+};
+
+/// Returns a number with a point: readers of YAML 1.1 (PyYAML, OpenCV) take 1 for an integer and
+/// 1e-05 for a text.
+std::string real_text(double value);
+
+/// Returns what a rig's camera has.
+LensNumbers lens_of(const Sensor& camera);
+
+/// Returns the keys of rig.yaml that say the same.
+RigKeys lens_keys(const LensNumbers& lens);
+
+/// Returns the sensors of these names; without names all cameras of the rig.
+/// @throws InputError: an unknown name, a sensor that is no camera, no camera at all
+std::vector<const Sensor*> cameras_of(const Rig& rig, const Names& names);
+
+}  // namespace kincal

@@ -1,0 +1,657 @@
+"""Files of other programs, out and in: python3 exchange_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Proves: what `export` writes is what ROS, OpenCV, Kalibr and easy_handeye read, as far as a YAML reader and their own formulas (written
+here) tell: camera_info's P projects as the rig's camera does, T_cn_cnm1 and the static transforms are where the rig's frames are; `import`
+of what was exported gives the same numbers; files as those programs write them are read, and what kincal does not have is refused with
+file, line, field and what is valid; poses of a flange in the conventions of six makers against elementary rotations; samples of hand-eye
+programs, calibrated, give the pose that they were made with. Not proved: that every version of these programs takes the files.
+"""
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+import yaml
+
+SOURCE_DIR = KINCAL = None
+
+URDF = """<robot name="arm"><link name="base"/><link name="arm"/><link name="tool"/><link name="cam_mount"/><link name="optical"/><link name="second"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="arm"/><child link="tool"/><origin xyz="0.3 0 0"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="cam_joint" type="fixed"><parent link="tool"/><child link="optical"/><origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/></joint>
+<joint name="mount2" type="fixed"><parent link="tool"/><child link="second"/><origin xyz="0.1 0 0.03" rpy="0.1 -0.2 0.3"/></joint>
+<joint name="wall" type="fixed"><parent link="base"/><child link="cam_mount"/><origin xyz="1 0 0.5" rpy="0 0 3"/></joint></robot>
+"""
+
+RIG = """# my rig: this comment stays
+format: kincal/1
+robot: arm.urdf   # the arm
+base: base
+targets:
+  board:          # on the wall
+    type: chessboard
+    rows: 4       # inner corners
+    columns: 5
+    square: 0.03
+    mount: {link: base, pose: {xyz: [1, 0.1, 0.2], rpy: [0.1, 0.2, 0.3]}}
+  held: {type: points, points: [[0, 0, 0]], mount: {link: tool, pose: {xyz: [0.2, 0, 0.01]}}}
+sensors:
+  # the first camera
+  left:
+    type: camera
+    link: optical
+    pose: {xyz: [0.001, 0.00002, 0.003], rpy: [0.01, 0.02, 0.03]}
+    model: brown_conrady         # the lens
+    image_size: [640, 480]
+    intrinsics: [500.5, 501.25, 320.125, 240.75]   # fx fy cx cy
+    distortion: [-0.21, 0.11, 0.001, -0.002, 0.03]
+    sigma: 0.2
+  right:
+    type: camera
+    link: second
+    pose: {xyz: [0, 0.1, 0], rpy: [0.2, 0, 0]}
+    model: kannala_brandt
+    image_size: [800, 600]
+    intrinsics: [300, 301, 400, 300]
+    distortion: [0.01, -0.02, 0.003, -0.0004]
+    sigma: 0.2
+  fixed: {type: camera, link: cam_mount, pose: {xyz: [0, 0, 0.2], rpy: [1, 0, 0]}, model: brown_conrady, image_size: [1280, 960],
+          intrinsics: [900, 901, 640, 480], distortion: [0.1, 0.2, 0.001, 0.002, 0.3, 0.01, 0.02, 0.03], sigma: 0.2}
+  stereo:
+    type: camera
+    link: optical
+    model: pinhole
+    intrinsics: [400, 400, 320, 240]
+    image_size: [640, 480]
+    baseline: 0.09
+    sigma: 0.2
+"""
+
+
+# ------------------------------------------------------------------------------------------------ independent formulas
+def rpy(r, p, y):
+    rx = np.array([[1, 0, 0], [0, math.cos(r), -math.sin(r)], [0, math.sin(r), math.cos(r)]])
+    ry = np.array([[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]])
+    rz = np.array([[math.cos(y), -math.sin(y), 0], [math.sin(y), math.cos(y), 0], [0, 0, 1]])
+    return rz @ ry @ rx
+
+
+def pose(xyz=(0, 0, 0), angles=(0, 0, 0)):
+    t = np.eye(4)
+    t[:3, :3], t[:3, 3] = rpy(*angles), xyz
+    return t
+
+
+def from_quat(xyz, q):
+    x, y, z, w = q
+    t = np.eye(4)
+    t[:3, :3] = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                 [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    t[:3, 3] = xyz
+    return t
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.write("arm.urdf", URDF)
+        self.write("rig.yaml", RIG)
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def path(self, name):
+        return os.path.join(self.folder.name, name)
+
+    def write(self, name, text):
+        with open(self.path(name), "w", encoding="utf-8") as file:
+            file.write(text)
+
+    def read(self, name):
+        with open(self.path(name), encoding="utf-8") as file:
+            return file.read()
+
+    def run_kincal(self, *arguments):
+        return subprocess.run([KINCAL, *arguments], cwd=self.folder.name, capture_output=True, text=True, timeout=120)
+
+    def good(self, *arguments):
+        run = self.run_kincal(*arguments)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        return run
+
+    def fails(self, arguments, *words):
+        run = self.run_kincal(*arguments)
+        self.assertEqual(run.returncode, 1, run.stdout)
+        self.assertEqual(run.stdout, "")
+        for word in words:
+            self.assertIn(word, run.stderr)
+        self.assertEqual(run.stderr.count("\n"), 1, run.stderr)
+
+    def exported(self, *arguments):
+        return self.good("export", "rig.yaml", "--as", *arguments).stdout
+
+    def sensor(self, rig, name):
+        return yaml.safe_load(self.read(rig))["sensors"][name]
+
+    def same_camera(self, a, b, baseline=True):
+        for key in ("model", "image_size", "intrinsics", "distortion") + (("baseline",) if baseline else ()):
+            plain = [[float(v) for v in one] if isinstance(one, list) else one for one in (a.get(key), b.get(key))]  # PyYAML takes 4e-04 for a text
+            self.assertEqual(plain[0], plain[1], key)
+
+
+# ------------------------------------------------------------------------------------------------ out
+class Export(Case):
+    def test_camera_info(self):
+        info = yaml.safe_load(self.exported("camera_info", "--sensor", "left"))
+        self.assertEqual((info["image_width"], info["image_height"], info["camera_name"], info["distortion_model"]), (640, 480, "left", "plumb_bob"))
+        self.assertEqual(info["camera_matrix"], {"rows": 3, "cols": 3, "data": [500.5, 0, 320.125, 0, 501.25, 240.75, 0, 0, 1]})
+        self.assertEqual(info["distortion_coefficients"], {"rows": 1, "cols": 5, "data": [-0.21, 0.11, 0.001, -0.002, 0.03]})
+        self.assertEqual(info["rectification_matrix"]["data"], [1, 0, 0, 0, 1, 0, 0, 0, 1])
+        self.assertEqual(info["projection_matrix"], {"rows": 3, "cols": 4, "data": [500.5, 0, 320.125, 0, 0, 501.25, 240.75, 0, 0, 0, 1, 0]})
+        self.assertTrue(all(isinstance(v, float) for v in info["camera_matrix"]["data"]))
+        self.assertEqual(yaml.safe_load(self.exported("camera_info", "--sensor", "right"))["distortion_model"], "equidistant")
+        self.assertEqual(yaml.safe_load(self.exported("camera_info", "--sensor", "fixed"))["distortion_model"], "rational_polynomial")
+
+    def test_right_camera_of_a_pair(self):
+        p = np.reshape(yaml.safe_load(self.exported("camera_info", "--sensor", "stereo"))["projection_matrix"]["data"], (3, 4))
+        point = np.array([0.3, -0.1, 2.0, 1.0])
+        u = p @ point
+        self.assertAlmostEqual(u[0] / u[2], 400 * (0.3 - 0.09) / 2 + 320, places=9)
+
+    def test_opencv(self):
+        text = self.exported("opencv", "--sensor", "right")
+        self.assertTrue(text.startswith("%YAML:1.0\n---\n"))
+        data = yaml.safe_load(text.split("---\n")[1].replace("!!opencv-matrix", ""))
+        self.assertEqual(data["camera_matrix"], {"rows": 3, "cols": 3, "dt": "d", "data": [300, 0, 400, 0, 301, 300, 0, 0, 1]})
+        self.assertEqual((data["distortion_coefficients"]["rows"], data["distortion_coefficients"]["data"]), (4, [0.01, -0.02, 0.003, -0.0004]))
+        self.assertEqual(data["fisheye_model"], 1)
+        self.assertIn("baseline", self.good("export", "rig.yaml", "--as", "opencv", "--sensor", "stereo").stderr)
+
+    def test_kalibr(self):
+        self.fails(["export", "rig.yaml", "--as", "kalibr", "--sensor", "left"], "radtan", "k3", "--fix 'sensor/left/distortion.k3'")
+        self.write("rig.yaml", RIG.replace("-0.002, 0.03]", "-0.002, 0]"))
+        run = self.good("export", "rig.yaml", "--as", "kalibr", "--sensor", "left", "--sensor", "right", "--sensor", "stereo")
+        chain = yaml.safe_load(run.stdout)
+        self.assertEqual(list(chain), ["cam0", "cam1", "cam2"])
+        self.assertEqual(chain["cam0"]["distortion_coeffs"], [-0.21, 0.11, 0.001, -0.002])
+        self.assertEqual((chain["cam1"]["camera_model"], chain["cam1"]["distortion_model"]), ("pinhole", "equidistant"))
+        self.assertEqual(chain["cam1"]["resolution"], [800, 600])
+        tool_left = pose((0.01, 0.02, 0.03), (0.1, 0.2, 0.3)) @ pose((0.001, 0.00002, 0.003), (0.01, 0.02, 0.03))
+        tool_right = pose((0.1, 0, 0.03), (0.1, -0.2, 0.3)) @ pose((0, 0.1, 0), (0.2, 0, 0))
+        np.testing.assert_allclose(chain["cam1"]["T_cn_cnm1"], np.linalg.inv(tool_right) @ tool_left, atol=1e-12)
+        self.assertNotIn("T_cn_cnm1", chain["cam0"])
+        self.assertNotIn("T_cn_cnm1", chain["cam2"])  # its pose is not in the rig
+        self.assertIn("cam2", run.stderr)
+        moving = self.good("export", "rig.yaml", "--as", "kalibr", "--sensor", "right", "--sensor", "left")
+        self.assertEqual(moving.stderr, "")
+
+    def test_static_transforms(self):
+        lines = self.exported("static_transforms").splitlines()
+        ros2 = [line.split() for line in lines if line.startswith("ros2 run tf2_ros static_transform_publisher")]
+        ros1 = [line.split() for line in lines if line.startswith("# ROS 1: rosrun tf2_ros static_transform_publisher")]
+        self.assertEqual([words[-1] for words in ros2], ["left", "right", "fixed", "board", "held"])
+        words = dict(zip(ros2[0][4::2], ros2[0][5::2]))
+        self.assertEqual((words["--frame-id"], words["--child-frame-id"]), ("optical", "left"))
+        found = from_quat([float(words["--" + k]) for k in "xyz"], [float(words["--q" + k]) for k in "xyzw"])
+        np.testing.assert_allclose(found, pose((0.001, 0.00002, 0.003), (0.01, 0.02, 0.03)), atol=1e-12)
+        self.assertEqual([float(v) for v in ros1[0][6:13]], [float(words[k]) for k in ("--x", "--y", "--z", "--qx", "--qy", "--qz", "--qw")])
+        self.assertEqual(ros1[0][13:], ["optical", "left"])
+        self.assertEqual(self.exported("static_transforms", "--sensor", "fixed").count("ros2 run"), 1)
+
+    def test_easy_handeye(self):
+        data = yaml.safe_load(self.exported("easy_handeye", "--sensor", "left"))
+        self.assertEqual(data["parameters"]["eye_on_hand"], True)
+        self.assertEqual(data["parameters"]["robot_base_frame"], "base")
+        self.assertEqual(data["parameters"]["robot_effector_frame"], "optical")
+        t = data["transformation"]
+        self.assertTrue(all(isinstance(v, float) for v in t.values()), t)  # 2e-05 would be a text
+        np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]),
+                                   pose((0.001, 0.00002, 0.003), (0.01, 0.02, 0.03)), atol=1e-12)
+        data = yaml.safe_load(self.exported("easy_handeye", "--sensor", "fixed"))
+        self.assertEqual(data["parameters"]["eye_on_hand"], False)
+        self.assertEqual((data["parameters"]["robot_effector_frame"], data["parameters"]["tracking_marker_frame"]), ("tool", "held"))
+        t = data["transformation"]
+        np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]),
+                                   pose((1, 0, 0.5), (0, 0, 3)) @ pose((0, 0, 0.2), (1, 0, 0)), atol=1e-12)
+        two = yaml.safe_load(self.exported("easy_handeye2", "--sensor", "fixed"))
+        self.assertEqual((two["parameters"]["calibration_type"], two["parameters"]["name"]), ("eye_on_base", "fixed"))
+        self.assertEqual([two["transform"]["translation"][k] for k in "xyz"] + [two["transform"]["rotation"][k] for k in "xyzw"],
+                         [t[k] for k in ("x", "y", "z", "qx", "qy", "qz", "qw")])
+
+    def test_a_joint_as_mount(self):
+        self.write("rig.yaml", RIG.replace("pose: {xyz: [0.001, 0.00002, 0.003], rpy: [0.01, 0.02, 0.03]}", "mount: joint/cam_joint"))
+        data = yaml.safe_load(self.exported("easy_handeye", "--sensor", "left"))
+        self.assertEqual((data["parameters"]["robot_effector_frame"], data["parameters"]["tracking_base_frame"]), ("tool", "optical"))
+        t = data["transformation"]
+        np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]),
+                                   pose((0.01, 0.02, 0.03), (0.1, 0.2, 0.3)), atol=1e-12)
+        text = self.exported("static_transforms", "--sensor", "left")
+        self.assertIn("--frame-id tool --child-frame-id optical", text)
+        self.assertIn("already", text)
+
+    def test_wrong(self):
+        self.fails(["export", "rig.yaml", "--as", "camera_inf"], "--as", "camera_info", "kalibr")
+        self.fails(["export", "rig.yaml", "--as", "camera_info"], "one sensor", "left, right, fixed, stereo")
+        self.fails(["export", "rig.yaml", "--as", "camera_info", "--sensor", "lef"], "'lef'", "nearest: left")
+        self.fails(["export", "rig.yaml", "--as", "easy_handeye", "--sensor", "stereo"], "sensors.stereo", "pose", "kincal calibrate")
+        self.write("rig.yaml", RIG.replace("    image_size: [640, 480]\n    intrinsics: [500.5", "    intrinsics: [500.5"))
+        self.fails(["export", "rig.yaml", "--as", "camera_info", "--sensor", "left"], "sensors.left", "image_size")
+        self.fails(["export", "nowhere", "--as", "kalibr"], "nowhere")
+        self.good("export", "rig.yaml", "--as", "opencv", "--sensor", "left", "--out", "file.yml")
+        self.fails(["export", "rig.yaml", "--as", "opencv", "--sensor", "left", "--out", "file.yml"], "file.yml", "--force")
+
+
+# ------------------------------------------------------------------------------------------------ in
+class Import(Case):
+    def round_trip(self, format, name, file="camera.yaml", *more):
+        self.good("export", "rig.yaml", "--as", format, "--sensor", name, "--out", file, "--force")
+        blank = RIG.replace("[500.5, 501.25, 320.125, 240.75]", "[1, 1, 0, 0]").replace("[300, 301, 400, 300]", "[1, 1, 0, 0]")
+        blank = blank.replace("[-0.21, 0.11, 0.001, -0.002, 0.03]", "[0, 0, 0, 0, 0]").replace("    baseline: 0.09\n", "")
+        self.write("blank.yaml", blank)
+        self.good("import", file, "--rig", "blank.yaml", "--sensor", name, "--out", "new.yaml", "--force", *more)
+        self.same_camera(self.sensor("new.yaml", name), self.sensor("rig.yaml", name), format == "camera_info")
+
+    def test_round_trips(self):
+        for format in ("camera_info", "opencv"):
+            for name in ("left", "right", "fixed", "stereo"):
+                with self.subTest(format=format, name=name):
+                    self.round_trip(format, name)
+        self.write("rig.yaml", RIG.replace("-0.002, 0.03]", "-0.002, 0]"))
+        for name in ("left", "right"):
+            self.round_trip("kalibr", name)
+
+    def test_comments_stay(self):
+        self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "right", "--out", "c.yaml")
+        run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "left", "--out", "new.yaml")
+        self.assertIn("800 x 600", run.stderr)  # another size than the rig's
+        old, new = RIG.splitlines(), self.read("new.yaml").splitlines()
+        self.assertEqual(len(old), len(new))
+        changed = [(a, b) for a, b in zip(old, new) if a != b]
+        self.assertEqual([b.split(":")[0].strip() for a, b in changed], ["model", "image_size", "intrinsics", "distortion"])
+        self.assertEqual(changed[0][1], "    model: kannala_brandt        # the lens")
+        self.assertIn("# fx fy cx cy", changed[2][1])
+
+    def test_another_folder(self):
+        os.mkdir(self.path("sub"))
+        self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "left", "--out", "c.yaml")
+        self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "left", "--out", "sub/new.yaml")
+        self.assertIn("robot: ../arm.urdf", self.read("sub/new.yaml"))
+        self.assertIn("# the arm", self.read("sub/new.yaml"))
+
+    def test_printed(self):
+        self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "left", "--out", "c.yaml")
+        keys = yaml.safe_load(self.good("import", "c.yaml").stdout)
+        self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [500.5, 501.25, 320.125, 240.75],
+                                "distortion": [-0.21, 0.11, 0.001, -0.002, 0.03]})
+
+    def test_message(self):
+        """As `ros2 topic echo --once` and `rostopic echo` print it."""
+        for k, d, r, p in (("k", "d", "r", "p"), ("K", "D", "R", "P")):
+            self.write("m.yaml", f"""header:
+  stamp:
+    sec: 1
+    nanosec: 2
+  frame_id: cam
+height: 480
+width: 640
+distortion_model: rational_polynomial
+{d}:
+- 0.1
+- 0.2
+- 0.001
+- 0.002
+- 0.3
+- 0.4
+- 0.5
+- 0.6
+{k}: [600.0, 0.0, 320.0, 0.0, 601.0, 240.0, 0.0, 0.0, 1.0]
+{r}: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+{p}: [600.0, 0.0, 320.0, -60.0, 0.0, 601.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 0
+roi:
+  x_offset: 0
+---
+""")
+            keys = yaml.safe_load(self.good("import", "m.yaml").stdout)
+            self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [600, 601, 320, 240],
+                                    "distortion": [0.1, 0.2, 0.001, 0.002, 0.3, 0.4, 0.5, 0.6], "baseline": 0.1})
+
+    def test_rectified(self):
+        text = self.exported("camera_info", "--sensor", "left")
+        turned = text.replace("data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]", "data: [0.8, -0.6, 0.0, 0.6, 0.8, 0.0, 0.0, 0.0, 1.0]")
+        turned = turned.replace("[500.5, 0.0, 320.125, 0.0, 0.0, 501.25, 240.75, 0.0,", "[450.0, 0.0, 330.0, -45.0, 0.0, 450.0, 230.0, 0.0,")
+        self.assertEqual(turned.count("450.0"), 2)
+        self.write("c.yaml", turned)
+        run = self.good("import", "c.yaml")
+        self.assertIn("--rectified", run.stderr)
+        self.assertEqual(yaml.safe_load(run.stdout)["intrinsics"], [500.5, 501.25, 320.125, 240.75])
+        self.assertNotIn("baseline", run.stdout)
+        self.assertEqual(yaml.safe_load(self.good("import", "c.yaml", "--rectified").stdout),
+                         {"model": "pinhole", "image_size": [640, 480], "intrinsics": [450, 450, 330, 230], "baseline": 0.1})
+
+    def test_opencv(self):
+        """As OpenCV's own calibration programs write it, in both of its texts."""
+        self.write("c.yml", """%YAML:1.0
+---
+calibration_time: "Mon Nov 23 03:02:04 2026"
+image_width: 640
+image_height: 480
+flags: 0
+fisheye_model: 0
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 6.5746697810243404e+02, 0., 3.1950000000000000e+02, 0.,
+       6.5746697810243404e+02, 2.3950000000000000e+02, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -2.6637260909660682e-01, -3.8588898922304653e-02, 1.7831947042852964e-03,
+       -2.8122100441115472e-04, 2.3839153080878486e-01 ]
+avg_reprojection_error: 2.2
+""")
+        self.write("c.xml", """<?xml version="1.0"?>
+<opencv_storage>
+<calibration_time>"Mon Nov 23 03:02:04 2026"</calibration_time>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    6.5746697810243404e+02 0. 3.1950000000000000e+02 0.
+    6.5746697810243404e+02 2.3950000000000000e+02 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id="opencv-matrix">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    -2.6637260909660682e-01 -3.8588898922304653e-02
+    1.7831947042852964e-03 -2.8122100441115472e-04
+    2.3839153080878486e-01</data></distortion_coefficients>
+</opencv_storage>
+""")
+        expected = {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [657.46697810243404] * 2 + [319.5, 239.5],
+                    "distortion": [-0.26637260909660682, -0.038588898922304653, 0.0017831947042852964, -0.00028122100441115472, 0.23839153080878486]}
+        for name in ("c.yml", "c.xml"):
+            self.assertEqual(yaml.safe_load(self.good("import", name).stdout), expected)
+        self.write("f.yml", "%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 300., 0., 400., 0., 301., 300., 0., 0., 1. ]\n"
+                            "D: !!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ 0.1, 0.2, 0.3, 0.4 ]\n")
+        self.assertEqual(yaml.safe_load(self.good("import", "f.yml").stdout)["distortion"], [0.1, 0.2, 0.3, 0.4, 0])
+        self.assertEqual(yaml.safe_load(self.good("import", "f.yml", "--fisheye").stdout),
+                         {"model": "kannala_brandt", "intrinsics": [300, 301, 400, 300], "distortion": [0.1, 0.2, 0.3, 0.4]})
+
+    def test_stereo_pair(self):
+        matrix = "%s: !!opencv-matrix\n   rows: %d\n   cols: %d\n   dt: d\n   data: [ %s ]\n"
+        self.write("s.yml", "%YAML:1.0\n---\n" + "".join(
+            matrix % ("M%d" % i, 3, 3, "%d00., 0., 320., 0., %d00., 240., 0., 0., 1." % (i + 5, i + 5)) +
+            matrix % ("D%d" % i, 1, 5, "0.%d, 0., 0., 0., 0." % i) for i in (1, 2)))
+        self.fails(["import", "s.yml"], "s.yml", "--camera 1")
+        keys = yaml.safe_load(self.good("import", "s.yml", "--camera", "2").stdout)
+        self.assertEqual((keys["intrinsics"], keys["distortion"][0]), ([700, 700, 320, 240], 0.2))
+
+    def test_wrong_cameras(self):
+        good = self.exported("camera_info", "--sensor", "left")
+
+        def refused(text, *words):
+            self.write("c.yaml", text)
+            self.fails(["import", "c.yaml", "--rig", "rig.yaml", "--sensor", "left", "--out", "new.yaml"], "c.yaml", *words)
+            self.assertFalse(os.path.exists(self.path("new.yaml")))
+
+        refused(good.replace("plumb_bob", "plum_bob"), "c.yaml:8: distortion_model", "'plum_bob'", "plumb_bob", "equidistant")
+        refused(good.replace("501.25, 240.75, 0.0, 0.0, 1.0]", "501.25, 240.75, 0.0, 0.0]", 1), "c.yaml:7: camera_matrix.data", "rows x cols")
+        refused(good.replace("data: [500.5, 0.0, 320.125, 0.0,", "data: [500.5, 2.0, 320.125, 0.0,", 1), "camera_matrix", "skew of 2 px")
+        refused(good.replace("500.5", "0").replace("501.25", "0"), "camera_matrix", "not calibrated")
+        refused(good.replace("data: [-0.21, 0.11,", "data: [.nan, 0.11,"), "distortion_coefficients")
+        refused(good.replace("camera_matrix", "camera_matrx"), "no camera in this file", "camera_matrix", "cam0")
+        refused("", "empty")
+        refused("<robot/>", "opencv_storage")
+        refused("PK\x03\x04", "zip")
+        chain = "cam0:\n  camera_model: %s\n  intrinsics: [0.5, 400, 400, 320, 240]\n  distortion_model: %s\n  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [640, 480]\n"
+        for model in ("omni", "ds", "eucm"):
+            refused(chain % (model, "none"), "c.yaml:2: cam0.camera_model", "'%s'" % model, "radtan", "equidistant")
+        refused((chain % ("pinhole", "fov")).replace("0.5, ", ""), "c.yaml:4: cam0.distortion_model", "'fov'", "radtan")
+        refused(chain % ("pinhole", "radtan"), "cam0.intrinsics", "4")
+        self.write("c.yaml", good)
+        self.fails(["import", "c.yaml", "--rig", "rig.yaml", "--out", "new.yaml"], "--sensor", "left, right, fixed, stereo")
+        self.fails(["import", "c.yaml", "--rig", "rig.yaml", "--sensor", "lft", "--out", "new.yaml"], "'lft'", "left")
+        self.fails(["import", "c.yaml", "--rig", "rig.yaml", "--sensor", "left"], "--out")
+        self.fails(["import", "c.yaml", "--out", "new.yaml"], "--rig")
+        self.fails(["import", "rig.yaml"], "this is a rig")
+
+    def test_camchain(self):
+        self.write("c.yaml", """cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.2, 0.1, 0.001, 0.002]
+  distortion_model: radtan
+  intrinsics: [461.6, 460.3, 362.7, 246.6]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [0.99, 0.0, 0.0, -0.11]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [0.1, 0.2, 0.3, 0.4]
+  distortion_model: equidistant
+  intrinsics: [461.6, 460.3, 362.7, 246.6]
+  resolution: [752, 480]
+  rostopic: /cam1/image_raw
+""")
+        self.fails(["import", "c.yaml"], "--camera", "cam0, cam1")
+        self.fails(["import", "c.yaml", "--camera", "cam3"], "cam3", "cam0, cam1")
+        self.assertEqual(yaml.safe_load(self.good("import", "c.yaml", "--camera", "cam0").stdout),
+                         {"model": "brown_conrady", "image_size": [752, 480], "intrinsics": [461.6, 460.3, 362.7, 246.6], "distortion": [-0.2, 0.1, 0.001, 0.002, 0]})
+        run = self.good("import", "c.yaml", "--camera", "cam1")
+        self.assertIn("T_cn_cnm1", run.stderr)
+        self.assertEqual(yaml.safe_load(run.stdout)["model"], "kannala_brandt")
+
+    def test_targets(self):
+        self.write("a.yaml", "target_type: 'aprilgrid' #gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.088\ntagSpacing: 0.3\ncodeOffset: 0\n")
+        self.good("import", "a.yaml", "--rig", "rig.yaml", "--target", "board", "--out", "new.yaml")
+        board = yaml.safe_load(self.read("new.yaml"))["targets"]["board"]
+        mount = board.pop("mount")
+        self.assertEqual(mount["link"], "base")
+        self.assertEqual(board, {"type": "apriltag_grid", "rows": 5, "columns": 6, "tag": 0.088, "spacing": 0.3, "family": "tag36h11"})
+        self.assertIn("# on the wall", self.read("new.yaml"))
+        self.write("c.yaml", "target_type: 'checkerboard'\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: 0.06\n")
+        self.assertEqual(yaml.safe_load(self.good("import", "c.yaml").stdout), {"type": "chessboard", "rows": 7, "columns": 6, "square": 0.06})
+        self.write("g.yaml", "target_type: 'circlegrid'\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02\nasymmetricGrid: True\n")
+        self.assertEqual(yaml.safe_load(self.good("import", "g.yaml").stdout), {"type": "circles", "rows": 7, "columns": 6, "spacing": 0.02, "asymmetric": True})
+        self.good("import", "g.yaml", "--rig", "new.yaml", "--target", "held", "--out", "other.yaml")
+        held = yaml.safe_load(self.read("other.yaml"))["targets"]["held"]
+        self.assertEqual((held["type"], held["mount"]["link"], held.get("points")), ("circles", "tool", None))
+        for text, words in (("target_type: ring\n", ("a.yaml:1: target_type", "checkerboard, circlegrid, aprilgrid")),
+                            ("target_type: aprilgrid\ntagCols: 6\ntagRows: 0\n", ("a.yaml:3: tagRows", "integer")),
+                            ("target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ncodeOffset: 4\n", ("codeOffset", "tag 0")),
+                            ("target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: 0.05\n", ("colSpacingMeters", "squares"))):
+            self.write("a.yaml", text)
+            self.fails(["import", "a.yaml"], *words)
+        self.write("c2.yaml", self.exported("camera_info", "--sensor", "left"))
+        self.fails(["import", "c2.yaml", "--target", "board"], "target_type")
+
+
+# ------------------------------------------------------------------------------------------------ poses
+def about(axis, angle):
+    """Rodrigues."""
+    x, y, z = axis
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
+
+
+X, Y, Z = np.eye(3)
+
+
+def quat_of(r):
+    """x y z w of a rotation by its eigenvector: another way than the program's."""
+    values, vectors = np.linalg.eig(r)
+    axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])
+    axis /= np.linalg.norm(axis)
+    angle = math.atan2(np.dot([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]], axis), np.trace(r) - 1)
+    return [*(axis * math.sin(angle / 2)), math.cos(angle / 2)]
+
+
+DEG = math.pi / 180
+
+
+class Poses(Case):
+    def lines(self, *arguments):
+        return [json.loads(line) for line in self.good("import", *arguments).stdout.splitlines()]
+
+    def flange(self, line):
+        reading = line["joints"]["flange"]
+        return from_quat(reading["xyz"], reading["quat"])
+
+    def test_formats(self):
+        """Each convention against elementary rotations by Rodrigues' formula."""
+        rng = np.random.default_rng(1)
+        for _ in range(5):
+            a, b, c = rng.uniform(-1.4, 1.4, 3)
+            xyz = rng.uniform(-1, 1, 3)
+            zyx = about(Z, c) @ about(Y, b) @ about(X, a)  # rpy (a, b, c)
+            x, y, z, w = quat_of(zyx)
+            axis = rng.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            t = np.eye(4)
+            t[:3, :3], t[:3, 3] = zyx, xyz
+            for format, numbers, rotation in (
+                    ("xyzw", [*xyz, x, y, z, w], zyx), ("wxyz", [*xyz, w, x, y, z], zyx), ("abb", [*(1000 * xyz), w, x, y, z], zyx),
+                    ("rpy", [*xyz, a, b, c], zyx), ("rpy_deg", [*xyz, a / DEG, b / DEG, c / DEG], zyx),
+                    ("fanuc", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, c) @ about(Y, b) @ about(X, a)),
+                    ("kuka", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, a) @ about(Y, b) @ about(X, c)),
+                    ("rotvec", [*xyz, *(axis * a)], about(axis, a)), ("matrix", list(t.flatten()), zyx)):
+                with self.subTest(format=format):
+                    self.write("p.csv", ",".join("%.17g" % n for n in numbers) + "\n")
+                    found = self.flange(self.lines("p.csv", "--pose-format", format)[0])
+                    np.testing.assert_allclose(found[:3, :3], rotation, atol=1e-12)
+                    np.testing.assert_allclose(found[:3, 3], xyz, atol=1e-12)
+
+    def test_columns(self):
+        self.write("p.csv", "image,time,C,B,A,Z,Y,X,speed\nimages/0001.png,12.5,30,20,10,300,200,100,1\nimages/0002.png,13.5,0,0,0,0,0,0,2\n")
+        lines = self.lines("p.csv", "--pose-format", "kuka")
+        self.assertEqual([line["id"] for line in lines], ["0001", "0002"])
+        self.assertEqual((lines[0]["time"], lines[0]["image"]), (12.5, "images/0001.png"))
+        t = self.flange(lines[0])
+        np.testing.assert_allclose(t[:3, 3], [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(t[:3, :3], about(Z, 10 * DEG) @ about(Y, 20 * DEG) @ about(X, 30 * DEG), atol=1e-12)
+        lines = self.lines("p.csv", "--pose-format", "kuka", "--sensor", "cam", "--target", "board")
+        self.assertEqual(lines[0]["views"], [{"sensor": "cam", "target": "board", "image": "images/0001.png"}])
+        self.write("p.csv", "0.1 0.2 0.3 0 0 0 1\n0.2 0.2 0.3 0 0 0 1\n")
+        self.assertEqual([line["id"] for line in self.lines("p.csv", "--pose-format", "xyzw")], ["pose_001", "pose_002"])
+        self.write("p.csv", "a.png;100;200;300;0;0;0;1\n")
+        line = self.lines("p.csv", "--pose-format", "xyzw", "--unit", "mm")[0]
+        self.assertEqual((line["id"], line["image"]), ("a", "a.png"))
+        self.assertEqual(line["joints"]["flange"]["xyz"], [0.1, 0.2, 0.3])
+        self.good("import", "p.csv", "--pose-format", "xyzw", "--unit", "mm", "--out", "p.jsonl")
+        self.assertEqual(json.loads(self.read("p.jsonl")), line)
+        self.assertIn("m", self.good("import", "p.csv", "--pose-format", "xyzw").stderr)  # 300 m away
+
+    def test_wrong(self):
+        for text, arguments, words in (
+                ("1,2,3,0.5,0.5,0,0\n", ["--pose-format", "xyzw"], ("p.csv:1", "length 1", "qx, qy, qz, qw")),
+                ("x,y,z,rx,ry,rz\n0,0,0,90,0,0\n", ["--pose-format", "rotvec"], ("p.csv:2: rx", "90", "rad")),
+                ("x,y,z,rx,ry\n", ["--pose-format", "rotvec"], ("p.csv:1", "x, y, z, rx, ry, rz")),
+                ("0,0,0,1,0,0\n0,0,0,1,0\n", ["--pose-format", "rotvec"], ("p.csv:2", "5 cells")),
+                ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
+                ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
+                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
+                ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
+                ("", ["--pose-format", "rpy"], ("no pose",)),
+                ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),
+                ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--sensor", "cam"], ("--target",)),
+                ("x,y,z\n1,2,3\n", [], ("CSV", "--pose-format"))):
+            with self.subTest(text=text, arguments=arguments):
+                self.write("p.csv", text)
+                self.fails(["import", "p.csv", *arguments], *words)
+
+
+class HandEye(Case):
+    """A camera that sees the whole pose of a board, on the hand and beside the robot."""
+
+    def simulated(self, in_hand, count=12):
+        rng = np.random.default_rng(2)
+        hand_sensor, base_target = pose((0.05, 0.02, 0.1), (0.2, 0.1, 1.5)), pose((0.8, 0.1, 0.05), (0.1, 3, 0.2))
+        base_sensor, hand_target = pose((1.2, 0.3, 0.6), (2, 0.1, 1)), pose((0.02, 0.03, 0.12), (0.1, 0.2, 0.3))
+        pairs = []
+        for _ in range(count):
+            flange = pose(rng.uniform(-0.3, 0.3, 3) + [0.5, 0, 0.5], rng.uniform(-1, 1, 3))
+            seen = np.linalg.inv(hand_sensor) @ np.linalg.inv(flange) @ base_target if in_hand else np.linalg.inv(base_sensor) @ flange @ hand_target
+            pairs.append((flange, seen))
+        return pairs, hand_sensor if in_hand else base_sensor
+
+    def check(self, folder, pairs, in_hand):
+        lines = [json.loads(line) for line in self.read(folder + "/samples.jsonl").splitlines()]
+        self.assertEqual(len(lines), len(pairs))
+        for line, (flange, seen) in zip(lines, pairs):
+            for found, expected in ((line["joints"]["flange"], flange), (line["views"][0]["pose"], seen)):
+                np.testing.assert_allclose(from_quat(found["xyz"], found["quat"]), expected, atol=1e-9)
+        rig = yaml.safe_load(self.read(folder + "/rig.yaml"))
+        self.assertEqual(rig["robot"], {"base": "base", "flange": "tool0"})
+        self.assertEqual((rig["sensors"]["camera"]["link"], rig["targets"]["board"]["mount"]["link"]),
+                         ("tool0", "base") if in_hand else ("base", "tool0"))
+
+    def transform(self, t):
+        x, y, z, w = quat_of(t[:3, :3])
+        return {"translation": dict(zip("xyz", map(float, t[:3, 3]))), "rotation": {"x": float(x), "y": float(y), "z": float(z), "w": float(w)}}
+
+    def test_moveit(self):
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_to_hand")):
+            pairs, _ = self.simulated(in_hand)
+            self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [float(v) for v in f.flatten()], "object_wrt_sensor": [float(v) for v in s.flatten()]}
+                                                 for f, s in pairs]))
+            self.good("import", "s.yaml", "--setup", setup, "--out", setup)
+            self.check(setup, pairs, in_hand)
+
+    def test_easy_handeye(self):
+        """eye on base: easy_handeye stores the robot's transform the other way round."""
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_on_base")):
+            pairs, _ = self.simulated(in_hand)
+            robot = [self.transform(f if in_hand else np.linalg.inv(f)) for f, _ in pairs]
+            tracking = [self.transform(s) for _, s in pairs]
+            self.write("two.samples", yaml.safe_dump({"samples": [{"robot": r, "tracking": t} for r, t in zip(robot, tracking)]}))
+            self.write("one.yaml", yaml.safe_dump({"samples": {"hand_world_samples": robot, "camera_marker_samples": tracking}}))
+            for name in ("two.samples", "one.yaml"):
+                self.good("import", name, "--setup", setup, "--out", setup, "--force")
+                self.check(setup, pairs, in_hand)
+
+    def test_calibrated(self):
+        """From the samples of a hand-eye program to the camera's pose, and out again."""
+        for in_hand, setup in ((True, "eye_in_hand"), (False, "eye_to_hand")):
+            pairs, truth = self.simulated(in_hand, 20)
+            self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [float(v) for v in f.flatten()], "object_wrt_sensor": [float(v) for v in s.flatten()]}
+                                                 for f, s in pairs]))
+            self.good("import", "s.yaml", "--setup", setup, "--out", setup)
+            self.run_kincal("calibrate", setup + "/rig.yaml", setup + "/samples.jsonl", "--out", setup + "_result", "--quiet")
+            data = yaml.safe_load(self.good("export", setup + "_result", "--as", "easy_handeye").stdout)
+            self.assertEqual(data["parameters"]["eye_on_hand"], in_hand)
+            t = data["transformation"]
+            np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]), truth, atol=1e-6)
+
+    def test_wrong(self):
+        self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [1] * 16, "object_wrt_sensor": [1] * 16}]))
+        self.fails(["import", "s.yaml", "--out", "x"], "--setup", "eye_in_hand")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand"], "--out")
+        self.fails(["import", "s.yaml", "--setup", "in_hand", "--out", "x"], "--setup", "eye_to_hand")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml", "effector_wrt_world", "rigid motion")
+        self.write("s.yaml", "- effector_wrt_world: [1, 2]\n  object_wrt_sensor: []\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml:1: [0].effector_wrt_world", "16")
+        self.write("s.yaml", "samples:\n- robot: {translation: {x: 0, y: 0, z: 0}, rotation: {x: 0, y: 0, z: 0, w: 0}}\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml:2: samples[0].robot.rotation", "length 1")
+        self.write("s.yaml", "samples: []\n")
+        self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "no sample")
+
+
+if __name__ == "__main__":
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=[sys.argv[0]] + sys.argv[3:], verbosity=2)
