@@ -32,6 +32,10 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Result WrongInput)
+  kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()

@@ -24,6 +24,7 @@ Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
 Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
+Command intrinsics_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 Command detect_command(CLI::App& app, std::vector<std::string> arguments);
 
