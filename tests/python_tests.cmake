@@ -32,13 +32,11 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-<<<<<<< HEAD
 foreach(group Export Import Poses HandEye)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
-=======
+endforeach()
 foreach(group Result WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
->>>>>>> wt-intrinsics
 endforeach()
 
 foreach(group Detect Missing)
