@@ -25,7 +25,7 @@ std::string motion_of(const Joint& j) {
 
 /// Links, joints, their topology and their motions must be the same; origins may differ.
 void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
-  const Tree &s = a.rig_file.rig.tree, &t = b.rig_file.rig.tree;
+  const Tree &s = a.rig_file.urdf.tree, &t = b.rig_file.urdf.tree;
   const auto refuse = [&](const std::string& why) {
     throw InputError(a.path + " and " + b.path + " are calibrations of different robots: " + why);
   };

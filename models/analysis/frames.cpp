@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "../../kinematics/floating.h"
 #include "../../solver/observability.h"
 #include "../rig/configuration.h"
 #include "../rig/draws.h"
@@ -100,7 +101,7 @@ std::vector<std::string> held_on_path(const Solution& solution, const Frame& fra
 std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table) {
   std::vector<Frame> out;
   for (size_t l = 0; l < rig.tree.links.size(); ++l)
-    if (reachable(rig, static_cast<int>(l)))
+    if (!is_between_axes(rig.tree, static_cast<int>(l)) && reachable(rig, static_cast<int>(l)))
       out.push_back({rig.tree.links[l], static_cast<int>(l), -1});
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     if (reachable(rig, rig.sensors[s].link))

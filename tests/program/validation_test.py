@@ -166,7 +166,7 @@ class Program(cli_test.Case):
                              ("sensor/mocap<1px", "m, mm, um, rad, mrad, deg"), ("sensor/tracker", "QUANTITY<LIMIT"), ("<1mm", "QUANTITY<LIMIT"),
                              ("tracker<1mm", "QUANTITY<LIMIT"), ("sensor/tracker<mm", "is no limit"), ("sensor/tracker<-1mm", "is no limit"),
                              ("sensor/tracker<1e999mm", "is no limit"), ("sensor/tracker<=1mm", "is no limit"), ("chi2/dof<1mm", "chi2/dof has no unit"),
-                             ("frame/tol<1mm", "no frame 'tol'", "tool"), ("frame/cart<1mm", "no frame 'cart'"), ("frame/tool<1px", "m, mm, um, rad")):
+                             ("frame/tol<1mm", "no frame 'tol'", "tool"), ("frame/tool<1px", "m, mm, um, rad")):
             self.fails(self.calibrate("--require", text), "--require", *words)
         self.fails(self.calibrate("--report-frame", "tol"), "--report-frame", "no frame 'tol'", "tool")
         self.fails(self.calibrate("--report-frame", "target/board"), "target/board")  # it has no place of its own

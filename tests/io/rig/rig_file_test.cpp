@@ -42,7 +42,7 @@ const char* kRobot = R"(<robot name="test">
   <joint name="finger2_joint" type="revolute"><parent link="hand_link"/><child link="finger2_link"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="finger_joint" multiplier="-1"/></joint>
   <joint name="tilt_joint" type="continuous"><parent link="base_link"/><child link="tilt_link"/><axis xyz="0 1 0"/></joint>
-  <joint name="cart_joint" type="floating"><parent link="base_link"/><child link="cart_link"/></joint>
+  <joint name="cart_joint" type="planar"><parent link="base_link"/><child link="cart_link"/></joint>
 </robot>
 )";
 
