@@ -67,13 +67,13 @@ std::string in_program_words(std::string message) {
     const size_t at = message.find(from);
     if (at != std::string::npos) message.replace(at, from.size(), to);
   };
-  for (const std::string option : {"free", "fix", "spread"}) {
+  for (const std::string option : {"free", "fix", "group", "spread"}) {
     const size_t end = message.find(']');
     if (message.rfind(option + "[", 0) == 0 && end != std::string::npos)
       message.replace(0, end + 1, "--" + option);
     if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
   }
-  for (const char* option : {"free", "fix"})  // of several warnings in one
+  for (const char* option : {"free", "fix", "group"})  // of several warnings in one
     for (size_t at; (at = message.find("; " + (option + std::string(" '")))) != std::string::npos;)
       message.insert(at + 2, "--");
   for (const auto& [place, option] : {std::pair("group[", "--group"), {"no_group[", "--no-group"}})
@@ -84,15 +84,26 @@ std::string in_program_words(std::string message) {
   replace("the group gears estimates", "--group gears estimates");
   replace("leave groups out, and look for mistakes",
           "leave groups out (--no-group), and look for mistakes (kincal check)");
+  replace("number take up another mistake? Look for mistakes",
+          "number take up another mistake? Look for mistakes (kincal check)");
   replace("look for mistakes before", "look for mistakes (kincal check) before");
   replace("have the noise estimated", "give --estimate-noise");
+  for (const auto& [mark, option] : {std::pair("(`fix`)", "(--fix)"), {"(`free`)", "(--free)"}})
+    while (message.find(mark) != std::string::npos) replace(mark, option);
   return message;
 }
 
-InputError with_nearest(const NameError& error, const Recording& recording) {
+InputError with_nearest(const NameError& error) {
+  const std::string what = in_program_words(error.what()),
+                    near = nearest_names(error.name, error.valid);
+  if (!near.empty() || what.find("matches no parameter") == std::string::npos)
+    return InputError(what +
+                      (near.empty() ? nearest_or_all(error.name, error.valid, "there are") : near));
   return InputError(
-      in_program_words(error.what()) +
-      nearest_names(error.name, error.valid.empty() ? recording.table.names() : error.valid));
+      what +
+      "; parameters are called joint/NAME/offset, /scale or /origin, sensor/NAME/pose, "
+      "/intrinsics, /distortion or /baseline, target/NAME/pose, /square or /points, "
+      "and * stands for anything");
 }
 
 std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
@@ -104,7 +115,7 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
     check_steps(*recording);
     return recording;
   } catch (const NameError& error) {
-    throw InputError(error.what() + nearest_names(error.name, error.valid));
+    throw with_nearest(error);
   } catch (const std::invalid_argument&
                error) {  // a step that frees or sees nothing: either file may be wrong
     const std::string what = error.what();
@@ -208,7 +219,7 @@ void check_names(const Job& job, const CalibrateSettings& settings) {
     for (size_t i = 0; i < settings.fix.size(); ++i)
       job.recording->table.find(settings.fix[i], "fix[" + std::to_string(i) + "]");
   } catch (const NameError& error) {
-    throw with_nearest(error, *job.recording);
+    throw with_nearest(error);
   } catch (const std::invalid_argument& error) {
     throw InputError(in_program_words(error.what()));
   }
@@ -223,7 +234,7 @@ std::vector<StepPlan> plan(const Job& job, const CalibrateSettings& settings) {
     }
     return out;
   } catch (const NameError& error) {
-    throw with_nearest(error, *job.recording);
+    throw with_nearest(error);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(in_program_words(error.what()));
   }
@@ -233,7 +244,7 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
   try {
     return make_groups(*job.recording, {settings.groups, settings.no_groups});
   } catch (const NameError& error) {
-    throw with_nearest(error, *job.recording);
+    throw with_nearest(error);
   }
 }
 
@@ -270,7 +281,7 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
     report.verdict.text = in_program_words(report.verdict.text);
     return report;
   } catch (const NameError& error) {
-    throw with_nearest(error, *job.recording);
+    throw with_nearest(error);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(in_program_words(error.what()));
   }

@@ -74,7 +74,7 @@ std::vector<Sample> parse_samples(const std::string& text, const std::string& pa
 Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress);
 
 /// Returns the error for the user: the unknown parameter name with the nearest ones that exist.
-InputError with_nearest(const NameError& error, const Recording& recording);
+InputError with_nearest(const NameError& error);
 /// Returns a message of the library in the program's terms: places in options ("free[0]",
 /// "last_step") become switches (--free, --step).
 std::string in_program_words(std::string message);

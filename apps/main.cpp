@@ -33,6 +33,17 @@ std::string unknown_option(const CLI::App& command) {
   return "";
 }
 
+/// What an argument is, for the message that it is missing: the first line of its help.
+std::string meaning(const CLI::App& command, const std::string& message) {
+  const std::string::size_type end = message.find(" is required");
+  for (const CLI::Option* option : command.get_options())
+    if (end != std::string::npos && option->get_name() == message.substr(0, end))
+      return message + " (" +
+             option->get_description().substr(0, option->get_description().find_first_of("\n;")) +
+             ")";
+  return message;
+}
+
 /// Returns the exit code, unless what was printed did not get where it should.
 int printed(int code) {
   if (std::cout.flush() && std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
@@ -124,11 +135,11 @@ int main(int argc, char** argv) {
                    what.c_str(), known.c_str());
       return kBadInput;
     }
-    const std::string unknown =
-        unknown_option(app.get_subcommands().empty() ? app : *app.get_subcommands()[0]);
+    const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands()[0];
+    const std::string unknown = unknown_option(command), what = meaning(command, error.what());
     std::fprintf(
         stderr, "kincal: error: %s\nRun `kincal%s --help` for more.\n",
-        unknown.empty() ? error.what() : unknown.c_str(),
+        unknown.empty() ? what.c_str() : unknown.c_str(),
         app.get_subcommands().empty() ? "" : (" " + app.get_subcommands()[0]->get_name()).c_str());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "kincal: error: %s\n", error_text(error).c_str());

@@ -108,7 +108,8 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
       out.push_back(requirement);
     }
     if (out.empty())
-      throw InputError(where + "unknown sensor '" + pattern + "'" + nearest_names(pattern, names));
+      throw InputError(where + "unknown sensor '" + pattern + "'" +
+                       nearest_or_all(pattern, names, "the rig has"));
   } else {
     throw malformed();
   }

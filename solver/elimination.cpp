@@ -411,7 +411,7 @@ void Arrowhead::bend_shared(int k) {
   }
 }
 
-bool Arrowhead::find_curvature(const VectorXd& state) {
+bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()>& go_on) {
   curved = false;
   if (ranges || !system.dense()) return false;
   Cost cost;
@@ -436,7 +436,7 @@ bool Arrowhead::find_curvature(const VectorXd& state) {
       const int place = stores[g].private_start + k;
       if (k < groups[g].private_size) private_step(place) = private_move(place);
     }
-    if (!linearise_beside(state)) return false;
+    if (!go_on() || !linearise_beside(state)) return false;
     for (size_t g = 0; g < groups.size(); ++g) bend_private(g, k);
   }
   private_step.setZero();
@@ -444,7 +444,7 @@ bool Arrowhead::find_curvature(const VectorXd& state) {
     if (shared_move(k) == 0) continue;
     shared_step.setZero();
     shared_step(k) = shared_move(k);
-    if (!linearise_beside(state)) return false;
+    if (!go_on() || !linearise_beside(state)) return false;
     bend_shared(k);
   }
   return curved = true;

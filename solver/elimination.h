@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -59,8 +60,9 @@ class Arrowhead {
   /// which assemble() adds to what it linearises from then on, until forget_curvature(). It takes
   /// as many linearisations as the widest group has private unknowns and the problem shared ones;
   /// the first time it allocates. Returns false, and there is none, for range problems and sparse
-  /// systems, and where a residual is undefined close by.
-  bool find_curvature(const VectorXd& state);
+  /// systems, where a residual is undefined close by, and where `go_on`, asked before each
+  /// linearisation, says no.
+  bool find_curvature(const VectorXd& state, const std::function<bool()>& go_on);
   void forget_curvature() { curved = false; }
   bool has_curvature() const { return curved; }
   /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease

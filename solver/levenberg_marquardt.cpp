@@ -47,6 +47,12 @@ struct LevenbergMarquardt::Workspace {
 
   Workspace(Problem& problem, SolverOptions o)
       : options(std::move(o)), arrowhead(problem, options.linear_solver, options.threads) {
+    go_on = [this] {
+      cancelled =
+          options.progress && !options.progress(summary.iterations, summary.history.back().first,
+                                                summary.history.back().second);
+      return !cancelled;
+    };
     if (arrowhead.ranges) return;
     const Eigen::Index unknowns = arrowhead.n + arrowhead.private_size;
     for (std::vector<VectorXd>* vectors : {&found, &taken})
@@ -154,7 +160,7 @@ struct LevenbergMarquardt::Workspace {
   /// Second derivatives are looked for where undamped steps go on and on near the minimum. Each
   /// time has to wait twice as long.
   void find_curvature(const VectorXd& state) {
-    if (wait-- > 0 || !arrowhead.find_curvature(state)) return;
+    if (wait-- > 0 || !arrowhead.find_curvature(state, go_on)) return;
     wait = patience *= 2;
     forget();
   }
@@ -212,8 +218,10 @@ struct LevenbergMarquardt::Workspace {
   Arrowhead arrowhead;
   VectorXd moved;
   SolveSummary summary;
-  double best = kInfinity;  // decrement that later ones must halve
-  int stalled = 0;          // iterations since
+  std::function<bool()> go_on;  // asks in between
+  bool cancelled = false;       // what it said
+  double best = kInfinity;      // decrement that later ones must halve
+  int stalled = 0;              // iterations since
   int patience = kPatience, wait = kPatience;
   std::vector<VectorXd> found,
       taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the
@@ -243,11 +251,16 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   w.best = kInfinity;
   w.stalled = w.remembered = 0;
   w.patience = w.wait = kPatience;
+  w.cancelled = false;
   w.arrowhead.forget_curvature();
   w.moved.resize(state.size());
   using Assembly = Workspace::Assembly;
   for (bool first = true;; first = false) {
     if (near && w.options.second_derivatives) w.find_curvature(state);
+    if (w.cancelled) {
+      summary.outcome = Outcome::cancelled;
+      return summary;
+    }
     const Assembly assembly =
         w.arrowhead.assemble(state, near ? kNegligible : lambda, true, first, summary.cost);
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start

@@ -55,7 +55,8 @@ struct SolverOptions {
   /// False: second derivatives are never looked for, for comparisons.
   bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
-  /// It is called after each iteration with its number, chi2 and damping; false cancels.
+  /// It is called after each iteration with its number, chi2 and damping, and with the same again
+  /// between the linearisations that second derivatives take; false cancels.
   std::function<bool(int, double, double)> progress;
 };
 

@@ -52,7 +52,11 @@ int calibrate(const CalibrateArguments& a) {
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)
-    std::cout << report_text(report, files) << "\nWritten to " << a.out << "\n"
+    std::cout << report_text(report, files) << "\nWritten to " << a.out
+              << (report.verdict.use == "no" ? ""
+                                             : ": robot.urdf is the calibrated robot, rig.yaml the "
+                                               "rig that goes with it")
+              << "\n"
               << report.verdict.use << ": " << report.verdict.text << "\n";
   for (const Judgement& j : report.validation.requirements)
     if (!j.met && std::cout.flush())

@@ -45,13 +45,16 @@ int check(const CheckArguments& a) {
   try {
     diagnosis = diagnose(recording->rig, recording->samples, options);
   } catch (const NameError& error) {
-    throw with_nearest(error, *recording);
+    throw with_nearest(error);
   }
   progress.clear();
   if (a.json)
     std::cout << json_text(diagnosis_json(*diagnosis));
   else
-    std::cout << diagnosis_text(*diagnosis);
+    std::cout << diagnosis_text(*diagnosis)
+              << (diagnosis->findings.empty() && explained(*diagnosis)
+                      ? "Next: kincal calibrate " + a.rig + " " + a.samples + " --out result\n"
+                      : "");
   return kConverged;
 }
 

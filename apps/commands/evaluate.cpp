@@ -55,7 +55,7 @@ int evaluate(const EvaluateArguments& a) {
     for (const Warning& w : words) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
     return evaluation.converged ? kConverged : kNotConverged;
   } catch (const NameError& error) {
-    throw with_nearest(error, *recording);
+    throw with_nearest(error);
   }
 }
 

@@ -70,7 +70,7 @@ int simulate(const SimulateArguments& a) {
   try {
     if (!spread.empty()) truth = draw_truth(table, spread, a.seed);
   } catch (const NameError& error) {
-    throw InputError(in_program_words(error.what()) + nearest_names(error.name, error.valid));
+    throw with_nearest(error);
   }
   refuse_open_poses(rig_file.rig, table, truth, spread);
   Progress progress(a.quiet);

@@ -7,6 +7,7 @@
 
 #include "../../io/document/numbers.h"
 #include "../../models/report/warnings.h"
+#include "../../models/rig/numbers.h"
 #include "plan_table.h"
 #include "table.h"
 #include "validation_table.h"
@@ -109,24 +110,38 @@ std::string restart_table(const Restarts& restarts, bool converged) {
   return out + align(rows, 3);
 }
 
-/// Weak directions, what priors decide, strong correlations.
-std::string weak_text(const Explanation& e) {
+/// Whether a number that the data do not tell is known all the same to 1 cm or 1 degree.
+bool is_bounded(const WeakDirection& w) {
+  const double limit = w.unit == "m" ? 0.01 : w.unit == "rad" ? kPi / 180 : kInfinity;
+  return w.sigma_with_priors < limit;
+}
+
+/// Weak directions, what priors decide, strong correlations. `automatic`: the priors are what the
+/// groups are found to be off, none of the user's.
+std::string weak_text(const Explanation& e, bool automatic) {
   std::string out;
   constexpr size_t kMost = 6;
-  for (size_t i = 0; i < e.weak.size() && i < kMost; ++i) {
-    const WeakDirection& w = e.weak[i];
+  std::vector<const WeakDirection*> open;
+  std::vector<std::string> bounded;  // by what their groups are assumed to be off
+  for (const WeakDirection& w : e.weak)
+    if (automatic && is_bounded(w))
+      bounded.push_back(w.parameters[0].first);
+    else
+      open.push_back(&w);
+  for (size_t i = 0; i < open.size() && i < kMost; ++i) {
+    const WeakDirection& w = *open[i];
     const Unit unit = shown(w.unit);
     out += "  " + w.parameters[0].first + ": ";
     out += std::isfinite(w.sigma)
                ? "± " + value(w.sigma, unit.factor) + " " + unit.name + " from the data alone"
                : "not determined by the data";
     if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
-      out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name + " with the prior";
+      out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name +
+             (automatic ? " as its group is assumed to be off" : " with the prior");
     out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
   }
-  if (e.weak.size() > kMost)
-    out +=
-        "  ... and " + std::to_string(e.weak.size() - kMost) + " more directions in result.json\n";
+  if (open.size() > kMost)
+    out += "  ... and " + std::to_string(open.size() - kMost) + " more directions in result.json\n";
   const auto line = [&](const std::string& title, const std::vector<std::string>& all) {
     if (all.empty()) return;
     out += "  " + title + ": ";
@@ -137,7 +152,11 @@ std::string weak_text(const Explanation& e) {
   for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
   for (const Correlation& c : e.correlations)
     pairs.push_back(c.a + " with " + c.b + text(" (%+.4f)", c.correlation));
-  line("the prior decides", priors);
+  line(
+      "little or not told by the data, and may stay so (what their groups are assumed to be off "
+      "counts in all sigmas)",
+      bounded);
+  line(automatic ? "no better known than assumed" : "the prior decides", priors);
   line("strong correlations", pairs);
   return out.empty() ? out : "\nWeakly determined parameters\n" + out;
 }
@@ -246,13 +265,16 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
   return align(rows, 2);
 }
 
+bool explained(const Diagnosis& d) {
+  return d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
+}
+
 std::string diagnosis_text(const Diagnosis& d) {
   std::string out;
   for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
   if (d.findings.empty()) {
-    const bool explained = d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
-    out += explained ? "Nothing found. Tested: "
-                     : "None of the usual mistakes explains the data. Tested: ";
+    out += explained(d) ? "Nothing found. Tested: "
+                        : "None of the usual mistakes explains the data. Tested: ";
     for (size_t i = 0; i < d.tested.size(); ++i) out += (i ? ", " : "") + d.tested[i];
     out += "\n";
   }
@@ -345,7 +367,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   if (solution.dof_data > 0) out += text(", chi2/dof %.4g", solution.chi2_per_dof());
   out += "\n";
   out += noise_text(report);
-  out += weak_text(report.explanation);
+  out += weak_text(report.explanation, !report.automatic.empty());
   const bool has_urdf = !files.robot_urdf.empty();
   if (has_urdf && !files.not_in_urdf.empty()) {
     out += "\nNot in robot.urdf, which cannot express it (see rig.yaml and result.json)\n";

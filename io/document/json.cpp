@@ -329,7 +329,8 @@ void for_each_json_line(const std::string& text, const std::string& path,
     const auto [first, is_new] = lines.emplace(id, line);
     if (!is_new)
       top(node, path)["id"].fail("'" + id + "' stands already in line " +
-                                 std::to_string(first->second));
+                                 std::to_string(first->second) +
+                                 ": leave one of them out, or give it another id");
   }
 }
 

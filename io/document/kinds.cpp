@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <optional>
+#include <regex>
 #include <string_view>
+#include <vector>
 
 #include "error.h"
 
 namespace kincal {
 namespace {
 
+constexpr size_t kHead = 1 << 10;
 constexpr size_t kLooked = 1 << 16;  // bytes of the beginning; a robot's or rig's head is shorter
 
 /// What a text looks like, and what to do about it whoever gets it; `is` where it is one of ours.
@@ -35,6 +38,9 @@ bool has_line(std::string_view text, std::string_view begin) {
   return begins(text, begin) || has(text, "\n" + std::string(begin));
 }
 
+constexpr const char* kImages =
+    "`kincal detect` finds the targets in a folder of images and writes samples.jsonl";
+
 std::optional<Likeness> no_text(std::string_view text) {
   using namespace std::string_view_literals;
   static const struct {
@@ -47,7 +53,11 @@ std::optional<Likeness> no_text(std::string_view text) {
        "7zXZ"sv,
        "this is a compressed file (xz)", "uncompress it first: unxz"},
       {"\x28\xB5\x2F\xFD"sv, "this is a compressed file (zstd)", "uncompress it first: unzstd"},
-      {"PK\3\4"sv, "this is a zip archive", "unpack it first: unzip"},
+      {"PK\3\4"sv, "this is a zip archive (numpy's .npz is one, too)", "unpack it first: unzip"},
+      {"\x93NUMPY"sv, "this is an array of numpy",
+       "write what was measured in it as samples.jsonl, one JSON object a line"},
+      {"\x89PNG"sv, "this is an image (PNG)", kImages},
+      {"\xFF\xD8\xFF"sv, "this is an image (JPEG)", kImages},
       {"#ROSBAG"sv, "this is a ROS bag", "write what was measured in it as samples.jsonl"},
       {"SQLite format 3"sv, "this is a database (of a ROS 2 bag?)",
        "write what was measured in it as samples.jsonl"},
@@ -72,6 +82,19 @@ bool spread(std::string_view text) {
   return second != std::string_view::npos && text[second] != '{' && has(text, "\"views\"");
 }
 
+/// The name of a list of objects that a JSON object begins with, or that is called samples; "":
+/// there is none. (Samples begin with another key than their views, or are no such list.)
+std::string list_in(std::string_view text) {
+  static const std::regex first(R"re(^\{\s*"([A-Za-z_]\w*)"\s*:\s*\[\s*\{)re"),
+      samples(R"re("(samples)"\s*:\s*\[\s*\{)re");
+  std::cmatch found;
+  const char* const end = text.data() + std::min<size_t>(text.size(), kHead);
+  for (const std::regex* pattern : {&first, &samples})
+    if (std::regex_search(text.data(), end, found, *pattern) && found[1] != "views")
+      return found[1];
+  return "";
+}
+
 std::optional<Likeness> json(std::string_view text) {
   if (begins(text, "[")) {
     const size_t inside = text.find_first_not_of(" \t\r\n", 1);
@@ -80,18 +103,32 @@ std::optional<Likeness> json(std::string_view text) {
                     std::nullopt};
   }
   if (!begins(text, "{")) return std::nullopt;
-  if (has(first_line_of(text), "\"views\""))
+  if (has(first_line_of(text), "\"views\"") && list_in(text).empty())
     return Likeness{"these are samples", "", Wanted::samples};
   if (has(text, "\"kincal\"") && has(text, "\"status\""))
     return Likeness{"this is a result.json", "", Wanted::result};
   if (has(text, "\"parameters\"") && has(text, "\"about\""))
     return Likeness{"this is a truth.json", "", Wanted::truth};
+  if (const std::string list = list_in(text); !list.empty())
+    return Likeness{"this is one JSON object around a list ('" + list + "')",
+                    "write each of the list on a line of its own: jq -c '." + list + "[]'",
+                    std::nullopt};
   if (!spread(text)) return std::nullopt;
   return Likeness{"this is JSON over several lines",
                   "write each sample on a line of its own: jq -c .", std::nullopt};
 }
 
+/// Numbers with blanks between them, two at least.
+bool is_row(std::string_view line) {
+  const size_t first = line.find_first_of("0123456789"), last = line.find_last_of("0123456789");
+  return first != std::string_view::npos &&
+         line.find_first_not_of("0123456789+-.eE \t\r") == std::string_view::npos &&
+         has(line.substr(first, last - first), " ");
+}
+
 std::optional<Likeness> table(std::string_view text) {
+  while (begins(text, "#") || begins(text, "\n") || begins(text, "\r\n"))  // comments before it
+    text.remove_prefix(std::min(text.find('\n'), text.size() - 1) + 1);
   const std::string_view line = first_line_of(text);
   const size_t end = text.find('\n');
   if (end == std::string_view::npos || line.find_first_of("{}[]:") != std::string_view::npos)
@@ -102,6 +139,66 @@ std::optional<Likeness> table(std::string_view text) {
     if (columns > 0 && std::count(second.begin(), second.end(), separator) == columns)
       return Likeness{"this is a table (CSV)", "", std::nullopt};
   }
+  if (is_row(line) && is_row(second))
+    return Likeness{"this is a table (CSV, with blanks)", "", std::nullopt};
+  return std::nullopt;
+}
+
+/// Files of other calibrations, by keys that they have: all of `lines` begin one, or stand in the
+/// text.
+std::optional<Likeness> other_programs(std::string_view text) {
+  static const struct {
+    std::vector<const char*> lines;
+    const char *what, *cure;
+  } kKnown[] = {
+      {{"camera_matrix:", "image_width:"},
+       "this is a camera_info of ROS (the lens of one camera)",
+       "a rig has it under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
+       "image_size: [image_width, image_height], intrinsics: [fx, fy, cx, cy] (1st, 5th, 3rd and "
+       "6th of camera_matrix.data), distortion: [...] (distortion_coefficients.data)}; "
+       "`kincal init robot.urdf --sensor camera:LINK --intrinsics FX,FY,CX,CY --image-size WxH` "
+       "writes a first one"},
+      {{"distortion_model:", "K:", "D:"},
+       "this is a camera_info message of ROS (the lens of one camera)",
+       "a rig has it under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
+       "image_size: [width, height], intrinsics: [fx, fy, cx, cy] (1st, 5th, 3rd and 6th of K), "
+       "distortion: [...] (D)}; `kincal init robot.urdf --sensor camera:LINK --intrinsics "
+       "FX,FY,CX,CY --image-size WxH` writes a first one"},
+      {{"!!opencv-matrix"},
+       "this is a file of OpenCV (FileStorage)",
+       "a rig has a lens under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
+       "image_size: [width, height], intrinsics: [fx, fy, cx, cy], distortion: [k1, k2, p1, p2, "
+       "k3]}; `kincal init robot.urdf --sensor camera:LINK --intrinsics FX,FY,CX,CY --image-size "
+       "WxH` writes a first one"},
+      {{"cam0:", "camera_model:", "intrinsics:"},
+       "this is a camchain of Kalibr",
+       "a rig has each camera under sensors: NAME: {type: camera, link: LINK, model: "
+       "brown_conrady (radtan, with a fifth number 0) or kannala_brandt (equidistant), image_size: "
+       "resolution, intrinsics: ..., distortion: distortion_coeffs}; T_cn_cnm1 is what kincal "
+       "estimates. `kincal init robot.urdf --sensor camera:LINK` writes a first one"},
+      {{"target_type:"},
+       "this is a target of Kalibr",
+       "a rig has it under targets: NAME: {type: apriltag_grid, rows: tagRows, columns: tagCols, "
+       "tag: tagSize, spacing: tagSpacing, mount: free or {link: LINK}} (chessboards: {type: "
+       "chessboard, rows: targetRows, columns: targetCols, square: rowSpacingMeters})"},
+      {{"eye_on_hand:", "transformation:"},
+       "this is a result of easy_handeye (one pose)",
+       "a rig has such a pose as a sensor's or target's, pose: {xyz: [x, y, z], quat: [qx, qy, qz, "
+       "qw]}, and needs none: kincal finds it. `kincal init robot.urdf --sensor camera:LINK` "
+       "writes a first one"},
+      {{"calibration_type:", "robot_base_frame:"},
+       "this is a file of easy_handeye (one pose)",
+       "a rig has such a pose as a sensor's or target's, pose: {xyz: [x, y, z], quat: [x, y, z, "
+       "w]}, and needs none: kincal finds it. `kincal init robot.urdf --sensor camera:LINK` "
+       "writes a first one"},
+  };
+  const auto has_key = [&](const char* key) {
+    return has_line(text, key) || has(text, "\n  " + std::string(key)) ||
+           (key[0] == '!' && has(text, key));
+  };
+  for (const auto& known : kKnown)
+    if (std::all_of(known.lines.begin(), known.lines.end(), has_key))
+      return Likeness{known.what, known.cure, std::nullopt};
   return std::nullopt;
 }
 
@@ -115,6 +212,7 @@ std::optional<Likeness> likeness(std::string_view text) {
     return Likeness{"this is a rig", "", Wanted::rig};
   if (has_line(text, "format: kincal-local/"))
     return Likeness{"these are local offsets", "", std::nullopt};
+  if (auto found = other_programs(text)) return found;
   return table(text);
 }
 

@@ -15,8 +15,13 @@ constexpr size_t kLongestName = 200;
 /// beginning.
 std::string long_name(const std::string& name);
 
-/// Returns "; nearest: a, b, c" by edit distance, or "" if nothing is near.
+/// Returns "; nearest: a, b, c" by edit distance, or "" if nothing is near. Case, what stands
+/// between words and a prefix do not count: robot1_joint_2 and Joint2 are near joint_2.
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names);
+/// Returns the same, or if nothing is near "; the robot has: a, b, c and 4 more" (`there_are`: "the
+/// robot has").
+std::string nearest_or_all(const std::string& name, const std::vector<std::string>& names,
+                           const std::string& there_are);
 
 /// Returns all names in their order: "a, b, c".
 std::string comma_separated(const std::vector<std::string>& names);

@@ -55,7 +55,8 @@ double positive(const std::string& text, const std::string& option, const std::s
 
 std::string known_link(const std::string& link, const Tree& tree, const std::string& option) {
   if (tree.find_link(link) < 0)
-    throw InputError(option + ": unknown link '" + link + "'" + nearest_names(link, tree.links));
+    throw InputError(option + ": unknown link '" + link + "'" +
+                     nearest_or_all(link, tree.links, "the robot has"));
   return link;
 }
 

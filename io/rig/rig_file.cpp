@@ -32,14 +32,15 @@ std::vector<int> matching(const Field& where, const std::string& pattern, const 
   for (size_t i = 0; i < names.size(); ++i)
     if (glob_matches(pattern, names[i])) found.push_back(static_cast<int>(i));
   if (found.empty())
-    where.fail("'" + pattern + "' matches nothing" + nearest_names(pattern, names));
+    where.fail("'" + pattern + "' matches nothing" + nearest_or_all(pattern, names, "there are"));
   return found;
 }
 
 int read_link(const Field& field, const Tree& tree) {
   const std::string name = field.string();
   const int link = tree.find_link(name);
-  if (link < 0) field.fail("unknown link '" + name + "'" + nearest_names(name, tree.links));
+  if (link < 0)
+    field.fail("unknown link '" + name + "'" + nearest_or_all(name, tree.links, "the robot has"));
   return link;
 }
 
@@ -251,7 +252,7 @@ void read_scanning_joint(const Field& field, const Tree& tree, const Path& path,
     if (joint.has_reading()) scanning.push_back(joint.name);
   sensor.scanning_joint = tree.find_joint(name);
   if (sensor.scanning_joint < 0)
-    field.fail("unknown joint '" + name + "'" + nearest_names(name, scanning));
+    field.fail("unknown joint '" + name + "'" + nearest_or_all(name, scanning, "the robot has"));
   if (!tree.joints[sensor.scanning_joint].has_reading())
     field.fail("joint '" + name + "' has no reading of its own" + nearest_names(name, scanning));
   Names valid;

@@ -9,6 +9,7 @@
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/targets.h"
+#include "../../models/rig/words.h"
 #include "../document/files.h"
 #include "../document/json.h"
 #include "../document/kinds.h"
@@ -56,9 +57,8 @@ int read_name(const Field& field, const std::unordered_map<std::string, int>& in
   const std::string name = field.string();
   const auto found = index.find(name);
   if (found != index.end()) return found->second;
-  const std::string near = nearest_names(name, names_of(things));
   field.fail("unknown " + what + " '" + name + "'" +
-             (near.empty() ? "; the rig has: " + comma_separated(names_of(things)) : near));
+             nearest_or_all(name, names_of(things), "the rig has"));
 }
 
 /// Readings of the robot's joints; other names (a gripper of another description) are checked and
@@ -94,13 +94,19 @@ void check_readings(const Field& field, const SampleJoints& joints, const Lookup
     const std::vector<int> of_sensor = needed_readings(rig, view.sensor, -1);
     const bool sensors = std::find(of_sensor.begin(), of_sensor.end(), j) != of_sensor.end();
     const std::string& name = read_name(rig.tree, j);
-    std::string near;
+    Names others, near;  // in the sample, of no joint of the robot
     for (const auto& member : joints.field.node->members)
-      if (!look.joints.count(member.first) && !nearest_names(name, {member.first}).empty())
-        near = "; the sample has '" + member.first + "'";
+      if (!look.joints.count(member.first)) {
+        others.push_back(member.first);
+        if (!nearest_names(name, {member.first}).empty()) near.push_back(member.first);
+      }
+    if (near.size() != 1) near = others;
     field.fail((sensors ? "sensor '" + rig.sensors[view.sensor].name
                         : "target '" + rig.targets[view.target].name) +
-               "' needs joint '" + name + "', which the sample lacks" + near);
+               "' needs joint '" + name + "', which the sample lacks" +
+               (near.empty()
+                    ? ""
+                    : "; the sample has " + joined(near, 6) + ", but names are those of the URDF"));
   }
 }
 

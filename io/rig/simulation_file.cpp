@@ -33,10 +33,7 @@ int index_of(const Field& where, const std::string& name, const std::vector<T>& 
     if (things[i].name == name) return static_cast<int>(i);
     names.push_back(things[i].name);
   }
-  std::string near = nearest_names(name, names);
-  if (near.empty() && names.size() <= 20)
-    for (const std::string& one : names) near += (near.empty() ? "; the rig has: " : ", ") + one;
-  where.fail("unknown " + what + " '" + name + "'" + near);
+  where.fail("unknown " + what + " '" + name + "'" + nearest_or_all(name, names, "the rig has"));
 }
 
 std::vector<double> read_joints(const Field& field, const Tree& tree) {

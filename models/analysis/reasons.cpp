@@ -6,6 +6,7 @@
 #include <set>
 
 #include "../../solver/decompositions.h"
+#include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -374,7 +375,36 @@ class ReasonFinder {
                   "alone a pose of its own in every sample explains everything; or hold " + first();
   }
 
+  /// The number of the first joint that is the same as where the base frame is, where a pose of
+  /// something at the base goes along with it; else "".
+  std::string base_choice() const {
+    const Tree& tree = scene_.rig().tree;
+    const int base = body_of(tree, scene_.rig().base);
+    std::string number;
+    bool at_base = false;
+    for (const int c : columns_) {
+      const Component& component = scene_.columns()[c];
+      const Parameter& p = scene_.table().all[component.parameter];
+      const bool of_joint =
+          p.kind == ParameterKind::joint_offset || p.kind == ParameterKind::joint_origin;
+      if (of_joint && tree.joints[p.owner].moves() &&
+          body_of(tree, tree.joints[p.owner].parent) == base)
+        number = scene_.table().name(component);
+      if (p.kind == ParameterKind::sensor_pose)
+        at_base = at_base || body_of(tree, scene_.rig().sensors[p.owner].link) == base;
+      if (p.kind == ParameterKind::target_pose)
+        at_base = at_base || body_of(tree, scene_.rig().targets[p.owner].link) == base;
+    }
+    return at_base ? number : "";
+  }
+
   void finish(const std::vector<int>& joints) {
+    if (const std::string number = base_choice(); joints.empty() && !number.empty()) {
+      out_.why += ", whatever the posture: where the base frame is and " + number +
+                  " is one number, and no measurement depends on it";
+      out_.cure = "hold " + number + ", for where the base frame is is its own choice";
+      return;
+    }
     if (joints.empty()) {
       out_.why += ", whatever the posture";
       out_.cure = "no posture tells them apart: hold " + first() +

@@ -416,7 +416,9 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
       number.unit = table.unit(learned.columns[i]);
       number.width = one.factor * learned.problem.start(c);
       number.told = 1 - learned.widths.posterior.variance(c) / (number.width * number.width);
-      number.held = holding.held[i];
+      number.held = holding.held[i] && !std::count(solution.columns.begin(), solution.columns.end(),
+                                                   learned.columns[i]);  // `free` names it
+      one.held = one.held && (number.held || !holding.held[i]);
       number.value = number.held ? 0
                                  : value_of(table, solution.initial, solution.values.shared,
                                             learned.columns[i]);

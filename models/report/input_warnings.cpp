@@ -9,6 +9,7 @@
 #include "../analysis/frames.h"
 #include "../estimation/estimation.h"
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 #include "cases.h"
 
 namespace kincal {
@@ -114,25 +115,32 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
           {solution.table().sensor_pose[view.sensor], solution.table().target_pose[view.target]});
   Warning all{"never_seen", "", {}};
   const auto add = [&](const std::vector<int>& poses, bool shown, const std::string& words) {
-    std::string list;
-    for (const int p : poses) {
-      if ((held_out.count(p) > 0) != shown) continue;
-      list += (list.empty() ? "" : ", ") + solution.table().all[p].name;
-      all.names.push_back(solution.table().all[p].name);
-    }
-    if (!list.empty())
-      all.text += (all.text.empty() ? "" : ". ") + list +
-                  (shown ? ": only held-out samples show what has this pose; "
-                         : ": no training sample shows what has this pose; ") +
-                  words;
+    std::vector<std::string> names;
+    for (const int p : poses)
+      if ((held_out.count(p) > 0) == shown) names.push_back(solution.table().all[p].name);
+    if (names.empty()) return;
+    all.text += (all.text.empty() ? "" : ". ") + listed(names, kNamed) + ": " + words;
+    all.names.insert(all.names.end(), names.begin(), names.end());
   };
-  const char* const kept = "it keeps the rig's value, which predictions take as exact";
+  const std::string none = "no training sample shows what has this pose; ",
+                    test = "only held-out samples show what has this pose; ";
   add(unseen.open, false,
-      "nothing is known of it, and of what depends on it (in the result it is the identity)");
-  add(unseen.given, false, kept);
+      none +
+          "nothing is known of it, and of what depends on it (in the result it is the "
+          "identity). Record samples that show it, or take it out of the rig");
+  add(unseen.given, false,
+      none +
+          "it keeps the rig's value, which predictions take as exact. To estimate it, record "
+          "samples that show it");
   add(unseen.open, true,
-      "they are judged with a pose of their own, and the result has none (it is the identity)");
-  add(unseen.given, true, kept);
+      test +
+          "to judge them it is estimated from them alone, and the result has no pose of it "
+          "(the identity). That is right for boards of a test; to have its pose, let training "
+          "samples show it");
+  add(unseen.given, true,
+      test +
+          "to judge them it is estimated from them alone, and the result keeps the rig's value, "
+          "which predictions take as exact");
   if (!all.text.empty()) out.push_back(std::move(all));
 }
 

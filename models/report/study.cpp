@@ -9,6 +9,7 @@
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 #include "../trials/estimate_noise.h"
 #include "verdict.h"
 #include "warnings.h"
@@ -255,6 +256,28 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
     find_larger_noise(options, calibration, rounds, as_stated, report);
 }
 
+/// Groups that were asked for by name and are held, or that are among the usual ones: one message
+/// each.
+void say_groups_without_effect(const GroupChoice& choice, Report& report) {
+  for (const std::string& name : choice.with)
+    for (const AutomaticGroup& g : report.automatic) {
+      if (g.name != name && !glob_matches(name, g.name)) continue;
+      if (g.held && !g.numbers.empty()) {
+        report.solution.without_effect.push_back(
+            "group " + quoted(g.name) +
+            " was asked for, yet its numbers stay as the rig has them: " +
+            text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
+                 g.gain) +
+            "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
+      } else if (!g.held && g.name != "gears") {
+        report.solution.without_effect.push_back(
+            "group " + quoted(g.name) +
+            " changes nothing: it is among those tried anyway, and was "
+            "estimated");
+      }
+    }
+}
+
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
 std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& given,
                                        const StudyOptions& options, Report& report) {
@@ -280,6 +303,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     solved = true;
     if (ended(report.solution)) return recording;
     find_noise(options, calibration, reading_errors, report);
+    say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise) {
@@ -418,9 +442,9 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   }
   // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
   if (!report.automatic.empty() && report.solution.status == Status::converged &&
-      has_open_mount(report.solution)) {
+      has_open_mount(report)) {
     report.solution.status = Status::unobservable;
-    report.solution.message = loose_mount(report.solution);
+    report.solution.message = loose_mount(report);
   }
   report.unexplained = why_unexplained(report);
   if (!report.unexplained.empty() && report.solution.status == Status::converged &&

@@ -10,16 +10,12 @@ namespace {
 constexpr double kManyRejected = 0.2;  // share of the samples
 constexpr double kWide = 5;            // times the width that a group begins with
 
-/// Words for an error as read: metres and radians in thousandths.
-std::string error_text(double value, const std::string& unit) {
-  const bool metres = unit == "m", radians = unit == "rad";
-  return text("%.3g ", value * (metres || radians ? 1e3 : 1)) + (metres    ? "mm"
-                                                                 : radians ? "mrad"
-                                                                           : unit);
-}
-
-/// A calibration that is worse than one that leaves the robot as it is.
 }  // namespace
+
+std::string shown_text(double value, const std::string& unit) {
+  const bool thousandths = unit == "m" || unit == "rad";
+  return text("%.3g ", value * (thousandths ? 1e3 : 1)) + (thousandths ? "m" : "") + unit;
+}
 
 void warn_of_doubted_priors(const Report& report, Warnings& out) {
   for (const DoubtedPrior& prior : report.doubted)
@@ -54,14 +50,15 @@ void warn_of_rejected(const Report& report, Warnings& out) {
        {samples.begin(), samples.end()}});
 }
 
+/// A calibration that is worse than one that leaves the robot as it is.
 void warn_of_held_out(const Validation& validation, Warnings& out) {
   if (!validation.baselines) return;
   std::string list;
   for (const Baseline& b : validation.baselines->rows)
     if (b.worse())
       list += (list.empty() ? "sensor '" : "; sensor '") + b.sensor + "' " +
-              error_text(b.automatic, b.unit) + " as read, the mounts alone " +
-              error_text(b.mounts, b.unit) + text(" (%.3g times, 95 %% ", b.ratio) +
+              shown_text(b.automatic, b.unit) + " as read, the mounts alone " +
+              shown_text(b.mounts, b.unit) + text(" (%.3g times, 95 %% ", b.ratio) +
               text("%.3g to %.3g)", b.of_ratio.low, b.of_ratio.high);
   if (!list.empty())
     out.push_back(

@@ -2,6 +2,7 @@
 // numbers.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "report.h"
@@ -9,6 +10,9 @@
 namespace kincal {
 
 using Warnings = std::vector<Warning>;
+
+/// Returns "3 mm", "3 mrad", or "3 px": metres and radians in thousandths.
+std::string shown_text(double value, const std::string& unit);
 
 /// Warns of priors of the rig that the data contradict (automatic path).
 void warn_of_doubted_priors(const Report& report, Warnings& out);

@@ -6,6 +6,7 @@
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "base_choice.h"
 
 namespace kincal {
 namespace {
@@ -97,10 +98,16 @@ bool is_doubt(const std::string& id) {
          id == "sigma" || starts_with(id, "outlier_");
 }
 
-const char* what_to_do(const std::string& id) {
+const char* what_to_do(const Report& report, const std::string& id) {
+  if (id == "chi2" && report.solution.chi2_per_dof() < 1)
+    return "nothing, for the errors are smaller than the sigmas say; or state the sigmas that are "
+           "seen";
   if (id == "chi2" || id == "unexplained")
     return "look for what is wrong, or state the sigmas that are seen";
   if (id == "joint_error") return "look at these samples, or state the noise of these joints";
+  if (id == "prior" && !report.automatic.empty() && report.doubted.empty())
+    return "is the robot off there by as much, or does this number take up another mistake? Look "
+           "for mistakes";
   if (id == "prior") return "see which of the two is wrong, the prior or the data";
   if (id == "sigma") return "record more varied postures";
   return "look at these, or leave them out";
@@ -155,11 +162,13 @@ struct LooseNumber {
   double times = 1;
 };
 
-LooseNumber loosest(const Solution& solution) {
+LooseNumber loosest(const Report& report) {
+  const std::optional<BaseChoice> choice = base_choice(report);
   LooseNumber out;
-  for (const ParameterEstimate& e : solution.parameters)
+  for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
-      const double times = e.sigma[c] / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+      const double times =
+          sigma_to_judge(choice, e, c) / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
       if (times > out.times) out = {&e, c, times};
     }
   return out;
@@ -167,8 +176,8 @@ LooseNumber loosest(const Solution& solution) {
 
 }  // namespace
 
-std::string loose_mount(const Solution& solution) {
-  const LooseNumber loose = loosest(solution);
+std::string loose_mount(const Report& report) {
+  const LooseNumber loose = loosest(report);
   if (!loose.pose) return "";
   const double sigma = loose.pose->sigma[loose.component];
   return loose.pose->name + " is known to " +
@@ -177,7 +186,7 @@ std::string loose_mount(const Solution& solution) {
          " only: record more varied postures, or give it a prior";
 }
 
-bool has_open_mount(const Solution& solution) { return loosest(solution).times > kOpen; }
+bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
 
 double data_misfit(const Report& report) {
   const Solution& solution = report.solution;
@@ -225,7 +234,7 @@ Verdict verdict(const Report& report) {
   for (const Warning& w : report.warnings)
     if (is_cause(w)) return {"no", w.text};
   if (solution.status != Status::converged) return {"no", solution.message};
-  const std::string loose = loose_mount(solution);
+  const std::string loose = loose_mount(report);
   if (!loose.empty()) return {"no", loose};
 
   std::string found;
@@ -251,8 +260,9 @@ Verdict verdict(const Report& report) {
   const std::vector<std::string> open = undetermined(report);
   if (!found.empty()) return {"doubts", found + more + held_words(report.automatic) + unmet};
   if (doubt)
-    return {"doubts", "converged, but " + doubt->text + ". What to do: " + what_to_do(doubt->id) +
-                          more + held_words(report.automatic) + unmet};
+    return {"doubts", "converged, but " + doubt->text +
+                          ". What to do: " + what_to_do(report, doubt->id) + more +
+                          held_words(report.automatic) + unmet};
   if (!open.empty())
     return {"doubts", size_words(solution) + ", but not determined: " + listed(open) +
                           ". What to do: record more varied postures, or free less" + more + unmet};

@@ -9,6 +9,7 @@
 #include "../rig/words.h"
 #include "cases.h"
 #include "input_warnings.h"
+#include "parameter_warnings.h"
 #include "trial_warnings.h"
 #include "verdict.h"
 
@@ -54,6 +55,22 @@ std::string types_without_start(const Solution& solution, const std::string& pos
   return types;
 }
 
+/// What counts from the identity of a pose that the rig does not give.
+std::string identity_text(const Solution& solution, const std::string& name) {
+  std::vector<std::string> held, prior;
+  for (const ParameterEstimate& e : solution.parameters)
+    for (size_t c = 0; e.name == name && c < e.components.size(); ++c) {
+      if (!e.freed[c]) held.push_back(e.components[c]);
+      if (e.prior[c] > 0) prior.push_back(e.components[c]);
+    }
+  std::string why = "it is freed in part or with a prior";
+  if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " held";
+  if (held.empty() && !prior.empty()) why = "it has a prior";
+  return name + " is absent from the rig, and " + why +
+         ": that counts from the identity (0, not turned), where it hardly is. Give it a pose in "
+         "the rig, or free all of it and without a prior";
+}
+
 void warn_of_starts(const Solution& solution, Warnings& out) {
   Warning useless{"no_effect", "", solution.without_effect};
   for (const std::string& message : solution.without_effect)
@@ -61,8 +78,7 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
   if (!useless.text.empty()) out.push_back(std::move(useless));
   std::vector<Case> identity, lost, contradicted, ambiguous;
   for (const std::string& name : solution.identity_starts)
-    identity.push_back({name, name + " is absent from the rig and freed in part or with a prior: "
-                                     "its initial value is the identity"});
+    identity.push_back({name, identity_text(solution, name)});
   for (const std::string& name : solution.lost_starts) {
     const std::string types = types_without_start(solution, name);
     if (types.empty() && solution.status == Status::converged) continue;  // it ended well
@@ -139,7 +155,7 @@ void warn_of_steps(const Report& report, Warnings& out) {
     std::string what = "free less, in more steps, or start nearer to the truth";
     if (const Finding* first = first_mistake(report)) {
       what = "first look at " + first->id + ": " + first->text;
-    } else if (const std::string loose = loose_mount(solution);
+    } else if (const std::string loose = loose_mount(report);
                !loose.empty() && solution.chi2_per_dof() < kFitsWell) {
       what = loose;
     } else if (has_redescending_loss(solution, s.name)) {
@@ -260,54 +276,6 @@ void warn_of_joint_noise(const Report& report, Warnings& out) {
                        ". What is stated of them is wrong, or the model lacks something of them; "
                        "the sigmas of the result are too small",
                    names});
-}
-
-/// Poses far from where the rig has them. What the rig leaves open has no such place: its movement
-/// from a start in closed form says nothing once it converged.
-void warn_of_movements(const Solution& solution, Warnings& out) {
-  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
-  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
-  if (solution.status == Status::converged)
-    explained.insert(explained.end(), solution.computed_starts.begin(),
-                     solution.computed_starts.end());
-  std::vector<Case> poses;
-  for (const ParameterEstimate& e : solution.parameters) {
-    if (!e.pose || std::find(explained.begin(), explained.end(), e.name) != explained.end())
-      continue;
-    const double moved = std::hypot(e.value[0], e.value[1], e.value[2]) / 0.1,
-                 turned = std::hypot(e.value[3], e.value[4], e.value[5]) / (10 * kPi / 180);
-    if (!(moved > 1) && !(turned > 1)) continue;
-    const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
-                      by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
-    poses.push_back({e.name,
-                     e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
-                         " from its initial value: is that possible?",
-                     std::max(moved, turned)});
-  }
-  warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
-}
-
-void warn_of_parameters(const Solution& solution, Warnings& out) {
-  std::vector<Case> priors, sigmas;
-  for (const ParameterEstimate& e : solution.parameters)
-    for (size_t c = 0; c < e.value.size(); ++c) {
-      const std::string name = e.component_name(c);
-      const double from_prior = e.prior[c] > 0 ? (e.value[c] - e.initial[c]) / e.prior[c] : 0;
-      if (std::abs(from_prior) > 3)
-        priors.push_back({name, name + text(" is %.1f prior sigmas from its prior", from_prior),
-                          std::abs(from_prior)});
-      if (e.units[c] == "m" && e.sigma[c] > 0.01)
-        sigmas.push_back({name, name + text(" is known to %.3g m only (one sigma)", e.sigma[c]),
-                          e.sigma[c] / 0.01});
-      if (e.units[c] == "rad" && e.sigma[c] > kPi / 180)
-        sigmas.push_back(
-            {name,
-             name + text(" is known to %.3g degrees only (one sigma)", e.sigma[c] * 180 / kPi),
-             e.sigma[c] / (kPi / 180)});
-    }
-  warn("prior", "parameters are more than 3 prior sigmas from their priors", std::move(priors),
-       out);
-  warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas), out);
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -445,11 +413,11 @@ void warn_of_noise(const Report& report, Warnings& out) {
     for (const NoiseLevel& level : report.noise_levels)
       if (level.used != level.assumed) {
         names.push_back(level.of + (level.part.empty() ? "" : " " + level.part));
-        levels +=
-            (levels.empty() ? "" : "; ") + names.back() + text(": %.3g, stated ", level.used) +
-            text("%.3g ", level.assumed) + level.unit +
-            (std::abs(std::log(level.used / level.assumed)) > std::log(9.99) ? " (at the bound)"
-                                                                             : "");
+        levels += (levels.empty() ? "" : "; ") + names.back() +
+                  text(": %.3g, stated ", level.used) + text("%.3g ", level.assumed) + level.unit +
+                  (std::abs(std::log(level.used / level.assumed)) > std::log(9.99)
+                       ? " (ten times is the most that is tried: state it nearer to what is true)"
+                       : "");
       }
     sentences.push_back(text("with the stated sigmas chi2/dof is %.3g, and no mistake explains "
                              "that: sigmas were estimated from the data (joints stated exact "
@@ -510,14 +478,14 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged",  "unobservable",    "unexplained",     "implausible",
-      "outside_image",  "duplicates",      "few_data",        "undefined",
-      "outlier_sample", "outlier_view",    "outlier_point",   "no_consensus",
-      "chi2",           "joint_error",     "joint_noise",     "noise",
-      "prior",          "sigma",           "minima",          "given_pose",
-      "rescaled",       "no_start",        "ambiguous_start", "moved",
-      "identity",       "unfinished",      "joint_model",     "no_effect",
-      "unused_prior",   "undefined_before"};
+      "not_converged",  "unobservable", "unexplained",     "implausible",
+      "outside_image",  "duplicates",   "few_data",        "undefined",
+      "outlier_sample", "outlier_view", "outlier_point",   "no_consensus",
+      "chi2",           "joint_error",  "joint_noise",     "noise",
+      "prior",          "sigma",        "minima",          "given_pose",
+      "rescaled",       "no_start",     "ambiguous_start", "moved",
+      "identity",       "unfinished",   "joint_model",     "no_effect",
+      "base_frame",     "unused_prior", "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -557,7 +525,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
   warn_of_rescaled(report.solution, out);
-  warn_of_parameters(report.solution, out);
+  warn_of_parameters(report, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
     warn_of_misfits("outlier_sample", "sample", report.misfits.samples, out);

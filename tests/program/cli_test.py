@@ -669,10 +669,45 @@ class WrongKinds(Case):
             self.write("samples.jsonl", "\n".join([bad] + good[1:]) + "\n")
             self.fails(self.calibrate(), "samples.jsonl:1")
 
+    def test_samples_in_something(self):
+        samples = make_samples()
+        for name, text, words in (
+                ("object.json", json.dumps({"samples": samples}), ("one JSON object around a list ('samples'), no samples", "jq -c '.samples[]'")),
+                ("object2.json", json.dumps({"data": samples}, indent=2), ("one JSON object around a list ('data'), no samples", "jq -c '.data[]'")),
+                ("object3.json", json.dumps({"robot": "tiny", "n": 3, "samples": samples}), ("one JSON object around", "jq -c '.samples[]'")),
+                ("comments.csv", "# logged on Monday\n#\n# time, turn\n0.1,0.2\n0.3,0.4\n", ("a table (CSV), no samples", '{"id": "..."')),
+                ("savetxt.txt", "# turn lift\n1.0e-01 -2.5e-01\n3.0e-01 4.0e-01\n", ("a table (CSV, with blanks), no samples", '{"id": "..."'))):
+            self.put(name, text)
+            self.other("evaluate rig.yaml NAME", name, *words)
+        views_first = [dict([("views", s["views"])] + [(k, v) for k, v in s.items() if k != "views"]) for s in samples]
+        self.write("samples.jsonl", lines(views_first))  # an order of keys is no other kind
+        self.assertEqual(self.calibrate("--dry-run").code, 0)
+
+    def test_files_of_other_programs(self):
+        matrix = "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [900, 0, 640, 0, 900, 480, 0, 0, 1]\n"
+        for name, text, words in (
+                ("camera.yaml", "image_width: 1280\nimage_height: 960\ncamera_name: left\n" + matrix + "distortion_model: plumb_bob\n",
+                 ("a camera_info of ROS", "no rig", "intrinsics: [fx, fy, cx, cy]", "kincal init")),
+                ("echo.yaml", "header:\n  seq: 0\nheight: 960\nwidth: 1280\ndistortion_model: 'plumb_bob'\nD: [0.1, 0, 0, 0, 0]\nK: [900, 0, 640]\n",
+                 ("a camera_info message of ROS", "no rig", "kincal init")),
+                ("opencv.yml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n", ("a file of OpenCV", "no rig", "intrinsics:")),
+                ("camchain.yaml", "cam0:\n  camera_model: pinhole\n  distortion_model: radtan\n  intrinsics: [1, 2, 3, 4]\n  resolution: [640, 480]\n",
+                 ("a camchain of Kalibr", "no rig", "radtan", "T_cn_cnm1")),
+                ("april.yaml", "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\n", ("a target of Kalibr", "no rig", "apriltag_grid")),
+                ("handeye.yaml", "parameters:\n  eye_on_hand: true\n  robot_base_frame: base\ntransformation:\n  x: 0.1\n  qw: 1.0\n",
+                 ("a result of easy_handeye", "no rig", "pose: {xyz:")),
+                ("easy.calib", "parameters:\n  name: cam\n  calibration_type: eye_in_hand\n  robot_base_frame: base\ntransform:\n  translation: {x: 0}\n",
+                 ("a file of easy_handeye", "no rig", "pose: {xyz:")),
+                ("shot.png", b"\x89PNG\r\n\x1a\n\0", ("an image (PNG), no rig", "kincal detect")),
+                ("data.npy", b"\x93NUMPY\1\0", ("an array of numpy, no rig", "samples.jsonl"))):
+            self.put(name, text)
+            self.other("evaluate NAME samples.jsonl", name, *words)
+            self.other("evaluate rig.yaml NAME", name, words[0].split(",")[0], "no samples")
+
     def test_no_text(self):
         import gzip
         for name, data, words in (
-                ("packed.gz", gzip.compress(b"x" * 100), ("a compressed file (gzip)", "gunzip")), ("packed.zip", b"PK\3\4rest", ("a zip archive", "unzip")),
+                ("packed.gz", gzip.compress(b"x" * 100), ("a compressed file (gzip)", "gunzip")), ("packed.zip", b"PK\3\4rest", ("a zip archive (numpy's .npz is one, too)", "unzip")),
                 ("packed.xz", b"\xfd7zXZ\0rest", ("a compressed file (xz)", "unxz")), ("some.bag", b"#ROSBAG V2.0\n\0", ("a ROS bag", "samples.jsonl")),
                 ("some.db3", b"SQLite format 3\0rest", ("a database (of a ROS 2 bag?)", "samples.jsonl")), ("some.mcap", b"\x89MCAP0\r\n", ("a bag (MCAP)",)),
                 ("noise.bin", bytes(range(1, 100)) + b"\0\1\2", ("binary data",)), ("wide.txt", RIG.encode("utf-16"), ("a text in UTF-16", "save it as UTF-8"))):

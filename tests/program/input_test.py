@@ -220,6 +220,7 @@ class Unseen(Input):
             text = self.one(result, "never_seen")["text"]
             self.assertIn("target/nowhere/pose: no training sample shows", text)
             self.assertIn("target/spare/pose: only held-out samples show", text)
+            self.assertIn("to judge them it is estimated from them alone", text)
             self.assertEqual("keeps the rig's value" in text, given)
 
     def test_a_prior_on_what_nothing_sees(self):

@@ -136,6 +136,77 @@ class Words(Case):
         self.assertEqual(len(self.warnings(result, "never_seen")), 1)
         self.assertIn("target/r2/pose", self.warnings(result, "never_seen")[0])
 
+    def test_where_the_base_frame_is_is_no_doubt(self):
+        """The first joint's zero and the base frame's turn about its axis are one number: no posture helps, and nobody is harmed."""
+        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
+        result, text = self.calibrate(samples)
+        self.assertEqual(self.warnings(result, "sigma"), [], text)
+        self.assertEqual(result["verdict"]["use"], "good", text)
+        self.assertNotIn("more varied postures", text)
+        found, = self.warnings(result, "base_frame")
+        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are known no better than where the base frame is")
+        self.assertIn("Hold joint/j1/offset (--fix)", found)
+        self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
+        result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
+        self.assertEqual(self.warnings(result, "base_frame") + self.warnings(result, "sigma"), [], text)
+        self.assertLess(max(result["parameters"]["sensor/tracker/pose"]["sigma"][:3]), 0.01)
+        # steps with a prior: the same
+        steps = TRACKER + ("estimate:\n  - {step: all, free: ['joint/*/offset', 'sensor/*/pose', 'target/*/pose.?'], "
+                           "priors: {'joint/*/offset': 0.01}}\n")
+        steps = steps.replace("mount: {link: l6}", "mount: {link: l6, pose: {xyz: [0.1, 0, 0]}}")
+        self.write("steps.yaml", steps)
+        result, text = self.calibrate(samples, rig="steps.yaml")
+        self.assertEqual(self.warnings(result, "sigma"), [], text)
+        self.assertIn("joint/j1/offset", self.warnings(result, "base_frame")[0])
+        # freed without a prior it is not determined, and the cure is the joint
+        result, text = self.calibrate(samples, "--free", "joint/j1/offset", code=2)
+        self.assertIn("hold joint/j1/offset, for where the base frame is is its own choice", self.warnings(result, "unobservable")[0])
+        # what hangs on a joint further out is no choice of the base's
+        moved = TRACKER.replace("link: base, sigma", "link: l1, sigma")
+        samples = self.simulate(moved, dict(TRACKER_TRUTH), samples=30, out="moved")
+        result, text = self.calibrate(samples)
+        self.assertEqual(self.warnings(result, "base_frame"), [], text)
+
+    def test_what_was_asked_for_and_is_held_is_said(self):
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        self.write("open.yaml", CAMERA)
+        result, text = self.calibrate(samples, "--group", "centres", "--group", "offsets", rig="open.yaml")
+        held, = self.warnings(result, "no_effect")
+        self.assertIn("--group 'centres' was asked for, yet its numbers stay as the rig has them", held)
+        self.assertIn("free each by name (--free), as sensor/cam/intrinsics.cx", held)
+        self.assertIn("; --group 'offsets' changes nothing: it is among those tried anyway", held)
+        # what is freed by name is estimated, and nothing says that it is held
+        result, text = self.calibrate(samples, "--free", "sensor/cam/intrinsics.cx", rig="open.yaml")
+        self.assertNotIn("sensor/cam/intrinsics.cx", [h["parameter"] for h in result["held"]])
+        self.assertIn("sensor/cam/intrinsics.cy", [h["parameter"] for h in result["held"]])
+        self.assertNotEqual(result["parameters"]["sensor/cam/intrinsics"]["value"][2], 640)
+        self.assertEqual(self.warnings(result, "no_effect"), [])
+        self.assertEqual([g["held"] for g in result["automatic"] if g["group"] == "centres"], [False])
+
+    def test_words_of_poses_and_widths(self):
+        """No prior is spoken of where the user gave none, and what is held of a pose that the rig leaves open is named."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        self.write("open.yaml", CAMERA)
+        result, text = self.calibrate(samples, "--fix", "target/board/pose.z", rig="open.yaml")
+        found, = self.warnings(result, "identity")
+        self.assertIn("target/board/pose is absent from the rig, and its z is held: that counts from the identity", found)
+        self.assertIn("Give it a pose in the rig", found)
+        # one joint far off among good ones
+        truth = {"joint/j%d/offset" % k: 0.0003 * (-1) ** k for k in range(2, 7)}
+        truth["joint/j4/origin"] = [0.02, 0, 0, 0, 0, 0]
+        samples = self.simulate(true, truth, samples=40, seed=3, out="far")
+        result, text = self.calibrate(samples, rig="open.yaml")
+        for words in self.warnings(result, "prior"):
+            self.assertIn("its group 'lengths/j1..j6' usually is here", words)
+        self.assertNotIn("prior", result["verdict"]["text"])
+        self.assertNotIn("with the prior", text)
+
     def test_many_rejected_samples_are_a_warning(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)
         for k, expected in ((2, []), (6, ["6 of 24"])):

@@ -1222,7 +1222,7 @@ TEST_CASE("levenberg-marquardt: second derivatives are those of the cost") {
     return arrowhead.system.full(arrowhead.damped_matrix.data())(0, 0);
   };
   const double without = reduced();
-  REQUIRE(arrowhead.find_curvature(state));
+  REQUIRE(arrowhead.find_curvature(state, [] { return true; }));
   const double with = reduced();
   double expected = hessian(0, 0);
   for (int i = 1; i <= count; ++i) expected -= hessian(0, i) * hessian(0, i) / hessian(i, i);
@@ -1254,6 +1254,45 @@ TEST_CASE("levenberg-marquardt: second derivatives save steps where residuals ar
     }
   CAPTURE(with, without);
   CHECK(with < without);
+}
+
+TEST_CASE(
+    "levenberg-marquardt: can be cancelled between the linearisations of second derivatives") {
+  int asked = 0;
+  for (int count = 2; count <= 9 && asked == 0; ++count) {
+    Curves curves(count, 5.0);
+    SolverOptions options;
+    int last = 0, again = 0;
+    const auto count_again = [&](int iteration, double chi2, double) {
+      CHECK(chi2 > 0);
+      again += iteration == last;
+      last = iteration;
+      return true;
+    };
+    options.progress = count_again;
+    VectorXd state = VectorXd::Ones(count + 1);
+    LevenbergMarquardt(curves, options).solve(state);
+    asked = again;
+    if (asked == 0) continue;
+    last = again = 0;
+    options.progress = [&](int iteration, double chi2, double damping) {
+      count_again(iteration, chi2, damping);
+      return again == 0;
+    };
+    state = VectorXd::Ones(count + 1);
+    LevenbergMarquardt solver(curves, options);
+    const SolveSummary summary = solver.solve(state);
+    CHECK(summary.outcome == Outcome::cancelled);
+    CHECK(summary.iterations == last);
+    CHECK(again == 1);
+    Cost cost;  // what is left is the last iteration's
+    for (int g = 0; g < count; ++g) curves.evaluate(g, state, 0, cost);
+    CHECK(std::abs(cost.doubled / summary.cost.doubled - 1) < 1e-12);
+    options.progress = nullptr;  // and another solve goes to the end
+    LevenbergMarquardt fresh(curves, options);
+    CHECK(fresh.solve(state).outcome == Outcome::converged);
+  }
+  CHECK(asked > 0);
 }
 
 TEST_CASE("levenberg-marquardt: a problem that has nothing to do with robots") {

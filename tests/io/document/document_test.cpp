@@ -421,6 +421,34 @@ TEST_CASE("the nearest names are those meant", "[document]") {
         "; nearest: j11, j12, j13, j14");
 }
 
+TEST_CASE("prefixes, case and what stands between words do not hide a name", "[document]") {
+  const std::vector<std::string> joints = {"joint_1", "joint_2", "joint_3", "tool"};
+  CHECK(nearest_names("Joint2", joints) == "; nearest: joint_2");
+  CHECK(nearest_names("JOINT-2", joints) == "; nearest: joint_2");
+  CHECK_THAT(nearest_names("robot1_joint_2", joints), Catch::StartsWith("; nearest: joint_2"));
+  CHECK_THAT(nearest_names("robot1/joint2", joints), Catch::StartsWith("; nearest: joint_2"));
+  CHECK_THAT(nearest_names("left_arm_jiont_2", joints), Catch::StartsWith("; nearest: joint_2"));
+  CHECK(nearest_names("arm_l6", {"l5", "l6"}) == "; nearest: l6");
+  CHECK(nearest_names("joint_2", {"iiwa7_joint_1", "iiwa7_joint_2", "iiwa7_link_2"}) ==
+        "; nearest: iiwa7_joint_2, iiwa7_joint_1");
+  CHECK_THAT(nearest_names("shoulder", {"ur5_Shoulder", "elbow"}),
+             Catch::StartsWith("; nearest: ur5_Shoulder"));
+  const std::vector<std::string> parameters = {"joint/j1/offset", "joint/j2/offset",
+                                               "joint/j2/origin", "sensor/cam/pose"};
+  CHECK(nearest_names("j2", parameters) == "; nearest: joint/j2/offset, joint/j2/origin");
+  CHECK(nearest_names("offset/j2", parameters) == "; nearest: joint/j2/offset");
+  CHECK_THAT(nearest_names("J2.offset", parameters), Catch::StartsWith("; nearest: joint/j2/offset"));
+  CHECK(nearest_names("laser", joints).empty());
+  CHECK(nearest_names("2", joints).empty());
+  CHECK(nearest_names("a_1", joints).empty());
+  CHECK(nearest_or_all("laser", joints, "the robot has") ==
+        "; the robot has: joint_1, joint_2, joint_3, tool");
+  CHECK(nearest_or_all("Joint2", joints, "the robot has") == "; nearest: joint_2");
+  CHECK_THAT(nearest_or_all("laser", std::vector<std::string>(30, "xyz"), "there are"),
+             Catch::EndsWith("xyz and 10 more"));
+  CHECK(nearest_or_all("laser", {}, "there are").empty());
+}
+
 TEST_CASE("shortest is exact and short", "[document]") {
   CHECK(shortest(0.1) == "0.1");
   CHECK(shortest(-0.0) == "0");

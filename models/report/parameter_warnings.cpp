@@ -1,0 +1,102 @@
+#include "parameter_warnings.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../rig/numbers.h"
+#include "base_choice.h"
+#include "cases.h"
+
+namespace kincal {
+namespace {
+
+/// "0.0114 m" or "1.2 degrees"; "" of other units, and of what is known well.
+std::string loose_text(const std::string& unit, double sigma) {
+  if (unit == "m" && sigma > 0.01) return text("%.3g m", sigma);
+  return unit == "rad" && sigma > kPi / 180 ? angle_text(sigma) : "";
+}
+
+/// Warns of poses at the base that are known no better than the base frame itself.
+void warn_of_base_choice(const BaseChoice& choice, std::vector<Case> poses, Warnings& out) {
+  if (poses.empty()) return;
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const Case& a, const Case& b) { return a.size > b.size; });
+  Warning warning{"base_frame", "", {}};
+  std::vector<std::string> words;
+  for (const Case& c : poses) {
+    warning.names.push_back(c.name);
+    words.push_back(c.name + " (" + c.text + ")");
+  }
+  warning.text = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is") +
+                 " known no better than where the base frame is: that and " +
+                 (choice.is_zero ? "the zero of joint '" : "the place of joint '") + choice.joint +
+                 "' (" + choice.number +
+                 ") are one number, the base frame's own choice. No posture tells it, nothing that "
+                 "is measured depends on it, and it does no harm. Hold " +
+                 choice.number + " (`fix`) to take the rig's value for it";
+  out.push_back(std::move(warning));
+}
+
+/// How far a number is from where its prior has it: the rig's own, or the width of its group.
+std::string prior_text(const Report& report, const std::string& name, double from_prior) {
+  for (const AutomaticGroup& group : report.automatic)
+    for (const AutomaticNumber& n : group.numbers)
+      if (n.name == name)
+        return name + " is off by " + shown_text(n.value, n.unit) +
+               text(", %.1f times as much as its group '", std::abs(from_prior)) + group.name +
+               "' usually is here (" + shown_text(n.width, n.unit) + ")";
+  return name + text(" is %.1f prior sigmas from its prior", from_prior);
+}
+
+}  // namespace
+
+void warn_of_movements(const Solution& solution, Warnings& out) {
+  std::vector<std::string> explained = solution.identity_starts;  // elsewhere
+  for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
+  if (solution.status == Status::converged)
+    explained.insert(explained.end(), solution.computed_starts.begin(),
+                     solution.computed_starts.end());
+  std::vector<Case> poses;
+  for (const ParameterEstimate& e : solution.parameters) {
+    if (!e.pose || std::find(explained.begin(), explained.end(), e.name) != explained.end())
+      continue;
+    const double moved = std::hypot(e.value[0], e.value[1], e.value[2]) / 0.1,
+                 turned = std::hypot(e.value[3], e.value[4], e.value[5]) / (10 * kPi / 180);
+    if (!(moved > 1) && !(turned > 1)) continue;
+    const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
+                      by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
+    poses.push_back({e.name,
+                     e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
+                         " from its initial value: is that possible?",
+                     std::max(moved, turned)});
+  }
+  warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
+}
+
+void warn_of_parameters(const Report& report, Warnings& out) {
+  std::vector<Case> priors, sigmas, chosen;
+  const std::optional<BaseChoice> choice = base_choice(report);
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c) {
+      const std::string name = e.component_name(c);
+      const double from_prior = e.prior[c] > 0 ? (e.value[c] - e.initial[c]) / e.prior[c] : 0;
+      if (std::abs(from_prior) > 3)
+        priors.push_back({name, prior_text(report, name, from_prior), std::abs(from_prior)});
+      const std::string known = loose_text(e.units[c], e.sigma[c]);
+      const double yardstick = e.units[c] == "m" ? 0.01 : kPi / 180;
+      if (known.empty()) continue;
+      if (loose_text(e.units[c], sigma_to_judge(choice, e, c)).empty())
+        chosen.push_back({name, known, e.sigma[c] / yardstick});
+      else
+        sigmas.push_back(
+            {name, name + " is known to " + known + " only (one sigma)", e.sigma[c] / yardstick});
+    }
+  warn("prior",
+       report.automatic.empty() ? "parameters are more than 3 prior sigmas from their priors"
+                                : "parameters are off by more than 3 times what is usual here",
+       std::move(priors), out);
+  warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas), out);
+  if (choice) warn_of_base_choice(*choice, std::move(chosen), out);
+}
+
+}  // namespace kincal
