@@ -108,11 +108,8 @@ int import_poses(const ImportArguments& a) {
   if (a.sensor.empty() != a.target.empty())
     throw InputError(std::string(a.sensor.empty() ? "--sensor" : "--target") +
                      ": say both, what saw and what was seen, or neither");
-  if (!a.unit.empty() && a.unit != "m" && a.unit != "mm")
-    throw InputError("--unit: 'm' or 'mm' is expected, not '" + a.unit + "'");
-  const double length = a.unit.empty() ? 0 : a.unit == "m" ? 1 : 0.001;
   const std::vector<FlangePose> poses =
-      read_flange_poses(a.file, pose_format(a.pose_format), length);
+      read_flange_poses(a.file, pose_format(a.pose_format), pose_unit(a.unit));
   constexpr double kFar = 20;  // m: no robot reaches so far
   for (const FlangePose& one : poses)
     if (one.pose.translation.norm() > kFar) {

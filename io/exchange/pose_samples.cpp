@@ -122,6 +122,9 @@ bool is_hand_eye(const std::string& path) {
 HandEyeFiles read_hand_eye(const std::string& path, bool in_hand) {
   const Node node = read_foreign(path);
   const std::vector<PosePair> pairs = pairs_of(top(node, path), in_hand);
+  for (const PosePair& pair : pairs)
+    if (!pair.base_T_flange.translation.allFinite())
+      throw InputError(path + ": a position is too large");
   if (pairs.empty()) throw InputError(path + ": no sample in it");
   HandEyeFiles out;
   out.count = static_cast<int>(pairs.size());

@@ -192,6 +192,12 @@ const PoseFormat& pose_format(const std::string& name) {
                    "; valid: " + comma_separated(names));
 }
 
+double pose_unit(const std::string& name) {
+  if (!name.empty() && name != "m" && name != "mm")
+    throw InputError("--unit: 'm' or 'mm' is expected, not '" + name + "'");
+  return name.empty() ? 0 : name == "m" ? 1 : 0.001;
+}
+
 Pose pose_of_matrix(const std::vector<double>& n, const std::string& where) {
   if (n.size() != 16 && n.size() != 12)
     throw InputError(where + ": the 16 numbers of a 4 x 4 matrix are expected, not " +

@@ -34,6 +34,9 @@ Pose pose_of_row(const PoseFormat& format, const std::vector<double>& numbers, d
 /// is undone. @throws InputError
 Pose pose_of_matrix(const std::vector<double>& numbers, const std::string& where);
 
+/// Returns the length of a unit in m: of m and mm; 0 of "", the format's own. @throws InputError
+double pose_unit(const std::string& name);
+
 struct FlangePose {
   std::string id, image;
   std::optional<double> time;

@@ -112,6 +112,7 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
   if (std::all_of(m.begin(), m.end(), [](double v) { return v == 0; }) && !choice.rectified) return;
   const std::vector<double> k = intrinsics_of(*p, m, 4);
   const double baseline = m[3] == 0 ? 0 : -m[3] / m[0];
+  if (!std::isfinite(baseline)) p->fail("its Tx is too large for its fx");
   const std::optional<Field> r = first_of(file, {"rectification_matrix", "R", "r"});
   const std::vector<double> turn = r ? entries_of(*r) : std::vector<double>{};
   const bool turned =
