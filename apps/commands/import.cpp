@@ -8,6 +8,7 @@
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/rig/types.h"
 #include "../job.h"
 #include "../signals.h"
 #include "command.h"
@@ -150,7 +151,8 @@ int import_hand_eye(const ImportArguments& a) {
   return kConverged;
 }
 
-int import_file(const ImportArguments& a) {
+int import_file(ImportArguments a) {
+  a.rig = rig_path(a.rig);
   const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
   if (hand_eye || !a.pose_format.empty()) {
     if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");

@@ -7,15 +7,14 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
-#include "../rig/types.h"
 
 namespace kincal {
 
 /// How a row of numbers says a pose.
 struct PoseFormat {
-  std::string name;  // as --pose-format names it
-  Names columns;     // of the numbers, in their order
-  double length;     // of one unit of x, y and z in m, unless the user says otherwise
+  std::string name;                  // as --pose-format names it
+  std::vector<std::string> columns;  // of the numbers, in their order
+  double length;  // of one unit of x, y and z in m, unless the user says otherwise
   std::string about;
   /// The rotation of the numbers behind x y z; of a matrix of all of them.
   Matrix3d (*rotation)(const std::vector<double>& numbers);

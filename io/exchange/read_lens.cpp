@@ -7,6 +7,7 @@
 #include "../document/document.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "../rig/types.h"
 #include "foreign.h"
 
 namespace kincal {
@@ -131,6 +132,20 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
   }
 }
 
+/// What a message of ROS says of the images that were sent, not of the camera.
+void note_smaller_images(const Field& file, std::vector<std::string>& notes) {
+  const auto above = [](const std::optional<Field>& field, int most) {
+    double value = 0;
+    return field && read_number(field->node->text, value) && value > most;
+  };
+  const std::optional<Field> roi = first_of(file, {"roi"});
+  if (above(first_of(file, {"binning_x"}), 1) || above(first_of(file, {"binning_y"}), 1) ||
+      (roi && above(first_of(*roi, {"width"}), 0)))
+    notes.emplace_back(
+        "binning or a region of interest is set: the numbers are of the whole image of full "
+        "resolution; use images of that");
+}
+
 LensNumbers read_matrices(const Field& file, const LensChoice& choice,
                           std::vector<std::string>& notes) {
   const std::string& one = choice.camera;
@@ -173,6 +188,7 @@ LensNumbers read_matrices(const Field& file, const LensChoice& choice,
     set_kannala_brandt(*d, distortion, lens);
   else if (d)
     set_brown_conrady(*d, distortion, lens);
+  note_smaller_images(file, notes);
   if (named || choice.rectified) read_projection(file, choice, lens, notes);
   return lens;
 }

@@ -314,11 +314,17 @@ distortion_model: rational_polynomial
 binning_x: 0
 roi:
   x_offset: 0
+  width: 0
 ---
 """)
             keys = yaml.safe_load(self.good("import", "m.yaml").stdout)
             self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [600, 601, 320, 240],
                                     "distortion": [0.1, 0.2, 0.001, 0.002, 0.3, 0.4, 0.5, 0.6], "baseline": 0.1})
+            for key in ("binning_x: ", "  width: "):
+                self.assertNotIn("full", self.good("import", "m.yaml").stderr)
+                self.write("m.yaml", self.read("m.yaml").replace(key + "0", key + "2"))
+                self.assertIn("full resolution", self.good("import", "m.yaml").stderr)
+                self.write("m.yaml", self.read("m.yaml").replace(key + "2", key + "0"))
 
     def test_rectified(self):
         text = self.exported("camera_info", "--sensor", "left")
@@ -637,6 +643,10 @@ class HandEye(Case):
             self.assertEqual(data["parameters"]["eye_on_hand"], in_hand)
             t = data["transformation"]
             np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]), truth, atol=1e-6)
+            result = self.path(setup + "_result/result.json")
+            self.write(result, self.read(result).replace('"status": "converged"', '"status": "not_converged"'))
+            self.fails(["export", setup + "_result", "--as", "easy_handeye"], "not_converged", "--force")
+            self.good("export", setup + "_result", "--as", "easy_handeye", "--force")
 
     def test_wrong(self):
         self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [1] * 16, "object_wrt_sensor": [1] * 16}]))
