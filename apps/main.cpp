@@ -66,6 +66,7 @@ int main(int argc, char** argv) {
       export_command(app),
       import_command(app),
       local_command(app, line),
+      intrinsics_command(app, line),
       simulate_command(app),
       detect_command(app, {argv + std::min(argc, 1), argv + argc}),
   };
@@ -86,6 +87,8 @@ int main(int argc, char** argv) {
       "easy_handeye\n"
       "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
       "around one posture\n"
+      "  kincal intrinsics rig.yaml samples.jsonl --out lens        lenses and stereo from boards, "
+      "without a robot\n"
       "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
       "  kincal diff result other_result                            two calibrations compared\n"
       "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "

@@ -65,6 +65,12 @@ const std::string& read_name(const Tree& tree, int joint) {
   return tree.joints[floating < 0 ? joint : floating].name;
 }
 
+bool is_between_axes(const Tree& tree, int link) {
+  return std::any_of(tree.joints.begin(), tree.joints.end(), [&](const Joint& joint) {
+    return joint.parent == link && joint.floating >= 0;
+  });
+}
+
 std::vector<int> same_noise(const Tree& tree, int joint) {
   const Joint& axis = tree.joints[joint];
   if (axis.axis_of_pose != PoseAxis::error) return {joint};

@@ -34,6 +34,9 @@ Pose pose_reading(const Tree& tree, int joint, const std::vector<double>& readin
 /// that joint's.
 const std::string& read_name(const Tree& tree, int joint);
 
+/// True for a link that opening a joint has made: nothing of a robot sits on it.
+bool is_between_axes(const Tree& tree, int link);
+
 /// Returns the joints whose readings have the same sigma as this joint's: three errors of a
 /// floating joint, in metres or in radians; of others the joint itself.
 std::vector<int> same_noise(const Tree& tree, int joint);

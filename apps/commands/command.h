@@ -26,6 +26,7 @@ Command export_command(CLI::App& app);
 Command import_command(CLI::App& app);
 Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
+Command intrinsics_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
 Command detect_command(CLI::App& app, std::vector<std::string> arguments);
 

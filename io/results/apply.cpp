@@ -31,6 +31,10 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   if (!force && all["status"].string() != "converged")
     throw InputError(path + ": status: " + all["status"].string() +
                      ": this result is not to be trusted; --force applies it all the same");
+  if (all["robot"].has("urdf") && !all["robot"]["urdf"].boolean())
+    throw InputError(path +
+                     ": is about a robot without URDF: its mounts, ready to be copied, are in "
+                     "changes.yaml");
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
   const auto apart = [](const Pose& a, const Pose& b) {
     return std::max((a.translation - b.translation).norm(),

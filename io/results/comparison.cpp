@@ -191,6 +191,7 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   for (const int p : open_a) out.open_in_a.push_back(a.table.all[p].name);
   for (const int p : open_b) out.open_in_b.push_back(b.table.all[p].name);
   for (size_t p = 0; p < a.table.all.size(); ++p) {
+    if (a.table.all[p].hidden()) continue;
     const int q = find_parameter(b.table, a.table.all[p].name);
     if (open_a.count(static_cast<int>(p)) || open_b.count(q)) continue;
     if (q < 0 || b.table.all[q].size() != a.table.all[p].size() ||
@@ -202,6 +203,7 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
       out.parameters.push_back(std::move(*difference));
   }
   for (const Parameter& p : b.table.all) {
+    if (p.hidden()) continue;
     const int q = find_parameter(a.table, p.name);
     if (q < 0 || a.table.all[q].size() != p.size() || a.table.all[q].pose != p.pose)
       out.only_in_b.push_back(p.name);

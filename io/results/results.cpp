@@ -279,6 +279,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                  {"urdf", out.urdf_hash}}}};
   json.update(result_json(report));
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
+  if (rig_file.flange_only) json["robot"]["urdf"] = false;
   out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);

@@ -584,6 +584,9 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   for (const auto& entry : sensors.node->members)
     rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
+  if (rig.steps.empty())  // poses are never exact; with steps a sigma that is not stated is 0
+    for (JointSettings& joint : rig.joints)
+      if (joint.noise_unknown) joint.sigma = kUnknownPoseNoise;
   if (all.has("priors")) rig.priors = read_priors(all["priors"], rig);
   if (all.has("nominal")) rig.nominal = read_nominal(all["nominal"], rig);
   return file;

@@ -1,6 +1,7 @@
 #include "rig_text.h"
 
 #include <algorithm>
+#include <typeinfo>
 
 #include "../../kinematics/floating.h"
 #include "../../models/rig/parameters.h"
@@ -253,6 +254,23 @@ void set_nominal(RigFile& rig, const std::vector<NominalValue>& values) {
     member(node, "quat") = list_node(q.data(), 4);
   }
   member(rig.node, "nominal") = nominal;
+}
+
+void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found) {
+  Sensor& sensor = rig.rig.sensors[camera];
+  Node& node = member(member(rig.node, "sensors"), sensor.name);
+  const SensorModel &before = *sensor.model, &now = *found.model;
+  if (typeid(before) != typeid(now)) {  // else the rig's own word for it stays
+    member(node, "model") = scalar_node(model);
+    erase_member(node, "distortion");
+  }
+  for (const ParameterBlock& block : found.parameters) {
+    if (block.name == "baseline") continue;
+    member(node, block.name, {"model", "image_size", "intrinsics"}) =
+        list_node(block.values.data(), static_cast<int>(block.values.size()));
+  }
+  sensor.model = found.model;
+  sensor.parameters = found.parameters;
 }
 
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {

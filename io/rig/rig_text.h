@@ -11,6 +11,10 @@ namespace kincal {
 /// Replaces the nominal values of the rig, in its meaning and in its text.
 void set_nominal(RigFile& rig, const std::vector<NominalValue>& values);
 
+/// Replaces the lens of a camera, in the rig's meaning and in its text, by that of `found`; `model`
+/// is the rig's word for it.
+void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found);
+
 /// RigValues are new values for a rig's text.
 struct RigValues {
   std::vector<double> joint_offsets;  // by joint index: what is left after folding

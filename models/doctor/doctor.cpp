@@ -590,7 +590,7 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
       "rectified",      "duplicates",   "disconnected",  "bad-samples",   "exchanged-axes",
       "resolution",     "intrinsics",   "normalised",    "board-columns", "turned-pose",
       "outlier-points", "units",        "outside-image", "shifted",       "lag",
-      "wrong-link",     "sigma"};
+      "wrong-link",     "sigma",        "convention"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);

@@ -1,7 +1,10 @@
 #include "hypotheses.h"
 
+#include <algorithm>
+
 #include "camera_mistakes.h"
 #include "joint_mistakes.h"
+#include "pose_mistakes.h"
 #include "sensor_mistakes.h"
 #include "target_mistakes.h"
 
@@ -12,6 +15,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   const Survey survey = make_survey(rig, samples);
   std::vector<Hypothesis> out;
   add_joints(rig, samples, survey, out);
+  add_pose_readings(rig, samples, survey, out);
   add_bearings(rig, samples, survey, out);
   add_squares(rig, table, survey, freed, out);
   add_boards(rig, survey, out);
@@ -29,6 +33,10 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_normalised(rig, samples, survey, out);
   add_shifts(rig, samples, survey, out);  // many: last, where bad ones are given up soon
   add_links(rig, samples, out);
+  if (!survey.floating.empty() && survey.ranges.empty())  // the same as poses the wrong way round
+    out.erase(std::remove_if(out.begin(), out.end(),
+                             [](const Hypothesis& h) { return h.id == "eye-in-hand"; }),
+              out.end());
   return out;
 }
 

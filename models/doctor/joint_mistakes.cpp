@@ -5,6 +5,7 @@
 #include <memory>
 #include <set>
 
+#include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -440,7 +441,8 @@ std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
 void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
   for (const Seat& seat : seats(rig, samples))
     for (int link : other_bodies(rig.tree, seat.link)) {
-      if (faces(rig, samples, seat, link) || !readings_move_between(rig, samples, seat, link))
+      if (is_between_axes(rig.tree, link) || faces(rig, samples, seat, link) ||
+          !readings_move_between(rig, samples, seat, link))
         continue;
       Hypothesis h;
       h.id = "wrong-link";

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "data_checks.h"
@@ -13,7 +14,8 @@ namespace kincal {
 namespace {
 
 // Nothing that a robot is calibrated with is as large (m), no board has such fields (m).
-constexpr double kFarAway = 200, kFarMounted = 50, kLargeSquare = 2, kSmallSquare = 0.0005;
+constexpr double kFarAway = 200, kFarFlange = 20, kFarMounted = 50, kLargeSquare = 2,
+                 kSmallSquare = 0.0005;
 // Multiples of a joint's limits, and turns of one without, beyond which readings are degrees.
 constexpr double kBeyondLimits = 3, kManyTurns = 8;
 // What is seen of the resolution if all points lie in a corner.
@@ -240,6 +242,26 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
   out.push_back(std::move(f));
 }
 
+/// Poses of a floating joint, all of which are further away than any flange.
+void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
+                         std::vector<Finding>& out) {
+  for (const int j : make_survey(rig, samples).floating) {
+    std::vector<double> distances;
+    for (const Sample& sample : samples) {
+      const Pose pose = pose_reading(rig.tree, j, sample.readings);
+      if (pose.translation.allFinite()) distances.push_back(pose.translation.norm());
+    }
+    const double middle = median(std::move(distances), 0);
+    const std::string& name = rig.tree.joints[j].name;
+    if (middle > kFarFlange)
+      out.push_back(implausible("units", name,
+                                "The poses of joint " + quoted(name) +
+                                    text(" are %.4g m away. Write metres: millimetres have to be "
+                                         "divided by 1000",
+                                         middle)));
+  }
+}
+
 }  // namespace
 
 std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
@@ -247,6 +269,7 @@ std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>&
   check_lengths(rig, out);
   check_measured_lengths(rig, samples, out);
   check_angles(rig, samples, out);
+  check_pose_readings(rig, samples, out);
   for (const Sensor& sensor : rig.sensors) check_intrinsics(sensor, out);
   check_images(rig, samples, out);
   for (Finding& f : out) f.text += ".";

@@ -36,6 +36,10 @@ Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
       };
       for (int joint : joints[pair]) {
         out.samples[joint].insert(static_cast<int>(i));
+        if (rig.tree.joints[joint].floating >= 0) {
+          out.floating.insert(rig.tree.joints[joint].floating);
+          continue;
+        }
         if (rig.sensors[v.sensor].scanning_joint != joint)
           add(joint, samples[i].readings[joint]);
         else

@@ -51,6 +51,8 @@ struct Survey {
   std::map<int, std::pair<double, double>>
       ranges;                            // joint that some view needs: least and greatest reading
   std::map<int, std::set<int>> samples;  // joint: indices of the samples that need it
+  std::set<int> floating;                // joints with a pose as reading, whose axes are not in
+                                         // `ranges`
 };
 
 /// Returns the link that carries `link` without a moving joint between, closest to the root

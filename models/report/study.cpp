@@ -22,7 +22,7 @@ struct StudyCancelled {};
 constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
 constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
-constexpr double kUnstated = 3e-4, kUnstatedFactor = 100;  // as kStatedExact, kLargestFactor
+constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without a stated noise
 constexpr int kNoiseRounds = 4;
 // Boards that were measured and lenses that were calibrated are nearer than this: share of a size,
 // of a focal length.
@@ -122,24 +122,13 @@ bool is_unknown(const Rig& rig, const NoiseLevel& level) {
   return level.joint >= 0 && rig.joints[level.joint].noise_unknown;
 }
 
-/// A floating joint's poses are never exact: those of which no noise is stated begin with some, and
-/// what they have is found out afterwards.
-std::shared_ptr<const Recording> with_unknown_noise(
-    const std::shared_ptr<const Recording>& recording) {
-  Rig rig = recording->rig;
-  bool any = false;
-  for (JointSettings& joint : rig.joints)
-    if (joint.noise_unknown) joint.sigma = kUnstated, any = true;
-  return any ? make_recording(std::move(rig), recording->samples) : recording;
-}
-
 /// Poses of which the data do not tell the noise have less than was tried: they begin with less;
 /// true: some do.
 bool lower_unknown(const std::vector<NoiseLevel>& levels, Rig& rig) {
   bool any = false;
   for (const NoiseLevel& level : levels) {
     if (!is_unknown(rig, level) || std::isfinite(level.seen)) continue;
-    for (int j : same_noise(rig.tree, level.joint)) rig.joints[j].sigma = kUnstated / 10;
+    for (int j : same_noise(rig.tree, level.joint)) rig.joints[j].sigma = kUnknownPoseNoise / 10;
     any = true;
   }
   return any;
@@ -285,7 +274,6 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (ended(report.solution)) return recording;
   }
   if (automatic) {
-    left = with_unknown_noise(left);
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
     const double reading_errors = found.reading_errors;
     take(std::move(found), report);

@@ -17,13 +17,17 @@
 
 namespace kincal {
 
+/// What the errors of a floating joint's poses begin with where their noise is unknown, m and rad.
+constexpr double kUnknownPoseNoise = 3e-4;
+
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
   double offset = 0, scale = 1;  // initial values of the model's first two numbers
   std::shared_ptr<const JointModel> model = linear_joint();
   std::vector<double> further = {};  // initial values of its further numbers; of those that are
                                      // missing the model's own (further_numbers())
-  bool noise_unknown = false;        // of a floating joint's errors: no sigma is stated
+  bool noise_unknown = false;        // of a floating joint's errors: no sigma is stated, the
+                                     // automatic path finds it out
 };
 
 struct Target {

@@ -104,6 +104,7 @@ VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spre
   Draws draws(seed, kTruthStream);
   for (size_t i = 0; i < table.all.size(); ++i) {
     const Parameter& p = table.all[i];
+    if (p.hidden()) continue;
     VectorXd moved(p.size());
     for (int c = 0; c < p.size(); ++c) moved(c) = sigma[i][c] * draws.normal();
     if (p.pose && !moved.isZero(0))

@@ -23,6 +23,8 @@ import tempfile
 import time
 import unittest
 
+import helpers
+
 SOURCE_DIR = KINCAL = None
 FILES = ["batch.json", "changes.yaml", "covariance.csv", "residuals.csv", "result.json", "rig.yaml", "robot.urdf"]
 FLEET = 6
@@ -104,15 +106,7 @@ class Case(unittest.TestCase):
         return self.kincal("batch", sets, "--out", out, *args)
 
     def start(self, *args):
-        p = subprocess.Popen([KINCAL, "batch", "fleet", "--out", "out", *args], cwd=self.dir, stdin=subprocess.DEVNULL,
-                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
-
-        def end():
-            if p.poll() is None:
-                p.kill()
-                p.communicate()
-        self.addCleanup(end)
-        return p
+        return helpers.start(self, [KINCAL, "batch", "fleet", "--out", "out", *args], start_new_session=True)
 
     def grow(self, count):
         """A larger fleet: the same robots under more names."""

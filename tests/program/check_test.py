@@ -31,7 +31,7 @@ from cli_test import axis_angle, frame, inverse, link_pose, move, mul, read_join
 SOURCE_DIR = KINCAL = DATA = None
 ROOT = None         # temporary directory of this run
 COUNT = [0]
-IDS = ["square", "rows-columns", "numbering", "mirrored", "joint-sign", "degrees", "still-joint", "inverted-pose", "eye-in-hand",
+IDS = ["square", "rows-columns", "numbering", "mirrored", "joint-sign", "degrees", "still-joint", "inverted-pose", "convention", "eye-in-hand",
        "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples", "exchanged-axes", "resolution", "intrinsics",
        "normalised", "board-columns", "turned-pose", "outlier-points",
        "units", "outside-image", "shifted", "lag", "wrong-link", "sigma"]

@@ -15,6 +15,8 @@ import tempfile
 import unittest
 import xml.etree.ElementTree as xml
 
+import helpers
+
 SOURCE_DIR = KINCAL = None
 
 RIGHT = {"camera_joint": ("0.03 0.01 0.06", "0.05 -0.02 0.1"), "wall_joint": ("1.7 0.1 0.45", "0.02 0.01 0.3")}
@@ -22,17 +24,11 @@ WRONG = {"camera_joint": ("0.03 0.31 0.06", "0.05 -0.02 1.67"), "wall_joint": ("
 
 
 def urdf(mounts, torso=False):
-    lines = ['<robot name="arm"><link name="base"/>']
-    parent = "base"
-    joints = [("j%d" % k, xyz, axis) for k, (xyz, axis) in enumerate(
-        [("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"), ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")], 1)]
+    joints = [("j%d" % k, "j%d_link" % k, *joint) for k, joint in enumerate(helpers.ARM, 1)]
     if torso:
-        joints.insert(0, ("torso", "0 0 0.2", "0 0 1"))
-    for name, xyz, axis in joints:
-        lines.append('<joint name="%s" type="revolute"><parent link="%s"/><child link="%s"/><origin xyz="%s"/><axis xyz="%s"/>'
-                     '<limit lower="-0.8" upper="0.8" effort="1" velocity="1"/></joint><link name="%s"/>'
-                     % (name, parent, name + "_link", xyz, axis, name + "_link"))
-        parent = name + "_link"
+        joints.insert(0, ("torso", "torso_link", "0 0 0.2", "0 0 1"))
+    lines = ['<robot name="arm"><link name="base"/>', *helpers.revolute(joints, "base", 0.8)]
+    parent = joints[-1][1]
     wall = "torso_link" if torso else "base"
     for name, above, below, (xyz, rpy) in (("camera_joint", parent, "camera_link", mounts["camera_joint"]),
                                            ("optical_joint", "camera_link", "optical", ("0 0 0", "-1.5707963267948966 0 -1.5707963267948966")),

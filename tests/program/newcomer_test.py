@@ -14,18 +14,14 @@ import sys
 import tempfile
 import unittest
 
+import helpers
+
 SOURCE_DIR = KINCAL = None
 
 
 def urdf():
-    lines = ['<robot name="arm"><link name="base"/>']
-    parent = "base"
-    for k, (xyz, axis) in enumerate([("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"),
-                                     ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")], 1):
-        lines.append('<joint name="j%d" type="revolute"><parent link="%s"/><child link="l%d"/><origin xyz="%s"/><axis xyz="%s"/>'
-                     '<limit lower="-1.2" upper="1.2" effort="1" velocity="1"/></joint><link name="l%d"/>' % (k, parent, k, xyz, axis, k))
-        parent = "l%d" % k
-    return "\n".join(lines + ["</robot>"])
+    joints = [("j%d" % k, "l%d" % k, *joint) for k, joint in enumerate(helpers.ARM, 1)]
+    return "\n".join(['<robot name="arm"><link name="base"/>', *helpers.revolute(joints, "base", 1.2), "</robot>"])
 
 
 TRACKER = """format: kincal/1

@@ -22,6 +22,7 @@ import time
 import unittest
 
 import cli_test
+import helpers
 from cli_test import FILES
 
 KINCAL = None
@@ -88,15 +89,7 @@ __attribute__((destructor)) static void end(void) {
 
 class Case(cli_test.Case):
     def start(self, *args, **more):
-        more = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "cwd": self.dir, **more}
-        p = subprocess.Popen([KINCAL, *args], **more)
-
-        def end():
-            if p.poll() is None:
-                p.kill()
-                p.communicate()
-        self.addCleanup(end)
-        return p
+        return helpers.start(self, [KINCAL, *args], **more)
 
     def names(self):
         return set(os.listdir(self.dir)) - {"robot.urdf", "rig.yaml", "samples.jsonl"}

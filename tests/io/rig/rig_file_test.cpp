@@ -1021,7 +1021,9 @@ sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
   without.erase(without.find("joints:"), without.find("targets:") - without.find("joints:"));
   // No sigma: unknown, not exact.
   place.write("rig.yaml", without);
-  CHECK(read_rig(place.rig).rig.joints[7].noise_unknown);
+  const RigFile unknown = read_rig(place.rig);
+  CHECK(unknown.rig.joints[7].noise_unknown);
+  CHECK(unknown.rig.joints[7].sigma == kUnknownPoseNoise);
 }
 
 TEST_CASE("rig: mistakes with floating joints are named") {

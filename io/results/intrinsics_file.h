@@ -1,0 +1,28 @@
+// The result of `kincal intrinsics` as files: rig.yaml with the new lenses and poses, the robot as
+// it was, intrinsics.json and coverage.svg. The keys are in docs/formats.md.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../../models/trials/intrinsics.h"
+#include "../rig/rig_file.h"
+
+namespace kincal {
+
+/// An IntrinsicsSource is what the result was made from.
+struct IntrinsicsSource {
+  std::string version, command, samples_hash;  // of the program; the command line; SHA-256
+};
+
+/// Returns the names and globs in the rig's steps that mean nothing with the new lenses.
+std::vector<std::string> names_without_parameter(const RigFile& rig_file,
+                                                 const IntrinsicsResult& result);
+
+/// Returns the files of the result directory, each with its name.
+std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile& rig_file,
+                                                                  const IntrinsicsResult& result,
+                                                                  const IntrinsicsSource& source);
+
+}  // namespace kincal

@@ -1,0 +1,553 @@
+#include "intrinsics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+#include <typeinfo>
+
+#include "../analysis/linearisation.h"
+#include "../fitting/closed_form.h"
+#include "../fitting/lens_start.h"
+#include "../rig/configuration.h"
+#include "../rig/geometry.h"
+#include "../rig/targets.h"
+#include "../rig/words.h"
+#include "estimate_noise.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kFewestPoints = 4;              // of a view: fewer determine no pose
+constexpr double kParallel = 10 * kPi / 180;  // all boards within this angle: nearly parallel
+constexpr double kSpoilt = 1.5;  // px; noise beyond it comes of mistakes, not of detection
+
+bool has_lens(const Sensor& sensor) {
+  return sensor.type == "camera" && find_block(sensor, ParameterKind::intrinsics);
+}
+
+// ------------------------------------------------------------------------------------------------
+// recordings without a robot
+/// One link that the given cameras stand on, the first at its origin; every board is free.
+Rig bench(const Rig& rig, const std::vector<int>& cameras) {
+  Rig out;
+  out.tree.links = {"base"};
+  finish_tree(out.tree);
+  out.targets = without_robot(rig).targets;
+  for (int camera : cameras) {
+    out.sensors.push_back(rig.sensors[camera]);
+    Sensor& sensor = out.sensors.back();
+    sensor.link = 0;
+    sensor.mount_joint = -1;
+    sensor.link_T_sensor = Pose();
+    sensor.pose_given = out.sensors.size() == 1;
+  }
+  return out;
+}
+
+/// Whether a view tells the pose of its board.
+bool determines_pose(const Rig& rig, const View& view) {
+  const Target& target = rig.targets[view.target];
+  const std::vector<int> ids = view_ids(view, target);
+  return static_cast<int>(ids.size()) >= kFewestPoints &&
+         !on_a_line(select_columns(target_points(target), ids));
+}
+
+/// The training samples with the views of the given cameras that tell something.
+std::vector<Sample> seen_by(const Rig& rig, const std::vector<Sample>& samples,
+                            const std::vector<int>& cameras) {
+  std::vector<Sample> out;
+  for (const Sample& sample : samples) {
+    Sample kept;
+    kept.id = sample.id;
+    for (const View& view : sample.views) {
+      const auto camera = std::find(cameras.begin(), cameras.end(), view.sensor);
+      if (camera == cameras.end() || !determines_pose(rig, view)) continue;
+      kept.views.push_back(view);
+      kept.views.back().sensor = static_cast<int>(camera - cameras.begin());
+    }
+    if (sample.train && !kept.views.empty()) out.push_back(std::move(kept));
+  }
+  return out;
+}
+
+std::vector<const View*> views_of(const std::vector<Sample>& samples, int sensor) {
+  std::vector<const View*> out;
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views)
+      if (view.sensor == sensor) out.push_back(&view);
+  return out;
+}
+
+/// Cameras that are calibrated together: on one rigid body, and tied by boards that they see in the
+/// same samples.
+std::vector<std::vector<int>> groups_of(const Rig& rig, const std::vector<Sample>& samples,
+                                        const std::vector<int>& cameras) {
+  std::vector<int> leader(rig.sensors.size());
+  for (size_t s = 0; s < leader.size(); ++s) leader[s] = static_cast<int>(s);
+  const auto find = [&](int s) {
+    while (leader[s] != s) s = leader[s];
+    return s;
+  };
+  for (const Sample& sample : samples)
+    for (const View& a : sample.views)
+      for (const View& b : sample.views)
+        if (a.target == b.target && sample.train && has_lens(rig.sensors[a.sensor]) &&
+            has_lens(rig.sensors[b.sensor]) && determines_pose(rig, a) && determines_pose(rig, b) &&
+            body_of(rig.tree, rig.sensors[a.sensor].link) ==
+                body_of(rig.tree, rig.sensors[b.sensor].link)) {
+          const int x = find(a.sensor), y = find(b.sensor);
+          leader[std::max(x, y)] = std::min(x, y);
+        }
+  std::map<int, std::vector<int>> groups;
+  for (int camera : cameras) groups[find(camera)].push_back(camera);
+  std::vector<std::vector<int>> out;
+  for (auto& group : groups) out.push_back(std::move(group.second));
+  return out;
+}
+
+// ------------------------------------------------------------------------------------------------
+// lenses
+const LensModel& find_lens(const std::string& name) {
+  std::vector<std::string> names;
+  for (const LensModel& model : lens_models()) {
+    if (model.name == name) return model;
+    names.push_back(model.name);
+  }
+  throw std::invalid_argument("model: there is no lens '" + name + "'; valid: auto, rig, " +
+                              listed(names, names.size()));
+}
+
+/// The lens that a camera of a rig has, with all of its distortion free.
+const LensModel& lens_of(const Sensor& camera) {
+  for (const LensModel& model : lens_models()) {
+    const std::shared_ptr<const SensorModel> made = make_camera(model.lens, model.distortion);
+    const SensorModel &a = *made, &b = *camera.model;
+    if (typeid(a) == typeid(b) && model.freed == model.distortion) return model;
+  }
+  throw std::invalid_argument("camera '" + camera.name + "' has a lens of its own");
+}
+
+std::vector<double> block_values(const Sensor& camera, ParameterKind kind) {
+  const ParameterBlock* block = find_block(camera, kind);
+  return block ? block->values : std::vector<double>();
+}
+
+/// The camera with another lens: its distortion is cut off, or filled up with zeros.
+Sensor with_lens(Sensor camera, const LensModel& model, const std::vector<double>& intrinsics,
+                 std::vector<double> distortion) {
+  const std::vector<double> baseline = block_values(camera, ParameterKind::baseline);
+  distortion.resize(model.distortion, 0.0);
+  for (int k = model.freed; k < model.distortion; ++k) distortion[k] = 0;
+  camera.model = make_camera(model.lens, model.distortion);
+  camera.parameters =
+      camera_parameters(model.lens, intrinsics, distortion, baseline.empty() ? 0.0 : baseline[0]);
+  return camera;
+}
+
+/// Frees a lens, and the pose of a camera that is not the reference.
+void add_free(const Sensor& camera, const LensModel& model, bool pose, Step& step) {
+  const std::string name = "sensor/" + camera.name + "/";
+  step.free.push_back(name + "intrinsics");
+  const ParameterBlock* distortion = find_block(camera, ParameterKind::distortion);
+  for (int k = 0; k < model.freed; ++k)
+    step.free.push_back(name + "distortion." + distortion->components[k]);
+  if (pose) step.free.push_back(name + "pose");
+}
+
+void set_steps(const std::vector<const LensModel*>& lenses, Rig& rig) {
+  Step step;
+  step.name = "intrinsics";
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    step.sensors.push_back(static_cast<int>(s));
+    add_free(rig.sensors[s], *lenses[s], s > 0, step);
+  }
+  step.free_where.assign(step.free.size(), "intrinsics");
+  rig.steps = {step};
+}
+
+/// The rig of a solution with its values in place, to start from.
+Rig at_solution(const Solution& solution) {
+  Rig rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    rig.sensors[s].link_T_sensor =
+        get_pose(solution.values.shared, table.all[table.sensor_pose[s]].start);
+    rig.sensors[s].pose_given = true;
+    int start = table.all[table.sensor_block[s]].start;
+    for (ParameterBlock& block : rig.sensors[s].parameters)
+      for (double& v : block.values) v = solution.values.shared(start++);
+  }
+  return rig;
+}
+
+// ------------------------------------------------------------------------------------------------
+// one camera
+/// One camera by itself: its samples, and the cameras that it was found to be, to start from.
+struct OneCamera {
+  Rig rig;  // of one sensor
+  std::vector<Sample> samples;
+  std::vector<const View*> views;
+  std::vector<Sensor> starts;
+};
+
+OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera) {
+  OneCamera out;
+  out.rig = bench(rig, {camera});
+  out.samples = seen_by(rig, samples, {camera});
+  out.views = views_of(out.samples, 0);
+  out.starts = {out.rig.sensors[0]};
+  for (const char* plain : {"pinhole", "kannala_brandt"}) {
+    Rig undistorted = out.rig;
+    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain), {1, 1, 0, 0}, {});
+    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain),
+                                       find_focal_length(undistorted, out.views), {});
+    out.starts.push_back(undistorted.sensors[0]);
+  }
+  return out;
+}
+
+/// The camera with a lens at the best of the starts of its kind.
+Sensor best_start(const OneCamera& camera, const LensModel& model) {
+  Sensor best;
+  double least = kInfinity;
+  for (const Sensor& start : camera.starts) {
+    if ((lens_of(start).lens == Lens::kannala_brandt) != (model.lens == Lens::kannala_brandt))
+      continue;
+    Rig rig = camera.rig;
+    rig.sensors[0] = with_lens(start, model, block_values(start, ParameterKind::intrinsics),
+                               block_values(start, ParameterKind::distortion));
+    const double misfit = lens_misfit(rig, camera.views);
+    if (misfit < least) least = misfit, best = rig.sensors[0];
+  }
+  return best;
+}
+
+/// Fits a lens to one camera, and keeps what was found as a start for those with more numbers.
+Solution fit_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera) {
+  Rig rig = camera.rig;
+  rig.sensors[0] = best_start(camera, model);
+  set_steps({&model}, rig);
+  Solution solution = calibrate(make_recording(rig, camera.samples), options);
+  if (solution.usable()) camera.starts.push_back(at_solution(solution).sensors[0]);
+  return solution;
+}
+
+double training_rms(const Solution& solution, int sensor) {
+  const Residuals found = residuals(linearise(solution));
+  for (const SensorResult& s : found.sensors)
+    if (s.name == solution.rig().sensors[sensor].name) return s.train.rms;
+  return kNan;
+}
+
+/// Cross-validates a solution from where it stands; nullopt: cancelled. Without enough samples the
+/// result has no sensors.
+std::optional<CrossValidation> hold_out(const Solution& solution, const CalibrationOptions& options,
+                                        int folds) {
+  const auto samples = static_cast<int>(solution.samples().size());
+  if (samples < 3) return CrossValidation();
+  try {
+    return cross_validate(make_recording(at_solution(solution), solution.samples()), options,
+                          std::clamp(folds, 2, samples));
+  } catch (const std::invalid_argument&) {  // too few that can be held out
+    return CrossValidation();
+  }
+}
+
+std::string why_unusable(const Solution& solution) {
+  if (solution.status == Status::undefined_start) return "cannot start";
+  if (solution.status == Status::not_converged) return "did not converge";
+  return solution.unobservable.empty() ? "" : "not determined by these views";
+}
+
+/// Sets how much worse than the best each lens is on what was held out.
+void compare(std::vector<LensTrial>& trials) {
+  const LensTrial* best = nullptr;
+  for (const LensTrial& t : trials)
+    if (t.unusable.empty() && (!best || t.held_out < best->held_out)) best = &t;
+  if (!best) return;
+  for (LensTrial& t : trials) {
+    if (!t.unusable.empty()) continue;
+    double own = 0, other = 0, points = 0;
+    for (const auto& [sample, block] : t.blocks) {
+      own += block.first;
+      other += best->blocks.at(sample).first;
+      points += static_cast<double>(block.second);
+    }
+    std::vector<double> without;
+    for (const auto& [sample, block] : t.blocks) {
+      const double left = points - static_cast<double>(block.second);
+      without.push_back(std::sqrt((own - block.first) / left) -
+                        std::sqrt((other - best->blocks.at(sample).first) / left));
+    }
+    const auto m = static_cast<double>(without.size());
+    double mean = 0, variance = 0;
+    for (double d : without) mean += d / m;
+    for (double d : without) variance += (d - mean) * (d - mean);
+    t.worse = std::sqrt(own / points) - std::sqrt(other / points);
+    t.worse_sigma = std::sqrt(variance * (m - 1) / m);
+  }
+}
+
+/// Tries all lenses on one camera; false: cancelled.
+bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntrinsics& out) {
+  for (const LensModel& model : lens_models()) {
+    options.tell("lens of '" + camera.rig.sensors[0].name + "': " + model.name);
+    LensTrial trial;
+    trial.model = &model;
+    const Solution solution = fit_lens(model, options, camera);
+    if (solution.status == Status::cancelled) return false;
+    trial.unusable = why_unusable(solution);
+    if (solution.usable()) {
+      trial.rms = training_rms(solution, 0);
+      const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
+      if (!held_out) return false;
+      if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;
+      for (const auto& [place, sums] : held_out->sums.all)
+        trial.blocks[place.second] = {sums.squared, sums.points};
+    }
+    out.trials.push_back(std::move(trial));
+  }
+  size_t most = 0;
+  for (const LensTrial& t : out.trials) most = std::max(most, t.blocks.size());
+  for (LensTrial& t : out.trials)
+    if (t.unusable.empty() && (t.blocks.size() < most || !std::isfinite(t.held_out)))
+      t.unusable = "some samples cannot be judged";
+  compare(out.trials);
+  return true;
+}
+
+const LensModel* chosen(const std::vector<LensTrial>& trials) {
+  for (const LensTrial& t : trials)
+    if (t.unusable.empty() && t.worse <= t.worse_sigma) return t.model;
+  return nullptr;
+}
+
+/// Finds the lens of a camera and where it starts; nullopt: cancelled.
+std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& camera,
+                                  IntrinsicsResult& result, CameraIntrinsics& out) {
+  const std::string& name = camera.rig.sensors[0].name;
+  const LensModel& given = lens_of(camera.rig.sensors[0]);
+  if (options.model == "auto") {
+    if (!try_lenses(options, camera, out)) return std::nullopt;
+    out.model = chosen(out.trials);
+    if (!out.model) {
+      out.model = &given;
+      result.notes.push_back(
+          {"model", "'" + name + "': " + std::to_string(camera.samples.size()) +
+                        " samples are too few to choose a lens by what is held out: it is " +
+                        given.name + ", as in the rig"});
+    }
+  } else {
+    out.model = options.model == "rig" ? &given : &find_lens(options.model);
+  }
+  for (const LensModel& model : lens_models()) {  // simpler ones are starts
+    if (model.lens == Lens::kannala_brandt && out.model->lens != model.lens) continue;
+    if (model.lens != Lens::kannala_brandt && out.model->lens == Lens::kannala_brandt) continue;
+    if (!out.trials.empty() || model.numbers() >= out.model->numbers()) break;
+    if (fit_lens(model, options, camera).status == Status::cancelled) return std::nullopt;
+  }
+  return best_start(camera, *out.model);
+}
+
+// ------------------------------------------------------------------------------------------------
+// a group
+/// Fills in what a solution of the group says of one camera.
+void describe(const Solution& solution, const std::vector<NoiseLevel>& levels,
+              const CrossValidation& held_out, CameraIntrinsics& out) {
+  const Sensor& camera = solution.rig().sensors[out.sensor];
+  const std::vector<const View*> views = views_of(solution.samples(), out.sensor);
+  out.image = image_size(camera, views);
+  out.views = static_cast<long>(views.size());
+  for (const View* view : views) out.points += static_cast<long>(view->ids.size());
+  out.rms = training_rms(solution, out.sensor);
+  double squares = 0;  // of the sigmas that the views came to have
+  for (const View* view : views)
+    squares += static_cast<double>(view->ids.size()) * view->sigma[0] * view->sigma[0];
+  out.noise = std::sqrt(squares / static_cast<double>(out.points));
+  for (const NoiseLevel& level : levels)
+    if (level.sensor == out.sensor) out.stated = out.noise * level.assumed / level.used;
+  for (const HeldOutError& error : held_out.sensors)
+    if (error.sensor == camera.name) out.held_out = error;
+  out.coverage = coverage(solution, out.sensor, out.image);
+  const ProjectionError error(solution, out.sensor);
+  out.distance = error.distance();
+  out.tilt = error.tilt();
+  out.near = error.grid(out.image, out.distance);
+  out.far = error.grid(out.image, kInfinity);
+}
+
+void add_notes(const Rig& rig, const IntrinsicsGroup& group, const CameraIntrinsics& camera,
+               std::vector<IntrinsicsNote>& notes) {
+  const Sensor& given = rig.sensors[camera.camera];
+  const std::string name = "'" + given.name + "': ";
+  const ParameterEstimate& lens = group.solution["sensor/" + given.name + "/intrinsics"];
+  std::string unknown, loose;
+  for (size_t c = 0; c < lens.sigma.size(); ++c) {
+    if (!std::isfinite(lens.sigma[c]))
+      unknown += (unknown.empty() ? "" : ", ") + lens.components[c];
+    else if (lens.sigma[c] > 0.01 * std::abs(lens.value[0]))
+      loose +=
+          (loose.empty() ? "" : ", ") + lens.components[c] + text(" +- %.3g px", lens.sigma[c]);
+  }
+  const std::string tilted =
+      camera.views < 3 ? text(
+                             "%ld views; a flat board tells two of the four intrinsics in each "
+                             "view: show it at least three times, turned differently",
+                             camera.views)
+      : camera.tilt < kParallel
+          ? text(
+                "the boards of all views are parallel within %.2g degrees, so that the focal "
+                "length goes with their distance: tilt the board by 20 to 45 degrees, to all sides",
+                camera.tilt * 180 / kPi)
+          : "show the board tilted to all sides, near the edges of the image as well";
+  if (!unknown.empty())
+    notes.push_back(
+        {"undetermined", name + "the views do not determine " + unknown + ". " + tilted});
+  if (!loose.empty())
+    notes.push_back({"weak", name + "hardly determined: " + loose + ". " + tilted});
+  if (camera.noise > kSpoilt)
+    notes.push_back({"noise", name + text("corners are off by %.3g px: wrong corners, a board that "
+                                          "is not as the rig has it, or a lens unlike %s",
+                                          camera.noise, camera.model->name.c_str())});
+  if (given.image_width <= 0)
+    notes.push_back({"image_size", name + text("the rig has no image_size; %.0f x %.0f px, as far "
+                                               "as corners were seen, is taken for the image",
+                                               camera.image.x(), camera.image.y())});
+}
+
+/// Estimates a group with its noise. Where the views determine so little that the plain fit leads
+/// nowhere (a focal length runs away from parallel boards), intrinsics are held to where they start
+/// by a prior as wide as the focal length: `held` says so. nullopt: cancelled.
+std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& samples,
+                                            const CalibrationOptions& options, bool& held) {
+  std::optional<NoiseEstimate> out = estimate_noise(make_recording(rig, samples), options);
+  held = out && !out->solution.usable();
+  if (!held) return out;
+  for (const Sensor& camera : rig.sensors) {
+    const double wide = block_values(camera, ParameterKind::intrinsics)[0];
+    rig.steps[0].priors.push_back(
+        {"sensor/" + camera.name + "/intrinsics", wide, wide, false, "intrinsics"});
+  }
+  std::optional<NoiseEstimate> again = estimate_noise(make_recording(rig, samples), options);
+  if (!again || again->solution.usable()) return again;
+  held = false;
+  return out;
+}
+
+/// Calibrates cameras together and adds them to the result; false: cancelled.
+bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
+                     const std::vector<int>& cameras, const IntrinsicsOptions& options,
+                     IntrinsicsResult& result) {
+  Rig together = bench(rig, cameras);
+  std::vector<CameraIntrinsics> found(cameras.size());
+  std::vector<const LensModel*> lenses;
+  for (size_t s = 0; s < cameras.size(); ++s) {
+    found[s].camera = cameras[s];
+    found[s].sensor = static_cast<int>(s);
+    found[s].group = static_cast<int>(result.groups.size());
+    OneCamera camera = one_camera(rig, samples, cameras[s]);
+    const std::optional<Sensor> start = find_camera(options, camera, result, found[s]);
+    if (!start) return false;
+    together.sensors[s].model = start->model;
+    together.sensors[s].parameters = start->parameters;
+    lenses.push_back(found[s].model);
+  }
+  set_steps(lenses, together);
+  bool held = false;
+  std::optional<NoiseEstimate> estimate =
+      estimate_group(together, seen_by(rig, samples, cameras), options, held);
+  if (!estimate) return false;
+  const Solution& solution = estimate->solution;
+  if (solution.status == Status::undefined_start) throw std::runtime_error(solution.message);
+  for (const std::string& lost : solution.lost_starts)
+    throw std::runtime_error(lost + ": nothing ties it to the other cameras");
+  const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
+  if (!held_out) return false;
+  result.groups.push_back({std::move(estimate->solution), cameras});
+  const IntrinsicsGroup& group = result.groups.back();
+  for (CameraIntrinsics& camera : found) {
+    describe(group.solution, estimate->levels, *held_out, camera);
+    add_notes(rig, group, camera, result.notes);
+    result.cameras.push_back(std::move(camera));
+  }
+  const Status status = held ? Status::unobservable : group.solution.status;
+  if (status == Status::not_converged || result.status == Status::converged) result.status = status;
+  return true;
+}
+
+}  // namespace
+
+const std::vector<LensModel>& lens_models() {
+  static const std::vector<LensModel> models = {
+      {"pinhole", "pinhole", Lens::pinhole, 0, 0},
+      {"brown_conrady_2", "brown_conrady", Lens::brown_conrady, 5, 2},
+      {"brown_conrady_4", "brown_conrady", Lens::brown_conrady, 5, 4},
+      {"kannala_brandt", "kannala_brandt", Lens::kannala_brandt, 4, 4},
+      {"brown_conrady_5", "brown_conrady", Lens::brown_conrady, 5, 5},
+      {"brown_conrady_8", "brown_conrady", Lens::brown_conrady, 8, 8}};
+  return models;
+}
+
+Rig without_robot(Rig rig) {
+  for (Target& target : rig.targets) {
+    target.link = target.mount_joint = -1;
+    target.link_T_target = Pose();
+    target.pose_given = false;
+  }
+  for (Sensor& sensor : rig.sensors) {
+    sensor.link = rig.base;
+    sensor.mount_joint = -1;
+  }
+  return rig;
+}
+
+std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
+                                                     const std::vector<Sample>& samples,
+                                                     const IntrinsicsOptions& given) {
+  IntrinsicsOptions options = given;
+  options.noise = NoiseMode::none;
+  if (options.model != "auto" && options.model != "rig") find_lens(options.model);
+  std::vector<int> cameras;
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    if (has_lens(rig.sensors[s]) && !seen_by(rig, samples, {static_cast<int>(s)}).empty())
+      cameras.push_back(static_cast<int>(s));
+  if (cameras.empty())
+    throw std::invalid_argument(
+        "no camera of the rig sees a board: views with at least four points, not on a line, in "
+        "training samples are needed");
+  IntrinsicsResult out;
+  for (const std::vector<int>& group : groups_of(rig, samples, cameras))
+    if (!calibrate_group(rig, samples, group, options, out)) return std::nullopt;
+  std::stable_sort(
+      out.cameras.begin(), out.cameras.end(),
+      [](const CameraIntrinsics& a, const CameraIntrinsics& b) { return a.camera < b.camera; });
+  return out;
+}
+
+Sensor calibrated_camera(const Rig& rig, const IntrinsicsResult& result,
+                         const CameraIntrinsics& camera) {
+  const IntrinsicsGroup& group = result.groups[camera.group];
+  const Sensor found = at_solution(group.solution).sensors[camera.sensor];
+  Sensor out = rig.sensors[camera.camera];
+  const bool undistorted = camera.model->distortion == 0;
+  if (!undistorted || !find_block(out, ParameterKind::distortion)) {
+    out.model = found.model;
+    out.parameters = found.parameters;
+  } else {  // the rig's lens with zeros is the same, and what names its distortion still holds
+    out.parameters[0].values = found.parameters[0].values;
+    for (double& k : out.parameters[1].values) k = 0;
+  }
+  const Sensor& reference = rig.sensors[group.cameras[0]];
+  if (camera.sensor == 0 || !reference.pose_given) return out;
+  // On one rigid body: fixed joints only, which need no readings.
+  const ParameterTable table(rig);
+  const std::vector<double> readings(rig.tree.joints.size(), 0.0);
+  const Configuration at(rig, table, table.initial, readings);
+  out.link_T_sensor =
+      at.a_T_b(out.link, reference.link) * reference.link_T_sensor * found.link_T_sensor;
+  out.pose_given = true;
+  return out;
+}
+
+}  // namespace kincal

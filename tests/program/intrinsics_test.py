@@ -1,0 +1,199 @@
+"""Lenses and stereo through the program: python3 intrinsics_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Makes views of a board through two cameras, by a projection written here. Proves: the files of a result, their keys, and that its rig.yaml is a
+rig whose cameras see as the true ones, for `evaluate` and `calibrate`; joint readings are not needed, of a robot either; one view
+and parallel views are told (exit 2, or a warning); wrong input ends with 1 and leaves nothing; an existing result is replaced only
+with --force; the same input gives the same bytes. It does not prove the statistics (models/trials/intrinsics_test.cpp).
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+import xml.etree.ElementTree
+
+import numpy
+
+SOURCE_DIR = KINCAL = None
+URDF = """<robot name="r"><link name="base"/><link name="head"/>
+<joint name="pan" type="revolute"><parent link="base"/><child link="head"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>
+"""
+RIG = """format: kincal/1
+robot: robot.urdf
+base: base
+targets:
+  board: {type: chessboard, rows: 6, columns: 9, square: 0.03, mount: {link: base}}
+sensors:
+  left: {type: camera, link: head, pose: {xyz: [0.1, 0.2, 0.3]}, model: pinhole, intrinsics: [700, 700, 300, 200], image_size: [640, 480], sigma: 0.3}
+  right: {type: camera, link: head, pose: {xyz: [0.1, 0.2, 0.3]}, model: kannala_brandt, distortion: [0, 0, 0, 0], intrinsics: [700, 700, 300, 200],
+          image_size: [640, 480], sigma: 0.3}
+"""
+FREE = RIG.replace("mount: {link: base}", "mount: free").replace("link: head", "link: base")
+NUMBERS = {"left": [500, 505, 322, 236, -0.25, 0.08], "right": [510, 512, 318, 241, -0.22, 0.06]}
+BASELINE = 0.12
+NOISE = 0.1
+
+
+def rotation(w):
+    angle = numpy.linalg.norm(w)
+    if angle == 0:
+        return numpy.eye(3)
+    k = numpy.cross(numpy.eye(3), w / angle)
+    return numpy.eye(3) - numpy.sin(angle) * k + (1 - numpy.cos(angle)) * k @ k
+
+
+def pixels(numbers, points):
+    fx, fy, cx, cy, k1, k2 = numbers
+    u, v = points[0] / points[2], points[1] / points[2]
+    s = u * u + v * v
+    radial = 1 + k1 * s + k2 * s * s
+    return numpy.array([fx * u * radial + cx, fy * v * radial + cy])
+
+
+def samples(count, tilt=0.6, seed=1, cameras=("left", "right")):
+    draws = numpy.random.RandomState(seed)
+    board = numpy.array([[c * 0.03, r * 0.03, 0] for r in range(6) for c in range(9)]).T
+    lines = []
+    for i in range(count):
+        way = draws.uniform(0, 6.28)
+        turn = rotation(tilt * numpy.array([numpy.cos(way), numpy.sin(way), 0]))
+        z = draws.uniform(0.4, 0.6)
+        centre = numpy.array([draws.uniform(-0.25, 0.25) * z + 0.06, draws.uniform(-0.2, 0.2) * z, z])
+        points = turn @ (board - board.mean(axis=1)[:, None]) + centre[:, None]
+        views = []
+        for camera in cameras:
+            seen = points - numpy.array([[BASELINE if camera == "right" else 0], [0], [0]])
+            z = pixels(NUMBERS[camera], seen) + NOISE * draws.normal(size=(2, 54))
+            inside = [k for k in range(54) if 0 <= z[0, k] < 640 and 0 <= z[1, k] < 480]
+            views.append({"sensor": camera, "target": "board", "ids": inside, "pixels": [[round(z[0, k], 4), round(z[1, k], 4)] for k in inside]})
+        lines.append(json.dumps({"id": "s%d" % i, "joints": {}, "views": views}) + "\n")
+    return "".join(lines)
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.dir = tempfile.mkdtemp(prefix="kincal_intrinsics_")
+        self.write("robot.urdf", URDF)
+        self.write("rig.yaml", RIG)
+        self.write("samples.jsonl", samples(14))
+
+    def tearDown(self):
+        shutil.rmtree(self.dir)
+
+    def path(self, name):
+        return os.path.join(self.dir, name)
+
+    def write(self, name, text):
+        with open(self.path(name), "w", encoding="utf-8") as file:
+            file.write(text)
+
+    def read(self, name):
+        with open(self.path(name), encoding="utf-8") as file:
+            return file.read()
+
+    def run_it(self, *arguments, code=0):
+        done = subprocess.run([KINCAL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, cwd=self.dir)
+        self.assertEqual(done.returncode, code, done.stdout.decode() + done.stderr.decode())
+        return done.stdout.decode(), done.stderr.decode()
+
+
+class Result(Case):
+    def test_stereo(self):
+        said, _ = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens")
+        self.assertEqual(sorted(os.listdir(self.path("lens"))), ["coverage.svg", "intrinsics.json", "rig.yaml", "robot.urdf"])
+        self.assertEqual(self.read("lens/robot.urdf"), URDF)
+        for words in ("Camera 'left': brown_conrady_2", "held out", "Corners over the image (640 x 480 px)", "pose seen from 'left'"):
+            self.assertIn(words, said)
+        result = json.loads(self.read("lens/intrinsics.json"))
+        self.assertEqual((result["status"], result["warnings"]), ("converged", []))
+        self.assertEqual([group["cameras"] for group in result["groups"]], [["left", "right"]])
+        for name, truth in NUMBERS.items():
+            camera = result["cameras"][name]
+            self.assertEqual((camera["lens"], camera["model"]), ("brown_conrady_2", "brown_conrady"))
+            for component, true in zip(("fx", "fy", "cx", "cy"), truth):
+                one = camera["intrinsics"][component]
+                self.assertLess(abs(one["value"] - true), 4 * one["sigma"], component)
+                self.assertLess(one["sigma"], 1.0)
+            self.assertAlmostEqual(camera["noise"]["seen"], NOISE, delta=0.01)
+            self.assertLess(camera["held_out"]["rms"], 1.2 * camera["rms"])
+            self.assertEqual([m["model"] for m in camera["models"] if m["chosen"]], ["brown_conrady_2"])
+            self.assertEqual(len(camera["models"]), 6)
+            self.assertEqual(sum(map(sum, camera["coverage"])), camera["points"])
+            self.assertEqual((len(camera["projection"]["sigma"]), len(camera["projection"]["sigma_far"][0])), (6, 8))
+            middle, corner = camera["projection"]["sigma"][3][4], camera["projection"]["sigma"][0][0]
+            self.assertTrue(0 < middle < 0.1 and middle < corner)
+        stereo = result["cameras"]["right"]["stereo"]
+        self.assertEqual(stereo["reference"], "left")
+        for found, true, sigma in zip(stereo["pose"]["xyz"], (BASELINE, 0, 0), stereo["sigma"]):
+            self.assertLess(abs(found - true), 4 * sigma)
+        picture = xml.etree.ElementTree.fromstring(self.read("lens/coverage.svg"))
+        circles = [e for e in picture.iter() if e.tag.endswith("circle")]
+        self.assertEqual(len(circles), sum(c["points"] for c in result["cameras"].values()))
+
+    def test_rig_to_calibrate_from(self):
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet")
+        rig = self.read("lens/rig.yaml")
+        self.assertNotIn("kannala_brandt", rig)
+        self.assertIn("sigma: 0.3", rig)
+        self.assertIn("[0.1, 0.2, 0.3]", rig)  # the reference stays
+        self.write("rig.yaml", FREE)
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "free", "--quiet", "--model", "brown_conrady_2")
+        sensors = json.loads(self.run_it("evaluate", "free", "samples.jsonl", "--json")[0])["sensors"]
+        for camera in ("left", "right"):
+            self.assertLess(sensors[camera]["train"]["rms"], 1.1 * NOISE * 2 ** 0.5)
+        self.write("free/rig.yaml", self.read("free/rig.yaml") + "estimate:\n  - {step: all, free: [sensor/right/pose, 'sensor/*/intrinsics']}\n")
+        self.run_it("calibrate", "free", "samples.jsonl", "--out", "result", "--quiet")
+
+    def test_json_and_same_bytes(self):
+        said, _ = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--json")
+        self.assertEqual(said, self.read("lens/intrinsics.json"))
+        before = {name: self.read("lens/" + name) for name in os.listdir(self.path("lens"))}
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--json", code=1)
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--json", "--force")
+        for name, text in before.items():
+            self.assertEqual(self.read("lens/" + name).replace(" --force", ""), text)
+        self.write("lens/mine.txt", "")
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--force", code=1)
+
+    def test_names_of_another_lens(self):
+        self.write("rig.yaml", RIG + "estimate:\n  - {step: all, free: [sensor/right/distortion.k4, sensor/left/pose]}\n")
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens")
+        self.assertIn("'sensor/right/distortion.k4' in the rig's steps means nothing", errors.replace("\n", " "))
+
+
+class WrongInput(Case):
+    def test_undetermined(self):
+        self.write("samples.jsonl", samples(1, cameras=("left",)))
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--model", "pinhole", code=2)
+        self.assertIn("'left': the views do not determine", errors)
+        self.assertIn("# kincal: status unobservable", self.read("lens/rig.yaml"))
+        result = json.loads(self.read("lens/intrinsics.json"))
+        self.assertEqual(result["status"], "unobservable")
+        self.assertIsNone(result["cameras"]["left"]["intrinsics"]["fx"]["sigma"])
+        self.write("samples.jsonl", samples(8, tilt=0, cameras=("left",)))
+        done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "flat", "--model", "pinhole"], cwd=self.dir,
+                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        self.assertIn(done.returncode, (0, 2))
+        self.assertIn("parallel within", done.stderr.decode())
+
+    def test_nothing_written(self):
+        for change, words in ((lambda: self.write("samples.jsonl", json.dumps({"id": "a", "joints": {}, "views": []}) + "\n"), "no camera of the rig sees a board"),
+                              (lambda: self.write("samples.jsonl", samples(3).replace("pixels", "pixel")), "pixel"),
+                              (lambda: self.write("rig.yaml", RIG.replace("chessboard", "chessbord")), "chessbord")):
+            self.setUp()
+            change()
+            _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", code=1)
+            self.assertIn(words, errors)
+            self.assertFalse(os.path.exists(self.path("lens")))
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--model", "fish", code=1)
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", code=1)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=[sys.argv[0]] + sys.argv[3:])
