@@ -275,6 +275,25 @@ class Import(Case):
         self.assertEqual(changed[0][1], "    model: kannala_brandt        # the lens")
         self.assertIn("# fx fy cx cy", changed[2][1])
 
+    def test_flow_style(self):
+        """An entry in brackets is written anew, on one line, on two, and with a last bracket of its own; all else stays."""
+        self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "right", "--out", "c.yaml")
+        head, tail = RIG.split("  fixed: {")
+        entry = "  fixed: {" + tail.split("\n  stereo")[0]
+        for text in (entry, entry.replace("\n         ", " "), entry.replace("sigma: 0.2}", "sigma: 0.2\n         }")):
+            self.write("rig.yaml", RIG.replace(entry, text))
+            run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "fixed", "--out", "new.yaml", "--force")
+            self.assertNotIn("comments", run.stderr)
+            new = self.read("new.yaml")
+            self.assertTrue(new.startswith(head), new)
+            self.assertTrue(new.endswith("\n  stereo" + RIG.split("\n  stereo")[1]), new)
+            self.same_camera(self.sensor("new.yaml", "fixed"), self.sensor("rig.yaml", "right"))
+        self.write("rig.yaml", RIG.replace("sensors:\n", "sensors: {one: {type: camera, link: optical, model: pinhole, intrinsics: [1, 1, 0, 0], sigma: 1}}\n#")
+                   .split("#  # the first")[0])
+        run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--out", "new.yaml", "--force")
+        self.assertIn("comments could not be kept", run.stderr)
+        self.same_camera(self.sensor("new.yaml", "one"), yaml.safe_load(RIG)["sensors"]["right"])
+
     def test_another_folder(self):
         os.mkdir(self.path("sub"))
         self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "left", "--out", "c.yaml")
