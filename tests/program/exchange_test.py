@@ -355,8 +355,17 @@ roi:
         self.assertIn("--rectified", run.stderr)
         self.assertEqual(yaml.safe_load(run.stdout)["intrinsics"], [500.5, 501.25, 320.125, 240.75])
         self.assertNotIn("baseline", run.stdout)
-        self.assertEqual(yaml.safe_load(self.good("import", "c.yaml", "--rectified").stdout),
-                         {"model": "pinhole", "image_size": [640, 480], "intrinsics": [450, 450, 330, 230], "baseline": 0.1})
+        run = self.good("import", "c.yaml", "--rectified")
+        self.assertIn("baseline", run.stderr)
+        self.assertEqual(yaml.safe_load(run.stdout), {"model": "pinhole", "image_size": [640, 480], "intrinsics": [450, 450, 330, 230], "baseline": 0.1})
+
+    def test_projection_that_nobody_filled_in(self):
+        text = self.exported("camera_info", "--sensor", "left")
+        for p in ("[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]", "[]"):
+            self.write("c.yaml", text.split("projection_matrix")[0] + "projection_matrix:\n  data: " + p + "\n")
+            run = self.good("import", "c.yaml")
+            self.assertEqual((run.stderr, yaml.safe_load(run.stdout)["intrinsics"]), ("", [500.5, 501.25, 320.125, 240.75]))
+            self.fails(["import", "c.yaml", "--rectified"], "projection_matrix")
 
     def test_opencv(self):
         """As OpenCV's own calibration programs write it, in both of its texts."""
