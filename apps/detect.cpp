@@ -45,6 +45,8 @@ int detect_all(const DetectArguments& a) {
   options.sensor = a.sensor;
   options.joints = a.joints;
   options.draw = a.draw;
+  options.pose_format = a.pose_format;
+  options.unit = a.unit;
   options.tolerance = a.tolerance;
   options.threads = a.threads > 0
                         ? a.threads

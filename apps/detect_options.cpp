@@ -21,6 +21,12 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
                   "then joints) or JSON lines")
       ->type_name("FILE");
   command
+      .add_option("--pose-format", a.pose_format,
+                  "the readings are a table of the flange's poses, as `kincal import --help` has "
+                  "the formats: xyzw, rpy, rotvec, abb, kuka, fanuc, ...")
+      ->type_name("FORMAT");
+  command.add_option("--unit", a.unit, "m or mm, of such a table");
+  command
       .add_option("--tolerance", a.tolerance,
                   "s, between the time that an image's name is and that of its readings")
       ->check(CLI::NonNegativeNumber)

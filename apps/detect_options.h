@@ -8,7 +8,7 @@
 namespace kincal {
 
 struct DetectArguments {
-  std::string rig, input, out, sensor, joints, draw;
+  std::string rig, input, out, sensor, joints, draw, pose_format, unit;
   double tolerance = 0.05;
   int threads = 0;  // 0: as many as there are processors
   bool force = false, quiet = false;

@@ -41,7 +41,7 @@ MAY_INCLUDE = {
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
-    "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
+    "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/exchange"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
     "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common
     "apps/batch": [KINEMATICS, *MODELS, "io/*", "apps", "apps/tables"],

@@ -8,6 +8,7 @@
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/rig/types.h"
 #include "../job.h"
 #include "../signals.h"
 #include "command.h"
@@ -108,11 +109,8 @@ int import_poses(const ImportArguments& a) {
   if (a.sensor.empty() != a.target.empty())
     throw InputError(std::string(a.sensor.empty() ? "--sensor" : "--target") +
                      ": say both, what saw and what was seen, or neither");
-  if (!a.unit.empty() && a.unit != "m" && a.unit != "mm")
-    throw InputError("--unit: 'm' or 'mm' is expected, not '" + a.unit + "'");
-  const double length = a.unit.empty() ? 0 : a.unit == "m" ? 1 : 0.001;
   const std::vector<FlangePose> poses =
-      read_flange_poses(a.file, pose_format(a.pose_format), length);
+      read_flange_poses(a.file, pose_format(a.pose_format), pose_unit(a.unit));
   constexpr double kFar = 20;  // m: no robot reaches so far
   for (const FlangePose& one : poses)
     if (one.pose.translation.norm() > kFar) {
@@ -153,7 +151,8 @@ int import_hand_eye(const ImportArguments& a) {
   return kConverged;
 }
 
-int import_file(const ImportArguments& a) {
+int import_file(ImportArguments a) {
+  a.rig = rig_path(a.rig);
   const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
   if (hand_eye || !a.pose_format.empty()) {
     if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");

@@ -8,6 +8,7 @@
 #include "../document/numbers.h"
 #include "../document/yaml.h"
 #include "../results/mount_texts.h"
+#include "../rig/types.h"
 #include "lens.h"
 #include "write_lens.h"
 

@@ -12,6 +12,11 @@ namespace {
 
 constexpr int kMostCells = 10'000;  // rows or columns
 
+constexpr char kExchanged[] =
+    "in Kalibr x runs along the columns of this board, in kincal along the rows: poses of it "
+    "differ "
+    "by that, its points do not";
+
 /// rows and columns, as kincal counts them.
 RigKeys cells(const Field& file, const char* rows, const char* columns, const char* type) {
   return {{"type", type},
@@ -28,14 +33,14 @@ RigKeys described(const Field& file, std::vector<std::string>& notes) {
     if (file.has("colSpacingMeters") && file["colSpacingMeters"].positive() != square)
       file["colSpacingMeters"].fail("differs from rowSpacingMeters; kincal's boards have squares");
     keys.emplace_back("square", shortest(square));
-    notes.emplace_back(
-        "in Kalibr x runs along the columns of this board, in kincal along the rows: poses of it "
-        "differ by that, its points do not");
+    notes.emplace_back(kExchanged);
   } else if (type == "circlegrid") {
     keys = cells(file, "targetRows", "targetCols", "circles");
     keys.emplace_back("spacing", shortest(file["spacingMeters"].positive()));
     if (file.has("asymmetricGrid") && file["asymmetricGrid"].boolean())
       keys.emplace_back("asymmetric", "true");
+    else
+      notes.emplace_back(kExchanged);
   } else if (type == "aprilgrid") {
     keys = cells(file, "tagRows", "tagCols", "apriltag_grid");
     if (file.has("codeOffset") && file["codeOffset"].integer(0, kMostCells) != 0)

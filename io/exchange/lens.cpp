@@ -51,9 +51,9 @@ RigKeys lens_keys(const LensNumbers& lens) {
   return keys;
 }
 
-std::vector<const Sensor*> cameras_of(const Rig& rig, const Names& names) {
+std::vector<const Sensor*> cameras_of(const Rig& rig, const std::vector<std::string>& names) {
   std::vector<const Sensor*> found;
-  Names cameras;
+  std::vector<std::string> cameras;
   for (const Sensor& sensor : rig.sensors)
     if (sensor.type == "camera") cameras.push_back(sensor.name);
   if (cameras.empty()) throw InputError("the rig has no camera");

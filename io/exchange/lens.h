@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "../../models/rig/rig.h"
-#include "../rig/types.h"
 #include "rig_entry.h"
 
 namespace kincal {
@@ -32,6 +31,6 @@ RigKeys lens_keys(const LensNumbers& lens);
 
 /// Returns the sensors of these names; without names all cameras of the rig.
 /// @throws InputError: an unknown name, a sensor that is no camera, no camera at all
-std::vector<const Sensor*> cameras_of(const Rig& rig, const Names& names);
+std::vector<const Sensor*> cameras_of(const Rig& rig, const std::vector<std::string>& names);
 
 }  // namespace kincal

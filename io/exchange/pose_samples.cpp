@@ -63,13 +63,11 @@ std::string numbered(const std::string& name, size_t i) {
 std::string hand_eye_rig(const std::string& path, bool in_hand) {
   const std::string camera = in_hand ? "tool0" : "base", board = in_hand ? "base" : "tool0";
   return "# Made by `kincal import` from " + std::filesystem::path(path).filename().string() +
-         ".\n# What is marked GUESS is to be replaced by what you know: how well the robot "
-         "repeats, "
-         "how well the camera\n# sees poses. `kincal calibrate` says whether it fits the data.\n"
+         ".\n# What is marked GUESS is to be replaced by what you know.\n"
          "format: kincal/1\n"
          "robot: {base: base, flange: tool0}   # known by the poses of its flange\n"
-         "joints:\n"
-         "  flange: {sigma: {translation: 0.0001, rotation: 0.0002}}   # GUESS: m, rad\n"
+         "# Noise of the poses, m and rad. Left away, it is found from the data.\n"
+         "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n"
          "targets:\n"
          "  board:\n"
          "    type: points\n"
@@ -122,6 +120,9 @@ bool is_hand_eye(const std::string& path) {
 HandEyeFiles read_hand_eye(const std::string& path, bool in_hand) {
   const Node node = read_foreign(path);
   const std::vector<PosePair> pairs = pairs_of(top(node, path), in_hand);
+  for (const PosePair& pair : pairs)
+    if (!pair.base_T_flange.translation.allFinite())
+      throw InputError(path + ": a position is too large");
   if (pairs.empty()) throw InputError(path + ": no sample in it");
   HandEyeFiles out;
   out.count = static_cast<int>(pairs.size());

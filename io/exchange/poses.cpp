@@ -19,6 +19,7 @@ constexpr double kDegree = kPi / 180;
 constexpr double kRound = 1e-2;  // how far from a rotation rounded numbers may be
 
 using Row = std::vector<double>;
+using Cells = std::vector<std::string>;
 
 Matrix3d from_xyzw(const Row& n) { return rotation_from_quaternion({n[3], n[4], n[5], n[6]}); }
 Matrix3d from_wxyz(const Row& n) { return rotation_from_quaternion({n[4], n[5], n[6], n[3]}); }
@@ -37,8 +38,8 @@ Matrix3d from_matrix(const Row& n) {
   return r;
 }
 
-Names matrix_columns() {
-  Names out;
+Cells matrix_columns() {
+  Cells out;
   for (const char* row : {"0", "1", "2", "3"})
     for (const char* column : {"0", "1", "2", "3"}) out.push_back(std::string("m") + row + column);
   return out;
@@ -60,12 +61,12 @@ std::string lower(std::string text) {
 }
 
 /// Cells between commas, semicolons, tabs or blanks, whichever the line has first of these.
-Names cells_of_line(std::string line) {
+Cells cells_of_line(std::string line) {
   if (!line.empty() && line.back() == '\r') line.pop_back();
   char separator = ' ';
   for (const char c : {',', '\t', ';'})
     if (line.find(c) != std::string::npos) separator = c;
-  Names cells;
+  Cells cells;
   std::istringstream in(line);
   for (std::string cell; std::getline(in, cell, separator);) {
     const size_t begin = cell.find_first_not_of(" \t\""), end = cell.find_last_not_of(" \t\"");
@@ -77,7 +78,7 @@ Names cells_of_line(std::string line) {
   return cells;
 }
 
-bool is_header(const Names& cells) {
+bool is_header(const Cells& cells) {
   double ignored = 0;
   return std::none_of(cells.begin(), cells.end(),
                       [&](const std::string& cell) { return read_number(cell, ignored); });
@@ -90,7 +91,7 @@ struct PoseColumns {
   std::vector<int> numbers;  // of the format, in its order
 };
 
-PoseColumns columns_of_header(const Names& header, const PoseFormat& format,
+PoseColumns columns_of_header(const Cells& header, const PoseFormat& format,
                               const std::string& where) {
   PoseColumns out;
   out.count = header.size();
@@ -183,13 +184,19 @@ const std::vector<PoseFormat>& pose_formats() {
 }
 
 const PoseFormat& pose_format(const std::string& name) {
-  Names names;
+  Cells names;
   for (const PoseFormat& format : pose_formats()) {
     if (format.name == name) return format;
     names.push_back(format.name);
   }
   throw InputError("--pose-format: unknown format '" + name + "'" + nearest_names(name, names) +
                    "; valid: " + comma_separated(names));
+}
+
+double pose_unit(const std::string& name) {
+  if (!name.empty() && name != "m" && name != "mm")
+    throw InputError("--unit: 'm' or 'mm' is expected, not '" + name + "'");
+  return name.empty() ? 0 : name == "m" ? 1 : 0.001;
 }
 
 Pose pose_of_matrix(const std::vector<double>& n, const std::string& where) {
@@ -236,7 +243,7 @@ std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFor
   std::optional<PoseColumns> columns;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
-    const Names cells = cells_of_line(line);
+    const Cells cells = cells_of_line(line);
     if (cells.empty() || (line[0] == '#' && !columns)) continue;
     const std::string where = path + ":" + std::to_string(number);
     if (!columns && is_header(cells)) {

@@ -7,15 +7,14 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
-#include "../rig/types.h"
 
 namespace kincal {
 
 /// How a row of numbers says a pose.
 struct PoseFormat {
-  std::string name;  // as --pose-format names it
-  Names columns;     // of the numbers, in their order
-  double length;     // of one unit of x, y and z in m, unless the user says otherwise
+  std::string name;                  // as --pose-format names it
+  std::vector<std::string> columns;  // of the numbers, in their order
+  double length;  // of one unit of x, y and z in m, unless the user says otherwise
   std::string about;
   /// The rotation of the numbers behind x y z; of a matrix of all of them.
   Matrix3d (*rotation)(const std::vector<double>& numbers);
@@ -33,6 +32,9 @@ Pose pose_of_row(const PoseFormat& format, const std::vector<double>& numbers, d
 /// Returns the rigid motion of 16 (or 12) numbers, row after row; what rounding did to the rotation
 /// is undone. @throws InputError
 Pose pose_of_matrix(const std::vector<double>& numbers, const std::string& where);
+
+/// Returns the length of a unit in m: of m and mm; 0 of "", the format's own. @throws InputError
+double pose_unit(const std::string& name);
 
 struct FlangePose {
   std::string id, image;

@@ -7,6 +7,7 @@
 #include "../document/document.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "../rig/types.h"
 #include "foreign.h"
 
 namespace kincal {
@@ -109,25 +110,42 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
     return;
   }
   const std::vector<double> m = entries_of(*p);
-  if (std::all_of(m.begin(), m.end(), [](double v) { return v == 0; }) && !choice.rectified) return;
-  const std::vector<double> k = intrinsics_of(*p, m, 4);
-  const double baseline = m[3] == 0 ? 0 : -m[3] / m[0];
+  if (choice.rectified) {
+    lens.model = "pinhole";
+    lens.distortion.clear();
+    lens.intrinsics = intrinsics_of(*p, m, 4);
+  }
+  if (m.size() != 12 || !(m[0] > 0)) return;  // not filled in
   const std::optional<Field> r = first_of(file, {"rectification_matrix", "R", "r"});
   const std::vector<double> turn = r ? entries_of(*r) : std::vector<double>{};
   const bool turned =
       !is_identity(turn) && std::any_of(turn.begin(), turn.end(), [](double v) { return v != 0; });
-  if (choice.rectified) {
-    lens.model = "pinhole";
-    lens.distortion.clear();
-    lens.intrinsics = k;
-    lens.baseline = baseline;
-  } else if (!turned) {
-    lens.baseline = baseline;
-  } else {
+  if (turned && !choice.rectified) {
     notes.emplace_back(
         "R and P are of the rectified images and were not taken: K and D are those of the raw "
         "ones. If yours are rectified, take --rectified");
+    return;
   }
+  lens.baseline = m[3] == 0 ? 0 : -m[3] / m[0];
+  if (!std::isfinite(lens.baseline)) p->fail("its Tx is too large for its fx");
+  if (lens.baseline != 0)
+    notes.push_back("baseline " + shortest(lens.baseline) +
+                    " is from P: such a camera's link is that of the left camera of its pair. If "
+                    "it has a link of its own, take the key `baseline` away");
+}
+
+/// What a message of ROS says of the images that were sent, not of the camera.
+void note_smaller_images(const Field& file, std::vector<std::string>& notes) {
+  const auto above = [](const std::optional<Field>& field, int most) {
+    double value = 0;
+    return field && read_number(field->node->text, value) && value > most;
+  };
+  const std::optional<Field> roi = first_of(file, {"roi"});
+  if (above(first_of(file, {"binning_x"}), 1) || above(first_of(file, {"binning_y"}), 1) ||
+      (roi && above(first_of(*roi, {"width"}), 0)))
+    notes.emplace_back(
+        "binning or a region of interest is set: the numbers are of the whole image of full "
+        "resolution; use images of that");
 }
 
 LensNumbers read_matrices(const Field& file, const LensChoice& choice,
@@ -172,6 +190,7 @@ LensNumbers read_matrices(const Field& file, const LensChoice& choice,
     set_kannala_brandt(*d, distortion, lens);
   else if (d)
     set_brown_conrady(*d, distortion, lens);
+  note_smaller_images(file, notes);
   if (named || choice.rectified) read_projection(file, choice, lens, notes);
   return lens;
 }

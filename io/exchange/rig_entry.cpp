@@ -99,9 +99,17 @@ void change_block(const std::string& text, const Node& mapping, const RigKeys& k
   if (!added.empty()) changes.behind[behind] = added;
 }
 
-/// The whole entry written anew in the place of its line: for one in flow style, {...}.
-void replace_line(const std::string& text, const std::string& name, const Node& now, int line,
-                  LineChanges& changes) {
+int last_line(const Node& node) {
+  int last = node.line;
+  for (const Node& item : node.items) last = std::max(last, last_line(item));
+  for (const auto& member : node.members) last = std::max(last, last_line(member.second));
+  return last;
+}
+
+/// The whole entry written anew in the place of its lines, the first and `more`: for one in flow
+/// style, {...}.
+void replace_lines(const std::string& text, const std::string& name, const Node& now, int line,
+                   int more, LineChanges& changes) {
   const std::string old = line_of(text, line);
   const std::string indent = old.substr(0, old.find_first_not_of(' '));
   Node entry;
@@ -110,6 +118,7 @@ void replace_line(const std::string& text, const std::string& name, const Node& 
   std::istringstream in(to_yaml(entry));
   std::string out;
   for (std::string one; std::getline(in, one);) out += indent + one + "\n";
+  for (int i = 1; i <= more; ++i) changes.replaced[line + i] = "";
   changes.replaced[line] = out;
 }
 
@@ -142,13 +151,15 @@ EditedRig edited_rig(const RigFile& rig, const std::string& section, const std::
   for (auto& part : expected.members)
     for (auto& member : part.second.members)
       if (part.first == section && member.first == name) member.second = now;
-  for (const bool in_block : {true, false}) {
+  // Key by key; else the entry anew, whose last bracket may stand on a line of its own.
+  const int more = last_line(entry) - entry.line;
+  for (const int lines : {-1, more, more + 1}) {
     LineChanges changes;
     change_block(rig.text, rig.node, top_keys, changes);
-    if (in_block)
+    if (lines < 0)
       change_block(rig.text, entry, keys, changes);
     else
-      replace_line(rig.text, name, now, entry.line, changes);
+      replace_lines(rig.text, name, now, entry.line, lines, changes);
     const std::string text = with_lines(rig.text, changes);
     if (says(text, expected)) return {text, true};
   }

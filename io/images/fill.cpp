@@ -18,6 +18,7 @@
 #include "../document/error.h"
 #include "../document/files.h"
 #include "../document/names.h"
+#include "../results/json_values.h"
 #include "detect.h"
 #include "joint_table.h"
 #include "load.h"
@@ -26,7 +27,6 @@ namespace kincal {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 /// An ImageTask is one image and the views that it is to fill.
 struct ImageTask {
@@ -246,7 +246,10 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
                    const FillOptions& options) {
   const Sensor& sensor = camera(rig, options.sensor, "--sensor");
   const std::vector<JointRow> rows =
-      options.joints.empty() ? std::vector<JointRow>() : read_joint_table(options.joints);
+      options.joints.empty() ? std::vector<JointRow>()
+      : options.pose_format.empty()
+          ? read_joint_table(options.joints)
+          : read_flange_table(options.joints, options.pose_format, options.unit);
   ImageTargets targets;
   add_targets(rig, "", targets);
   if (targets.empty()) throw InputError(rig.path + ": no target of it can be found in images");
@@ -262,6 +265,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
         continue;
       }
       for (const auto& [name, value] : row->joints) joints[name] = value;
+      for (const auto& [name, value] : row->poses) joints[name] = pose(value);
     }
     ImageTask task{image, image, sensor.image_width, sensor.image_height, {}, {}};
     Json views = Json::array();

@@ -10,12 +10,13 @@
 namespace kincal {
 
 struct FillOptions {
-  std::string out;          // the samples file to be: relative paths of images are rewritten for it
-  std::string sensor;       // of a folder of images; "": the only camera
-  std::string joints;       // file of readings; "": none
-  std::string draw;         // folder of annotated pictures; "": none
-  double tolerance = 0.05;  // s, between an image and its readings
-  int threads = 1;          // the result is the same for any number
+  std::string out;     // the samples file to be: relative paths of images are rewritten for it
+  std::string sensor;  // of a folder of images; "": the only camera
+  std::string joints;  // file of readings; "": none
+  std::string pose_format, unit;  // of a file of the flange's poses; "": it has joint readings
+  std::string draw;               // folder of annotated pictures; "": none
+  double tolerance = 0.05;        // s, between an image and its readings
+  int threads = 1;                // the result is the same for any number
   std::function<void(double)> progress;  // gets the share that is done
 };
 

@@ -7,6 +7,9 @@
 
 #include "../document/error.h"
 #include "../document/files.h"
+#include "../document/json.h"
+#include "../exchange/poses.h"
+#include "../rig/samples_file.h"
 
 namespace kincal {
 namespace {
@@ -51,7 +54,8 @@ JointRow row_of_cells(const std::vector<std::string>& names, const std::vector<s
   return row;
 }
 
-JointRow row_of_json(const std::string& line, const std::string& where) {
+JointRow row_of_json(const std::string& line, const std::string& path, int number) {
+  const std::string where = path + ":" + std::to_string(number);
   const auto json = nlohmann::json::parse(line, nullptr, false);
   if (!json.is_object() || !json.contains("joints") || !json["joints"].is_object())
     throw InputError(where + ": {\"image\" or \"time\", \"joints\": {...}} is expected");
@@ -61,8 +65,15 @@ JointRow row_of_json(const std::string& line, const std::string& where) {
       row.image = std::filesystem::path(json[key].get<std::string>()).filename().string();
   if (json.contains("time") && json["time"].is_number()) row.time = json["time"].get<double>();
   for (const auto& [name, value] : json["joints"].items()) {
-    if (!value.is_number()) throw InputError(where + ": joints." + name + ": a number is expected");
-    row.joints[name] = value.get<double>();
+    if (value.is_object()) {
+      const Node node = parse_json(value.dump(), path, number);
+      row.poses[name] = read_pose_reading({&node, &path, "joints." + name});
+    } else if (value.is_number()) {
+      row.joints[name] = value.get<double>();
+    } else {
+      throw InputError(where + ": joints." + name +
+                       ": a number is expected, or a pose {\"xyz\", \"quat\"}");
+    }
   }
   return row;
 }
@@ -78,7 +89,7 @@ std::vector<JointRow> read_joint_table(const std::string& path) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
     const std::string where = path + ":" + std::to_string(number);
     if (names.empty() && line[line.find_first_not_of(" \t")] == '{')
-      rows.push_back(row_of_json(line, where));
+      rows.push_back(row_of_json(line, path, number));
     else if (names.empty())
       names = cells_of(line);
     else
@@ -88,6 +99,21 @@ std::vector<JointRow> read_joint_table(const std::string& path) {
   for (const JointRow& row : rows)
     if (row.image.empty() && !row.time)
       throw InputError(path + ": a column `image` (file names) or `time` is expected");
+  return rows;
+}
+
+std::vector<JointRow> read_flange_table(const std::string& path,
+                                        const std::string& pose_format_name,
+                                        const std::string& unit) {
+  std::vector<JointRow> rows;
+  for (const FlangePose& one :
+       read_flange_poses(path, pose_format(pose_format_name), pose_unit(unit))) {
+    const std::string& name = one.image.empty() ? one.id : one.image;
+    rows.push_back({std::filesystem::path(name).filename().string(), one.time, {}, {}});
+    rows.back().poses["flange"] = one.pose;
+    if (name.empty() && !one.time)
+      throw InputError(path + ": a column `image` (file names) or `time` is expected");
+  }
   return rows;
 }
 

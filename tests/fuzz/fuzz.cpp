@@ -12,6 +12,10 @@
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
+#include "../../io/exchange/kalibr_target.h"
+#include "../../io/exchange/pose_samples.h"
+#include "../../io/exchange/read_lens.h"
+#include "../../io/exchange/write_lens.h"
 #include "../../io/results/apply.h"
 #include "../../io/results/comparison.h"
 #include "../../io/results/results.h"
@@ -99,6 +103,36 @@ void result(const std::string& text) {
   apply_result(path, nominal, true);
 }
 
+/// A file of another program.
+void foreign(const std::string& text) {
+  const std::string path = in_file("foreign.yaml", text);
+  if (is_hand_eye(path)) {
+    const HandEyeFiles files = read_hand_eye(path, false);
+    const RigFile rig = again([&] { return read_rig(in_file("made.yaml", files.rig_yaml)); });
+    again([&] { return parse_samples(files.samples_jsonl, "made.jsonl", rig.rig); });
+    return;
+  }
+  std::vector<std::string> notes;
+  if (is_kalibr_target(path)) {
+    read_kalibr_target(path, notes);
+    return;
+  }
+  LensNumbers lens = read_lens(path, {}, notes);
+  const EditedRig edited =
+      edited_rig(usual_rig(), "sensors", cameras_of(usual_rig().rig, {})[0]->name, lens_keys(lens),
+                 "robot.urdf");
+  again([&] { return read_rig(in_file("edited.yaml", edited.text)); });
+  lens.width = lens.height = 100;
+  const std::string written = in_file("written.yml", opencv_text(lens, notes));
+  again([&] { return read_lens(written, {}, notes); });
+}
+
+/// A table of a flange's poses.
+void poses(const std::string& text) {
+  const std::string path = in_file("poses.csv", text);
+  flange_lines(read_flange_poses(path, pose_format("kuka"), 0), "", "");
+}
+
 /// A rig, a line ---, samples.
 void calibration(const std::string& text) {
   const size_t end = text.find("---\n");
@@ -117,8 +151,9 @@ void calibration(const std::string& text) {
 }
 
 const std::map<std::string, void (*)(const std::string&)> kReaders = {
-    {"urdf", urdf},   {"rig", rig},       {"samples", samples},
-    {"truth", truth}, {"result", result}, {"calibration", calibration}};
+    {"urdf", urdf},       {"rig", rig},       {"samples", samples},
+    {"truth", truth},     {"result", result}, {"calibration", calibration},
+    {"foreign", foreign}, {"poses", poses}};
 
 }  // namespace
 

@@ -150,6 +150,26 @@ class Detect(Case):
         self.assertEqual({s["id"]: s["joints"]["j"] for s in self.samples()}, {"12.50": 2, "1700000000250000000": 3})
         self.assertIn("99.pgm", self.out)
 
+    def test_poses_of_a_flange(self):
+        self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())
+        half = 0.5 ** 0.5
+        poses = {"a1": ([0.1, 0.2, 0.3], [0, 0, half, half]), "a2": ([0.4, 0, 0.3], [half, 0, 0, half])}
+        self.write("joints.jsonl", "".join(json.dumps({"image": name + ".pgm", "joints": {"flange": {"xyz": xyz, "quat": quat}}}) + "\n"
+                                           for name, (xyz, quat) in poses.items()).encode())
+        self.write("kuka.csv", b"image,X,Y,Z,A,B,C\na1.pgm,100,200,300,90,0,0\na2.pgm,400,0,300,0,0,90\n")
+        for name, more in (("joints.jsonl", ()), ("kuka.csv", ("--pose-format", "kuka"))):
+            self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", name, "--force", *more)
+            found = {s["id"]: s["joints"]["flange"] for s in self.samples()}
+            self.assertEqual(sorted(found), ["a1", "a2"])
+            for key, (xyz, quat) in poses.items():
+                numpy.testing.assert_allclose(found[key]["xyz"] + found[key]["quat"], xyz + quat, atol=1e-12)
+        p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "out.jsonl", "--dry-run"], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        self.assertEqual(p.returncode, 0, p.stdout.decode())
+        self.write("joints.jsonl", b'{"image": "a1.pgm", "joints": {"flange": {"xyz": [1, 2, 3]}}}\n')
+        self.detect("rig.yaml", "images", "--out", "other.jsonl", "--joints", "joints.jsonl", code=1)
+        self.assertIn("joints.jsonl:1", self.err)
+        self.assertIn("quat", self.err)
+
     def test_what_cannot_be_used_is_named(self):
         self.write("images/empty.pgm", b"")
         self.write("images/broken.png", b"\x89PNG\r\n\x1a\nno more")

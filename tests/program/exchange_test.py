@@ -275,6 +275,25 @@ class Import(Case):
         self.assertEqual(changed[0][1], "    model: kannala_brandt        # the lens")
         self.assertIn("# fx fy cx cy", changed[2][1])
 
+    def test_flow_style(self):
+        """An entry in brackets is written anew, on one line, on two, and with a last bracket of its own; all else stays."""
+        self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "right", "--out", "c.yaml")
+        head, tail = RIG.split("  fixed: {")
+        entry = "  fixed: {" + tail.split("\n  stereo")[0]
+        for text in (entry, entry.replace("\n         ", " "), entry.replace("sigma: 0.2}", "sigma: 0.2\n         }")):
+            self.write("rig.yaml", RIG.replace(entry, text))
+            run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "fixed", "--out", "new.yaml", "--force")
+            self.assertNotIn("comments", run.stderr)
+            new = self.read("new.yaml")
+            self.assertTrue(new.startswith(head), new)
+            self.assertTrue(new.endswith("\n  stereo" + RIG.split("\n  stereo")[1]), new)
+            self.same_camera(self.sensor("new.yaml", "fixed"), self.sensor("rig.yaml", "right"))
+        self.write("rig.yaml", RIG.replace("sensors:\n", "sensors: {one: {type: camera, link: optical, model: pinhole, intrinsics: [1, 1, 0, 0], sigma: 1}}\n#")
+                   .split("#  # the first")[0])
+        run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--out", "new.yaml", "--force")
+        self.assertIn("comments could not be kept", run.stderr)
+        self.same_camera(self.sensor("new.yaml", "one"), yaml.safe_load(RIG)["sensors"]["right"])
+
     def test_another_folder(self):
         os.mkdir(self.path("sub"))
         self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "left", "--out", "c.yaml")
@@ -314,11 +333,17 @@ distortion_model: rational_polynomial
 binning_x: 0
 roi:
   x_offset: 0
+  width: 0
 ---
 """)
             keys = yaml.safe_load(self.good("import", "m.yaml").stdout)
             self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [600, 601, 320, 240],
                                     "distortion": [0.1, 0.2, 0.001, 0.002, 0.3, 0.4, 0.5, 0.6], "baseline": 0.1})
+            for key in ("binning_x: ", "  width: "):
+                self.assertNotIn("full", self.good("import", "m.yaml").stderr)
+                self.write("m.yaml", self.read("m.yaml").replace(key + "0", key + "2"))
+                self.assertIn("full resolution", self.good("import", "m.yaml").stderr)
+                self.write("m.yaml", self.read("m.yaml").replace(key + "2", key + "0"))
 
     def test_rectified(self):
         text = self.exported("camera_info", "--sensor", "left")
@@ -330,8 +355,17 @@ roi:
         self.assertIn("--rectified", run.stderr)
         self.assertEqual(yaml.safe_load(run.stdout)["intrinsics"], [500.5, 501.25, 320.125, 240.75])
         self.assertNotIn("baseline", run.stdout)
-        self.assertEqual(yaml.safe_load(self.good("import", "c.yaml", "--rectified").stdout),
-                         {"model": "pinhole", "image_size": [640, 480], "intrinsics": [450, 450, 330, 230], "baseline": 0.1})
+        run = self.good("import", "c.yaml", "--rectified")
+        self.assertIn("baseline", run.stderr)
+        self.assertEqual(yaml.safe_load(run.stdout), {"model": "pinhole", "image_size": [640, 480], "intrinsics": [450, 450, 330, 230], "baseline": 0.1})
+
+    def test_projection_that_nobody_filled_in(self):
+        text = self.exported("camera_info", "--sensor", "left")
+        for p in ("[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]", "[]"):
+            self.write("c.yaml", text.split("projection_matrix")[0] + "projection_matrix:\n  data: " + p + "\n")
+            run = self.good("import", "c.yaml")
+            self.assertEqual((run.stderr, yaml.safe_load(run.stdout)["intrinsics"]), ("", [500.5, 501.25, 320.125, 240.75]))
+            self.fails(["import", "c.yaml", "--rectified"], "projection_matrix")
 
     def test_opencv(self):
         """As OpenCV's own calibration programs write it, in both of its texts."""
@@ -637,6 +671,10 @@ class HandEye(Case):
             self.assertEqual(data["parameters"]["eye_on_hand"], in_hand)
             t = data["transformation"]
             np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]), truth, atol=1e-6)
+            result = self.path(setup + "_result/result.json")
+            self.write(result, self.read(result).replace('"status": "converged"', '"status": "not_converged"'))
+            self.fails(["export", setup + "_result", "--as", "easy_handeye"], "not_converged", "--force")
+            self.good("export", setup + "_result", "--as", "easy_handeye", "--force")
 
     def test_wrong(self):
         self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [1] * 16, "object_wrt_sensor": [1] * 16}]))
