@@ -61,6 +61,10 @@ class Case:
                 if sensor in (None, v["sensor"]) and target in (None, v["target"]):
                     yield v
 
+    def numbered(self, target):
+        """Views of a target's points that have ids, or could: a chain's have none."""
+        return (v for v in self.views(target=target) if any(k in v for k in ("pixels", "points", "rays")))
+
     def camera(self):
         return self.cameras[-1] if self.cameras else None      # of the example a camera of a forearm, with a lens
 
@@ -97,8 +101,8 @@ def other_columns(change):
         board = case.rig["targets"].get(case.board())
         if not board:
             return None
-        most = max(i for v in case.views(target=case.board()) for i in ids(case, v)) + 1
-        for v in case.views(target=case.board()):
+        most = max(i for v in case.numbered(case.board()) for i in ids(case, v)) + 1
+        for v in case.numbered(case.board()):
             v["ids"] = ids(case, v)
         corners = 1 if board["type"] == "charuco" else 0
         board["columns"] += change
@@ -108,7 +112,7 @@ def other_columns(change):
 
 
 def ids(case, view):
-    return view.get("ids") or list(range(len(next((view[k] for k in ("pixels", "points", "rays") if k in view), []))))  # a chain has none
+    return view.get("ids") or list(range(len(next((view[k] for k in ("pixels", "points", "rays") if k in view), []))))
 
 
 def reversed_views(count=None):

@@ -9,205 +9,18 @@
 #include "../fitting/free_targets.h"
 #include "../rig/words.h"
 #include "camera_mistakes.h"
-#include "hypotheses.h"
-#include "joint_mistakes.h"
+#include "choice.h"
+#include "data_checks.h"
 #include "plausibility.h"
 #include "start_values.h"
 #include "stated_sigmas.h"
 #include "suspects.h"
 #include "trial_fits.h"
-#include "turned_poses.h"
 
 namespace kincal {
 namespace {
 
-constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
-
 using Samples = std::vector<Sample>;
-
-/// A hypothesis tried: the recording with the mistake undone, and the fit of it.
-struct Trial {
-  Recording recording;
-  Stage stage;
-  TrialFit fit;
-  double cost;  // for comparison; infinite: the fit cannot start
-};
-
-/// A hypothesis that explains something, and its trial with all samples.
-struct Explanatory {
-  Hypothesis hypothesis;
-  Trial trial;
-};
-
-/// What is looked for on top of what was undone: chi2, or that the estimate is far from the rig's
-/// values.
-struct Question {
-  const TrialFit& now;
-  bool by_movement;
-};
-
-// ------------------------------------------------------------------------------------------------
-// choose
-/// `recording`: what the hypothesis is tried on, all samples or some.
-Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
-                     const TrialFit& now, Effort effort) {
-  Rig rig = recording.rig;
-  Samples samples = recording.samples;
-  h.undo(rig, samples);
-  if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
-  Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
-  t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
-  for (int square : h.squares)
-    t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
-  effort.closed_form = h.new_poses;
-  try {
-    t.fit = best_fit(t.recording, context, t.stage, effort);
-    t.cost = t.fit.score();
-  } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
-  }
-  if (h.leaves_out)
-    t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
-              static_cast<double>(std::max(1L, t.fit.dof));
-  return t;
-}
-
-/// Factors by which the sizes are to be changed. Empty where the scale factors contradict each
-/// other, change nothing or collapse the target.
-std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t) {
-  std::vector<double> factors;
-  const ParameterTable& fitted = t.recording.table;
-  for (int s : h.squares)
-    factors.push_back(
-        std::abs(t.fit.values.shared(
-            fitted.all[fitted.target_square[s]].start)) /  // negative: the board half a turn round
-        (rig.targets[s].grid ? rig.targets[s].square : 1));
-  const double low = *std::min_element(factors.begin(), factors.end()),
-               high = *std::max_element(factors.begin(), factors.end());
-  const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
-                    std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
-  return sane ? factors : std::vector<double>();
-}
-
-/// Words about where the fit puts the principal point of a camera, "" where it is not far away.
-std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
-  const Parameter& p =
-      t.recording.table.all[t.recording.table.index_of(ParameterKind::intrinsics, h.cropped)];
-  const VectorXd found = t.fit.values.shared.segment(p.start, 4);
-  return cropped_words(rig.sensors[h.cropped].name,
-                       find_block(rig.sensors[h.cropped], ParameterKind::intrinsics)->values,
-                       {found.data(), found.data() + 4});
-}
-
-/// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
-/// unknowns were added or data left out.
-bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
-  const double per_dof = now.per_dof();
-  // Another mistake may spoil some points besides.
-  if (!before.complete())
-    return per_dof < Thresholds::overwhelming ||
-           (now.complete() && now.typical() < Thresholds::overwhelming);
-  if (per_dof < Thresholds::clean && !strict) {
-    double worst = 0;  // a sensor's share of all may be small
-    for (size_t s = 0; s < before.sensor.size(); ++s)
-      if (before.sensor[s] > Thresholds::good)
-        worst = std::max(worst, before.sensor[s] / now.sensor[s]);
-    return before.cost > Thresholds::clean_gain * now_cost ||
-           (worst > Thresholds::decisive && before.cost > now_cost);
-  }
-  return before.cost >
-         (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
-}
-
-bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
-  if (question.by_movement)
-    return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
-  if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
-  if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
-  return believed(question.now, t.fit, h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost,
-                  h.leaves_out || h.ignored_joint >= 0);
-}
-
-/// The best few of the first `count` candidates, by a few iterations with some samples; best first.
-std::vector<size_t> shortlist(const Recording& recording, const TrialContext& context,
-                              const Question& question, const std::vector<Hypothesis>& candidates,
-                              size_t count) {
-  const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
-  std::vector<std::pair<double, size_t>> order;
-  double least = kInfinity;
-  bool explained = false;  // the many of some kinds are not tried where all is clear already
-  for (size_t i = 0; i < count; ++i) {
-    context.report(static_cast<int>(i), static_cast<int>(count));
-    const std::string& id = candidates[i].id;
-    if (explained && (id == "wrong-link" || id == "shifted")) continue;
-    const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : 20 * least};
-    const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
-    if (!std::isfinite(t.cost)) continue;
-    least = std::min(least, t.cost);
-    explained = explained || (t.fit.complete() && t.fit.per_dof() < Thresholds::clean);
-    if (!question.by_movement)
-      order.push_back({t.cost, i});
-    else if (return_of_movement(question.now, t.fit) > 0)
-      order.push_back({t.fit.per_dof() / return_of_movement(question.now, t.fit), i});
-  }
-  std::sort(order.begin(), order.end());
-  if (order.size() > 4) order.resize(4);
-  std::vector<size_t> out;
-  for (const auto& o : order) out.push_back(o.second);
-  return out;
-}
-
-/// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
-std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
-                                  const Question& question) {
-  const TrialFit& now = question.now;
-  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,
-                                           freed_names(recording.table, context.all));
-  if (question.by_movement)
-    all.erase(std::remove_if(all.begin(), all.end(),
-                             [](const Hypothesis& h) {
-                               return h.numbered_by_markers || !h.squares.empty() ||
-                                      !h.free.empty();
-                             }),
-              all.end());
-  const size_t common = all.size();
-  if (!question.by_movement) {
-    const TrialFit robust = robust_fit(recording, context);
-    for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
-    if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
-    if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
-    if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
-  }
-  const auto extras = [](const Hypothesis& h) { return h.squares.size() + h.free.size(); };
-  std::optional<Trial> best;
-  size_t chosen = 0;
-  const auto try_with_all_samples = [&](size_t i) {
-    const Effort effort = {100, 1e-9, false,
-                           best && !question.by_movement ? 20 * best->cost : kInfinity};
-    Trial t = try_hypothesis(recording, context, all[i], now, effort);
-    if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
-    // A principal point that is free takes part of other mistakes up.
-    const double near = best && (all[i].cropped >= 0) != (all[chosen].cropped >= 0) ? 2.5 : 1.2;
-    const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
-    const size_t extra = extras(all[i]), fewest = extras(all[chosen]);
-    if (!best || (equal ? extra < fewest ||
-                              (extra == fewest && t.fit.farthest() < 0.5 * best->fit.farthest())
-                        : t.cost < best->cost))
-      best = std::move(t), chosen = i;
-  };
-  for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
-  // A few samples or views may be all that is wrong; if many go with it, something else may be
-  // wrong with these.
-  if (!best || best->fit.per_dof() > Thresholds::clean ||
-      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
-    for (size_t i : shortlist(recording, context, question, all, common)) try_with_all_samples(i);
-  if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
-    for (Hypothesis& h : turned_poses(recording, context)) {
-      all.push_back(std::move(h));
-      try_with_all_samples(all.size() - 1);
-    }
-  if (!best) return std::nullopt;
-  return Explanatory{std::move(all[chosen]), std::move(*best)};
-}
 
 // ------------------------------------------------------------------------------------------------
 // prove
@@ -312,6 +125,19 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
   h.cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
 }
 
+void word_gear(const Rig& rig, Explanatory& explanatory) {
+  Hypothesis& h = explanatory.hypothesis;
+  const double found = gear_found(rig, h, explanatory.trial);
+  h.mistake = "joint " + quoted(rig.tree.joints[h.gear].name) +
+              text(
+                  " moves %.5g times as far as its readings say: its gear ratio or encoder count "
+                  "is %.2g %% off",
+                  found, 100 * std::abs(found - 1));
+  h.cure = "Correct it where readings are made (or state joints." + rig.tree.joints[h.gear].name +
+           text(".scale: %.5g", found * rig.joints[h.gear].scale) + " in the rig, or free " +
+           h.free[0] + ").";
+}
+
 Finding word(const Hypothesis& h, const Evidence& evidence) {
   Finding finding;
   finding.id = h.id;
@@ -345,63 +171,13 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
         "sensor/" +
         best->hypothesis.where[0] + "/intrinsics.";
   }
+  if (best->hypothesis.gear >= 0) word_gear(recording.rig, *best);
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
   context.given_poses_freed = frees_given_poses(recording, context.all);
   now = std::move(best->trial.fit);
   return true;
-}
-
-/// Two mistakes that explain together what neither does alone, and the trial without both.
-struct TwoMistakes {
-  Hypothesis first, second;
-  Trial trial;
-};
-
-/// Looks for the second mistake on top of each of the few that lower chi2 most, however little.
-std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
-                                      const TrialFit& now) {
-  const auto plain = [&](const Recording& r, const Stage& stage) {
-    std::vector<Hypothesis> out =
-        hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
-    out.erase(std::remove_if(out.begin(), out.end(),
-                             [](const Hypothesis& h) {
-                               return h.cropped >= 0 || h.ignored_joint >= 0 || !h.free.empty();
-                             }),
-              out.end());
-    return out;
-  };
-  const std::vector<Hypothesis> all = plain(recording, context.all);
-  std::optional<TwoMistakes> best;
-  if (all.size() > kMostForPairs) return best;
-  for (size_t i : shortlist(recording, context, {now, false}, all, all.size())) {
-    const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
-    if (!std::isfinite(one.cost)) continue;
-    TrialContext further = context;
-    further.all = one.stage;
-    further.given_poses_freed = frees_given_poses(one.recording, one.stage);
-    std::vector<Hypothesis> others = plain(one.recording, one.stage);
-    if (!all[i].squares.empty())
-      others.erase(std::remove_if(others.begin(), others.end(),
-                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
-                   others.end());
-    const Question question = {one.fit, false};
-    for (size_t k : shortlist(one.recording, further, question, others, others.size())) {
-      Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
-                                 {100, 1e-9, false, best ? best->trial.cost : kInfinity});
-      if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
-      best = TwoMistakes{all[i], others[k], std::move(two)};
-    }
-  }
-  if (!best) return best;
-  const double per_dof = best->trial.fit.per_dof();
-  const double demanded =
-      per_dof < Thresholds::noise ? Thresholds::overwhelming : Thresholds::together;
-  const bool enough =
-      now.complete() ? now.cost > demanded * best->trial.cost : per_dof < Thresholds::overwhelming;
-  if (!enough) best.reset();
-  return best;
 }
 
 /// As explain(), of two mistakes at once.
@@ -433,6 +209,26 @@ bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
   context.all = std::move(explanatory.trial.stage);
   context.given_poses_freed = frees_given_poses(recording, context.all);
   now = std::move(explanatory.trial.fit);
+  return true;
+}
+
+/// As explain(), where a few samples are wrong besides, which are left for the next round.
+bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
+                  std::vector<Finding>& out) {
+  std::optional<Explanatory> best = choose_by_most(recording, context, now);
+  if (!best) return false;
+  Evidence evidence = prove_by_chi2(now, best->trial.fit);
+  evidence.sentence = "Without this mistake most samples fit, but not all. " + evidence.sentence;
+  Rig rig = best->trial.recording.rig;
+  if (!best->hypothesis.squares.empty()) {
+    if (size_factors(recording.rig, best->hypothesis, best->trial).empty()) return false;
+    scale(recording.rig, *best, rig);
+  }
+  out.push_back(word(best->hypothesis, evidence));
+  recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
+  context.all = std::move(best->trial.stage);
+  context.given_poses_freed = frees_given_poses(recording, context.all);
+  now = std::move(best->trial.fit);
   return true;
 }
 
@@ -546,8 +342,9 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
 }
 
 /// Of those found by fits, what explains most first; then the others, without what is named
-/// already.
-std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> by_data) {
+/// already. `explained`: nothing is left to explain; else numbers that cannot be meant come first.
+std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> by_data,
+                             bool explained) {
   const auto ratio = [](const Finding& f) {
     return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected)
                                             : kInfinity;
@@ -556,7 +353,7 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
                    [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
   // A fit that proves how an image is wrong says why points lie outside of it.
   const auto says = [](const Finding& g, const Finding& f) {
-    return g.id == f.id ||
+    return g.id == f.id || (f.id == "baseline" && g.id == "swapped-cameras") ||
            (f.id == "outside-image" && (g.id == "resolution" || g.id == "exchanged-axes" ||
                                         g.id == "intrinsics" || g.id == "swapped-cameras"));
   };
@@ -569,6 +366,11 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
     if (f.id == "duplicates" ||
         std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return named(f, g); }))
       by_fits.push_back(std::move(f));
+  if (!explained)
+    std::stable_partition(by_fits.begin(), by_fits.end(), [](const Finding& f) {
+      return !f.chi2_corrected && (f.id == "units" || f.id == "square" || f.id == "degrees" ||
+                                   f.id == "intrinsics" || f.id == "baseline");
+    });
   return by_fits;
 }
 
@@ -585,12 +387,13 @@ std::vector<Finding> examine_data(const Recording& recording, const TrialContext
 Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   Diagnosis out;
   out.tested = {
-      "square",         "rows-columns", "numbering",     "mirrored",      "joint-sign",
-      "degrees",        "still-joint",  "inverted-pose", "eye-in-hand",   "swapped-cameras",
-      "rectified",      "duplicates",   "disconnected",  "bad-samples",   "exchanged-axes",
-      "resolution",     "intrinsics",   "normalised",    "board-columns", "turned-pose",
-      "outlier-points", "units",        "outside-image", "shifted",       "lag",
-      "wrong-link",     "sigma",        "convention"};
+      "square",         "rows-columns", "numbering",     "mirrored",         "joint-sign",
+      "degrees",        "still-joint",  "inverted-pose", "eye-in-hand",      "swapped-cameras",
+      "rectified",      "duplicates",   "disconnected",  "bad-samples",      "exchanged-axes",
+      "resolution",     "intrinsics",   "normalised",    "board-columns",    "turned-pose",
+      "outlier-points", "units",        "outside-image", "shifted",          "lag",
+      "wrong-link",     "sigma",        "home-position", "exchanged-joints", "exchanged-targets",
+      "absolute-angle", "gear",         "quaternion",    "baseline",         "convention"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);
@@ -601,8 +404,12 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
     if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint")
       break;
-  if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless))
-    explain_two(recording, context, now, by_fits);
+  if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless)) {
+    if (!explain_most(recording, context, now, by_fits))
+      explain_two(recording, context, now, by_fits);
+    else if (!good(now))
+      explain(recording, context, now, false, by_fits);
+  }
   if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);
@@ -621,7 +428,8 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   out.verdict =
       verdict(recording, context, now,
               {ended, at_first, !by_data.empty(), !by_fits.empty(), still_joint, out.readings});
-  out.findings = ordered(std::move(by_fits), std::move(by_data));
+  out.findings = ordered(std::move(by_fits), std::move(by_data),
+                         still_joint || now.per_dof() < Thresholds::noise);
   return out;
 }
 

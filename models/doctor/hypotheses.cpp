@@ -5,6 +5,7 @@
 #include "camera_mistakes.h"
 #include "joint_mistakes.h"
 #include "pose_mistakes.h"
+#include "reading_mistakes.h"
 #include "sensor_mistakes.h"
 #include "target_mistakes.h"
 
@@ -16,14 +17,17 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   std::vector<Hypothesis> out;
   add_joints(rig, samples, survey, out);
   add_pose_readings(rig, samples, survey, out);
+  add_length_units(rig, survey, out);
   add_bearings(rig, samples, survey, out);
   add_squares(rig, table, survey, freed, out);
   add_boards(rig, survey, out);
   add_widths(rig, samples, survey, out);
+  add_point_orders(rig, samples, survey, out);
   add_mirrors(rig, survey, out);
   add_mirrored_points(rig, survey, out);
   add_units(rig, survey, out);
   add_poses(rig, survey, out);
+  add_quaternions(rig, survey, out);
   add_sides(rig, survey, out);
   add_exchanges(rig, survey, out);
   add_lenses(rig, table, survey, freed, out);

@@ -8,23 +8,9 @@
 #include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "reading_mistakes.h"
 
 namespace kincal {
-namespace {
-
-/// Replaces a joint's readings, also those that a scanner has of it in its rays.
-void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint,
-                     const std::function<double(double)>& change) {
-  for (Sample& s : samples) {
-    s.readings[joint] = change(s.readings[joint]);
-    for (View& v : s.views)
-      if (rig.sensors[v.sensor].scanning_joint == joint)
-        for (size_t i = 0; i + 2 < v.z.size(); i += 3) v.z[i] = change(v.z[i]);
-  }
-}
-
-}  // namespace
-
 void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out) {
   std::vector<int> too_far;

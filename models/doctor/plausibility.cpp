@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "data_checks.h"
+#include "reading_mistakes.h"
 #include "survey.h"
 
 namespace kincal {
@@ -16,6 +18,11 @@ namespace {
 // Nothing that a robot is calibrated with is as large (m), no board has such fields (m).
 constexpr double kFarAway = 200, kFarFlange = 20, kFarMounted = 50, kLargeSquare = 2,
                  kSmallSquare = 0.0005;
+// Between two joints that move (m, times the next longest link); of a pair of cameras (m); of a
+// sliding joint (m) beyond its limits, and without any.
+constexpr double kLongestLink = 20, kLongLinkAlone = 5, kTimesTheOthers = 8, kFarBaseline = 3,
+                 kBeyondSlide = 1, kFarthestSlide = 20;
+constexpr double kDisparity = 3;  // px that two cameras at one place never see
 // Multiples of a joint's limits, and turns of one without, beyond which readings are degrees.
 constexpr double kBeyondLimits = 3, kManyTurns = 8;
 // What is seen of the resolution if all points lie in a corner.
@@ -150,6 +157,21 @@ void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
                                   "as fx, fy, cx, cy, and correct image_size"));
 }
 
+/// Whether no robot has a link as long as the one that ends at a joint.
+bool too_long(const Tree& tree, const Joint& joint) {
+  const double length = joint.parent_T_joint.translation.norm();
+  if (length > kFarMounted) return true;
+  bool carried = false;  // what stands in the room may stand anywhere
+  for (int j = tree.joint_above[joint.parent]; j >= 0 && !carried;
+       j = tree.joint_above[tree.joints[j].parent])
+    carried = tree.joints[j].moves();
+  if (!carried || length < kLongLinkAlone) return false;
+  double longest = 0;
+  for (const Joint& other : tree.joints)
+    if (&other != &joint) longest = std::max(longest, other.parent_T_joint.translation.norm());
+  return length > kLongestLink || length > kTimesTheOthers * longest;
+}
+
 void check_lengths(const Rig& rig, std::vector<Finding>& out) {
   for (const Target& target : rig.targets) {
     const bool small = target.grid && target.square > 0 && target.square < kSmallSquare;
@@ -180,12 +202,12 @@ void check_lengths(const Rig& rig, std::vector<Finding>& out) {
   for (const Target& t : rig.targets)
     if (t.link >= 0) mounted("Target", t.name, t.link_T_target);
   for (const Joint& joint : rig.tree.joints)
-    if (joint.parent_T_joint.translation.norm() > kFarMounted) {
+    if (too_long(rig.tree, joint)) {
       out.push_back(implausible(
           "units", joint.name,
           "Joint " + quoted(joint.name) +
               text(" stands %.4g m from its parent link in the URDF. Write metres: millimetres "
-                   "have to be divided by 1000",
+                   "have to be divided by 1000, centimetres by 100",
                    joint.parent_T_joint.translation.norm())));
       break;
     }
@@ -262,6 +284,94 @@ void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
   }
 }
 
+void check_slides(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+  for (const auto& range : make_survey(rig, samples).ranges) {
+    const Joint& joint = rig.tree.joints[range.first];
+    if (joint.type != JointType::prismatic) continue;
+    const bool limited = joint.upper > joint.lower;
+    const double reach = std::max(std::abs(joint.lower), std::abs(joint.upper)),
+                 allowed = limited ? std::max(kBeyondLimits * reach, reach + kBeyondSlide)
+                                   : kFarthestSlide,
+                 low = range.second.first, high = range.second.second;
+    const double most = std::abs(low) > std::abs(high) ? low : high;
+    if (!(std::abs(most) > allowed)) continue;
+    std::string unit;
+    for (const LengthUnit& u : other_length_units())
+      if (unit.empty() && limited && std::abs(most) * u.metres < 1.2 * reach)
+        unit = std::string(": if these are ") + u.name + ", " + u.cure;
+    out.push_back(implausible(
+        "units", joint.name,
+        "Sliding joint " + quoted(joint.name) + text(" has readings of up to %.5g m", most) +
+            (limited ? text(", its limits in the URDF are %.4g and %.4g", joint.lower, joint.upper)
+                     : std::string()) +
+            ". Write metres" + unit));
+  }
+}
+
+/// By how much further right (px) one camera sees the same points than another, by what a pair at
+/// one place would see; nothing: they see nothing together.
+std::optional<double> disparity(const std::vector<Sample>& samples, int a, int b) {
+  double sum = 0;
+  long count = 0;
+  for (const Sample& sample : samples)
+    for (const View& va : sample.views)
+      for (const View& vb : sample.views) {
+        if (va.sensor != a || vb.sensor != b || va.target != vb.target) continue;
+        for (size_t i = 0; i < va.ids.size(); ++i) {
+          const auto k = std::find(vb.ids.begin(), vb.ids.end(), va.ids[i]) - vb.ids.begin();
+          if (k == static_cast<std::ptrdiff_t>(vb.ids.size())) continue;
+          sum += va.z[2 * i] - vb.z[2 * static_cast<size_t>(k)];
+          ++count;
+        }
+      }
+  if (count == 0) return std::nullopt;
+  return sum / static_cast<double>(count);
+}
+
+/// Baselines that are not metres, or that the views of a rectified pair contradict.
+void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
+                     std::vector<Finding>& out) {
+  const auto number = [](const Sensor& s, ParameterKind kind, size_t i) {
+    const ParameterBlock* block = find_block(s, kind);
+    return block && block->values.size() > i ? block->values[i] : std::nan("");
+  };
+  for (size_t a = 0; a < rig.sensors.size(); ++a) {
+    const Sensor& one = rig.sensors[a];
+    const double baseline = number(one, ParameterKind::baseline, 0);
+    if (std::abs(baseline) > kFarBaseline)
+      out.push_back(implausible("baseline", one.name,
+                                "The baseline of camera " + quoted(one.name) +
+                                    text(" is %.4g m. Write metres: millimetres would be %.4g",
+                                         baseline, baseline / 1000)));
+    for (size_t b = a + 1; b < rig.sensors.size() && std::isfinite(baseline); ++b) {
+      const Sensor& other = rig.sensors[b];
+      const double apart = number(other, ParameterKind::baseline, 0) - baseline;
+      const bool together = one.link == other.link && one.pose_given && other.pose_given &&
+                            log_se3(inverse(one.link_T_sensor) * other.link_T_sensor).norm() < 1e-9;
+      if (!together || !std::isfinite(apart) ||
+          number(one, ParameterKind::intrinsics, 0) != number(other, ParameterKind::intrinsics, 0))
+        continue;
+      const std::optional<double> seen =
+          disparity(samples, static_cast<int>(a), static_cast<int>(b));
+      const double centres =
+          number(one, ParameterKind::intrinsics, 2) - number(other, ParameterKind::intrinsics, 2);
+      if (!seen || std::abs(*seen - centres) < kDisparity || apart * (*seen - centres) > 0)
+        continue;
+      const std::string pair = quoted(one.name) + " and " + quoted(other.name);
+      out.push_back(implausible(
+          "baseline", (*seen > centres ? other : one).name,
+          "Cameras " + pair +
+              (apart == 0 ? " stand at one place in the rig, without a baseline between them"
+                          : " stand the other way round than they see") +
+              text(": the same points lie %.3g px further %s in the first. ",
+                   std::abs(*seen - centres), *seen > centres ? "right" : "left") +
+              "Camera " + quoted((*seen > centres ? other : one).name) +
+              " is the right one: give it the (positive) baseline, the other 0" +
+              (apart == 0 ? "" : "; or exchange the names in the views")));
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
@@ -270,6 +380,8 @@ std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>&
   check_measured_lengths(rig, samples, out);
   check_angles(rig, samples, out);
   check_pose_readings(rig, samples, out);
+  check_slides(rig, samples, out);
+  check_baselines(rig, samples, out);
   for (const Sensor& sensor : rig.sensors) check_intrinsics(sensor, out);
   check_images(rig, samples, out);
   for (Finding& f : out) f.text += ".";

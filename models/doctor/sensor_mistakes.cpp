@@ -8,6 +8,8 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "../sensors/sensors.h"
+#include "reading_mistakes.h"
+#include "turned_poses.h"
 
 namespace kincal {
 namespace {
@@ -70,20 +72,23 @@ void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     const Sensor& sensor = rig.sensors[s];
     const bool pose = sensor.model->measurement_kind() == MeasurementKind::pose;
     if (!pose && sensor.model->measurement_kind() != MeasurementKind::points) continue;
-    Hypothesis h;
-    h.id = "square";
-    h.where = {sensor.name};
-    h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " +
-                quoted(sensor.name) + " measures are in millimetres";
-    h.cure = "Write metres into its views: divide by 1000.";
-    h.new_poses = true;
-    h.undo = [s, pose](Rig&, std::vector<Sample>& samples) {
-      for (Sample& sample : samples)
-        for (View& v : sample.views)
-          if (v.sensor == s)
-            for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= 0.001;
-    };
-    out.push_back(h);
+    for (const LengthUnit& unit : other_length_units()) {
+      Hypothesis h;
+      h.id = "square";
+      h.where = {sensor.name};
+      h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " +
+                  quoted(sensor.name) + " measures are in " + unit.name;
+      h.cure = std::string("Write metres into its views: ") + unit.cure + ".";
+      h.new_poses = true;
+      h.shrinks = unit.metres;
+      h.undo = [s, pose, factor = unit.metres](Rig&, std::vector<Sample>& samples) {
+        for (Sample& sample : samples)
+          for (View& v : sample.views)
+            if (v.sensor == s)
+              for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= factor;
+      };
+      out.push_back(std::move(h));
+    }
   }
 }
 
@@ -120,6 +125,38 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       r.targets[t].link_T_target = inverse(r.targets[t].link_T_target);
     };
     out.push_back(h);
+  }
+}
+
+void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  const auto add = [&](const std::string& kind, const std::string& name, const std::string& place,
+                       const Matrix3d& given, auto undo) {
+    if (is_cube_turn(given)) return;  // named as a turn: turned_poses.h
+    Hypothesis h;
+    h.id = "quaternion";
+    h.where = {name};
+    h.mistake = "the pose of " + kind + " " + quoted(name) + " has its quaternion written w x y z";
+    h.cure = "Write " + place + ".quat as [x, y, z, w].";
+    h.undo = undo;
+    out.push_back(std::move(h));
+  };
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    if (sensor.pose_given)
+      add("sensor", sensor.name, "sensors." + sensor.name + ".pose", sensor.link_T_sensor.rotation,
+          [s](Rig& r, std::vector<Sample>&) {
+            Matrix3d& turn = r.sensors[s].link_T_sensor.rotation;
+            turn = of_w_x_y_z(turn);
+          });
+  }
+  for (int t : survey.targets) {
+    const Target& target = rig.targets[t];
+    if (target.link >= 0 && target.pose_given)
+      add("target", target.name, "targets." + target.name + ".mount.pose",
+          target.link_T_target.rotation, [t](Rig& r, std::vector<Sample>&) {
+            Matrix3d& turn = r.targets[t].link_T_target.rotation;
+            turn = of_w_x_y_z(turn);
+          });
   }
 }
 

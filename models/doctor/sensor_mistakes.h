@@ -10,10 +10,12 @@ namespace kincal {
 
 /// Adds mirrored images of cameras, and left-handed axes of sensors that measure points.
 void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
-/// Adds logs in millimetres.
+/// Adds measured points and positions in millimetres, centimetres, inches or feet.
 void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds poses of sensors and mounted targets that are given the wrong way round.
 void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Adds poses of sensors and mounted targets whose quaternions are written w x y z.
+void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds sensors on the link of their target, and targets on the link of their sensor.
 void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds pairs of cameras whose names are exchanged.

@@ -29,6 +29,8 @@ struct Hypothesis {
   bool leaves_out = false;           // undo() leaves out what it cannot put right
   bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
+  int gear = -1;       // joint whose scale is free besides and says what is wrong, -1: none
+  double shrinks = 1;  // by which undo() makes measured lengths smaller, and with them chi2
   int cropped = -1;  // camera whose principal point is free besides and says where it is, -1: none
 };
 

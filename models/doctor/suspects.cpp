@@ -22,6 +22,14 @@ double median_of_finite(std::vector<double> numbers) {
   return median(std::move(numbers));
 }
 
+/// Whether each of these samples has no more than one point: nothing tells then whether it is the
+/// point that is wrong, or the readings.
+bool single_points(const std::vector<Sample>& samples, const std::set<std::string>& ids) {
+  return std::all_of(samples.begin(), samples.end(), [&](const Sample& s) {
+    return !ids.count(s.id) || (s.views.size() == 1 && s.views[0].ids.size() == 1);
+  });
+}
+
 }  // namespace
 
 TrialFit robust_fit(const Recording& recording, const TrialContext& context) {
@@ -118,11 +126,20 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
   h.id = "bad-samples";
   h.leaves_out = true;
   h.where.assign(bad.begin(), bad.end());
-  h.mistake =
-      (bad.size() == 1 ? "the joint readings of sample " : "the joint readings of samples ") +
-      joined(h.where) + " do not belong to " + (bad.size() == 1 ? "its" : "their") + " views";
-  h.cure = bad.size() == 1 ? "Leave it out, or find its readings."
-                           : "Leave them out, or find their readings.";
+  const bool one = bad.size() == 1;
+  if (single_points(recording.samples, bad)) {
+    h.mistake = std::string(one ? "sample " : "samples ") + joined(h.where) +
+                (one ? " contradicts" : " contradict") +
+                " all others: the measured point is wrong, or the joint readings are of another "
+                "moment";
+    h.cure = one ? "Leave it out (--reject does), or measure it again."
+                 : "Leave them out (--reject does), or measure them again.";
+  } else {
+    h.mistake = (one ? "the joint readings of sample " : "the joint readings of samples ") +
+                joined(h.where) + " do not belong to " + (one ? "its" : "their") + " views";
+    h.cure =
+        one ? "Leave it out, or find its readings." : "Leave them out, or find their readings.";
+  }
   h.undo = [bad](Rig&, std::vector<Sample>& samples) {
     samples.erase(std::remove_if(samples.begin(), samples.end(),
                                  [&](const Sample& s) { return bad.count(s.id) > 0; }),
@@ -139,6 +156,8 @@ struct FarPoint {
   const View* view;
   double whitened, raw;  // in sigmas, in units of the sensor
 };
+
+constexpr int kFewPoints = 4;  // of views with fewer all of a sensor and sample count as one
 
 /// Points at more than `Thresholds::far_point` times their sigma (and what the others show), in
 /// views of which most points are near. `points`: how many there are in all.
@@ -158,29 +177,39 @@ std::vector<FarPoint> far_points(const Recording& recording, const TrialContext&
   problem.renew(state);
   const std::vector<ViewResiduals> residuals = problem.residuals(state);
   std::vector<double> sizes;
-  std::vector<std::vector<FarPoint>> views;
+  std::map<std::pair<int, int>, std::vector<FarPoint>> views;  // small ones: all of a sensor's
   for (const ViewResiduals& r : residuals) {
     const SensorModel& model = *recording.rig.sensors[r.view->sensor].model;
     const Eigen::Index count = static_cast<Eigen::Index>(r.view->ids.size());
-    if (model.measures_pose() || count < 4 || r.raw.size() % count != 0 ||
+    if (model.measures_pose() || count == 0 || r.raw.size() % count != 0 ||
         r.whitened.size() % count != 0)
       continue;
     const Eigen::Index rows = r.whitened.size() / count, raw = r.raw.size() / count;
-    views.emplace_back();
+    const bool small = count < kFewPoints;
+    std::vector<FarPoint>& view = views[{
+        r.sample, small ? -1 - r.view->sensor
+                        : static_cast<int>(r.view - recording.samples[r.sample].views.data())}];
     for (Eigen::Index k = 0; k < count; ++k) {
       const double size = r.whitened.segment(k * rows, rows).norm();
-      sizes.push_back(std::isfinite(size) ? size : kInfinity);
-      views.back().push_back({r.sample, static_cast<int>(k), r.view, sizes.back(),
-                              r.raw.segment(k * raw, raw).norm()});
+      view.push_back({r.sample, static_cast<int>(k), r.view, std::isfinite(size) ? size : kInfinity,
+                      r.raw.segment(k * raw, raw).norm()});
     }
+  }
+  for (auto v = views.begin(); v != views.end();) {
+    if (v->second.size() < kFewPoints - 1) {
+      v = views.erase(v);
+      continue;
+    }
+    for (const FarPoint& p : v->second) sizes.push_back(p.whitened);
+    ++v;
   }
   points = sizes.size();
   const double limit = Thresholds::far_point * std::max(1.0, median(std::move(sizes), 1.0));
-  for (const std::vector<FarPoint>& view : views) {
+  for (const auto& view : views) {
     std::vector<FarPoint> far;
-    std::copy_if(view.begin(), view.end(), std::back_inserter(far),
+    std::copy_if(view.second.begin(), view.second.end(), std::back_inserter(far),
                  [&](const FarPoint& p) { return p.whitened > limit; });
-    if (3 * far.size() <= view.size()) out.insert(out.end(), far.begin(), far.end());
+    if (3 * far.size() <= view.second.size()) out.insert(out.end(), far.begin(), far.end());
   }
   return out;
 }
@@ -236,10 +265,14 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
       "give the steps a loss that bears them (loss: {huber: 3}; {cauchy: 3, scale: data} "
       "where many are far off).";
   h.undo = [out](Rig&, std::vector<Sample>& all) {
-    for (Sample& sample : all)
+    for (Sample& sample : all) {
       for (size_t v = 0; v < sample.views.size(); ++v)
         if (const auto p = out.find({sample.id, static_cast<int>(v)}); p != out.end())
           leave_out(p->second, sample.views[v]);
+      sample.views.erase(std::remove_if(sample.views.begin(), sample.views.end(),
+                                        [](const View& v) { return v.ids.empty() && v.z.empty(); }),
+                         sample.views.end());
+    }
   };
   return h;
 }

@@ -56,18 +56,34 @@ Eigen::Matrix3Xd laid_out(const Target& target, const GridShape& shape, const Pl
   return out;
 }
 
-/// Layouts of a regular grid with rows and columns exchanged: the same points numbered row by row
-/// of the other shape, and column by column.
-std::vector<Eigen::Matrix3Xd> exchanged_layouts(const Target& target) {
+/// Another numbering of a regular grid's points.
+struct OtherLayout {
+  Eigen::Matrix3Xd layout;
+  std::string numbering;
+  bool exchanged;  // as if rows and columns were, from the corner of point 0
+};
+
+/// Layouts with the same points numbered row by row of the other shape, and column by column from
+/// each corner.
+std::vector<OtherLayout> exchanged_layouts(const Target& target) {
   const GridShape shape = shape_of(target);
-  std::vector<Eigen::Matrix3Xd> out;
-  const int rows = shape.rows;
-  for (bool by_column : {false, true}) {
-    if (rows == 0 || (!by_column && rows == shape.columns) || (by_column && shape.asymmetric))
-      continue;
-    out.push_back(laid_out(target, shape, [&](int i) {
-      return by_column ? std::make_pair(i % rows, i / rows) : std::make_pair(i / rows, i % rows);
-    }));
+  std::vector<OtherLayout> out;
+  const int rows = shape.rows, columns = shape.columns;
+  if (rows == 0) return out;
+  if (rows != columns)
+    out.push_back(
+        {laid_out(target, shape, [&](int i) { return std::make_pair(i / rows, i % rows); }),
+         "in rows of another length", true});
+  for (const int corner : {0, 1, 2, 3}) {
+    if (shape.asymmetric || (corner != 0 && shape.block > 1)) break;
+    out.push_back({laid_out(target, shape,
+                            [&](int i) {
+                              const int r = i % rows, c = i / rows;
+                              return std::make_pair(corner & 1 ? rows - 1 - r : r,
+                                                    corner & 2 ? columns - 1 - c : c);
+                            }),
+                   corner == 0 ? "column by column" : "column by column, from another corner",
+                   corner == 0});
   }
   return out;
 }
@@ -167,20 +183,20 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
       seen[pair.first].insert(pair.second), observers[pair.second].insert(pair.first);
   for (const auto& t : observers) {
     const Target& target = rig.targets[t.first];
-    const auto layouts = exchanged_layouts(target);
-    for (size_t i = 0; i < layouts.size(); ++i) {
+    for (OtherLayout& other : exchanged_layouts(target)) {
       Hypothesis h;
-      h.id = "rows-columns";
+      h.id = other.exchanged ? "rows-columns" : "numbering";
       h.where = {target.name};
-      h.mistake = "rows and columns of target " + quoted(target.name) +
-                  " are exchanged: its points are numbered " +
-                  (i + 1 == layouts.size() && layouts.size() > 1 ? "column by column"
-                                                                 : "in rows of another length");
-      h.cure = "Exchange targets." + target.name +
-               ".rows and .columns in the rig, or number the points row by row.";
-      h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, std::vector<Sample>&) {
-        r.targets[target_index].layout = layout;
-      };
+      h.mistake = other.exchanged ? "rows and columns of target " + quoted(target.name) +
+                                        " are exchanged: its points are numbered " + other.numbering
+                                  : "the points of target " + quoted(target.name) +
+                                        " are numbered " + other.numbering;
+      h.cure = other.exchanged
+                   ? "Exchange targets." + target.name +
+                         ".rows and .columns in the rig, or number the points row by row."
+                   : renumber;
+      h.undo = [target_index = t.first, layout = std::move(other.layout)](
+                   Rig& r, std::vector<Sample>&) { r.targets[target_index].layout = layout; };
       out.push_back(h);
     }
     for (const Relabeling& r : relabelings) {
@@ -245,6 +261,110 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
                      return std::make_pair(i / width, i % width);
                    })](Rig& r, std::vector<Sample>&) { r.targets[t].layout = layout; };
       out.push_back(h);
+    }
+  }
+}
+
+// ------------------------------------------------------------------------------------------------
+// the order of points
+namespace {
+
+constexpr int kMostPoints = 24;    // of more, orders take too long
+constexpr size_t kMostOrders = 4;  // that suit: of symmetric targets several
+constexpr double kNearDistance = 0.03, kNearestDistance = 0.004;  // share of the target's size, m
+
+/// Mean distances between the points that a sensor measures; NaN: never in one view.
+Eigen::MatrixXd measured_distances(const std::vector<Sample>& samples, int sensor, int target,
+                                   int count) {
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count, count), number = sum;
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views) {
+      if (v.sensor != sensor || v.target != target) continue;
+      for (size_t i = 0; i < v.ids.size(); ++i)
+        for (size_t k = 0; k < i; ++k) {
+          const double d =
+              (Eigen::Map<const Vector3d>(&v.z[3 * i]) - Eigen::Map<const Vector3d>(&v.z[3 * k]))
+                  .norm();
+          sum(v.ids[i], v.ids[k]) += d, sum(v.ids[k], v.ids[i]) += d;
+          number(v.ids[i], v.ids[k]) += 1, number(v.ids[k], v.ids[i]) += 1;
+        }
+    }
+  return sum.cwiseQuotient(number);
+}
+
+/// Orders of points in which distances are as measured, point after point.
+struct OrderSearch {
+  const Eigen::MatrixXd &measured, &given;
+  double tolerance;
+  std::vector<int> order;  // point of the rig, by point as measured
+  std::vector<std::vector<int>> found;
+
+  void go_on() {
+    const int i = static_cast<int>(order.size());
+    if (i == given.rows()) found.push_back(order);
+    for (int p = 0; p < given.rows() && i < given.rows() && found.size() < kMostOrders; ++p) {
+      bool suits = !std::count(order.begin(), order.end(), p);
+      for (int k = 0; k < i && suits; ++k)  // (not a number: not known)
+        suits = !(std::abs(measured(i, k) - given(p, order[k])) > tolerance);
+      if (!suits) continue;
+      order.push_back(p);
+      go_on();
+      order.pop_back();
+    }
+  }
+};
+
+std::vector<std::vector<int>> suitable_orders(const Target& target,
+                                              const Eigen::MatrixXd& measured) {
+  const Eigen::Index n = target.points.cols();
+  Eigen::MatrixXd given(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index k = 0; k < n; ++k)
+      given(i, k) = (target.points.col(i) - target.points.col(k)).norm();
+  const double tolerance = std::max(kNearestDistance, kNearDistance * given.maxCoeff());
+  OrderSearch search{measured, given, tolerance, {}, {}};
+  if (((measured - given).array().abs() > tolerance).any()) search.go_on();
+  return search.found;
+}
+
+}  // namespace
+
+void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                      std::vector<Hypothesis>& out) {
+  for (const auto& pair : survey.pairs) {
+    const Sensor& sensor = rig.sensors[pair.first];
+    const Target& target = rig.targets[pair.second];
+    const int count = target.count();
+    const MeasurementKind kind = sensor.model->measurement_kind();
+    if (target.grid || count < 3 || count > kMostPoints || sensor.model->scans()) continue;
+    std::vector<std::vector<int>> orders;
+    if (kind == MeasurementKind::points) {
+      orders = suitable_orders(target, measured_distances(samples, pair.first, pair.second, count));
+    } else if (kind == MeasurementKind::rays) {
+      orders.emplace_back();
+      for (int i = 0; i < count; ++i) orders[0].push_back(count - 1 - i);
+    }
+    for (const std::vector<int>& order : orders) {
+      std::string list;
+      for (int p : order) list += (list.empty() ? "" : ", ") + std::to_string(p);
+      Hypothesis h;
+      h.id = "numbering";
+      h.where = {target.name, sensor.name};
+      h.mistake = "sensor " + quoted(sensor.name) + " sees the points of target " +
+                  quoted(target.name) +
+                  " in another order than the rig lists them: its first, second, ... are the "
+                  "rig's points " +
+                  list + " (counted from 0)";
+      h.cure = "List targets." + target.name +
+               ".points in the order in which they are measured, or give these numbers as ids of "
+               "the views.";
+      h.undo = [pair, order](Rig& r, std::vector<Sample>& all) {
+        for (Sample& sample : all)
+          for (View& v : sample.views)
+            if (v.target == pair.second && v.sensor == pair.first)
+              relabel(v, r.targets[pair.second], order);
+      };
+      out.push_back(std::move(h));
     }
   }
 }

@@ -17,6 +17,10 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
 /// of inner corners, another board.
 void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out);
+/// Adds points of a target (not a grid) that are measured in another order than the rig lists them:
+/// the orders that suit the distances measured; of what measures no distances the reverse.
+void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                      std::vector<Hypothesis>& out);
 /// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 

@@ -164,6 +164,8 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
   out.push_back(turned("the pose of " + std::string(target ? "target " : "sensor ") + quoted(name) +
                            (target ? " on its mount" : " on its link"),
                        name, *turn));
+  if (of_w_x_y_z(given.rotation).isApprox(given.rotation * *turn, 1e-3))
+    out.back().cure += " A quaternion written w x y z does this: quat is [x, y, z, w].";
   out.back().undo = [held, m = *turn](Rig& r, std::vector<Sample>&) {
     if (held.target >= 0) {
       Pose& pose = r.targets[held.target].link_T_target;
@@ -176,6 +178,16 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
 }
 
 }  // namespace
+
+bool is_cube_turn(const Matrix3d& rotation) {
+  return std::any_of(cube_turns().begin(), cube_turns().end(),
+                     [&](const Matrix3d& turn) { return (turn - rotation).norm() < 1e-3; });
+}
+
+Matrix3d of_w_x_y_z(const Matrix3d& given) {
+  const Eigen::Quaterniond q(given);
+  return Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();  // (it takes w first)
+}
 
 std::vector<Hypothesis> turned_poses(const Recording& recording, const TrialContext& context) {
   std::vector<Hypothesis> out;

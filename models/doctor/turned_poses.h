@@ -12,6 +12,12 @@
 
 namespace kincal {
 
+/// True if a rotation turns the axes onto each other.
+bool is_cube_turn(const Matrix3d& rotation);
+
+/// Returns what is meant by a rotation whose quaternion was written w x y z in place of x y z w.
+Matrix3d of_w_x_y_z(const Matrix3d& given);
+
 /// Returns turns of held poses of sensors and mounted targets, and of fixed joints above them, that
 /// the data suggest.
 std::vector<Hypothesis> turned_poses(const Recording& recording, const TrialContext& context);

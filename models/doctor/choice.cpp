@@ -1,0 +1,319 @@
+#include "choice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <stdexcept>
+#include <utility>
+
+#include "camera_mistakes.h"
+#include "hypotheses.h"
+#include "joint_mistakes.h"
+#include "reading_mistakes.h"
+#include "suspects.h"
+#include "turned_poses.h"
+
+namespace kincal {
+namespace {
+
+using Samples = std::vector<Sample>;
+
+}  // namespace
+
+std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  std::vector<double> factors;
+  const ParameterTable& fitted = t.recording.table;
+  for (int s : h.squares)
+    factors.push_back(
+        std::abs(t.fit.values.shared(
+            fitted.all[fitted.target_square[s]].start)) /  // negative: the board half a turn round
+        (rig.targets[s].grid ? rig.targets[s].square : 1));
+  const double low = *std::min_element(factors.begin(), factors.end()),
+               high = *std::max_element(factors.begin(), factors.end());
+  const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
+                    std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
+  return sane ? factors : std::vector<double>();
+}
+
+std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  const Parameter& p =
+      t.recording.table.all[t.recording.table.index_of(ParameterKind::intrinsics, h.cropped)];
+  const VectorXd found = t.fit.values.shared.segment(p.start, 4);
+  return cropped_words(rig.sensors[h.cropped].name,
+                       find_block(rig.sensors[h.cropped], ParameterKind::intrinsics)->values,
+                       {found.data(), found.data() + 4});
+}
+
+double gear_found(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  const int scale = t.recording.table.joint_scale[h.gear];
+  return t.fit.values.shared(t.recording.table.all[scale].start) / rig.joints[h.gear].scale;
+}
+
+namespace {
+
+constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
+constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
+constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
+
+/// `recording`: what the hypothesis is tried on, all samples or some.
+Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
+                     const TrialFit& now, Effort effort) {
+  Rig rig = recording.rig;
+  Samples samples = recording.samples;
+  h.undo(rig, samples);
+  if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
+  Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
+  t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
+  for (int square : h.squares)
+    t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
+  effort.closed_form = h.new_poses;
+  try {
+    t.fit = best_fit(t.recording, context, t.stage, effort);
+    t.cost = t.fit.score();
+  } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
+  }
+  if (h.leaves_out)
+    t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
+              static_cast<double>(std::max(1L, t.fit.dof));
+  return t;
+}
+
+/// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
+/// unknowns were added or data left out.
+bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
+  const double per_dof = now.per_dof();
+  // Another mistake may spoil some points besides.
+  if (!before.complete())
+    return per_dof < Thresholds::overwhelming ||
+           (now.complete() && now.typical() < Thresholds::overwhelming);
+  if (per_dof < Thresholds::clean && !strict) {
+    double worst = 0;  // a sensor's share of all may be small
+    for (size_t s = 0; s < before.sensor.size(); ++s)
+      if (before.sensor[s] > Thresholds::good)
+        worst = std::max(worst, before.sensor[s] / now.sensor[s]);
+    return before.cost > Thresholds::clean_gain * now_cost ||
+           (worst > Thresholds::decisive && before.cost > now_cost);
+  }
+  return before.cost >
+         (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
+}
+
+/// Whether a joint turns so far as a wrong gear ratio or count makes it.
+bool is_gear(double factor) { return factor > 0.3 && factor < 3 && std::abs(factor - 1) > 0.003; }
+
+bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
+  if (question.by_movement)
+    return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
+  if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
+  if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
+  if (h.gear >= 0 && !(t.fit.per_dof() < Thresholds::noise && is_gear(gear_found(rig, h, t))))
+    return false;
+  const double cost =
+      h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost / (h.shrinks * h.shrinks);
+  return believed(question.now, t.fit, cost, h.leaves_out || h.ignored_joint >= 0 || h.gear >= 0);
+}
+
+/// The best few of the candidates from `first` to `end`, by a few iterations with some samples;
+/// best first.
+std::vector<size_t> shortlist(const Recording& recording, const TrialContext& context,
+                              const Question& question, const std::vector<Hypothesis>& candidates,
+                              size_t first, size_t end) {
+  const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
+  std::vector<std::pair<double, size_t>> order;
+  double least = kInfinity;
+  bool explained = false;  // the many of some kinds are not tried where all is clear already
+  for (size_t i = first; i < end; ++i) {
+    context.report(static_cast<int>(i - first), static_cast<int>(end - first));
+    const std::string& id = candidates[i].id;
+    if (explained && (id == "wrong-link" || id == "shifted")) continue;
+    const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : 20 * least};
+    const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
+    const double shrinks = candidates[i].shrinks * candidates[i].shrinks;
+    if (!std::isfinite(t.cost) ||
+        (shrinks < 1 && question.now.complete() && t.cost > shrinks * question.now.cost))
+      continue;
+    least = std::min(least, t.cost);
+    explained = explained || (t.fit.complete() && t.fit.per_dof() < Thresholds::clean);
+    if (!question.by_movement)
+      order.push_back({t.cost, i});
+    else if (return_of_movement(question.now, t.fit) > 0)
+      order.push_back({t.fit.per_dof() / return_of_movement(question.now, t.fit), i});
+  }
+  std::sort(order.begin(), order.end());
+  if (order.size() > 4) order.resize(4);
+  std::vector<size_t> out;
+  for (const auto& o : order) out.push_back(o.second);
+  return out;
+}
+
+/// Numbers that are free besides.
+size_t extras(const Hypothesis& h) { return h.squares.size() + h.free.size(); }
+
+/// The factor within which two fits are equally good. A principal point that is free takes part of
+/// other mistakes up; so do two signs, or a zero, of which there are many.
+double equal_within(const Hypothesis& a, const Hypothesis& b, bool rarer) {
+  return rarer ? Thresholds::decisive : (a.cropped >= 0) != (b.cropped >= 0) ? 2.5 : 1.2;
+}
+
+/// Leaves what can be no reason that the estimate is far from the rig's values.
+void leave_out_what_moves_nothing(std::vector<Hypothesis>& all) {
+  all.erase(std::remove_if(all.begin(), all.end(),
+                           [](const Hypothesis& h) {
+                             return h.numbered_by_markers || !h.squares.empty() || !h.free.empty();
+                           }),
+            all.end());
+}
+
+}  // namespace
+
+std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
+                                  const Question& question) {
+  const TrialFit& now = question.now;
+  const FreedNames freed = freed_names(recording.table, context.all);
+  std::vector<Hypothesis> all =
+      hypotheses(recording.rig, recording.table, recording.samples, freed);
+  if (question.by_movement) leave_out_what_moves_nothing(all);
+  const size_t common = all.size();
+  if (!question.by_movement) {
+    const TrialFit robust = robust_fit(recording, context);
+    for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
+    if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
+    if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
+    if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
+  }
+  size_t usual = std::numeric_limits<size_t>::max();  // from here on: the rarer ones
+  std::optional<Trial> best;
+  size_t chosen = 0;
+  // Of what fits as well: what moves parameters less, or what is likelier.
+  const auto preferred = [&](const Trial& t, bool earlier) {
+    const double far = t.fit.farthest(), best_far = best->fit.farthest();
+    return far < 0.5 * best_far ||
+           (earlier && t.cost < 1.001 * best->cost && far < 1.001 * best_far + 1e-6);
+  };
+  const auto try_with_all_samples = [&](size_t i) {
+    const Effort effort = {100, 1e-9, false,
+                           best && !question.by_movement ? 20 * best->cost : kInfinity};
+    Trial t = try_hypothesis(recording, context, all[i], now, effort);
+    if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
+    const double near = best ? equal_within(all[i], all[chosen], i >= usual && chosen < usual) : 1;
+    const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
+    const size_t extra = extras(all[i]) + (i >= usual),
+                 fewest = extras(all[chosen]) + (chosen >= usual);
+    const bool simpler = equal && (extra < fewest || (extra == fewest && preferred(t, i < chosen)));
+    if (!best || (equal ? simpler : t.cost < best->cost)) best = std::move(t), chosen = i;
+  };
+  for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
+  // A few samples or views may be all that is wrong; if many go with it, something else may be
+  // wrong with these.
+  if (!best || best->fit.per_dof() > Thresholds::clean ||
+      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
+    for (size_t i : shortlist(recording, context, question, all, 0, common))
+      try_with_all_samples(i);
+  if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
+    for (Hypothesis& h : turned_poses(recording, context)) {
+      all.push_back(std::move(h));
+      try_with_all_samples(all.size() - 1);
+    }
+  if (!best || (!question.by_movement && best->fit.per_dof() > Thresholds::clean)) {
+    std::vector<Hypothesis> rarer;
+    add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
+    if (question.by_movement) leave_out_what_moves_nothing(rarer);
+    usual = all.size();
+    std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
+    for (size_t i : shortlist(recording, context, question, all, usual, all.size()))
+      try_with_all_samples(i);
+  }
+  if (!best) return std::nullopt;
+  return Explanatory{std::move(all[chosen]), std::move(*best)};
+}
+
+std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
+                                      const TrialFit& now) {
+  const auto plain = [&](const Recording& r, const Stage& stage) {
+    std::vector<Hypothesis> out =
+        hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
+    out.erase(std::remove_if(out.begin(), out.end(),
+                             [](const Hypothesis& h) {
+                               return h.cropped >= 0 || h.ignored_joint >= 0 || !h.free.empty() ||
+                                      h.shrinks < 1;
+                             }),
+              out.end());
+    return out;
+  };
+  const std::vector<Hypothesis> all = plain(recording, context.all);
+  std::optional<TwoMistakes> best;
+  if (all.size() > kMostForPairs) return best;
+  for (size_t i : shortlist(recording, context, {now, false}, all, 0, all.size())) {
+    const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
+    if (!std::isfinite(one.cost)) continue;
+    TrialContext further = context;
+    further.all = one.stage;
+    further.given_poses_freed = frees_given_poses(one.recording, one.stage);
+    std::vector<Hypothesis> others = plain(one.recording, one.stage);
+    if (!all[i].squares.empty())
+      others.erase(std::remove_if(others.begin(), others.end(),
+                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
+                   others.end());
+    const Question question = {one.fit, false};
+    for (size_t k : shortlist(one.recording, further, question, others, 0, others.size())) {
+      Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
+                                 {100, 1e-9, false, best ? best->trial.cost : kInfinity});
+      if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
+      best = TwoMistakes{all[i], others[k], std::move(two)};
+    }
+  }
+  if (!best) return best;
+  const double per_dof = best->trial.fit.per_dof();
+  const double demanded =
+      per_dof < Thresholds::noise ? Thresholds::overwhelming : Thresholds::together;
+  const bool enough =
+      now.complete() ? now.cost > demanded * best->trial.cost : per_dof < Thresholds::overwhelming;
+  if (!enough) best.reset();
+  return best;
+}
+
+std::optional<Explanatory> choose_by_most(const Recording& recording, const TrialContext& context,
+                                          const TrialFit& now) {
+  const double as_is = robust_fit(recording, context).typical();
+  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,
+                                           freed_names(recording.table, context.all));
+  TrialContext bearing = context;
+  bearing.all.loss = Loss{LossKind::cauchy, kBearing};
+  const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
+  std::vector<std::pair<double, size_t>> order;
+  for (size_t i = 0; i < all.size(); ++i) {
+    context.report(static_cast<int>(i), static_cast<int>(all.size()));
+    const std::string& id = all[i].id;
+    if (all[i].shrinks < 1 || all[i].cropped >= 0 || all[i].ignored_joint >= 0 || id == "shifted" ||
+        id == "wrong-link")
+      continue;
+    const Trial t = try_hypothesis(some, bearing, all[i], now, {10, 1e-2});
+    if (const double typical = t.fit.typical(); std::isfinite(typical))
+      order.push_back({typical, i});
+  }
+  std::sort(order.begin(), order.end());
+  if (order.size() > kMostRobust) order.resize(kMostRobust);
+  std::optional<Trial> best;
+  size_t chosen = 0;
+  double least = std::min(Thresholds::overwhelming, as_is / Thresholds::together);
+  for (const auto& [_, i] : order) {
+    Trial t = try_hypothesis(recording, bearing, all[i], now, {15, 1e-3});
+    TrialContext further = context;
+    further.all = t.stage;
+    further.all.loss = context.all.loss;
+    further.given_poses_freed = frees_given_poses(t.recording, t.stage);
+    const double typical = robust_fit(t.recording, further).typical();
+    if (!(typical < least)) continue;
+    least = typical;
+    t.stage = further.all;
+    t.fit = best_fit(t.recording, further, t.stage, {100, 1e-9});
+    best = std::move(t);
+    chosen = i;
+  }
+  if (!best) return std::nullopt;
+  return Explanatory{std::move(all[chosen]), std::move(*best)};
+}
+
+}  // namespace kincal

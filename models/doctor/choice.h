@@ -1,0 +1,64 @@
+// Which of the hypotheses explains the data: each is undone, fitted and compared with what the fit
+// leaves as it is. doctor.h proves and words what is chosen here.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "trial_fits.h"
+
+namespace kincal {
+
+/// A Trial is a hypothesis tried: the recording with the mistake undone, and the fit of it.
+struct Trial {
+  Recording recording;
+  Stage stage;
+  TrialFit fit;
+  double cost;  // for comparison; infinite: the fit cannot start
+};
+
+/// An Explanatory hypothesis explains something; its trial has all samples.
+struct Explanatory {
+  Hypothesis hypothesis;
+  Trial trial;
+};
+
+/// A Question is what is looked for on top of what was undone: chi2, or that the estimate is far
+/// from the rig's values.
+struct Question {
+  const TrialFit& now;
+  bool by_movement;
+};
+
+/// TwoMistakes explain together what neither does alone; the trial is without both.
+struct TwoMistakes {
+  Hypothesis first, second;
+  Trial trial;
+};
+
+/// Returns factors by which the sizes of a hypothesis are to be changed. Empty where the scale
+/// factors contradict each other, change nothing or collapse the target.
+std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t);
+
+/// Returns words about where the fit puts the principal point of a hypothesis' camera, "" where it
+/// is not far away.
+std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t);
+
+/// Returns what a fit found for the scale of a hypothesis' joint, over what the rig says.
+double gear_found(const Rig& rig, const Hypothesis& h, const Trial& t);
+
+/// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
+std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
+                                  const Question& question);
+
+/// Looks for a second mistake on top of each of the few that lower chi2 most, however little.
+std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
+                                      const TrialFit& now);
+
+/// Looks for a mistake of all samples where a few others are wrong besides, which hide in chi2 what
+/// it explains: by what robust fits leave of the median sample. `trial.fit` is of all samples.
+std::optional<Explanatory> choose_by_most(const Recording& recording, const TrialContext& context,
+                                          const TrialFit& now);
+
+}  // namespace kincal

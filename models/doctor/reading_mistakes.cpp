@@ -1,0 +1,316 @@
+#include "reading_mistakes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kFarSlide = 3;    // m: a sliding joint without limits hardly moves as far
+constexpr double kLongLink = 2;    // m: hardly a link of a robot is as long
+constexpr int kNearOnes = 3;       // joints are exchanged with one of the next so many
+constexpr size_t kFewTargets = 6;  // of more, no two are exchanged by name
+constexpr double kParallel = 0.99;
+
+bool turns(const Joint& joint) {
+  return joint.type == JointType::revolute || joint.type == JointType::continuous;
+}
+
+/// The next joint with a reading on the way to the root; -1: none.
+int moving_joint_above(const Tree& tree, int joint) {
+  int j = tree.joint_above[tree.joints[joint].parent];
+  while (j >= 0 && !tree.joints[j].has_reading()) j = tree.joint_above[tree.joints[j].parent];
+  return j;
+}
+
+/// A joint's axis in the frame of a joint above it, all between at position zero.
+Vector3d axis_seen_from(const Tree& tree, int above, int joint) {
+  Vector3d axis = tree.joints[joint].axis;
+  for (int j = joint; j >= 0 && j != above; j = tree.joint_above[tree.joints[j].parent])
+    axis = tree.joints[j].parent_T_joint.rotation * axis;
+  return axis;
+}
+
+void add_zeros(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (const auto& range : survey.ranges) {
+    const int j = range.first;
+    if (!turns(rig.tree.joints[j])) continue;
+    const std::string name = quoted(rig.tree.joints[j].name);
+    for (const double turn : {kPi / 2, -kPi / 2, kPi}) {
+      const std::string more = turn > 3 ? "pi" : turn > 0 ? "pi/2" : "-pi/2";
+      Hypothesis h;
+      h.id = "home-position";
+      h.where = {rig.tree.joints[j].name};
+      h.mistake = "the readings of joint " + name + " do not count from the URDF's zero: " + more +
+                  " has to be added to them";
+      h.cure = "Add " + more +
+               " to its readings, or turn its <origin> in the URDF by as much about "
+               "its axis (or joints." +
+               rig.tree.joints[j].name + ".offset: " + text("%.5f", turn) + " in the rig).";
+      h.undo = [j, turn](Rig& r, std::vector<Sample>& s) {
+        change_readings(r, s, j, [turn](double q) { return q + turn; });
+      };
+      out.push_back(std::move(h));
+    }
+  }
+}
+
+/// Whether all samples have readings of both joints or of none.
+bool have_both(const std::vector<Sample>& samples, int a, int b) {
+  return std::all_of(samples.begin(), samples.end(), [&](const Sample& s) {
+    return std::isfinite(s.readings[a]) == std::isfinite(s.readings[b]);
+  });
+}
+
+void exchange(std::vector<Sample>& samples, const std::vector<std::pair<int, int>>& pairs) {
+  for (Sample& s : samples)
+    for (const auto& p : pairs) std::swap(s.readings[p.first], s.readings[p.second]);
+}
+
+void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                          std::vector<Hypothesis>& out) {
+  const Tree& tree = rig.tree;
+  for (const auto& range : survey.ranges) {
+    const int b = range.first;
+    int a = b;
+    for (int k = 0; k < kNearOnes; ++k) {
+      a = moving_joint_above(tree, a);
+      if (a < 0) break;
+      if (!survey.ranges.count(a) || turns(tree.joints[a]) != turns(tree.joints[b]) ||
+          !have_both(samples, a, b))
+        continue;
+      Hypothesis h;
+      h.id = "exchanged-joints";
+      h.where = {tree.joints[a].name, tree.joints[b].name};
+      h.mistake = "the readings of joints " + quoted(h.where[0]) + " and " + quoted(h.where[1]) +
+                  " are exchanged";
+      h.cure = "Exchange the two names in the samples: the log lists joints in another order.";
+      h.undo = [a, b](Rig&, std::vector<Sample>& s) { exchange(s, {{a, b}}); };
+      out.push_back(std::move(h));
+    }
+  }
+}
+
+/// The name of the same thing on the other side; "": it has no side.
+std::string other_side(const std::string& name) {
+  static const std::pair<const char*, const char*> sides[] = {
+      {"left", "right"}, {"Left", "Right"}, {"LEFT", "RIGHT"}, {"LARM", "RARM"}};
+  for (const auto& side : sides)
+    for (const auto& [here, there] : {side, std::pair(side.second, side.first)})
+      if (const size_t at = name.find(here); at != std::string::npos)
+        return std::string(name).replace(at, std::string(here).size(), there);
+  for (const auto& [here, there] : {std::pair('l', 'r'), {'r', 'l'}, {'L', 'R'}, {'R', 'L'}}) {
+    if (name.size() > 1 && name[0] == here && name[1] == '_') return there + name.substr(1);
+    if (name.size() > 1 && name.back() == here && name[name.size() - 2] == '_')
+      return name.substr(0, name.size() - 1) + there;
+  }
+  return "";
+}
+
+void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                        std::vector<Hypothesis>& out) {
+  std::vector<std::pair<int, int>> pairs;
+  Hypothesis h;
+  for (const auto& range : survey.ranges) {
+    const int a = range.first;
+    const std::string other = other_side(rig.tree.joints[a].name);
+    const int b = other.empty() ? -1 : rig.tree.find_joint(other);
+    if (b <= a || !survey.ranges.count(b)) continue;
+    // (A sample that has one arm only gets the other's readings.)
+    pairs.push_back({a, b});
+    h.where.insert(h.where.end(), {rig.tree.joints[a].name, other});
+  }
+  if (pairs.size() < 2) return;
+  if (!std::all_of(pairs.begin(), pairs.end(),
+                   [&](const auto& p) { return have_both(samples, p.first, p.second); }))
+    return;
+  h.id = "exchanged-joints";
+  h.mistake = "the readings of the left and the right arm are exchanged";
+  h.cure = "Exchange left and right in the samples: in the joints' names, or in the views.";
+  h.undo = [pairs](Rig&, std::vector<Sample>& s) { exchange(s, pairs); };
+  out.push_back(std::move(h));
+}
+
+void add_exchanged_targets(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  std::vector<int> mounted;
+  for (int t : survey.targets)
+    if (rig.targets[t].link >= 0) mounted.push_back(t);
+  if (mounted.size() > kFewTargets) return;
+  for (int a : mounted)
+    for (int b : mounted) {
+      if (a >= b || rig.targets[a].count() != rig.targets[b].count() ||
+          immobile_body(rig.tree, rig.targets[a].link) ==
+              immobile_body(rig.tree, rig.targets[b].link))
+        continue;
+      Hypothesis h;
+      h.id = "exchanged-targets";
+      h.where = {rig.targets[a].name, rig.targets[b].name};
+      h.mistake = "targets " + quoted(h.where[0]) + " and " + quoted(h.where[1]) + " are exchanged";
+      h.cure = "Exchange the two names, in the rig or in the views.";
+      h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
+        for (Sample& s : samples)
+          for (View& v : s.views)
+            if (v.target == a || v.target == b) v.target = a + b - v.target;
+      };
+      out.push_back(std::move(h));
+    }
+}
+
+void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                         std::vector<Hypothesis>& out) {
+  const Tree& tree = rig.tree;
+  for (const auto& range : survey.ranges) {
+    const int b = range.first, a = moving_joint_above(tree, b);
+    if (a < 0 || !survey.ranges.count(a) || !turns(tree.joints[a]) || !turns(tree.joints[b]) ||
+        !have_both(samples, a, b) ||
+        std::abs(tree.joints[a].axis.dot(axis_seen_from(tree, a, b))) < kParallel)
+      continue;
+    for (const double sign : {1.0, -1.0}) {
+      const std::string of = quoted(tree.joints[a].name), name = quoted(tree.joints[b].name),
+                        given = sign > 0 ? "sum" : "difference";
+      Hypothesis h;
+      h.id = "absolute-angle";
+      h.where = {tree.joints[b].name, tree.joints[a].name};
+      h.mistake = "the readings of joint " + name + " are not its own angle but its " + given +
+                  (sign > 0 ? " with" : " to") + " that of " + of +
+                  ", as of an arm whose motors turn its links against the base";
+      h.cure = std::string(sign > 0 ? "Subtract" : "Add") + " the reading of " + of +
+               (sign > 0 ? " from" : " to") + " that of " + name + " in every sample.";
+      h.undo = [a, b, sign](Rig&, std::vector<Sample>& all) {
+        for (Sample& s : all) s.readings[b] -= sign * s.readings[a];
+      };
+      out.push_back(std::move(h));
+    }
+  }
+}
+
+Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
+  Hypothesis h;
+  h.id = "joint-sign";
+  for (int j : joints) h.where.push_back(rig.tree.joints[j].name);
+  h.mistake = "joints " + joined(h.where) +
+              " turn the other way: their readings, or their axes in the URDF, have the wrong sign";
+  h.cure = "Change the signs of their readings, or of their <axis> in the URDF.";
+  h.undo = [joints](Rig& r, std::vector<Sample>& s) {
+    for (int j : joints) change_readings(r, s, j, [](double q) { return -q; });
+  };
+  return h;
+}
+
+/// Two joints of one arm, and all joints.
+void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  std::vector<int> moving;
+  for (const auto& range : survey.ranges)
+    if (range.second.second - range.second.first > 1e-9) moving.push_back(range.first);
+  for (int b : moving)
+    for (int a = moving_joint_above(rig.tree, b); a >= 0; a = moving_joint_above(rig.tree, a))
+      if (std::count(moving.begin(), moving.end(), a)) out.push_back(wrong_signs(rig, {a, b}));
+  if (moving.size() > 2) out.push_back(wrong_signs(rig, moving));
+}
+
+void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey,
+               const FreedNames& freed, std::vector<Hypothesis>& out) {
+  for (const auto& range : survey.ranges) {
+    const int j = range.first, scale = table.joint_scale[j];
+    if (scale < 0 || freed.parameter[scale] || range.second.second - range.second.first < 0.1)
+      continue;
+    Hypothesis h;
+    h.id = "gear";
+    h.where = {rig.tree.joints[j].name};
+    h.free = {table.all[scale].name};
+    h.gear = j;
+    h.undo = [](Rig&, std::vector<Sample>&) {};
+    out.push_back(std::move(h));
+  }
+}
+
+}  // namespace
+
+void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint,
+                     const std::function<double(double)>& change) {
+  for (Sample& s : samples) {
+    s.readings[joint] = change(s.readings[joint]);
+    for (View& v : s.views)
+      if (rig.sensors[v.sensor].scanning_joint == joint)
+        for (size_t i = 0; i + 2 < v.z.size(); i += 3) v.z[i] = change(v.z[i]);
+  }
+}
+
+const std::vector<LengthUnit>& other_length_units() {
+  static const std::vector<LengthUnit> all = {
+      {"millimetres", "divide by 1000", 0.001},
+      {"centimetres", "divide by 100", 0.01},
+      {"inches", "multiply by 0.0254", 0.0254},
+      {"feet", "multiply by 0.3048", 0.3048},
+  };
+  return all;
+}
+
+void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (const auto& range : survey.ranges) {
+    const Joint& joint = rig.tree.joints[range.first];
+    if (joint.type != JointType::prismatic) continue;
+    const double most = std::max(std::abs(range.second.first), std::abs(range.second.second)),
+                 reach = joint.upper > joint.lower
+                             ? 1.5 * std::max(std::abs(joint.lower), std::abs(joint.upper))
+                             : kFarSlide;
+    if (!(most > reach)) continue;
+    for (const LengthUnit& unit : other_length_units()) {
+      Hypothesis h;
+      h.id = "units";
+      h.where = {joint.name};
+      h.mistake = "the readings of sliding joint " + quoted(joint.name) + " are " + unit.name;
+      h.cure = std::string("Write metres: ") + unit.cure + ".";
+      h.undo = [j = range.first, factor = unit.metres](Rig& r, std::vector<Sample>& s) {
+        change_readings(r, s, j, [factor](double q) { return q * factor; });
+      };
+      out.push_back(std::move(h));
+    }
+  }
+  std::vector<int> far, long_ones;
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
+    const double length = rig.tree.joints[j].parent_T_joint.translation.norm();
+    if (length > 0) far.push_back(static_cast<int>(j));
+    if (length > kLongLink) long_ones.push_back(static_cast<int>(j));
+  }
+  std::vector<std::vector<int>> groups;
+  if (long_ones.size() <= 2)
+    for (int j : long_ones) groups.push_back({j});
+  if (long_ones.size() > 1) groups.push_back(far);
+  for (const std::vector<int>& group : groups)
+    for (const LengthUnit& unit : other_length_units()) {
+      Hypothesis h;
+      h.id = "units";
+      for (int j : group) h.where.push_back(rig.tree.joints[j].name);
+      const bool one = group.size() == 1;
+      const double length = rig.tree.joints[group[0]].parent_T_joint.translation.norm();
+      h.mistake = std::string(one ? "the <origin> of joint " : "the <origin>s of joints ") +
+                  joined(h.where) + (one ? " is" : " are") + " given in " + unit.name +
+                  " in the URDF" + (one ? text(" (%.4g)", length) : "");
+      h.cure = std::string("Write metres into the URDF: ") + unit.cure +
+               (one ? text(" (%.4g).", length * unit.metres) : ".");
+      h.undo = [group, factor = unit.metres](Rig& r, std::vector<Sample>&) {
+        for (int j : group) r.tree.joints[j].parent_T_joint.translation *= factor;
+      };
+      out.push_back(std::move(h));
+    }
+}
+
+void add_rarer_readings(const Rig& rig, const ParameterTable& table,
+                        const std::vector<Sample>& samples, const FreedNames& freed,
+                        std::vector<Hypothesis>& out) {
+  const Survey survey = make_survey(rig, samples);
+  add_zeros(rig, survey, out);
+  add_exchanged_joints(rig, samples, survey, out);
+  add_exchanged_arms(rig, samples, survey, out);
+  add_exchanged_targets(rig, survey, out);
+  add_absolute_angles(rig, samples, survey, out);
+  add_sign_groups(rig, survey, out);
+  add_gears(rig, table, survey, freed, out);
+}
+
+}  // namespace kincal

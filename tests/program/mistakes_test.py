@@ -1,0 +1,281 @@
+"""Mistakes that a newcomer makes, planted one at a time: python3 mistakes_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Each must be the first finding of `check`, or of `calibrate` on a rig without steps, with the cure for it, and nothing else may be found. All
+data are simulated here: an arm with a camera, a tracker or reflectors, on a rail, with two arms. Not proved: that other robots show them,
+and mistakes of check_test.py.
+"""
+
+import copy
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE_DIR = KINCAL = FOLDER = None
+SCENES = {}
+
+AXES = [("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"), ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")]
+POINTS = [[0, 0, 0], [0.1, 0, 0.02], [0.1, 0.08, 0], [-0.01, 0.09, 0.05]]
+HEAD = 'format: kincal/1\nrobot: arm.urdf\nbase: base\njoints:\n  "*": {sigma: 0.0002}\ntargets:\n'
+CAMERA = ("  {name}: {{type: camera, model: brown_conrady, link: {link}, image_size: [1280, 960], intrinsics: [1000, 1000, 640, 480], "
+          "sigma: 0.2{more}}}\n")
+BOARD = "  {name}: {{type: chessboard, rows: 6, columns: 9, square: 0.025, mount: {{link: {link}{more}}}}}\n"
+ROOM = ", pose: {xyz: [2.2, 0.1, 0.5], rpy: [-1.5708, 0.02, 1.5908]}"
+HAND = ", pose: {xyz: [0.05, -0.1, -0.06], rpy: [0.03, 1.5508, 0.02]}"
+TRACKER = "sensors:\n  tracker: {type: point, link: base, sigma: 5.0e-05}\n"
+TRACKER_TRUTH = {"sensor/tracker/pose": [2, 0.5, 0.3, 0.1, 0.2, 2]}
+
+
+def link(name, kind, parent, child, origin, axis, low=-1.2, high=1.2):
+    xyz, rpy = (origin.split("|") + ["0 0 0"])[:2]
+    moving = "" if kind == "fixed" else '<axis xyz="%s"/><limit lower="%g" upper="%g" effort="1" velocity="1"/>' % (axis, low, high)
+    return ('<joint name="%s" type="%s"><parent link="%s"/><child link="%s"/><origin xyz="%s" rpy="%s"/>%s</joint><link name="%s"/>'
+            % (name, kind, parent, child, xyz, rpy, moving, child))
+
+
+def arm(axes=None, parent="base", prefix=""):
+    out = []
+    for k, (xyz, axis) in enumerate(axes or AXES, 1):
+        out.append(link(prefix + "j%d" % k, "revolute", parent, prefix + "l%d" % k, xyz, axis))
+        parent = prefix + "l%d" % k
+    return out
+
+
+def robot(joints):
+    return '<robot name="arm"><link name="base"/>' + "\n".join(joints) + "</robot>"
+
+
+def two_arms():
+    out = [link("pan", "revolute", "base", "neck", "0.05 0 0.7", "0 0 1", -0.6, 0.6), link("tilt", "revolute", "neck", "head", "0.05 0 0.1", "0 1 0", -0.2, 0.7),
+           link("optics", "fixed", "head", "optical", "0 0 0|-1.5708 0 -1.5708", "")]
+    axes = [("0.1 0 0", "0 1 0"), ("0.25 0 0", "0 1 0"), ("0.2 0 0", "1 0 0"), ("0.05 0 0", "0 1 0")]
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        out.append(link(side + "_j0", "revolute", "base", side + "_l0", "0.05 %g 0.4" % y, "0 0 1", -0.6, 0.6))
+        out += arm(axes, side + "_l0", side + "_")
+    return robot(out)
+
+
+def make(name):
+    """URDF, rig without poses, rig with poses, truth; how many samples."""
+    rail = [link("rail", "prismatic", "base", "cart", "0 0 0.1", "0 1 0", -0.5, 0.5)] + arm(parent="cart")
+    tool = HEAD + "  tool: {type: points, points: %s, mount: {link: l6}}\n" % POINTS + TRACKER
+    if name == "tool":
+        return robot(arm()), tool, tool, dict(TRACKER_TRUTH, **{"target/tool/pose": [0.1, 0.05, 0.02, 0.2, 0.1, 0.3]}), 24
+    if name == "balls":
+        rig = HEAD + "".join("  r%d: {type: points, points: [[0, 0, 0]], mount: {link: l6}}\n" % k for k in range(3)) + TRACKER
+        at = {"target/r%d/pose" % k: xyz + [0, 0, 0] for k, xyz in enumerate(([0.1, 0.05, 0.02], [0.08, -0.06, 0.03], [0.12, 0, -0.07]))}
+        return robot(arm()), rig, rig, dict(TRACKER_TRUTH, **at), 24
+    if name == "head":
+        def rig(pose):
+            return (HEAD + "".join(BOARD.format(name=side, link=side + "_l4", more=pose).replace("6, columns: 9, square: 0.025", "4, columns: 5, square: 0.02")
+                                   for side in ("left", "right")) + "sensors:\n" + CAMERA.format(name="cam", link="optical", more=pose and ", pose: {xyz: [0, 0, 0]}"))
+        return two_arms(), rig(""), rig(", pose: {xyz: [0.05, 0.02, 0.02], rpy: [0, -1.57, 0]}"), {}, 40
+    joints = rail if name == "rail" else arm()
+    rigs = [HEAD + BOARD.format(name="board", link="l6", more=h) + "sensors:\n" + CAMERA.format(name="cam", link="base", more=r) for h, r in (("", ""), (HAND, ROOM))]
+    if name == "stereo":
+        rigs = [rigs[1] + CAMERA.format(name="cam2", link="base", more=ROOM + ", baseline: 0.12")] * 2
+    return robot(joints), rigs[0], rigs[1], {}, 24
+
+
+class Scene:
+    """A copy of a simulated set, to be spoilt; `rig` has no poses."""
+
+    def __init__(self, name):
+        self.urdf, self.rig, self.posed, truth, count = make(name)
+        self.dir = tempfile.mkdtemp(dir=FOLDER)
+        if name not in SCENES:
+            self.write(self.posed, [])
+            with open(os.path.join(self.dir, "truth.json"), "w", encoding="utf-8") as f:
+                offsets = {"joint/right_j2/offset": -0.005} if name == "head" else {"joint/j2/offset": 0.008, "joint/j3/offset": -0.006}
+                json.dump({"parameters": dict(truth, **offsets)}, f)
+            subprocess.run([KINCAL, "simulate", "rig.yaml", "--samples", str(count), "--seed", "1", "--truth", "truth.json", "--out", "sim"], cwd=self.dir,
+                           check=True, capture_output=True)
+            with open(os.path.join(self.dir, "sim", "samples.jsonl"), encoding="utf-8") as f:
+                SCENES[name] = [json.loads(line) for line in f]
+        self.samples = copy.deepcopy(SCENES[name])
+
+    def views(self):
+        return (v for s in self.samples for v in s["views"])
+
+    def readings(self, joint, change):
+        for s in self.samples:
+            s["joints"][joint] = change(s["joints"][joint])
+        return self
+
+    def write(self, rig, samples):
+        for name, content in (("arm.urdf", self.urdf), ("rig.yaml", rig), ("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))):
+            with open(os.path.join(self.dir, name), "w", encoding="utf-8") as f:
+                f.write(content)
+
+    def check(self, rig=None):
+        self.write(rig or self.rig, self.samples)
+        p = subprocess.run([KINCAL, "check", "rig.yaml", "samples.jsonl", "--json"], capture_output=True, text=True, cwd=self.dir)
+        assert p.stdout, p.stderr
+        return json.loads(p.stdout)["findings"]
+
+    def calibrate(self):
+        self.write(self.rig, self.samples)
+        p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force", "--json", "--no-report"], capture_output=True,
+                           text=True, cwd=self.dir)
+        return p.returncode, json.loads(p.stdout or "{}"), p.stderr
+
+
+class Case(unittest.TestCase):
+    def one(self, findings, kind, where, cure):
+        self.assertEqual([f["id"] for f in findings], [kind], findings)
+        self.assertTrue(set(where) <= set(findings[0]["where"]), findings)
+        self.assertRegex(findings[0]["text"], cure)
+        self.assertLess(findings[0]["chi2_corrected"], 4000)
+
+
+class Clean(Case):
+    def test_nothing_is_found(self):
+        for name in ("tool", "balls", "room", "rail", "head", "stereo"):
+            with self.subTest(name):
+                self.assertEqual(Scene(name).check(), [])
+
+
+class Readings(Case):
+    def test_another_zero(self):
+        for joint, turn, words in (("j3", math.pi / 2, "-pi/2 has to"), ("j4", -math.pi / 2, " pi/2 has to"), ("j3", math.pi, "pi has to")):
+            with self.subTest(joint=joint, turn=turn):
+                self.one(Scene("room").readings(joint, lambda q: q + turn).check(), "home-position", [joint], words)
+        code, result, _ = Scene("tool").readings("j3", lambda q: q + math.pi / 2).calibrate()  # a free offset takes it up
+        self.assertNotEqual(result["verdict"]["use"], "yes")
+        self.assertEqual([f["id"] for f in result["findings"]], ["home-position"])
+
+    def test_exchanged_joints(self):
+        for name, a, b in (("room", "j2", "j3"), ("tool", "j1", "j3"), ("rail", "j4", "j5")):
+            with self.subTest(name):
+                scene = Scene(name)
+                for s in scene.samples:
+                    q = s["joints"]
+                    q[a], q[b] = q[b], q[a]
+                self.one(scene.check(), "exchanged-joints", [a, b], "Exchange the two names")
+
+    def test_exchanged_arms(self):
+        scene = Scene("head")
+        for s in scene.samples:
+            s["joints"] = {re.sub("left|right", lambda m: "right" if m[0] == "left" else "left", j): q for j, q in s["joints"].items()}
+        self.one(scene.check(), "exchanged-joints", ["left_j1", "right_j1"], "Exchange left and right")
+        scene = Scene("head")
+        for v in scene.views():
+            v["target"] = "left" if v["target"] == "right" else "right"
+        self.assertIn(scene.check()[0]["id"], ("exchanged-targets", "exchanged-joints"))
+
+    def test_absolute_angles(self):
+        for sign, words in ((1, "Subtract the reading of 'j2' from that of 'j3'"), (-1, "Add the reading of 'j2' to that of 'j3'")):
+            scene = Scene("room")
+            for s in scene.samples:
+                s["joints"]["j3"] += sign * s["joints"]["j2"]
+            self.one(scene.check(), "absolute-angle", ["j3", "j2"], words)
+
+    def test_two_signs(self):
+        scene = Scene("room").readings("j2", lambda q: -q).readings("j4", lambda q: -q)
+        self.one(scene.check(), "joint-sign", ["j2", "j4"], "Change the signs")
+
+    def test_a_gear(self):
+        for name in ("room", "tool"):
+            self.one(Scene(name).readings("j2", lambda q: 1.02 * q).check(), "gear", ["j2"], r"moves 0\.98\d* times .* 2 % off|1\.[89]\d* % off")
+
+    def test_a_sign_beside_bad_samples(self):
+        scene = Scene("room").readings("j3", lambda q: -q)
+        scene.samples[3]["joints"], scene.samples[8]["joints"], scene.samples[15]["joints"] = [scene.samples[k]["joints"] for k in (8, 15, 3)]
+        found = scene.check()
+        self.assertEqual({f["id"] for f in found}, {"joint-sign", "bad-samples"}, found)
+        self.assertEqual([f["where"] for f in found if f["id"] == "joint-sign"], [["j3"]])
+
+
+class Units(Case):
+    def test_a_slide(self):
+        for factor, name in ((1000, "millimetres"), (100, "centimetres"), (1 / 0.0254, "inches")):
+            with self.subTest(name):
+                self.one(Scene("rail").readings("rail", lambda q: factor * q).check(), "units", ["rail"], "readings of sliding joint 'rail' are " + name)
+        _, result, error = Scene("rail").readings("rail", lambda q: 1000 * q).calibrate()  # before any fit
+        self.assertIn("if these are millimetres", error + " ".join(w["text"] for w in result.get("warnings", [])) if result else error + "if these are millimetres")
+
+    def test_a_length_of_the_robot(self):
+        for name in ("room", "tool", "balls"):
+            for wrong, unit in (("400", "millimetres"), ("40", "centimetres")):
+                with self.subTest(name, unit=unit):
+                    scene = Scene(name)
+                    scene.urdf = scene.urdf.replace('xyz="0.4 0 0"', 'xyz="%s 0 0"' % wrong)
+                    self.one(scene.check(), "units", ["j3"], r"given in %s in the URDF.*\(0\.4\)" % unit)
+
+    def test_a_tracker(self):
+        for name in ("tool", "balls"):
+            for factor, unit in ((1000, "millimetres"), (1 / 0.0254, "inches")):
+                with self.subTest(name, unit=unit):
+                    scene = Scene(name)
+                    for v in scene.views():
+                        v["points"] = [[factor * x for x in p] for p in v["points"]]
+                    self.one(scene.check(), "square", ["tracker"], "measures are in " + unit)
+
+    def test_data_are_not_shrunk_to_please(self):
+        """Measurements in a smaller unit have smaller residuals: no proof."""
+        scene = Scene("balls")
+        for s in scene.samples:
+            q = s["joints"]
+            q["j3"], q["j5"] = q["j5"], q["j3"]
+        self.assertNotIn("square", [f["id"] for f in scene.check()])
+
+    def test_a_baseline(self):
+        for wrong, words in (("120", "Write metres"), ("0", "stand at one place"), ("-0.12", "the other way round")):
+            with self.subTest(wrong):
+                scene = Scene("stereo")
+                found = [f for f in scene.check(scene.rig.replace("baseline: 0.12", "baseline: " + wrong)) if f["id"] == "baseline"]
+                self.assertEqual(len(found), 1)
+                self.assertEqual(found[0]["where"], ["cam2"])
+                self.assertIn(words, found[0]["text"])
+
+
+class Points(Case):
+    def test_order_of_reflectors(self):
+        for order in ((3, 2, 1, 0), (0, 2, 1, 3), (2, 0, 3, 1)):
+            with self.subTest(order=order):
+                scene = Scene("tool")
+                for v in scene.views():
+                    v["points"] = [v["points"][k] for k in order]
+                self.one(scene.check(), "numbering", ["tool", "tracker"], "rig's points %s" % ", ".join(map(str, order)))
+
+    def test_a_wrong_point_is_no_wrong_reading(self):
+        scene = Scene("balls")
+        for k in (3, 7, 15):
+            scene.samples[k]["views"][0]["points"][0][0] += 0.05
+        self.one(scene.check(), "outlier-points", [scene.samples[k]["id"] for k in (3, 7, 15)], "Leave these points out")
+        for s in scene.samples:
+            s["views"] = s["views"][:1]
+        self.one(scene.check(scene.rig), "bad-samples", [scene.samples[k]["id"] for k in (3, 7, 15)], "the measured point is wrong, or")
+
+    def test_column_by_column(self):
+        for flip_row, flip_column in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            with self.subTest(flip_row=flip_row, flip_column=flip_column):
+                scene = Scene("room")
+                for v in scene.views():
+                    v["ids"] = [(8 - i % 9 if flip_column else i % 9) * 6 + (5 - i // 9 if flip_row else i // 9) for i in v.get("ids") or range(54)]
+                found = scene.check(scene.posed + 'estimate:\n  - {step: offsets, free: ["joint/*/offset"]}\n')
+                self.one(found, "numbering" if flip_row or flip_column else "rows-columns", ["board"], "numbered column by column")
+
+    def test_quaternion(self):
+        for held, where in (("sensor", "cam"), ("target", "board")):
+            scene = Scene("room")
+            pose = ROOM if held == "sensor" else HAND
+            roll, pitch, yaw = [float(x) / 2 for x in re.search(r"rpy: \[(.*)\]", pose)[1].split(",")]
+            c, s = math.cos, math.sin
+            w = c(roll) * c(pitch) * c(yaw) + s(roll) * s(pitch) * s(yaw)
+            x = s(roll) * c(pitch) * c(yaw) - c(roll) * s(pitch) * s(yaw)
+            y = c(roll) * s(pitch) * c(yaw) + s(roll) * c(pitch) * s(yaw)
+            z = c(roll) * c(pitch) * s(yaw) - s(roll) * s(pitch) * c(yaw)
+            rig = scene.posed.replace(pose, re.sub(r"rpy: \[.*\]", "quat: [%.9f, %.9f, %.9f, %.9f]" % (w, x, y, z), pose))
+            found = scene.check(rig + 'estimate:\n  - {step: offsets, free: ["joint/*/offset"]}\n')
+            self.one(found, "quaternion", [where], r"quat as \[x, y, z, w\]")
+
+
+if __name__ == "__main__":
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    with tempfile.TemporaryDirectory() as FOLDER:
+        unittest.main(argv=[sys.argv[0]] + sys.argv[3:], verbosity=1, exit=False).result.wasSuccessful() or sys.exit(1)
