@@ -24,8 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::vector<std::string> kOwnFiles = {
-    "robot.urdf",    "rig.yaml",   "result.json", "changes.yaml",  "covariance.csv",
-    "residuals.csv", "batch.json", "report.html", "samples.jsonl", "truth.json"};
+    "robot.urdf", "rig.yaml",    "result.json",   "changes.yaml", "covariance.csv", "residuals.csv",
+    "batch.json", "report.html", "samples.jsonl", "truth.json",   "joints.csv"};
 const char kWriting[] = ".writing-", kReplaced[] = ".replaced-";  // before a process id
 
 /// The output that a path means: without slashes at its end, which would make a name its own

@@ -19,7 +19,9 @@ std::vector<Sample> parse_samples(const std::string& text, const std::string& pa
                                   const std::function<void(double)>& progress = nullptr);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
-/// back the same).
-std::string samples_text(const Rig& rig, const std::vector<Sample>& samples);
+/// back the same). `images` of its views, by sample and view, may be fewer, "" is none; a view that
+/// has one and no points is written without: `kincal detect` finds them.
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples,
+                         const std::vector<std::vector<std::string>>& images = {});
 
 }  // namespace kincal
