@@ -9,8 +9,9 @@ mkdir -p "$root/build"
 
 build_packages=(g++ cmake ninja-build pkg-config libeigen3-dev libsuitesparse-dev libopenblas0-serial liburdfdom-dev nettle-dev
                 libpugixml-dev libyaml-cpp-dev nlohmann-json3-dev libcli11-dev)
-# Python: an independent implementation to compare with. OpenCV: for kincal-detect, which is left out without it.
-test_packages=(catch2 python3-numpy python3-scipy python3-yaml libopencv-contrib-dev)
+image_packages=(libopencv-contrib-dev)  # for kincal-detect and kincal-render, which are left out without it
+# Python: an independent implementation to compare with.
+test_packages=(catch2 python3-numpy python3-scipy python3-yaml "${image_packages[@]}")
 
 fail() {
   printf '%s\n' "$@" >&2
@@ -54,9 +55,12 @@ need() {
 # configure ON|OFF: with or without tests. One build directory serves both: turning the tests on recompiles nothing, and
 # a directory that has them keeps them, so that scripts/demo and scripts/test can follow each other in any order.
 configure() {
-  local tests=$1
-  if [[ -f $build/build.ninja && ( $tests == OFF || $(grep '^KINCAL_TESTS:' "$build/CMakeCache.txt") == *=ON ) ]]; then
-    return 0  # ninja itself runs CMake again when its files have changed
+  local tests=$1 had=
+  [[ ! -f $build/build.ninja ]] || had=$(sed -n 's/^KINCAL_TESTS:[A-Z]*=//p' "$build/CMakeCache.txt")
+  [[ $had != ON ]] || tests=ON
+  # ninja itself runs CMake again when its files have changed; OpenCV may have been installed since.
+  if [[ $had == "$tests" ]] && grep -q kincal-detect "$build/build.ninja"; then
+    return 0
   fi
   quietly "Configuring" cmake --preset release -DKINCAL_TESTS="$tests"
 }

@@ -43,6 +43,10 @@ foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Pictures Files Missing)
+  kincal_python_test(render.${group} render_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 kincal_python_test(outliers.Simulated outliers_test.py cli 600 ${kincal_program} Simulated)
 kincal_python_test(outliers.Data outliers_test.py data 600 ${kincal_program} Data)
 

@@ -1,13 +1,18 @@
-// `kincal simulate`: samples with known truth from a rig.
+// `kincal simulate`: samples with known truth from a rig, and pictures of them.
 #include <cstdio>
+#include <filesystem>
+#include <set>
 
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
+#include "../../io/document/numbers.h"
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
 #include "../../models/rig/selection.h"
+#include "../image_program.h"
 #include "../job.h"
+#include "../render_options.h"
 #include "../signals.h"
 #include "command.h"
 
@@ -15,11 +20,12 @@ namespace kincal {
 namespace {
 
 struct SimulateArguments {
-  std::string rig, out, truth, postures;
+  std::string rig, out, truth, postures, render;
   std::vector<std::string> spread;
+  RenderArguments look;
   int samples = 0;
   unsigned long long seed = 0;
-  bool force = false, quiet = false;
+  bool pixels = false, force = false, quiet = false;
 };
 
 /// Where something is that the rig gives no pose for must be said, by the truth or a spread at
@@ -45,7 +51,79 @@ void refuse_open_poses(const Rig& rig, const ParameterTable& table, const Vector
   }
 }
 
+bool takes_pictures(const Rig& rig, const View& view) {
+  return rig.sensors[view.sensor].type == "camera" && rig.targets[view.target].type != "points";
+}
+
+/// The images that are to be taken, and the readings beside their names as `detect --joints` takes
+/// them.
+struct ImageNames {
+  std::vector<std::vector<std::string>> paths;  // by sample and view, relative to the samples
+  std::string table;
+};
+
+/// Names an image for every view of a camera on a print, and takes its points away unless they are
+/// asked for.
+ImageNames name_images(const SimulateArguments& a, const Rig& rig, std::vector<Sample>& samples) {
+  namespace fs = std::filesystem;
+  int cameras = 0;
+  for (const Sensor& sensor : rig.sensors) cameras += sensor.type == "camera";
+  const fs::path folder = fs::absolute(a.render).lexically_normal();
+  std::vector<char> logged(rig.tree.joints.size(), 1);
+  for (const Sample& sample : samples)
+    for (size_t j = 0; j < logged.size(); ++j)
+      if (std::isnan(sample.readings[j])) logged[j] = 0;
+  ImageNames out;
+  std::string row;
+  out.table = "image";
+  for (size_t j = 0; j < logged.size(); ++j)
+    if (logged[j]) out.table += "," + rig.tree.joints[j].name;
+  std::set<std::string> names;
+  for (Sample& sample : samples) {
+    std::string stem = sample.id;
+    for (char& c : stem)
+      if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '.') c = '_';
+    while (!names.insert(stem).second) stem += "_";
+    row.clear();
+    for (size_t j = 0; j < logged.size(); ++j)
+      if (logged[j]) row += "," + shortest(sample.readings[j]);
+    std::set<std::string> taken;
+    out.paths.emplace_back();
+    for (View& view : sample.views) {
+      const Sensor& sensor = rig.sensors[view.sensor];
+      std::string& path = out.paths.back().emplace_back();
+      if (!takes_pictures(rig, view)) continue;
+      if (sensor.image_width < 1)
+        throw InputError("simulate: --render: camera '" + sensor.name +
+                         "' has no image_size in the rig");
+      const std::string name = stem + (cameras > 1 ? "_" + sensor.name : "") + ".png";
+      if (!a.force && fs::exists(folder / name))
+        throw InputError((folder / name).string() +
+                         ": exists already; --force replaces it, another --render keeps it");
+      path = (folder / name).lexically_relative(fs::absolute(a.out).lexically_normal()).string();
+      if (!a.pixels) view.ids.clear(), view.z.clear();
+      if (taken.insert(name).second) out.table += "\n" + name + row;
+    }
+  }
+  out.table += "\n";
+  return out;
+}
+
+/// Becomes the program that takes the pictures.
+[[noreturn]] void take_pictures(const std::string& program, const SimulateArguments& a) {
+  std::vector<std::string> words = {
+      "kincal-render",       rig_path(a.rig), a.out + "/samples.jsonl",
+      a.out + "/truth.json", "--seed",        std::to_string(a.seed)};
+  for (const std::string& word : words_of(a.look)) words.push_back(word);
+  if (a.force) words.emplace_back("--force");
+  if (a.quiet) words.emplace_back("--quiet");
+  std::fflush(stdout);
+  become(program, words);
+}
+
 int simulate(const SimulateArguments& a) {
+  const std::string program =
+      a.render.empty() ? "" : find_image_program("kincal-render", "`kincal simulate --render`");
   say_cleared(clear_leftovers(a.out));
   check_output(a.out, a.force);
   const RigFile rig_file = read_rig(rig_path(a.rig));
@@ -78,7 +156,7 @@ int simulate(const SimulateArguments& a) {
     progress.stage("simulating", static_cast<double>(done) / a.samples);
     return true;
   };
-  const Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
+  Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
   progress.clear();
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
@@ -95,18 +173,23 @@ int simulate(const SimulateArguments& a) {
                  a.samples - simulation.samples.size(), a.samples);
   if (simulation.samples.empty())
     throw InputError("simulate: no sample is left: no posture has a view that is possible");
-  const std::vector<std::pair<std::string, std::string>> files = {
-      {"samples.jsonl", samples_text(rig_file.rig, simulation.samples)},
-      {"truth.json", truth_text(rig_file.rig, table, simulation)}};
-  begin_writing();
-  if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
     for (const View& view : sample.views) ++views[view.sensor];
+  std::vector<std::pair<std::string, std::string>> files;
+  ImageNames images;
+  if (!program.empty()) images = name_images(a, rig_file.rig, simulation.samples);
+  if (!program.empty()) files.emplace_back("joints.csv", images.table);
+  files.emplace_back("samples.jsonl", samples_text(rig_file.rig, simulation.samples, images.paths));
+  files.emplace_back("truth.json", truth_text(rig_file.rig, table, simulation));
+  begin_writing();
+  if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
   std::printf("%zu samples", simulation.samples.size());
   for (const auto& v : views)
     std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
-  std::printf("\nWritten to %s: samples.jsonl, truth.json\n", a.out.c_str());
+  std::printf("\nWritten to %s: samples.jsonl, truth.json%s\n", a.out.c_str(),
+              program.empty() ? "" : ", joints.csv");
+  if (!program.empty()) take_pictures(program, a);
   return kConverged;
 }
 
@@ -139,6 +222,14 @@ Command simulate_command(CLI::App& app) {
   command->add_option("--postures", a->postures,
                       "JSON lines with postures, views and poses of targets; default: uniform "
                       "within the joint limits");
+  CLI::Option* render = command->add_option(
+      "--render", a->render,
+      "take pictures of boards and markers too, into this folder; views get an `image` and no "
+      "pixels, for `kincal detect`");
+  render->type_name("DIR");
+  std::vector<CLI::Option*> of_pictures = add_render_options(*command, a->look);
+  of_pictures.push_back(command->add_flag("--pixels", a->pixels, "with --render: pixels as well"));
+  for (CLI::Option* option : of_pictures) option->needs(render);
   command->add_flag("--force", a->force, "replace an existing simulation");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(

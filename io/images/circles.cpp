@@ -77,28 +77,44 @@ double area_scale(const cv::Matx33d& h, cv::Point2d p) {
   return std::abs(cv::determinant(h) / (w * w * w));
 }
 
+/// Distances of the blobs from the places of the grid, rms after the best homography, px; of a
+/// numbering that runs the wrong way round 1e9.
+double misfit(const ImageTarget& target, const std::vector<Blob>& way) {
+  std::vector<cv::Point2d> middles, fitted;
+  for (const Blob& blob : way) middles.push_back(blob.middle);
+  const cv::Mat h = cv::findHomography(target.points, middles);
+  if (h.empty() || cv::determinant(h) <= 0) return 1e9;
+  cv::perspectiveTransform(target.points, fitted, h);
+  double sum = 0;
+  for (size_t i = 0; i < way.size(); ++i) {
+    const cv::Point2d d = fitted[i] - middles[i];
+    sum += d.dot(d);
+  }
+  return std::sqrt(sum / static_cast<double>(way.size()));
+}
+
 /// Numbers the circles: rows and columns turn as those of the rig, point 0 is the bigger one if
-/// there is one, else of two ways the one nearer to the image's top-left.
+/// there is one, else of the ways that fit alike the one nearest to the image's top-left.
 void number(const ImageTarget& target, std::vector<Blob>& blobs) {
   const int rows = target.rows, columns = target.columns;
-  std::vector<std::vector<Blob>> ways = {blobs};
   std::vector<Blob> mirrored(blobs.size());
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < columns; ++c)
       mirrored[r * columns + c] = blobs[r * columns + columns - 1 - c];
-  const cv::Point2d x = blobs[columns - 1].middle - blobs[0].middle;
-  const cv::Point2d y =
-      blobs[static_cast<size_t>((rows - 1) / 2 * 2 * columns)].middle - blobs[0].middle;
-  if (!target.asymmetric && x.cross(y) < 0) ways = {mirrored};
-  if (!target.asymmetric || rows % 2 == 1) ways.emplace_back(ways[0].rbegin(), ways[0].rend());
-  if (!target.asymmetric && rows == columns)
-    for (int i = 0; i < 2; ++i) {
-      std::vector<Blob> turned(blobs.size());
-      for (int r = 0; r < rows; ++r)
-        for (int c = 0; c < columns; ++c)
-          turned[r * columns + c] = ways[i][(columns - 1 - c) * columns + r];
-      ways.push_back(turned);
-    }
+  std::vector<std::vector<Blob>> ways = {blobs, mirrored};
+  for (int i = 0; i < 2; ++i) {
+    ways.emplace_back(ways[i].rbegin(), ways[i].rend());
+    std::vector<Blob> turned(blobs.size());
+    if (rows != columns || target.asymmetric) continue;
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < columns; ++c)
+        turned[r * columns + c] = ways[i][(columns - 1 - c) * columns + r];
+    ways.push_back(turned);
+    ways.emplace_back(turned.rbegin(), turned.rend());
+  }
+  std::vector<double> misfits;
+  for (const std::vector<Blob>& way : ways) misfits.push_back(misfit(target, way));
+  const double limit = 2 * *std::min_element(misfits.begin(), misfits.end()) + 0.1;
   const auto rank = [&](const std::vector<Blob>& way) {
     if (!target.large_origin) return way[0].middle.x + way[0].middle.y;
     std::vector<cv::Point2d> middles;
@@ -106,8 +122,14 @@ void number(const ImageTarget& target, std::vector<Blob>& blobs) {
     const cv::Mat h = cv::findHomography(target.points, middles);
     return h.empty() ? 0 : -way[0].area / area_scale(cv::Matx33d(h), target.points[0]);
   };
-  blobs = *std::min_element(ways.begin(), ways.end(),
-                            [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
+  size_t best = 0;
+  double least = 1e300;
+  for (size_t i = 0; i < ways.size(); ++i) {
+    if (misfits[i] > limit) continue;
+    const double one = rank(ways[i]);
+    if (one < least) least = one, best = i;
+  }
+  blobs = ways[best];
 }
 
 bool find_grid(const cv::Mat& image, const ImageTarget& target, std::vector<cv::Point2f>& found) {

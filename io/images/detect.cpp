@@ -90,51 +90,6 @@ void judge(const cv::Mat& image, Detection& found) {
 
 }  // namespace
 
-ImageTarget read_image_target(const std::string& name, const Field& field, Points2 points) {
-  using Kind = ImageTarget::Kind;
-  ImageTarget out;
-  out.name = name;
-  out.points = std::move(points);
-  const std::string type = field["type"].string();
-  const auto dictionary = [&](const std::string& key) {
-    out.dictionary = marker_dictionary(field[key].string());
-    if (out.dictionary < 0)
-      field[key].fail("there is no dictionary '" + field[key].string() +
-                      "'; valid: OpenCV's names (DICT_4X4_50 to DICT_7X7_1000, "
-                      "DICT_ARUCO_ORIGINAL) and tag16h5, tag25h9, tag36h10, tag36h11");
-  };
-  if (field.has("rows")) {
-    out.rows = field["rows"].integer(1, 10000);
-    out.columns = field["columns"].integer(1, 10000);
-  }
-  if (type == "chessboard") {
-    if (out.rows < 3 || out.columns < 3)
-      field.fail("a chessboard needs at least 3 x 3 inner corners to be found in an image");
-  } else if (type == "circles") {
-    out.kind = Kind::circles;
-    out.asymmetric = field.has("asymmetric") && field["asymmetric"].boolean();
-    out.large_origin = field.has("origin");
-    if (out.rows < 2 || out.columns < 2)
-      field.fail("a grid needs at least 2 x 2 circles to be found in an image");
-  } else if (type == "charuco") {
-    out.kind = Kind::charuco;
-    out.marker = field["marker"].positive() / field["square"].positive();
-    if (out.marker >= 1) field["marker"].fail("a marker is smaller than its square");
-    dictionary("dictionary");
-  } else if (type == "apriltag_grid") {
-    out.kind = Kind::tags;
-    out.gap = field["spacing"].number_at_least(0);
-    dictionary("family");
-  } else if (type == "marker") {
-    out.kind = Kind::marker;
-    out.marker_id = field["id"].integer(0, 100000);
-    dictionary("dictionary");
-  } else {
-    field["type"].fail("targets of type '" + type + "' are not found in images");
-  }
-  return out;
-}
-
 Detection detect(const cv::Mat& image, const ImageTarget& target) {
   using Kind = ImageTarget::Kind;
   Detection found = target.kind == Kind::charuco   ? find_charuco(image, target)

@@ -4,15 +4,12 @@
 #include <string.h>
 
 #include <algorithm>
-#include <atomic>
 #include <filesystem>
 #include <map>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <sstream>
-#include <thread>
 
 #include "../../models/rig/targets.h"
 #include "../document/error.h"
@@ -22,6 +19,7 @@
 #include "detect.h"
 #include "joint_table.h"
 #include "load.h"
+#include "parallel.h"
 
 namespace kincal {
 namespace {
@@ -45,14 +43,10 @@ using ImageTargets = std::map<std::string, ImageTarget>;
 
 /// `needed`: only the target of that name; "": all that can be found in images.
 void add_targets(const RigFile& rig, const std::string& needed, ImageTargets& out) {
-  const Field targets = top(rig.node, rig.path)["targets"];
   for (const Target& target : rig.rig.targets) {
     if (out.count(target.name) || (!needed.empty() && target.name != needed)) continue;
     if (needed.empty() && target.type == "points") continue;
-    std::vector<cv::Point2d> points;
-    const Eigen::Matrix3Xd& places = target.grid ? target.layout : target.points;
-    for (int i = 0; i < target.count(); ++i) points.emplace_back(places(0, i), places(1, i));
-    out[target.name] = read_image_target(target.name, targets[target.name], points);
+    out[target.name] = image_target(rig, target);
   }
 }
 
@@ -99,21 +93,8 @@ void work(ImageTask& task, const FillOptions& options) {
 
 void work_all(std::vector<ImageTask>& tasks, const FillOptions& options) {
   if (!options.draw.empty()) fs::create_directories(options.draw);
-  std::atomic<size_t> next{0};
-  size_t done = 0;
-  std::mutex mutex;
-  const auto run = [&] {
-    for (size_t i = next++; i < tasks.size(); i = next++) {
-      work(tasks[i], options);
-      const std::lock_guard<std::mutex> lock(mutex);
-      if (options.progress)
-        options.progress(static_cast<double>(++done) / static_cast<double>(tasks.size()));
-    }
-  };
-  std::vector<std::thread> crew;
-  for (int i = 1; i < options.threads; ++i) crew.emplace_back(run);
-  run();
-  for (std::thread& one : crew) one.join();
+  in_parallel(
+      tasks.size(), options.threads, [&](size_t i) { work(tasks[i], options); }, options.progress);
 }
 
 std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {

@@ -2,7 +2,6 @@
 // target is not found. detect() calls them, and judges what they return.
 #pragma once
 
-#include <string>
 #include <vector>
 
 #include "image_target.h"
@@ -14,10 +13,6 @@ Detection find_circles(const cv::Mat& image, const ImageTarget& target);
 Detection find_charuco(const cv::Mat& image, const ImageTarget& target);
 Detection find_tags(const cv::Mat& image, const ImageTarget& target);
 Detection find_marker(const cv::Mat& image, const ImageTarget& target);
-
-/// Returns OpenCV's number of a dictionary, by OpenCV's name (DICT_5X5_100) or an AprilTag family
-/// (tag36h11, 36h11); -1: there is none of that name.
-int marker_dictionary(const std::string& name);
 
 /// Moves saddle points to where the image has them. `reach` is the distance of each to the next
 /// thing that is no part of it, px. Points that run away stay where they were.

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "../rig/rig_file.h"
+
 namespace kincal {
 
 /// An ImageTarget is what a picture shows of a target: the print, not the points alone.
@@ -22,6 +24,14 @@ struct ImageTarget {
   int marker_id = 0;                // marker
   std::vector<cv::Point2d> points;  // of the plane, in spacings
 };
+
+/// Returns what the rig says of a target; `points` are its points in spacings of the grid.
+/// @throws InputError where its type cannot be found in images, or a dictionary is unknown.
+ImageTarget read_image_target(const std::string& name, const Field& field,
+                              std::vector<cv::Point2d> points);
+
+/// Returns the same of a target of a rig. @throws InputError
+ImageTarget image_target(const RigFile& rig, const Target& target);
 
 /// A Detection is what was found of a target in one image.
 struct Detection {

@@ -188,25 +188,6 @@ bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner
 
 }  // namespace
 
-int marker_dictionary(const std::string& name) {
-  static const char* const sizes[] = {"50", "100", "250", "1000"};
-  std::map<std::string, int> known = {{"ARUCO_ORIGINAL", cv::aruco::DICT_ARUCO_ORIGINAL},
-                                      {"16h5", cv::aruco::DICT_APRILTAG_16h5},
-                                      {"25h9", cv::aruco::DICT_APRILTAG_25h9},
-                                      {"36h10", cv::aruco::DICT_APRILTAG_36h10},
-                                      {"36h11", cv::aruco::DICT_APRILTAG_36h11}};
-  for (int bits = 4; bits <= 7; ++bits)
-    for (int i = 0; i < 4; ++i)
-      known[std::to_string(bits) + "X" + std::to_string(bits) + "_" + sizes[i]] =
-          cv::aruco::DICT_4X4_50 + 4 * (bits - 4) + i;
-  std::string bare = name;
-  for (const char* prefix : {"cv2.aruco.", "cv::aruco::", "DICT_", "APRILTAG_", "tag", "t"})
-    if (bare.rfind(prefix, 0) == 0) bare.erase(0, std::string(prefix).size());
-  std::replace(bare.begin(), bare.end(), 'x', 'X');
-  const auto found = known.find(bare);
-  return found == known.end() ? -1 : found->second;
-}
-
 Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
   Markers markers = find_markers(image, target.dictionary, 1);
   if (markers.empty()) return missing("no marker of its dictionary");

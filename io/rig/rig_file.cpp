@@ -172,6 +172,7 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
     target.square = field[keys.size].positive();
   } else if (marker) {
     target.points = marker_corners(field["size"].positive());
+    target.y_up = true;
     field["id"].integer(0, kMostPoints);
     field["dictionary"].string();
   } else {

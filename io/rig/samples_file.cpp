@@ -189,7 +189,9 @@ void check_payload(const Field& view, const std::string& type, const std::string
           "a " + type + " view has no '" + key + "'" +
           (own.empty() ? "; the joint readings are its measurement" : "; it needs '" + own + "'"));
   }
-  if (!own.empty() && !view.has(own)) view.fail("a " + type + " view needs '" + own + "'");
+  if (!own.empty() && !view.has(own))
+    view.fail("a " + type + " view needs '" + own + "'" +
+              (view.has("image") ? "; `kincal detect` finds them in its image" : ""));
 }
 
 /// The keys that a view may have beside sensor and target.
@@ -284,7 +286,7 @@ std::string json_sigma(const std::vector<double>& sigma, const Sensor& sensor) {
   return out + "}";
 }
 
-std::string json_view(const Rig& rig, const View& view) {
+std::string json_view(const Rig& rig, const View& view, const std::string& image) {
   const Sensor& sensor = rig.sensors[view.sensor];
   std::string out = "{\"sensor\": " + json_string(sensor.name) +
                     ", \"target\": " + json_string(rig.targets[view.target].name);
@@ -294,9 +296,10 @@ std::string json_view(const Rig& rig, const View& view) {
     std::string ids;
     for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
     const int numbers = sensor.model->numbers();
-    out += ", \"ids\": [" + ids + "], \"" + payload + "\": " +
-           (numbers == 1 ? list_text(view.z.data(), count)
-                         : json_table(view.z.data(), count, numbers));
+    if (count > 0 || image.empty())
+      out += ", \"ids\": [" + ids + "], \"" + payload + "\": " +
+             (numbers == 1 ? list_text(view.z.data(), count)
+                           : json_table(view.z.data(), count, numbers));
   } else if (!payload.empty()) {
     const double* z = view.z.data();
     out += ", \"" + payload + "\": {\"xyz\": " + list_text(z, 3) +
@@ -310,14 +313,18 @@ std::string json_view(const Rig& rig, const View& view) {
   } else if (view.sigma != sensor.sigma) {
     out += ", \"sigma\": " + json_sigma(view.sigma, sensor);
   }
+  if (!image.empty()) out += ", \"image\": " + json_string(image);
   return out + "}";
 }
 
-std::string json_sample(const Rig& rig, const Sample& sample) {
+std::string json_sample(const Rig& rig, const Sample& sample,
+                        const std::vector<std::string>& images) {
   std::string out = "{\"id\": " + json_string(sample.id);
   if (sample.time) out += ", \"time\": " + shortest(*sample.time);
   std::string views;
-  for (const View& view : sample.views) views += (views.empty() ? "" : ", ") + json_view(rig, view);
+  for (size_t v = 0; v < sample.views.size(); ++v)
+    views += (v ? ", " : "") +
+             json_view(rig, sample.views[v], v < images.size() ? images[v] : std::string());
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
   return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) + ", \"views\": [" +
          views + "], \"split\": " + split + "}\n";
@@ -378,9 +385,12 @@ std::vector<Sample> read_samples(const std::string& path, const Rig& rig) {
   return parse_samples(read_file(path), path, rig);
 }
 
-std::string samples_text(const Rig& rig, const std::vector<Sample>& samples) {
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples,
+                         const std::vector<std::vector<std::string>>& images) {
   std::string text;
-  for (const Sample& sample : samples) text += json_sample(rig, sample);
+  const std::vector<std::string> none;
+  for (size_t i = 0; i < samples.size(); ++i)
+    text += json_sample(rig, samples[i], i < images.size() ? images[i] : none);
   return text;
 }
 

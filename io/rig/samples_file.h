@@ -25,7 +25,9 @@ Pose read_pose_reading(const Field& field);
 std::string readings_text(const Tree& tree, const std::vector<double>& readings);
 
 /// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
-/// back the same).
-std::string samples_text(const Rig& rig, const std::vector<Sample>& samples);
+/// back the same). `images` of its views, by sample and view, may be fewer, "" is none; a view that
+/// has one and no points is written without: `kincal detect` finds them.
+std::string samples_text(const Rig& rig, const std::vector<Sample>& samples,
+                         const std::vector<std::vector<std::string>>& images = {});
 
 }  // namespace kincal

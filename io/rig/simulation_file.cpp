@@ -93,24 +93,28 @@ void read_views(const Field& field, const Rig& rig, Posture& posture) {
   }
 }
 
+/// Poses of free targets.
+std::map<int, Pose> read_places(const Field& targets, const Rig& rig) {
+  if (targets.node->kind != Node::Kind::mapping)
+    targets.fail("a mapping of target names to poses is expected");
+  std::map<int, Pose> out;
+  for (const auto& [name, node] : targets.node->members) {
+    const Field pose{&node, targets.path, targets.name + "." + name};
+    const int t = index_of(pose, name, rig.targets, "target");
+    if (rig.targets[t].link >= 0)
+      pose.fail("the target is mounted on link '" + rig.tree.links[rig.targets[t].link] + "'");
+    out[t] = pose.pose();
+  }
+  return out;
+}
+
 Posture read_posture(const Field& field, const Rig& rig) {
   field.check_keys({"id", "joints"}, {"views", "targets"});
   Posture posture;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
   posture.id = field["id"].string();
   posture.readings = read_joints(field["joints"], rig.tree);
-  if (field.has("targets")) {
-    const Field targets = field["targets"];
-    if (targets.node->kind != Node::Kind::mapping)
-      targets.fail("a mapping of target names to poses is expected");
-    for (const auto& [name, node] : targets.node->members) {
-      const Field pose{&node, targets.path, targets.name + "." + name};
-      const int t = index_of(pose, name, rig.targets, "target");
-      if (rig.targets[t].link >= 0)
-        pose.fail("the target is mounted on link '" + rig.tree.links[rig.targets[t].link] + "'");
-      posture.targets[t] = pose.pose();
-    }
-  }
+  if (field.has("targets")) posture.targets = read_places(field["targets"], rig);
   if (field.has("views")) read_views(field["views"], rig, posture);
   return posture;
 }
@@ -219,6 +223,23 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
       set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(increment));
   }
   return truth;
+}
+
+std::map<std::string, Posture> read_true_postures(const std::string& path, const Rig& rig) {
+  const std::string text = read_file(path);
+  refuse_other_kinds(text, path, Wanted::truth);
+  const Node node = parse_json(text, path);
+  const Field samples = top(node, path)["samples"];
+  std::map<std::string, Posture> out;
+  for (const auto& [id, value] : samples.members()) {
+    const Field sample{&value, samples.path, samples.name + "." + id};
+    sample.check_keys({"joints"}, {"targets"});
+    Posture& posture = out[id];
+    posture.id = id;
+    posture.readings = read_joints(sample["joints"], rig.tree);
+    if (sample.has("targets")) posture.targets = read_places(sample["targets"], rig);
+  }
+  return out;
 }
 
 std::string truth_text(const Rig& rig, const ParameterTable& table, const Simulation& simulation) {

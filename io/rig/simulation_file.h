@@ -12,6 +12,7 @@
 // else is the value itself; what is not there is as in the rig.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,10 @@ std::vector<Posture> read_postures(const std::string& path, const Rig& rig);
 
 /// Reads values in the table's layout. "samples" is not looked at. @throws InputError
 VectorXd read_truth(const std::string& path, const ParameterTable& table);
+
+/// Reads how the robot of a truth file stood in each sample, by its id: true readings, and poses of
+/// free targets. @throws InputError
+std::map<std::string, Posture> read_true_postures(const std::string& path, const Rig& rig);
 
 /// Writes a truth file: all components that differ from the rig, and per sample the true readings
 /// and poses of free targets.

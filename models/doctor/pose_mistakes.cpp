@@ -67,7 +67,7 @@ const Mistake kMistakes[] = {
      "(Or "
      "sensor and target sit on each other's links in the rig: the data are the same.)",
      [](Pose pose) { return inverse(pose); }},
-    {"convention", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
+    {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
      scalar_first},
     {"convention", "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
      "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector},

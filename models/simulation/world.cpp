@@ -41,7 +41,7 @@ std::optional<CameraImage> World::image_of(int sensor) const {
 /// down, seen from their front, so z points into them; some count y up.
 bool World::front_shows(int target, const Vector3d& eye) const {
   const Target& t = rig_.targets[target];
-  if (!t.grid) return true;
+  if (!t.grid && !t.y_up) return true;  // points without a front
   const Vector3d sight = (eye - points_[target].rowwise().mean()).normalized();
   return (t.y_up ? sight.z() : -sight.z()) >= kLeastFront;
 }

@@ -201,7 +201,13 @@ TEST_CASE("images: grids of circles are found, and big ones seen obliquely are w
   const ImageTarget asymmetric =
       target_of("{type: circles, rows: 11, columns: 4, spacing: 0.02, asymmetric: true}",
                 {GridLayout::Kind::circles, 11, 4, true});
-  check_target(asymmetric, postures(3.5, 5, 20), print(true, false, 11, 4, 0.5), 0.1);
+  cameras = postures(3.5, 5, 20);
+  check_target(asymmetric, cameras, print(true, false, 11, 4, 0.5), 0.1);
+  for (PictureCamera& camera : cameras) {  // head down: an odd number of rows tells
+    camera.rotation = camera.rotation * turned(0, 0, CV_PI);
+    aim(camera, 3.5, 5, 20);
+  }
+  check_target(asymmetric, cameras, print(true, false, 11, 4, 0.5), 0.1);
 }
 
 TEST_CASE("images: a single marker is found by its edges") {
@@ -233,6 +239,44 @@ TEST_CASE("images: a chessboard is found where it is, and numbered from its dark
     aim(camera, 4, 2.5, 14);
   }
   check_target(target, cameras, print, 0.1);
+}
+
+TEST_CASE("images: the print of every type is what its finder looks for") {
+  using Kind = GridLayout::Kind;
+  struct Row {
+    std::string text;
+    GridLayout grid;
+    cv::Point3d middle;  // and the distance
+    bool y_up = false;
+  };
+  for (
+      const Row& row : std::vector<Row>{
+          {"{type: chessboard, rows: 6, columns: 9, square: 1}",
+           {Kind::corners, 6, 9},
+           {4, 2.5, 14}},
+          {"{type: charuco, rows: 6, columns: 8, square: 1, marker: 0.7, dictionary: DICT_5X5_250}",
+           {Kind::charuco, 6, 8},
+           {4, 3, 12}},
+          {"{type: charuco, rows: 7, columns: 5, square: 1, marker: 0.75, dictionary: DICT_4X4_50}",
+           {Kind::charuco, 7, 5},
+           {2.5, 3.5, 12}},
+          {"{type: circles, rows: 5, columns: 7, spacing: 1, origin: large}",
+           {Kind::circles, 5, 7},
+           {3, 2, 10}},
+          {"{type: circles, rows: 11, columns: 4, spacing: 1, asymmetric: true}",
+           {Kind::circles, 11, 4, true},
+           {3.5, 5, 20}},
+          {"{type: apriltag_grid, rows: 4, columns: 5, tag: 1, spacing: 0.3, family: tag36h11}",
+           {Kind::tags, 4, 5, false, 0.3},
+           {3.1, 2.45, 11},
+           true}}) {
+    INFO(row.text);
+    const ImageTarget target = target_of(row.text, row.grid);
+    const cv::Point3d m = row.middle;
+    std::vector<PictureCamera> cameras = postures(m.x, m.y, m.z);
+    if (row.y_up) cameras = upright(cameras, m.x, m.y, m.z);
+    check_target(target, cameras, print_of(target).brightness, 0.15, 0.9);
+  }
 }
 
 TEST_CASE(

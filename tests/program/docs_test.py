@@ -5,7 +5,7 @@
 
 Proves: every command in a ```sh block ends with the exit status it states (0, or `# exit N` at the end of the line); blocks of one
 document run in order, in one scratch copy of examples/ with the program as build/release/kincal and as `kincal` on the PATH; so do
-the indented commands of examples/pr2/README.md. Links between documents, and to their headings, lead somewhere; files of the
+the indented commands of the examples' README.md. Links between documents, and to their headings, lead somewhere; files of the
 project that they name exist. Options that the
 documents name and options that the program has are the same, warning ids likewise. The program of docs/adding-a-sensor.md compiles
 against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
@@ -317,9 +317,10 @@ def main():
         links += check_links(path, source)
         check_text(path)
         check_paths(path, source)
-    example = os.path.join(source, "examples", "pr2", "README.md")
-    count += run_document(example, source, binary)
-    links += check_links(example, source)
+    for name in ("arm", "pr2"):
+        example = os.path.join(source, "examples", name, "README.md")
+        count += run_document(example, source, binary)
+        links += check_links(example, source)
     check_options(source, binary)
     check_warnings(source)
     compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}"

@@ -32,7 +32,7 @@ struct Convention {
 const Convention kConventions[] = {
     {"inverted-pose", "Invert them",
      [](const Isometry3d& pose) { return xyz_quat(pose.inverse()); }},
-    {"convention", "w first",
+    {"quaternion", "w first",
      [](const Isometry3d& pose) {
        const Eigen::Quaterniond q(pose.linear());
        Isometry3d wrong(Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()));  // w x y z of it

@@ -1,0 +1,71 @@
+// The program kincal-render, which `kincal simulate --render` becomes: pictures of a simulation.
+#include <opencv2/core.hpp>
+
+#include <cstdio>
+#include <iostream>
+#include <thread>
+
+#include "../io/document/error.h"
+#include "../io/images/render_samples.h"
+#include "progress.h"
+#include "render_options.h"
+#include "signals.h"
+
+namespace {
+
+using namespace kincal;
+
+struct Arguments {
+  std::string rig, samples, truth;
+  std::uint64_t seed = 1;
+  bool force = false, quiet = false;
+  RenderArguments look;
+};
+
+int render_all(const Arguments& a) {
+  const RigFile rig = read_rig(a.rig);
+  RenderOptions options;
+  options.look = {a.look.blur, a.look.noise, a.look.vignetting, a.look.background};
+  options.seed = a.seed;
+  options.force = a.force;
+  options.threads = a.look.threads > 0
+                        ? a.look.threads
+                        : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  Progress progress(a.quiet);
+  options.progress = [&](double share) { progress.stage("taking pictures", share); };
+  const int count = render_samples(rig, a.samples, a.truth, options);
+  progress.clear();
+  std::cout << count << " pictures\n";
+  return kConverged;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  keep_standard_descriptors();
+  end_on_signals();
+  cv::setNumThreads(1);  // pictures go side by side instead
+  CLI::App app("kincal-render takes the pictures of a simulation (kincal simulate --render).");
+  app.set_version_flag("--version", "kincal " KINCAL_VERSION);
+  Arguments a;
+  app.add_option("RIG", a.rig, "rig.yaml")->required();
+  app.add_option("SAMPLES", a.samples, "samples.jsonl whose views have an `image`")->required();
+  app.add_option("TRUTH", a.truth, "truth.json of the simulation")->required();
+  app.add_option("--seed", a.seed, "the same seed makes the same pictures");
+  add_render_options(app, a.look);
+  app.add_flag("--force", a.force, "replace existing pictures");
+  app.add_flag("--quiet", a.quiet, "no progress");
+  try {
+    app.parse(argc, argv);
+    const int code = render_all(a);
+    if (std::cout.flush()) return code;
+    std::fprintf(stderr, "kincal: error: standard output cannot be written\n");
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  } catch (const std::exception& error) {
+    std::cout.flush();
+    std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  }
+  return kBadInput;
+}

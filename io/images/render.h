@@ -1,0 +1,55 @@
+// Pictures of prints as a camera takes them: rays through the pixels, with the lens undone, hit the
+// sheets; a pixel is the mean of many rays. No corner is warped and no image is resampled.
+//
+// The directions of the corners of all pixels are found once for a camera, by Newton's method on
+// its own projection; within a pixel they are interpolated (the error, the lens's curvature over an
+// eighth of a square pixel, is far below a thousandth of a pixel). The rays of a pixel are a
+// lattice of 55 places (Fibonacci), of which no two share a row or a column, moved at random for
+// each pixel: an edge along the pixels would else be off by a half step of the lattice. Then blur
+// (the lens, a Gaussian), darker corners, noise.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/rig/draws.h"
+#include "../../models/rig/parameters.h"
+#include "print.h"
+
+namespace kincal {
+
+/// A CameraRays is where the corners of a camera's pixels look: rows and columns one more than the
+/// image's.
+struct CameraRays {
+  int width = 0, height = 0;
+  std::vector<Vector3d> directions;  // row by row, of the points (-0.5, -0.5), (0.5, -0.5), ...;
+                                     // NaN: nothing is seen there
+  Vector3d eye = Vector3d::Zero();  // in the camera's frame (of a rectified right camera beside it)
+};
+
+/// Returns the rays of a camera at given values of its own numbers. It must have an image size.
+CameraRays camera_rays(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                       int sensor);
+
+/// A Sheet is a print somewhere before a camera.
+struct Sheet {
+  const Print* print = nullptr;
+  Pose camera_T_print;
+  double unit = 1;    // m, of the print's coordinates
+  bool y_up = false;  // seen from its front y points up, else down
+};
+
+/// A Look is how pictures come out.
+struct Look {
+  double blur = 0.6;                   // px, sigma
+  double noise = 2;                    // grey levels, sigma
+  double vignetting = 0.2;             // how much darker the corners of the image are, 0 to 1
+  std::string background = "texture";  // or `grey`, `gradient`
+};
+
+/// Takes a picture, 8 bits grey. The nearest sheet is seen, the back of one is grey. What is random
+/// comes from `draws`.
+cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
+                     Draws draws);
+
+}  // namespace kincal
