@@ -2,10 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "../rig/numbers.h"
-#include "base_choice.h"
 #include "cases.h"
+#include "free_zeros.h"
 
 namespace kincal {
 namespace {
@@ -16,24 +17,32 @@ std::string loose_text(const std::string& unit, double sigma) {
   return unit == "rad" && sigma > kPi / 180 ? angle_text(sigma) : "";
 }
 
-/// Warns of poses at the base that are known no better than the base frame itself.
-void warn_of_base_choice(const BaseChoice& choice, std::vector<Case> poses, Warnings& out) {
+/// Warns of poses that are known no better than the zero of the first or last joint.
+void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Warnings& out) {
   if (poses.empty()) return;
   std::stable_sort(poses.begin(), poses.end(),
                    [](const Case& a, const Case& b) { return a.size > b.size; });
-  Warning warning{"base_frame", "", {}};
+  const Warning of_base{"base_frame", "", {}};
+  const Warning of_last{"last_zero", "", {}};
+  Warning warning = zero.at_base ? of_base : of_last;
   std::vector<std::string> words;
   for (const Case& c : poses) {
     warning.names.push_back(c.name);
     words.push_back(c.name + " (" + c.text + ")");
   }
-  warning.text = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is") +
-                 " known no better than where the base frame is: that and " +
-                 (choice.is_zero ? "the zero of joint '" : "the place of joint '") + choice.joint +
-                 "' (" + choice.number +
-                 ") are one number, the base frame's own choice. No posture tells it, nothing that "
-                 "is measured depends on it, and it does no harm. Hold " +
-                 choice.number + " (`fix`) to take the rig's value for it";
+  const std::string number = (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
+                             zero.joint + "' (" + zero.number + ")",
+                    poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
+  warning.text =
+      zero.at_base
+          ? poses_are + " known no better than where the base frame is: that and " + number +
+                " are one number, the base frame's own choice. No posture tells it, nothing that "
+                "is measured depends on it, and it does no harm. Hold "
+          : poses_are + " known no better than " + number +
+                ", the last one: they are one number. No posture tells it, and nothing that is "
+                "measured depends on it; a tool that sits there is where the rig says only up to "
+                "this. Hold ";
+  warning.text += zero.number + " (`fix`) to take the rig's value for it";
   out.push_back(std::move(warning));
 }
 
@@ -74,8 +83,9 @@ void warn_of_movements(const Solution& solution, Warnings& out) {
 }
 
 void warn_of_parameters(const Report& report, Warnings& out) {
-  std::vector<Case> priors, sigmas, chosen;
-  const std::optional<BaseChoice> choice = base_choice(report);
+  std::vector<Case> priors, sigmas;
+  const std::vector<FreeZero> zeros = free_zeros(report);
+  std::map<const FreeZero*, std::vector<Case>> chosen;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
       const std::string name = e.component_name(c);
@@ -85,8 +95,9 @@ void warn_of_parameters(const Report& report, Warnings& out) {
       const std::string known = loose_text(e.units[c], e.sigma[c]);
       const double yardstick = e.units[c] == "m" ? 0.01 : kPi / 180;
       if (known.empty()) continue;
-      if (loose_text(e.units[c], sigma_to_judge(choice, e, c)).empty())
-        chosen.push_back({name, known, e.sigma[c] / yardstick});
+      const JudgedSigma judged = judged_sigma(zeros, e, c);
+      if (loose_text(e.units[c], judged.sigma).empty())
+        chosen[judged.zero].push_back({name, known, e.sigma[c] / yardstick});
       else
         sigmas.push_back(
             {name, name + " is known to " + known + " only (one sigma)", e.sigma[c] / yardstick});
@@ -96,7 +107,7 @@ void warn_of_parameters(const Report& report, Warnings& out) {
                                 : "parameters are off by more than 3 times what is usual here",
        std::move(priors), out);
   warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas), out);
-  if (choice) warn_of_base_choice(*choice, std::move(chosen), out);
+  for (const FreeZero& zero : zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
 }
 
 }  // namespace kincal

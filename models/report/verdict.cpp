@@ -6,7 +6,7 @@
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "base_choice.h"
+#include "free_zeros.h"
 
 namespace kincal {
 namespace {
@@ -163,12 +163,12 @@ struct LooseNumber {
 };
 
 LooseNumber loosest(const Report& report) {
-  const std::optional<BaseChoice> choice = base_choice(report);
+  const std::vector<FreeZero> zeros = free_zeros(report);
   LooseNumber out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
       const double times =
-          sigma_to_judge(choice, e, c) / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+          judged_sigma(zeros, e, c).sigma / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
       if (times > out.times) out = {&e, c, times};
     }
   return out;

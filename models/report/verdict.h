@@ -22,7 +22,8 @@ double data_misfit(const Report& report);
 /// where it does, or where there is no solution to judge.
 std::string why_unexplained(const Report& report);
 /// Names the pose that is known worst, if that is no better than what a mount is good for, and what
-/// to do; "" where all are better. (What is the base's own choice does not count: base_choice.h.)
+/// to do; "" where all are better. (What the zero of the first or last joint decides does not
+/// count: free_zeros.h.)
 std::string loose_mount(const Report& report);
 /// Returns whether a pose is known to no better than 0.3 m or 30 degrees.
 bool has_open_mount(const Report& report);

@@ -485,7 +485,7 @@ size_t rank(const Warning& warning) {
       "prior",          "sigma",        "minima",          "given_pose",
       "rescaled",       "no_start",     "ambiguous_start", "moved",
       "identity",       "unfinished",   "joint_model",     "no_effect",
-      "base_frame",     "unused_prior", "undefined_before"};
+      "last_zero",      "base_frame",   "unused_prior",    "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }

@@ -136,6 +136,22 @@ class Words(Case):
         self.assertEqual(len(self.warnings(result, "never_seen")), 1)
         self.assertIn("target/r2/pose", self.warnings(result, "never_seen")[0])
 
+    def test_the_last_zero_is_no_doubt(self):
+        """Likewise the last joint's zero and how the board behind it is turned about its axis."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, {"joint/j2/offset": 0.04, "joint/j3/offset": -0.03, "joint/j4/offset": 0.035}, samples=20, seed=2)
+        self.write("rig.yaml", CAMERA)
+        result, text = self.calibrate(samples)
+        self.assertEqual(self.warnings(result, "sigma"), [], text)
+        self.assertEqual(result["verdict"]["use"], "good", text)
+        found, = self.warnings(result, "last_zero")
+        self.assertIn("target/board/pose.r", found)
+        self.assertIn("Hold joint/j6/offset (--fix)", found)
+        result, text = self.calibrate(samples, "--fix", "joint/j6/offset")
+        self.assertEqual(self.warnings(result, "last_zero") + self.warnings(result, "sigma"), [], text)
+
     def test_where_the_base_frame_is_is_no_doubt(self):
         """The first joint's zero and the base frame's turn about its axis are one number: no posture helps, and nobody is harmed."""
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
