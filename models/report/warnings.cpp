@@ -405,26 +405,42 @@ void warn_of_widths(const Report& report, Warnings& out) {
                    {}});
 }
 
+/// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
+std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
+  std::vector<std::string> levels;
+  double least = kInfinity, most = 0;
+  for (const NoiseLevel& level : report.noise_levels) {
+    const double factor = level.used / level.assumed;
+    least = std::min(least, factor);
+    most = std::max(most, factor);
+    if (factor == 1) continue;
+    names.push_back(level.of + (level.part.empty() ? "" : " " + level.part));
+    levels.push_back(
+        names.back() + text(": %.3g, stated %.3g ", level.used, level.assumed) + level.unit +
+        (std::abs(std::log(factor)) > std::log(9.99)
+             ? " (ten times is the most that is tried: state it nearer to what is true)"
+             : ""));
+  }
+  std::string all;
+  for (const std::string& level : levels) all += (all.empty() ? "" : "; ") + level;
+  const std::string begin =
+      text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
+  if (most < 1 && most < 1.001 * least)
+    return begin +
+           text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
+           all + "); the rig of the result has them so. The estimates are the same with either";
+  return begin +
+         ", and no mistake explains that: sigmas were estimated from the data (joints "
+         "stated exact began with 0.0001), and the rig of the result has them so. Are they "
+         "plausible? " +
+         all + doubted_gears(report);
+}
+
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
   std::vector<std::string> sentences, names;
-  if (std::isfinite(report.noise_estimated->stated)) {
-    std::string levels;
-    for (const NoiseLevel& level : report.noise_levels)
-      if (level.used != level.assumed) {
-        names.push_back(level.of + (level.part.empty() ? "" : " " + level.part));
-        levels += (levels.empty() ? "" : "; ") + names.back() +
-                  text(": %.3g, stated ", level.used) + text("%.3g ", level.assumed) + level.unit +
-                  (std::abs(std::log(level.used / level.assumed)) > std::log(9.99)
-                       ? " (ten times is the most that is tried: state it nearer to what is true)"
-                       : "");
-      }
-    sentences.push_back(text("with the stated sigmas chi2/dof is %.3g, and no mistake explains "
-                             "that: sigmas were estimated from the data (joints stated exact "
-                             "began with 0.0001). ",
-                             report.noise_estimated->stated) +
-                        levels + doubted_gears(report));
-  }
+  if (std::isfinite(report.noise_estimated->stated))
+    sentences.push_back(stated_noise_text(report, names));
   if (!report.noise_estimated->converged)
     sentences.push_back("the noise was estimated in " +
                         std::to_string(report.noise_estimated->count) +

@@ -223,6 +223,16 @@ class Words(Case):
         self.assertNotIn("prior", result["verdict"]["text"])
         self.assertNotIn("with the prior", text)
 
+    def test_noise_smaller_than_stated(self):
+        small = TRACKER.replace("sigma: 0.0002", "sigma: 0.00008").replace("sigma: 5.0e-05", "sigma: 2.0e-05")
+        samples = self.simulate(small, TRACKER_TRUTH, samples=30)
+        self.write("rig.yaml", TRACKER)
+        result, text = self.calibrate(samples)
+        found, = self.warnings(result, "noise")
+        self.assertIn("errors are smaller than stated. All sigmas were multiplied by 0.4", found)
+        self.assertIn("sensor/tracker: ", found)
+        self.assertNotIn("exact", found)
+
     def test_many_rejected_samples_are_a_warning(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)
         for k, expected in ((2, []), (6, ["6 of 24"])):

@@ -1285,12 +1285,13 @@ TEST_CASE(
     CHECK(summary.outcome == Outcome::cancelled);
     CHECK(summary.iterations == last);
     CHECK(again == 1);
-    Cost cost;  // what is left is the last iteration's
-    for (int g = 0; g < count; ++g) curves.evaluate(g, state, 0, cost);
-    CHECK(std::abs(cost.doubled / summary.cost.doubled - 1) < 1e-12);
-    options.progress = nullptr;  // and another solve goes to the end
-    LevenbergMarquardt fresh(curves, options);
-    CHECK(fresh.solve(state).outcome == Outcome::converged);
+    double left = 0;  // the state is the last iteration's
+    for (int g = 0; g < count; ++g) {
+      Cost cost;
+      curves.evaluate(g, state, 0, cost);
+      left += cost.doubled;
+    }
+    CHECK(std::abs(left / summary.cost.doubled - 1) < 1e-12);
   }
   CHECK(asked > 0);
 }
