@@ -32,7 +32,7 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Result WrongInput)
+foreach(group Result Bent WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 

@@ -179,7 +179,7 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
       h.cure = "Exchange targets." + target.name +
                ".rows and .columns in the rig, or number the points row by row.";
       h.undo = [target_index = t.first, layout = layouts[i]](Rig& r, std::vector<Sample>&) {
-        r.targets[target_index].layout = layout;
+        set_layout(r.targets[target_index], layout);
       };
       out.push_back(h);
     }
@@ -243,7 +243,7 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
           (complete ? text(", and the points seen make %d rows", seen / width) : "") + ".";
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      return std::make_pair(i / width, i % width);
-                   })](Rig& r, std::vector<Sample>&) { r.targets[t].layout = layout; };
+                   })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
       out.push_back(h);
     }
   }
