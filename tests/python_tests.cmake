@@ -35,7 +35,7 @@ endforeach()
 foreach(group Export Import Poses HandEye)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
 endforeach()
-foreach(group Result WrongInput)
+foreach(group Result Bent WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 

@@ -92,6 +92,8 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
                    "parts of the samples that are held out in turn; at most one a sample")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();
+  command->add_flag("--warp", a->options.warp,
+                    "let boards be bent (two numbers each), if that is better on samples held out");
   command->add_flag("--json", a->json, "print intrinsics.json instead of tables");
   command->add_flag("--force", a->force, "replace an existing result");
   command->add_flag("--quiet", a->quiet, "print errors only");

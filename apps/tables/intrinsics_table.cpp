@@ -88,6 +88,18 @@ std::string intrinsics_table(const Rig& rig, const IntrinsicsResult& result) {
                 camera.distance) +
            grid_text(camera.near, "%.2g") + "and far away\n" + grid_text(camera.far, "%.2g");
   }
+  for (const IntrinsicsGroup& group : result.groups) {
+    if (!group.warp) continue;
+    out += text(
+        "\nBoards that may be bent: held out %.4g px, flat %.4g px; better by %.5f +- %.5f, "
+        "%s\n",
+        group.warp->warped, group.warp->flat, group.warp->better, group.warp->better_sigma,
+        group.warp->kept ? "kept" : "not kept");
+    for (const ParameterEstimate& e : group.solution.parameters)
+      if (group.solution.table().all[e.parameter].kind == ParameterKind::warp)
+        out += text("  %s: %.3g ± %.2g mm along x, %.3g ± %.2g mm along y\n", e.name.c_str(),
+                    e.value[0] * 1e3, e.sigma[0] * 1e3, e.value[1] * 1e3, e.sigma[1] * 1e3);
+  }
   return out;
 }
 

@@ -96,6 +96,22 @@ Json covariance_json(const Solution& solution) {
   return {{"names", names}, {"rows", rows}};
 }
 
+/// What boards that may be bent were worth, and how they are.
+Json warp_json(const IntrinsicsGroup& group) {
+  const ParameterTable& table = group.solution.table();
+  Json out = {{"flat", number(group.warp->flat)},
+              {"warped", number(group.warp->warped)},
+              {"better", number(group.warp->better)},
+              {"better_sigma", number(group.warp->better_sigma)},
+              {"kept", group.warp->kept},
+              {"targets", Json::object()}};
+  for (const ParameterEstimate& e : group.solution.parameters)
+    if (table.all[e.parameter].kind == ParameterKind::warp)
+      out["targets"][group.solution.rig().targets[table.all[e.parameter].owner].name] = {
+          {"value", numbers(e.value)}, {"sigma", numbers(e.sigma)}};
+  return out;
+}
+
 Json result_of(const RigFile& rig_file, const IntrinsicsResult& result,
                const IntrinsicsSource& source) {
   Json out = {{"kincal", source.version},
@@ -117,6 +133,7 @@ Json result_of(const RigFile& rig_file, const IntrinsicsResult& result,
                 {"dof", group.solution.dof},
                 {"unobservable", Json::array()},
                 {"covariance", covariance_json(group.solution)}};
+    if (group.warp) one["warp"] = warp_json(group);
     for (int camera : group.cameras) one["cameras"].push_back(rig_file.rig.sensors[camera].name);
     for (const Direction& direction : group.solution.unobservable) {
       Json entry = Json::object();
@@ -225,6 +242,11 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
   for (const CameraIntrinsics& camera : result.cameras)
     values.sensor_poses[camera.camera] =
         calibrated_camera(rig_file.rig, result, camera).link_T_sensor;
+  for (const IntrinsicsGroup& group : result.groups)
+    for (const ParameterEstimate& e : group.solution.parameters) {
+      const Parameter& p = group.solution.table().all[e.parameter];
+      if (p.kind == ParameterKind::warp) values.target_warps[p.owner] = {e.value[0], e.value[1]};
+    }
   const std::string mark = result.status == Status::converged
                                ? ""
                                : "# kincal: status " + status_name(result.status) +

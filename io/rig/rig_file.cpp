@@ -170,6 +170,10 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
     target.layout = grid_layout(grid);
     target.y_up = grid.kind == GridLayout::Kind::tags;  // as Kalibr counts them
     target.square = field[keys.size].positive();
+    if (field.has("warp")) {
+      target.bulge = warp_shapes(target.layout);
+      target.warp = Eigen::Map<const Eigen::Vector2d>(field["warp"].vector(2).data());
+    }
   } else if (marker) {
     target.points = marker_corners(field["size"].positive());
     target.y_up = true;

@@ -234,6 +234,7 @@ RigValues values_of(const Rig& rig) {
   for (const Target& target : rig.targets) {
     values.target_poses.push_back(target.link_T_target);
     values.target_squares.push_back(target.square);
+    values.target_warps.push_back(target.warp);
     values.target_points.push_back(target.points);
   }
   return values;
@@ -284,8 +285,11 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];
-    set_target(member(member(root, "targets"), target.name), target, values.target_poses[t],
-               values.target_squares[t], values.target_points[t]);
+    Node& node = member(member(root, "targets"), target.name);
+    set_target(node, target, values.target_poses[t], values.target_squares[t],
+               values.target_points[t]);
+    if (target.warp != values.target_warps[t])
+      member(node, "warp") = list_node(values.target_warps[t].data(), 2);
   }
   return to_yaml(root);
 }

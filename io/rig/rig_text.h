@@ -26,6 +26,7 @@ struct RigValues {
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
   std::vector<Pose> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;
+  std::vector<Eigen::Vector2d> target_warps;
   std::vector<Eigen::Matrix3Xd> target_points;  // not grids
 };
 RigValues values_of(const Rig& rig);

@@ -7,10 +7,10 @@ namespace kincal {
 
 const std::vector<TargetKeys>& target_types() {
   static const std::vector<TargetKeys> types = {
-      {"chessboard", {"rows", "columns", "square"}, {}, "square"},
-      {"circles", {"rows", "columns", "spacing"}, {"asymmetric", "origin"}, "spacing"},
-      {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {}, "square"},
-      {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {}, "tag"},
+      {"chessboard", {"rows", "columns", "square"}, {"warp"}, "square"},
+      {"circles", {"rows", "columns", "spacing"}, {"asymmetric", "origin", "warp"}, "spacing"},
+      {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {"warp"}, "square"},
+      {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {"warp"}, "tag"},
       {"marker", {"dictionary", "id", "size"}, {}, ""},
       {"points", {"points"}, {}, ""}};
   return types;

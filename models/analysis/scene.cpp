@@ -55,7 +55,13 @@ void Scene::add(int sample, const View* view) {
 
 Vector3d Scene::point(const VectorXd& values, int target, int id) const {
   const Target& t = rig().targets[target];
-  if (t.grid) return values(table().all[table().target_square[target]].start) * t.layout.col(id);
+  if (t.grid) {
+    Vector3d p = values(table().all[table().target_square[target]].start) * t.layout.col(id);
+    if (table().target_warp[target] >= 0)
+      p.z() +=
+          values.segment<2>(table().all[table().target_warp[target]].start).dot(t.bulge.col(id));
+    return p;
+  }
   return values.segment<3>(table().all[table().target_points[target]].start + 3 * id);
 }
 

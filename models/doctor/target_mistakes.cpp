@@ -196,7 +196,9 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
                          ".rows and .columns in the rig, or number the points row by row."
                    : renumber;
       h.undo = [target_index = t.first, layout = std::move(other.layout)](
-                   Rig& r, std::vector<Sample>&) { r.targets[target_index].layout = layout; };
+                   Rig& r, std::vector<Sample>&) {
+        set_layout(r.targets[target_index], layout);
+      };
       out.push_back(h);
     }
     for (const Relabeling& r : relabelings) {
@@ -259,7 +261,7 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
           (complete ? text(", and the points seen make %d rows", seen / width) : "") + ".";
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      return std::make_pair(i / width, i % width);
-                   })](Rig& r, std::vector<Sample>&) { r.targets[t].layout = layout; };
+                   })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
       out.push_back(h);
     }
   }

@@ -126,6 +126,7 @@ std::vector<char> Estimation::influencing() const {
       use(layout.table.target_pose[v.layout->target_index]);
       if (!v.layout->sensor->model->measures_pose()) {
         use(layout.table.target_square[v.layout->target_index]);
+        use(layout.table.target_warp[v.layout->target_index]);
         use(layout.table.target_points[v.layout->target_index]);
       }
       for (const PathStep& step : s.layout->paths[v.layout->path].steps) {

@@ -280,8 +280,9 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   Columns& c = v.columns;
   const int square = v.model->measures_pose() ? -1 : table.target_square[v.target_index];
   const int points = v.model->measures_pose() ? -1 : table.target_points[v.target_index];
+  const int warp = v.model->measures_pose() ? -1 : table.target_warp[v.target_index];
   const bool points_freed = points >= 0 && freed[points];
-  v.kernel = !v.covariances && !points_freed &&
+  v.kernel = !v.covariances && !points_freed && warp < 0 &&
                      (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none)
                  ? v.model->kernel()
                  : nullptr;
@@ -312,6 +313,13 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   if (square >= 0 && freed[square]) {
     c.square = c.total++;
     v.map.own.push_back({c.square, shared(first_column[square])});
+  }
+  if (warp >= 0 && freed[warp]) {
+    c.warp = c.total;
+    c.total += 2;
+    for (size_t i = 0; i < freed[warp]->components.size(); ++i)
+      v.map.own.push_back(
+          {c.warp + freed[warp]->components[i], shared(first_column[warp] + static_cast<int>(i))});
   }
   if (points_freed) {
     c.points = c.total;

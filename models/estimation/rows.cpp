@@ -67,10 +67,17 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
     points = state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) *
              v.layout->target->layout;
     in.layout = &v.layout->target->layout;
+    const int warp = layout_.table.target_warp[v.layout->target_index];
+    in.bulge = warp >= 0 ? &v.layout->target->bulge : nullptr;
+    if (warp >= 0) {
+      const double* by = state.data() + layout_.table.all[warp].start;
+      points.row(2) += by[0] * in.bulge->row(0) + by[1] * in.bulge->row(1);
+    }
   } else {
     const Parameter& p = layout_.table.all[layout_.table.target_points[v.layout->target_index]];
     points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
     in.layout = nullptr;
+    in.bulge = nullptr;
   }
   in.points = &points;
   in.ids = v.layout->ids.data();

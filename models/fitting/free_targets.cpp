@@ -171,6 +171,7 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
     copy(small.sensor_block[0] + static_cast<int>(b),
          table.sensor_block[view.sensor] + static_cast<int>(b));
   copy(small.target_square[0], table.target_square[view.target]);
+  copy(small.target_warp[0], table.target_warp[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {
     start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result);

@@ -13,6 +13,9 @@ namespace {
 // Focal lengths that are tried, in widths of the image: from a fisheye's to a long tele's.
 constexpr double kShortest = 0.2, kLongest = 12, kRatio = 1.25;
 constexpr size_t kViewsTried = 12;
+// A view's worth of misfit for a focal length that is e times, or one e-th of, the image's width:
+// it decides where the views say nothing.
+constexpr double kUnusual = 0.05;
 
 /// Mean square of a view's residuals with its target at a pose, in px^2; infinite where one is
 /// undefined.
@@ -58,7 +61,9 @@ std::vector<double> find_focal_length(Rig rig, const std::vector<const View*>& v
   double least = kInfinity;
   for (double f = kShortest * size.x(); f < kLongest * size.x(); f *= kRatio) {
     numbers = {f, f, (size.x() - 1) / 2, (size.y() - 1) / 2};
-    const double misfit = lens_misfit(rig, some);
+    const double unusual = std::log(f / size.x());
+    const double misfit =
+        lens_misfit(rig, some) + kUnusual * unusual * unusual * static_cast<double>(some.size());
     if (misfit < least) least = misfit, best = numbers;
   }
   return best;

@@ -5,7 +5,8 @@
 // of its board in closed form (view_poses.h), and what these leave tells. A plane seen obliquely
 // says by its homography how long the lens is (Zhang 2000); trying focal lengths says the same of
 // targets that are not flat, and of a fisheye, whose homographies mean nothing. Views that all face
-// the camera leave much the same at every focal length: any of them is a start then.
+// the camera leave much the same at every focal length: one near the width of the image is taken
+// then.
 #pragma once
 
 #include <vector>

@@ -113,6 +113,10 @@ ParameterTable::ParameterTable(const Rig& rig)
     target_square.push_back(
         target.grid ? add(ParameterKind::square, t, prefix + "square", {""}, {"m"}, {target.square})
                     : -1);
+    target_warp.push_back(target.grid && target.bulge.cols() > 0
+                              ? add(ParameterKind::warp, t, prefix + "warp", {"x", "y"}, {"m", "m"},
+                                    {target.warp.x(), target.warp.y()})
+                              : -1);
     int points = -1;
     if (!target.grid) {
       std::vector<std::string> components;
@@ -186,6 +190,8 @@ double yardstick(const ParameterTable& table, const Component& component, const 
       return 0.01 * std::abs(values(p.start));
     case ParameterKind::distortion:
       return 0.1;
+    case ParameterKind::warp:
+      return 0.001;
     default: {
       const std::string& unit = p.units[component.index];
       return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : unit == "px" ? 10 : 0.01;
@@ -209,6 +215,8 @@ double usual_error(const ParameterTable& table, const Component& component,
       return 0.01;
     case ParameterKind::square:
       return 0.05 * value;
+    case ParameterKind::warp:
+      return 0.002;
     case ParameterKind::points: {
       const Eigen::Map<const Eigen::Matrix3Xd> points(values.data() + p.start, 3, p.size() / 3);
       return 0.05 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();

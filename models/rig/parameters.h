@@ -22,6 +22,7 @@ enum class ParameterKind {
   own_number,
   target_pose,
   square,
+  warp,
   points
 };
 
@@ -76,7 +77,7 @@ struct ParameterTable {
                      // on
   std::vector<int> sensor_pose;   // by sensor
   std::vector<int> sensor_block;  // by sensor: its first own block; blocks follow one another
-  std::vector<int> target_pose, target_square, target_points;  // by target
+  std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
   std::vector<int> sensor_mount, target_mount;  // what is calibrated of where it is: its pose, or
                                                 // the origin that replaces it
 

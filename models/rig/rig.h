@@ -36,9 +36,12 @@ struct Target {
   Eigen::Matrix3Xd layout;  // grid: points for a spacing of 1
   double square = 1;        // m
   bool y_up = false;        // grid: y of the layout points up on the printed side, else down
-  Eigen::Matrix3Xd points;  // not a grid: m, target's frame
-  int link = -1;            // mounted on this link; -1: free, its own pose in every sample
-  Pose link_T_target;       // where mounted
+  Eigen::Matrix2Xd bulge;   // grid that may be warped: how far each point stands out for a warp of
+                            // (1, 0) and (0, 1), targets.h; empty: it is flat
+  Eigen::Vector2d warp{0, 0};  // m, of these two
+  Eigen::Matrix3Xd points;     // not a grid: m, target's frame
+  int link = -1;               // mounted on this link; -1: free, its own pose in every sample
+  Pose link_T_target;          // where mounted
   bool pose_given =
       false;  // in the rig; else the identity, or unknown (see the formats' "Starting values")
   int mount_joint = -1;  // fixed joint whose origin is calibrated in place of the pose; -1: none

@@ -26,14 +26,40 @@ Matrix3Xd grid_layout(const GridLayout& grid) {
   return Eigen::Map<const Matrix3Xd>(xyz.data(), 3, static_cast<Eigen::Index>(xyz.size() / 3));
 }
 
+Eigen::Matrix2Xd warp_shapes(const Matrix3Xd& layout) {
+  Eigen::Matrix2Xd out(2, layout.cols());
+  for (int k = 0; k < 2; ++k) {
+    const double low = layout.row(k).minCoeff(), half = (layout.row(k).maxCoeff() - low) / 2;
+    for (Eigen::Index i = 0; i < layout.cols(); ++i) {
+      const double u = half > 0 ? (layout(k, i) - low) / half - 1 : 1;
+      out(k, i) = 1 - u * u;
+    }
+  }
+  return out;
+}
+
+void set_layout(Target& target, const Matrix3Xd& layout) {
+  target.layout = layout;
+  if (target.bulge.cols() > 0) target.bulge = warp_shapes(layout);
+}
+
 Matrix3Xd target_points(const Target& target) {
-  return target.grid ? Matrix3Xd(target.square * target.layout) : target.points;
+  if (!target.grid) return target.points;
+  Matrix3Xd points = target.square * target.layout;
+  if (target.bulge.cols() > 0) points.row(2) += target.warp.transpose() * target.bulge;
+  return points;
 }
 
 Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                         int target) {
   const Target& t = rig.targets[target];
-  if (t.grid) return values(table.all[table.target_square[target]].start) * t.layout;
+  if (t.grid) {
+    Matrix3Xd points = values(table.all[table.target_square[target]].start) * t.layout;
+    if (table.target_warp[target] >= 0)
+      points.row(2) +=
+          values.segment<2>(table.all[table.target_warp[target]].start).transpose() * t.bulge;
+    return points;
+  }
   return Eigen::Map<const Matrix3Xd>(values.data() + table.all[table.target_points[target]].start,
                                      3, t.count());
 }

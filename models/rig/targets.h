@@ -28,6 +28,13 @@ struct GridLayout {
 /// `Target::square` they are in m.
 Eigen::Matrix3Xd grid_layout(const GridLayout& grid);
 
+/// Returns the shapes that a warped board is made of, one row each: 1 - u^2 and 1 - v^2 at its
+/// points, u and v from -1 to 1 over the board along x and y. So the two numbers of a warp are how
+/// far the middle stands out of the edges, along z.
+Eigen::Matrix2Xd warp_shapes(const Eigen::Matrix3Xd& layout);
+/// Gives a grid another layout, and a board that may be warped the shapes of it.
+void set_layout(Target& target, const Eigen::Matrix3Xd& layout);
+
 /// Both return the target's points in its own frame, in m: as the rig has them, or at given values.
 Eigen::Matrix3Xd target_points(const Target& target);
 Eigen::Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,

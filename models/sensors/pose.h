@@ -72,6 +72,8 @@ class ChainPoints final : public SensorModel {
       const Matrix3d shape = rotation - Matrix3d::Identity();
       if (c.square >= 0 && view.layout)
         L->block<3, 1>(3 * i, c.square) = shape * view.layout->col(view.ids[i]);
+      if (c.warp >= 0 && view.bulge)
+        L->block<3, 2>(3 * i, c.warp) = shape.col(2) * view.bulge->col(view.ids[i]).transpose();
       if (c.points >= 0) L->block<3, 3>(3 * i, c.points + 3 * view.ids[i]) = shape;
     }
     return true;

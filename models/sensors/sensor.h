@@ -63,6 +63,7 @@ struct ViewInput {
   const double* parameters = nullptr;        // the sensor's own numbers, block after block
   const Eigen::Matrix3Xd* points = nullptr;  // the target's points in its own frame, m
   const Eigen::Matrix3Xd* layout = nullptr;  // d points / d square (grids), else null
+  const Eigen::Matrix2Xd* bulge = nullptr;   // d points.z / d warp (boards that have it), else null
   const int* ids = nullptr;                  // which of them are seen
   int count = 0;                             // how many
   const double* z = nullptr;  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
@@ -78,8 +79,11 @@ struct Columns {
   int sensor_side = -1, joint = -1;
   int parameters = -1;  // own numbers
   int square = -1;      // spacing of a grid target
+  int warp = -1;        // 2, of a board that has it
   int points = -1;      // 3 a target point
   int total = 6;        // number of columns
+  /// Returns whether something of the target's shape is wanted.
+  bool shape() const { return square >= 0 || warp >= 0 || points >= 0; }
 };
 
 /// A MeasurementKind is what a view measures of its target: starting values and the simulation
@@ -158,6 +162,9 @@ inline void point_rows(const ViewInput& view, const Columns& c, int i,
     const int row = i * static_cast<int>(d_r_d_p.rows()) + k;
     if (c.square >= 0 && view.layout)
       L(row, c.square) = a.dot(sensor_R_target * view.layout->col(view.ids[i]));
+    if (c.warp >= 0 && view.bulge)
+      L.block<1, 2>(row, c.warp) =
+          a.dot(sensor_R_target.col(2)) * view.bulge->col(view.ids[i]).transpose();
     if (c.points >= 0) L.block<1, 3>(row, c.points + 3 * view.ids[i]) = a * sensor_R_target;
   }
 }
@@ -197,7 +204,7 @@ class PointwiseSensor final : public SensorModel {
         if (c.parameters >= 0)
           for (int j = 0; j < own; ++j) (*L)(row, c.parameters + j) = d_own[k * own + j];
       }
-      if (c.square >= 0 || c.points >= 0)
+      if (c.shape())
         point_rows(view, c, i, PointDerivatives(d_p, S::kRows, 3), view.sensor_T_target.rotation,
                    *L);
     }

@@ -69,7 +69,7 @@ class TiltingLaser final : public SensorModel {
         for (int k = 0; k < scan.model->size(); ++k)
           L->block<3, 1>(3 * i, c.joint + k) = scan.model->by_own(k, z[0], scan.own) * by_q;
       }
-      if (c.square >= 0 || c.points >= 0) {
+      if (c.shape()) {
         static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         point_rows(view, c, i, PointDerivatives(identity, 3, 3),
                    through * scan.behind_T_target.rotation, *L);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 #include <stdexcept>
+#include <tuple>
 #include <typeinfo>
 
 #include "../analysis/linearisation.h"
@@ -260,33 +261,48 @@ std::string why_unusable(const Solution& solution) {
   return solution.unobservable.empty() ? "" : "not determined by these views";
 }
 
+HeldOutBlocks blocks_of(const CrossValidation& held_out) {
+  HeldOutBlocks out;
+  for (const auto& [place, sums] : held_out.sums.all) {
+    out[place.second].first += sums.squared;
+    out[place.second].second += sums.points;
+  }
+  return out;
+}
+
+double rms_of(const HeldOutBlocks& blocks) {
+  double squares = 0, points = 0;
+  for (const auto& [sample, block] : blocks) {
+    squares += block.first;
+    points += static_cast<double>(block.second);
+  }
+  return std::sqrt(squares / points);
+}
+
+/// By how much the rms of the one is above that of the other, and the standard error of that; both
+/// are of the same samples.
+std::pair<double, double> difference(const HeldOutBlocks& one, const HeldOutBlocks& other) {
+  std::vector<double> without;
+  for (const auto& [sample, block] : one) {
+    HeldOutBlocks a = one, b = other;
+    a.erase(sample), b.erase(sample);
+    without.push_back(rms_of(a) - rms_of(b));
+  }
+  const auto m = static_cast<double>(without.size());
+  double mean = 0, variance = 0;
+  for (double d : without) mean += d / m;
+  for (double d : without) variance += (d - mean) * (d - mean);
+  return {rms_of(one) - rms_of(other), std::sqrt(variance * (m - 1) / m)};
+}
+
 /// Sets how much worse than the best each lens is on what was held out.
 void compare(std::vector<LensTrial>& trials) {
   const LensTrial* best = nullptr;
   for (const LensTrial& t : trials)
     if (t.unusable.empty() && (!best || t.held_out < best->held_out)) best = &t;
   if (!best) return;
-  for (LensTrial& t : trials) {
-    if (!t.unusable.empty()) continue;
-    double own = 0, other = 0, points = 0;
-    for (const auto& [sample, block] : t.blocks) {
-      own += block.first;
-      other += best->blocks.at(sample).first;
-      points += static_cast<double>(block.second);
-    }
-    std::vector<double> without;
-    for (const auto& [sample, block] : t.blocks) {
-      const double left = points - static_cast<double>(block.second);
-      without.push_back(std::sqrt((own - block.first) / left) -
-                        std::sqrt((other - best->blocks.at(sample).first) / left));
-    }
-    const auto m = static_cast<double>(without.size());
-    double mean = 0, variance = 0;
-    for (double d : without) mean += d / m;
-    for (double d : without) variance += (d - mean) * (d - mean);
-    t.worse = std::sqrt(own / points) - std::sqrt(other / points);
-    t.worse_sigma = std::sqrt(variance * (m - 1) / m);
-  }
+  for (LensTrial& t : trials)
+    if (t.unusable.empty()) std::tie(t.worse, t.worse_sigma) = difference(t.blocks, best->blocks);
 }
 
 /// Tries all lenses on one camera; false: cancelled.
@@ -303,8 +319,7 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
       const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
       if (!held_out) return false;
       if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;
-      for (const auto& [place, sums] : held_out->sums.all)
-        trial.blocks[place.second] = {sums.squared, sums.points};
+      trial.blocks = blocks_of(*held_out);
     }
     out.trials.push_back(std::move(trial));
   }
@@ -334,9 +349,10 @@ std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& c
     if (!out.model) {
       out.model = &given;
       result.notes.push_back(
-          {"model", "'" + name + "': " + std::to_string(camera.samples.size()) +
-                        " samples are too few to choose a lens by what is held out: it is " +
-                        given.name + ", as in the rig"});
+          {"model",
+           text("'%s': no lens can be judged by what is held out of %zu samples: it is %s, as "
+                "in the rig",
+                name.c_str(), camera.samples.size(), given.name.c_str())});
     }
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
@@ -392,15 +408,15 @@ void add_notes(const Rig& rig, const IntrinsicsGroup& group, const CameraIntrins
   }
   const std::string tilted =
       camera.views < 3 ? text(
-                             "%ld views; a flat board tells two of the four intrinsics in each "
+                             "%ld view%s; a flat board tells two of the four intrinsics in each "
                              "view: show it at least three times, turned differently",
-                             camera.views)
+                             camera.views, camera.views == 1 ? "" : "s")
       : camera.tilt < kParallel
           ? text(
-                "the boards of all views are parallel within %.2g degrees, so that the focal "
+                "The boards of all views are parallel within %.2g degrees, so that the focal "
                 "length goes with their distance: tilt the board by 20 to 45 degrees, to all sides",
                 camera.tilt * 180 / kPi)
-          : "show the board tilted to all sides, near the edges of the image as well";
+          : "Show the board tilted to all sides, near the edges of the image as well";
   if (!unknown.empty())
     notes.push_back(
         {"undetermined", name + "the views do not determine " + unknown + ". " + tilted});
@@ -435,6 +451,58 @@ std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& 
   return out;
 }
 
+/// A group's solution with its noise, and its error on what was held out.
+struct GroupFit {
+  NoiseEstimate estimate;
+  CrossValidation held_out;
+  bool held = false;  // as estimate_group()
+};
+
+/// nullopt: cancelled.
+std::optional<GroupFit> fit_group(const Rig& rig, const std::vector<Sample>& samples,
+                                  const IntrinsicsOptions& options) {
+  GroupFit out;
+  std::optional<NoiseEstimate> estimate = estimate_group(rig, samples, options, out.held);
+  if (!estimate) return std::nullopt;
+  const Solution& solution = estimate->solution;
+  if (solution.status == Status::undefined_start) throw std::runtime_error(solution.message);
+  for (const std::string& lost : solution.lost_starts)
+    throw std::runtime_error(lost + ": nothing ties it to the other cameras");
+  std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
+  if (!held_out) return std::nullopt;
+  out.estimate = std::move(*estimate);
+  out.held_out = std::move(*held_out);
+  return out;
+}
+
+/// Fits the group again with boards that may be bent, and keeps that if it is better on what was
+/// held out; false: cancelled.
+bool try_warp(const std::vector<Sample>& samples, const IntrinsicsOptions& options, GroupFit& flat,
+              std::optional<WarpTrial>& trial) {
+  Rig rig = at_solution(flat.estimate.solution);
+  std::set<int> seen;
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views)
+      if (rig.targets[view.target].grid) seen.insert(view.target);
+  for (int t : seen) {
+    Target& target = rig.targets[t];
+    target.bulge = warp_shapes(target.layout);
+    rig.steps[0].free.push_back("target/" + target.name + "/warp");
+    rig.steps[0].free_where.push_back("warp");
+  }
+  if (seen.empty() || flat.held || flat.held_out.sensors.empty()) return true;
+  options.tell("boards that may be bent");
+  std::optional<GroupFit> warped = fit_group(rig, samples, options);
+  if (!warped) return false;
+  const HeldOutBlocks before = blocks_of(flat.held_out), after = blocks_of(warped->held_out);
+  if (!warped->estimate.solution.usable() || after.size() != before.size()) return true;
+  trial = WarpTrial{rms_of(before), rms_of(after)};
+  std::tie(trial->better, trial->better_sigma) = difference(before, after);
+  trial->kept = trial->better > trial->better_sigma;
+  if (trial->kept) flat = std::move(*warped);
+  return true;
+}
+
 /// Calibrates cameras together and adds them to the result; false: cancelled.
 bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
                      const std::vector<int>& cameras, const IntrinsicsOptions& options,
@@ -454,24 +522,19 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
     lenses.push_back(found[s].model);
   }
   set_steps(lenses, together);
-  bool held = false;
-  std::optional<NoiseEstimate> estimate =
-      estimate_group(together, seen_by(rig, samples, cameras), options, held);
-  if (!estimate) return false;
-  const Solution& solution = estimate->solution;
-  if (solution.status == Status::undefined_start) throw std::runtime_error(solution.message);
-  for (const std::string& lost : solution.lost_starts)
-    throw std::runtime_error(lost + ": nothing ties it to the other cameras");
-  const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
-  if (!held_out) return false;
-  result.groups.push_back({std::move(estimate->solution), cameras});
+  const std::vector<Sample> seen = seen_by(rig, samples, cameras);
+  std::optional<GroupFit> fitted = fit_group(together, seen, options);
+  if (!fitted) return false;
+  std::optional<WarpTrial> warp;
+  if (options.warp && !try_warp(seen, options, *fitted, warp)) return false;
+  result.groups.push_back({std::move(fitted->estimate.solution), cameras, warp});
   const IntrinsicsGroup& group = result.groups.back();
   for (CameraIntrinsics& camera : found) {
-    describe(group.solution, estimate->levels, *held_out, camera);
+    describe(group.solution, fitted->estimate.levels, fitted->held_out, camera);
     add_notes(rig, group, camera, result.notes);
     result.cameras.push_back(std::move(camera));
   }
-  const Status status = held ? Status::unobservable : group.solution.status;
+  const Status status = fitted->held ? Status::unobservable : group.solution.status;
   if (status == Status::not_converged || result.status == Status::converged) result.status = status;
   return true;
 }

@@ -11,6 +11,10 @@
 // root mean squares on what was held out; the standard error of this difference comes from the
 // jackknife over samples, paired, so that what makes a sample hard for both does not widen it. The
 // lens with the fewest numbers that is worse by no more than its standard error is taken.
+//
+// Boards bend. Where it is asked for, the group is fitted once more with the warp of its boards
+// (rig/targets.h) free, which stays if it is better on what was held out by more than the standard
+// error of that.
 #pragma once
 
 #include <optional>
@@ -38,15 +42,19 @@ const std::vector<LensModel>& lens_models();
 struct IntrinsicsOptions : CalibrationOptions {
   std::string model = "auto";  // name of a lens; "rig": of each camera as the rig has it
   int folds = 5;
+  bool warp = false;  // whether boards may be bent
 };
+
+/// HeldOutBlocks are squares and points held out, by sample.
+using HeldOutBlocks = std::map<int, std::pair<double, long>>;
 
 /// A LensTrial is how a lens did in the choice.
 struct LensTrial {
   const LensModel* model = nullptr;
-  std::string unusable;                           // why it cannot be chosen; else empty
-  double rms = kNan, held_out = kNan;             // px
-  double worse = kNan, worse_sigma = kNan;        // than the best, on what was held out
-  std::map<int, std::pair<double, long>> blocks;  // by sample: squares and points held out
+  std::string unusable;                     // why it cannot be chosen; else empty
+  double rms = kNan, held_out = kNan;       // px
+  double worse = kNan, worse_sigma = kNan;  // than the best, on what was held out
+  HeldOutBlocks blocks;
 };
 
 struct CameraIntrinsics {
@@ -64,9 +72,17 @@ struct CameraIntrinsics {
   double distance = 0, tilt = 0;
 };
 
+/// A WarpTrial says what boards that may be bent were worth: rms on what was held out, px.
+struct WarpTrial {
+  double flat = kNan, warped = kNan;
+  double better = kNan, better_sigma = kNan;
+  bool kept = false;  // the solution has the warp
+};
+
 struct IntrinsicsGroup {
   Solution solution;         // its rig has the cameras of the group only
   std::vector<int> cameras;  // of the given rig, by sensor; the first is the reference
+  std::optional<WarpTrial> warp;
 };
 
 /// An IntrinsicsNote is something that whoever uses the result should know.

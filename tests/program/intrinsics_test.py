@@ -53,9 +53,9 @@ def pixels(numbers, points):
     return numpy.array([fx * u * radial + cx, fy * v * radial + cy])
 
 
-def samples(count, tilt=0.6, seed=1, cameras=("left", "right")):
+def samples(count, tilt=0.6, seed=1, cameras=("left", "right"), bent=0):
     draws = numpy.random.RandomState(seed)
-    board = numpy.array([[c * 0.03, r * 0.03, 0] for r in range(6) for c in range(9)]).T
+    board = numpy.array([[c * 0.03, r * 0.03, bent * (1 - (c / 4 - 1) ** 2)] for r in range(6) for c in range(9)]).T
     lines = []
     for i in range(count):
         way = draws.uniform(0, 6.28)
@@ -162,6 +162,36 @@ class Result(Case):
         self.write("rig.yaml", RIG + "estimate:\n  - {step: all, free: [sensor/right/distortion.k4, sensor/left/pose]}\n")
         _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens")
         self.assertIn("'sensor/right/distortion.k4' in the rig's steps means nothing", errors.replace("\n", " "))
+
+
+class Bent(Case):
+    def test_bent_board(self):
+        self.write("rig.yaml", FREE)
+        self.write("samples.jsonl", samples(14, bent=0.0015))
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "flat", "--quiet")
+        said, _ = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--warp")
+        self.assertIn("Boards that may be bent", said)
+        warp = json.loads(self.read("lens/intrinsics.json"))["groups"][0]["warp"]
+        self.assertTrue(warp["kept"])
+        for value, sigma, true in zip(warp["targets"]["board"]["value"], warp["targets"]["board"]["sigma"], (0.0015, 0)):
+            self.assertLess(abs(value - true), 4 * sigma)
+        self.assertIn("warp: [0.0015" if warp["targets"]["board"]["value"][0] >= 0.0015 else "warp: [0.0014", self.read("lens/rig.yaml"))
+        rms = {out: json.loads(self.run_it("evaluate", out, "samples.jsonl", "--json")[0])["sensors"]["left"]["train"]["rms"] for out in ("flat", "lens")}
+        self.assertLess(rms["lens"], 1.1 * NOISE * 2 ** 0.5)
+        self.assertLess(rms["lens"], 0.9 * rms["flat"])
+        # A rig that has a warp is calibrated with it, and it can be freed.
+        self.write("lens/rig.yaml", self.read("lens/rig.yaml") + "estimate:\n  - {step: all, free: [sensor/right/pose, target/board/warp]}\n")
+        self.run_it("calibrate", "lens", "samples.jsonl", "--out", "result", "--quiet")
+        result = json.loads(self.read("result/result.json"))["parameters"]["target/board/warp"]
+        self.assertLess(abs(result["value"][0] - 0.0015), 4 * result["sigma"][0])
+        self.assertIn("warp: [%r" % result["value"][0], self.read("result/rig.yaml"))
+
+    def test_wrong_warp(self):
+        for warp, words in (("[0.001]", "2"), ("flat", "warp")):
+            self.write("rig.yaml", FREE.replace("square: 0.03,", "square: 0.03, warp: %s," % warp))
+            _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", code=1)
+            self.assertIn("targets.board.warp", errors)
+            self.assertIn(words, errors)
 
 
 class WrongInput(Case):

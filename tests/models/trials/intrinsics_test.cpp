@@ -5,7 +5,9 @@
 // noise estimated included); the choice finds the lens that made the views; the sigma of where a
 // point appears is what the scatter over repeated recordings shows, near and far; one view and
 // parallel views are told; cameras on different bodies, and boards that the rig mounts, are taken
-// as they have to be. Does not prove: detection, real lenses (images/calibrate_camera_test.cpp).
+// as they have to be; a bent board is found bent, with sigmas, a flat one is left flat, and the
+// derivatives by a warp are those of differences. Does not prove: detection, real lenses
+// (images/calibrate_camera_test.cpp).
 #include "../../../models/trials/intrinsics.h"
 
 #include <catch2/catch.hpp>
@@ -132,6 +134,10 @@ VectorXd errors(const IntrinsicsGroup& group, const Rig& truth) {
   for (Eigen::Index i = 0; i < out.size(); ++i) {
     const Component& c = solution.columns[i];
     const Parameter& p = table.all[c.parameter];
+    if (p.kind == ParameterKind::warp) {
+      out(i) = solution.values.shared(p.start + c.index) - truth.targets[p.owner].warp(c.index);
+      continue;
+    }
     const Sensor& camera = truth.sensors[group.cameras[p.owner]];
     if (p.kind == ParameterKind::sensor_pose) {
       const Pose relative =
@@ -327,4 +333,78 @@ TEST_CASE("intrinsics: corners are counted where they are", "[intrinsics]") {
     }
   CHECK(sum == static_cast<double>(all));
   CHECK(corner == static_cast<double>(top_left));
+}
+
+TEST_CASE("intrinsics: a bent board is found bent, a flat one is left flat", "[intrinsics]") {
+  Rig truth = cameras_on_hand({Pose()}, Lens::brown_conrady, kBarrel);
+  const Rig flat = truth;
+  truth.targets[0].bulge = warp_shapes(truth.targets[0].layout);
+  truth.targets[0].warp = {0.0012, -0.0007};
+  IntrinsicsOptions options;
+  options.model = "brown_conrady_4";
+  options.warp = true;
+  constexpr int kTrials = 12;
+  double sum = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const std::vector<Sample> samples = views(truth, board_poses(14, 0.7, 40 + trial), 80 + trial);
+    const IntrinsicsResult result = *calibrate_intrinsics(guessed(flat), samples, options);
+    REQUIRE(result.groups[0].warp);
+    CHECK(result.groups[0].warp->kept);
+    CHECK(result.groups[0].warp->warped < 0.9 * result.groups[0].warp->flat);
+    const VectorXd e = errors(result.groups[0], truth);
+    REQUIRE(e.size() == 10);
+    sum += e.dot(result.groups[0].solution.covariance.ldlt().solve(e));
+  }
+  CHECK(std::abs(sum / kTrials / 10 - 1) < 4 * std::sqrt(2.0 / (kTrials * 10)));
+  const IntrinsicsResult result =
+      *calibrate_intrinsics(guessed(flat), views(flat, board_poses(14, 0.7, 40), 80), options);
+  REQUIRE(result.groups[0].warp);
+  CHECK(!result.groups[0].warp->kept);
+}
+
+TEST_CASE("intrinsics: derivatives by a warp are those of differences", "[intrinsics]") {
+  Rig rig = cameras_on_hand({Pose()}, Lens::brown_conrady, kBarrel);
+  Target& board = rig.targets[0];
+  board.bulge = warp_shapes(board.layout);
+  CHECK(board.bulge.maxCoeff() <= 1);
+  CHECK(board.bulge.col(0).norm() == 0);  // a corner stays
+  const std::vector<int> ids = {0, 3, 17, 34, 69};
+  const ParameterTable table(rig);
+  const std::vector<double> z(3 * ids.size(), 0.0);
+  const std::shared_ptr<const SensorModel> chain = make_chain();
+  for (const SensorModel* model : {rig.sensors[0].model.get(), chain->point_form()}) {
+    ViewInput in;
+    in.sensor_T_target = at({-0.1, -0.05, 0.6}, {0.3, -0.4, 0.2});
+    in.parameters = table.initial.data() + table.all[table.sensor_block[0]].start;
+    in.bulge = &board.bulge;
+    in.ids = ids.data();
+    in.count = static_cast<int>(ids.size());
+    in.z = z.data();
+    Columns columns;
+    columns.warp = 6;
+    columns.total = 8;
+    const auto residuals = [&](const Eigen::Vector2d& warp, RowMatrix* rows) {
+      board.warp = warp;
+      const Matrix3Xd points = target_points(board);
+      in.points = &points;
+      VectorXd r(model->rows() * in.count);
+      if (rows) {
+        *rows = RowMatrix::Zero(r.size(), 8);
+        Eigen::Ref<RowMatrix> l(*rows);
+        REQUIRE(model->evaluate(in, columns, r.data(), &l));
+      } else {
+        REQUIRE(model->evaluate(in, columns, r.data(), nullptr));
+      }
+      return r;
+    };
+    RowMatrix rows;
+    const Eigen::Vector2d at_warp(0.002, 0.001);
+    residuals(at_warp, &rows);
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d step = 1e-6 * Eigen::Vector2d::Unit(k);
+      const VectorXd difference =
+          (residuals(at_warp + step, nullptr) - residuals(at_warp - step, nullptr)) / 2e-6;
+      CHECK((difference - rows.col(6 + k)).norm() < 1e-6 * (1 + difference.norm()));
+    }
+  }
 }
