@@ -243,6 +243,7 @@ std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFor
   std::optional<PoseColumns> columns;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
+    if (number == 1 && line.compare(0, 3, "\xEF\xBB\xBF") == 0) line.erase(0, 3);  // of Excel
     const Cells cells = cells_of_line(line);
     if (cells.empty() || (line[0] == '#' && !columns)) continue;
     const std::string where = path + ":" + std::to_string(number);

@@ -583,6 +583,9 @@ class Poses(Case):
         self.assertEqual(lines[0]["views"], [{"sensor": "cam", "target": "board", "image": "images/0001.png"}])
         self.write("p.csv", "0.1 0.2 0.3 0 0 0 1\n0.2 0.2 0.3 0 0 0 1\n")
         self.assertEqual([line["id"] for line in self.lines("p.csv", "--pose-format", "xyzw")], ["pose_001", "pose_002"])
+        self.write("p.csv", "\ufeffimage,x,y,z,rx,ry,rz\r\nb.png,0.1,0.2,0.3,0,0,0\r\n")  # as Excel saves it
+        line = self.lines("p.csv", "--pose-format", "rotvec")[0]
+        self.assertEqual((line["image"], line["joints"]["flange"]["xyz"]), ("b.png", [0.1, 0.2, 0.3]))
         self.write("p.csv", "a.png;100;200;300;0;0;0;1\n")
         line = self.lines("p.csv", "--pose-format", "xyzw", "--unit", "mm")[0]
         self.assertEqual((line["id"], line["image"]), ("a", "a.png"))
