@@ -196,9 +196,7 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
                          ".rows and .columns in the rig, or number the points row by row."
                    : renumber;
       h.undo = [target_index = t.first, layout = std::move(other.layout)](
-                   Rig& r, std::vector<Sample>&) {
-        set_layout(r.targets[target_index], layout);
-      };
+                   Rig& r, std::vector<Sample>&) { set_layout(r.targets[target_index], layout); };
       out.push_back(h);
     }
     for (const Relabeling& r : relabelings) {

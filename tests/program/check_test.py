@@ -903,7 +903,7 @@ UNSEEN = [
     Plant("distortion_freed", "eye", "raw images without distortion in the rig, distortion freed", None, freeing(no_distortion, "sensor/camera/distortion")),
     Plant("rectified_freed", "eye_noisy", "rectified images with distortion in the rig, distortion freed", None, freeing(distortion_twice, "sensor/camera/distortion")),
 ]
-MAY = {"numbering_all": {"numbering"}, "numbering_all_start": {"numbering"}, "swapped_freed": {"swapped-cameras"}, "inverted_freed": {"inverted-pose"}, "last_joint": {"joint-sign"},
+MAY = {"numbering_all": {"numbering"}, "numbering_all_start": {"numbering"}, "swapped_freed": {"swapped-cameras", "baseline"}, "inverted_freed": {"inverted-pose"}, "last_joint": {"joint-sign"},
        "wrist_branch": {"joint-sign", "numbering"}}     # in the other branch the board hangs half a turn round: as if numbered from the other corner
 
 
