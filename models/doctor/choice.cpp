@@ -220,6 +220,11 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     std::vector<Hypothesis> rarer;
     add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
     if (question.by_movement) leave_out_what_moves_nothing(rarer);
+    if (!question.by_movement && !best)
+      if (auto h = unfinished_move(recording, context)) {
+        all.push_back(std::move(*h));
+        try_with_all_samples(all.size() - 1);
+      }
     usual = all.size();
     std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
     for (size_t i : shortlist(recording, context, question, all, usual, all.size()))
