@@ -345,6 +345,7 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
 // a robot that has not come to rest
 namespace {
 
+constexpr size_t kAllSamples = 60;  // so many are all used
 constexpr double kLargestShare = 0.3, kSmallestShare = 0.001, kFirstShare = 0.03;
 
 /// Readings moved by a share of the way to those of the sample after (or before) it.
@@ -368,7 +369,9 @@ std::optional<Hypothesis> unfinished_move(const Recording& recording, const Tria
   const std::vector<Sample>& all = recording.samples;
   const std::vector<int> order = logged_order(all);
   if (order.size() < 3 * kFewest) return std::nullopt;
-  const std::vector<Sample> some = some_samples(recording, context.all.free.size());
+  // (A view tells six numbers, however many its points are: a few samples would not do.)
+  const std::vector<Sample> some =
+      all.size() <= kAllSamples ? all : some_samples(recording, 16 * context.all.free.size());
   double best = 0, least = 0;
   int neighbour = 0;
   for (const int by : {1, -1}) {
