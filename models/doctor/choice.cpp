@@ -197,7 +197,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
                            best && !question.by_movement ? 20 * best->cost : kInfinity};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
-    const double near = best ? equal_within(all[i], all[chosen], i >= usual && chosen < usual) : 1;
+    const double near =
+        best ? equal_within(all[i], all[chosen], (i >= usual) != (chosen >= usual)) : 1;
     const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
     const size_t extra = extras(all[i]) + (i >= usual),
                  fewest = extras(all[chosen]) + (chosen >= usual);
@@ -220,10 +221,19 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     std::vector<Hypothesis> rarer;
     add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
     if (question.by_movement) leave_out_what_moves_nothing(rarer);
+    if (!question.by_movement && !best)
+      if (auto h = unfinished_move(recording, context)) {
+        all.push_back(std::move(*h));
+        try_with_all_samples(all.size() - 1);
+      }
     usual = all.size();
     std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
     for (size_t i : shortlist(recording, context, question, all, usual, all.size()))
       try_with_all_samples(i);
+    // One sign may do what two do, but from a start too far for the first look.
+    if (best && chosen >= usual && all[chosen].id == "joint-sign")
+      for (size_t i = 0; i < common; ++i)
+        if (all[i].id == "joint-sign") try_with_all_samples(i);
   }
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};

@@ -343,6 +343,80 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
 }
 
 // ------------------------------------------------------------------------------------------------
+// a robot that has not come to rest
+namespace {
+
+constexpr size_t kAllSamples = 60;  // so many are all used
+constexpr double kLargestShare = 0.3, kSmallestShare = 0.001, kFirstShare = 0.03;
+
+/// Readings moved by a share of the way to those of the sample after (or before) it.
+ReadingsOf moved_by_share(const std::vector<Sample>& samples, const std::vector<int>& order, int by,
+                          double share) {
+  ReadingsOf out;
+  for (size_t i = 0; i < order.size(); ++i) {
+    const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
+    if (other >= order.size()) continue;
+    std::vector<double> now = samples[order[i]].readings;
+    for (size_t j = 0; j < now.size(); ++j)
+      now[j] += share * (samples[order[other]].readings[j] - now[j]);
+    out[samples[order[i]].id] = std::move(now);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::optional<Hypothesis> unfinished_move(const Recording& recording, const TrialContext& context) {
+  const std::vector<Sample>& all = recording.samples;
+  const std::vector<int> order = logged_order(all);
+  if (order.size() < 3 * kFewest) return std::nullopt;
+  // (A view tells six numbers, however many its points are: a few samples would not do.)
+  const std::vector<Sample> some =
+      all.size() <= kAllSamples ? all : some_samples(recording, 16 * context.all.free.size());
+  double best = 0, least = 0;
+  int neighbour = 0;
+  for (const int by : {1, -1}) {
+    const auto chi2 = [&](double share) {
+      std::vector<Sample> samples = some;
+      replace_readings(recording.rig, moved_by_share(all, order, by, share), samples);
+      if (samples.size() < kFewest) return kInfinity;
+      return best_fit(Recording(recording.rig, std::move(samples)), context, context.all,
+                      {40, 1e-7})
+          .score();
+    };
+    double share = 0, here = chi2(0);
+    const double at_first = here;
+    for (const double h : {kFirstShare, kFirstShare / 5, kFirstShare / 25}) {
+      const double below = chi2(share - h), above = chi2(share + h),
+                   bend = below + above - 2 * here;
+      if (!(std::isfinite(bend) && bend > 0)) break;
+      const double next =
+          std::clamp(share + 0.5 * h * (below - above) / bend, -kLargestShare, kLargestShare);
+      const double there = chi2(next);
+      if (there < here) share = next, here = there;
+    }
+    if (here < 0.8 * at_first && std::abs(share) > kSmallestShare &&
+        (neighbour == 0 || here < least))
+      best = share, least = here, neighbour = by;
+  }
+  if (neighbour == 0) return std::nullopt;
+  auto readings = std::make_shared<ReadingsOf>(moved_by_share(all, order, neighbour, best));
+  if (!keeps_views(recording.rig, all, *readings)) return std::nullopt;
+  Hypothesis h;
+  h.id = "lag";
+  h.where = {"joints"};
+  h.mistake = std::string("the robot moved between readings and views: they differ by ") +
+              text("%.2g %% of the way ", 100 * std::abs(best)) +
+              (neighbour > 0 ? "to the posture of the sample after it"
+                             : "from the posture of the sample before it");
+  h.cure = "Take readings and views at one time, after the robot has come to rest.";
+  h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+    replace_readings(r, *readings, changed);
+  };
+  return h;
+}
+
+// ------------------------------------------------------------------------------------------------
 // links
 namespace {
 

@@ -26,4 +26,8 @@ void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
 /// no lag lowers chi2.
 std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContext& context);
 
+/// Finds by fits by which share of the way to the next sample's posture, or from the last one's,
+/// the robot moved between readings and views. Nothing: no share lowers chi2.
+std::optional<Hypothesis> unfinished_move(const Recording& recording, const TrialContext& context);
+
 }  // namespace kincal

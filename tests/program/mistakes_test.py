@@ -182,6 +182,17 @@ class Readings(Case):
         for name in ("room", "tool"):
             self.one(Scene(name).readings("j2", lambda q: 1.02 * q).check(), "gear", ["j2"], r"moves 0\.98\d* times .* 2 % off|1\.[89]\d* % off")
 
+    def test_a_robot_that_moves_yet(self):
+        scene = Scene("room")
+        for s, after in zip(scene.samples, copy.deepcopy(scene.samples[1:])):
+            s["joints"] = {j: q + 0.01 * (after["joints"][j] - q) for j, q in s["joints"].items()}
+        self.one(scene.check(), "lag", ["joints"], r"by (0\.9\d*|1|1\.\d) % of the way to the posture of the sample after it")
+
+        scene = Scene("room")
+        for s, before in zip(scene.samples[1:], copy.deepcopy(scene.samples)):
+            s["joints"] = {j: q + 0.02 * (before["joints"][j] - q) for j, q in s["joints"].items()}
+        self.one(scene.check(), "lag", ["joints"], r"by (2|2\.\d|1\.9\d*) % of the way from the posture of the sample before it")
+
     def test_a_sign_beside_bad_samples(self):
         scene = Scene("room").readings("j3", lambda q: -q)
         scene.samples[3]["joints"], scene.samples[8]["joints"], scene.samples[15]["joints"] = [scene.samples[k]["joints"] for k in (8, 15, 3)]
