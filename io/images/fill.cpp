@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 #include <sstream>
 
 #include "../../models/rig/targets.h"
@@ -20,6 +21,7 @@
 #include "joint_table.h"
 #include "load.h"
 #include "parallel.h"
+#include "renumber.h"
 
 namespace kincal {
 namespace {
@@ -123,10 +125,12 @@ void put(const ImageTask::Wanted& one, Json& view) {
 }
 
 /// Looks for everything, writes what was found into the samples and drops what was not.
-Filled finish(std::vector<Json>& samples, std::vector<ImageTask>& tasks,
+Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageTask>& tasks,
               const FillOptions& options) {
   work_all(tasks, options);
   Filled out;
+  ImageTargets targets;
+  std::set<std::pair<int, int>> found;  // sample and view
   for (ImageTask& task : tasks) {
     if (!task.image.error.empty()) {
       ++out.unusable;
@@ -142,20 +146,31 @@ Filled finish(std::vector<Json>& samples, std::vector<ImageTask>& tasks,
       }
       ++out.found;
       put(one, view);
+      found.emplace(one.sample, one.view);
+      targets.emplace(one.target->name, *one.target);
     }
   }
-  for (Json& sample : samples) {
+  std::vector<Json> kept;
+  std::set<std::pair<int, int>> filled;  // of those that are kept
+  for (size_t s = 0; s < samples.size(); ++s) {
+    Json& sample = samples[s];
     Json views = Json::array();
-    for (Json& view : sample["views"])
-      if (!view.is_null()) views.push_back(std::move(view));
+    for (size_t v = 0; v < sample["views"].size(); ++v) {
+      if (sample["views"][v].is_null()) continue;
+      if (found.count({static_cast<int>(s), static_cast<int>(v)}))
+        filled.emplace(kept.size(), views.size());
+      views.push_back(std::move(sample["views"][v]));
+    }
     if (views.empty()) {
       out.lost.push_back("sample '" + sample.value("id", "") + "': nothing was found");
       continue;
     }
     sample["views"] = std::move(views);
-    out.text += sample.dump() + "\n";
-    ++out.samples;
+    kept.push_back(std::move(sample));
   }
+  out.notes = renumber(rig, targets, filled, kept);
+  for (const Json& sample : kept) out.text += sample.dump() + "\n";
+  out.samples = static_cast<int>(kept.size());
   return out;
 }
 
@@ -220,7 +235,7 @@ Filled fill_samples(const RigFile& rig, const std::string& path, const FillOptio
     }
   if (tasks.empty())
     throw InputError(path + ": no view of a camera has an `image` and no `pixels`: nothing to do");
-  return finish(samples, tasks, options);
+  return finish(rig, samples, tasks, options);
 }
 
 Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
@@ -260,7 +275,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
     samples.back()["views"] = views;
     tasks.push_back(std::move(task));
   }
-  Filled out = finish(samples, tasks, options);
+  Filled out = finish(rig, samples, tasks, options);
   out.lost.insert(out.lost.begin(), without.begin(), without.end());
   return out;
 }

@@ -24,6 +24,7 @@ struct FillOptions {
 struct Filled {
   std::string text;                // of the samples file
   std::vector<std::string> lines;  // a verdict for each image and target
+  std::vector<std::string> notes;  // about all of them
   int views = 0, found = 0;        // looked for, and found
   int unusable = 0;                // images that cannot be used at all
   int samples = 0;                 // in the text

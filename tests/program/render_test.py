@@ -3,7 +3,8 @@
 Proves: `simulate --render` takes pictures in which `detect` finds every type of target where the simulation says that it is, through every
 lens, also of the right camera of a rectified pair; the pictures' samples have images and no pixels unless asked, joints.csv
 goes with the pictures alone; the same seed gives the same pictures for any number of threads; what cannot be is said, and without
-kincal-render what to install. Of one robot with a board on the table: from pictures to a calibration that is right against the truth.
+kincal-render what to install. The arm of examples/arm goes from pictures to a calibration that is right against the truth. Boards that look the
+same from several sides are numbered alike in all pictures, as the joint readings say.
 """
 
 import json
@@ -159,6 +160,87 @@ class Files(Case):
         self.assertFalse(os.path.exists(os.path.join(self.dir, "sim")))
 
 
+class Arm(Case):
+    """The arm of examples/arm takes other pictures."""
+
+    def setUp(self):
+        super().setUp()
+        self.arm = os.path.join(SOURCE_DIR, "examples", "arm")
+        shutil.copy(os.path.join(self.arm, "robot.urdf"), self.dir)
+        with open(os.path.join(self.arm, "rig.yaml")) as f:
+            self.rig = f.read()
+
+    def simulate(self, seed, *more):
+        self.run_it("simulate", "rig.yaml", "--samples", "16", "--seed", seed, "--truth", os.path.join(self.arm, "truth.json"),
+                    "--postures", os.path.join(self.arm, "postures.jsonl"), "--out", "sim", "--render", "images", "--force", *more)
+
+    def detect(self, *more):
+        self.run_it("detect", "rig.yaml", "images", "--out", "found.jsonl", "--force", *more)
+
+
+class Calibrated(Arm):
+    def test_from_pictures_to_the_truth(self):
+        self.write("rig.yaml", self.rig)
+        self.simulate("11", "--image-noise", "0.4", "--blur", "0.7", "--background", "gradient")
+        self.detect("--joints", "sim/joints.csv")
+        self.run_it("check", "rig.yaml", "found.jsonl")
+        self.assertIn("Nothing found", self.out)
+        self.run_it("calibrate", "rig.yaml", "found.jsonl", "--out", "result")
+        with open(os.path.join(self.dir, "result", "result.json")) as f:
+            result = json.load(f)
+        self.assertTrue(0.6 < result["chi2_data"] / result["dof_data"] < 1.5, result["chi2_data"] / result["dof_data"])
+        for name, true in (("lift", -0.0121), ("bend", 0.0163), ("forearm_roll", 0.0087), ("wrist_bend", -0.0142)):
+            found = result["parameters"]["joint/%s/offset" % name]
+            value, sigma = numpy.ravel(found["value"])[0], numpy.ravel(found["sigma"])[0]
+            self.assertLess(abs(value - true), 4 * sigma, name)
+            self.assertLess(sigma, 0.001)
+
+
+class Numbering(Arm):
+    """Boards that look the same from several sides, seen by a camera that rolls all around."""
+
+    def board(self, rows, columns, mount="{link: base}"):
+        head, rest = self.rig.split("    type: charuco")
+        rest = rest.split("    mount: {link: base}")[1]
+        text = "    type: chessboard\n    rows: %d\n    columns: %d\n    square: 0.03\n    mount: %s" % (rows, columns, mount)
+        self.write("rig.yaml", head + text + rest)
+
+    def turns(self, rows, columns):
+        """Quarter turns of each view from how the simulation numbers it."""
+        true = {s["id"]: s["views"][0] for s in self.samples("sim/samples.jsonl")}
+        grid, out = numpy.arange(rows * columns).reshape(rows, columns), []
+        for s in self.samples("found.jsonl"):
+            pixels, there = (numpy.array(v["pixels"]) for v in (s["views"][0], true[s["id"]]))
+            errors = {q: numpy.abs(pixels - there[numpy.rot90(grid, q).ravel()]).max() for q in range(4) if rows == columns or q % 2 == 0}
+            out.append(min(errors, key=errors.get))
+            self.assertLess(min(errors.values()), 0.5)
+        self.assertGreater(len(out), 11)
+        return set(out)
+
+    def test_views_agree_with_the_joints(self):
+        for rows, columns in ((5, 7), (6, 6), (5, 5)):
+            with self.subTest(rows=rows, columns=columns):
+                self.board(rows, columns)
+                self.simulate("3", "--pixels")
+                self.detect()
+                self.assertGreater(len(self.turns(rows, columns)), 1)
+                self.assertIn("no joint readings", self.out)
+                self.detect("--joints", "sim/joints.csv")
+                self.assertEqual(len(self.turns(rows, columns)), 1)
+                self.assertIn("views were turned", self.out)
+
+    def test_a_given_board_decides_the_rest(self):
+        self.board(6, 6, "{link: base, pose: {xyz: [0.47, 0.13, 0.02], rpy: [3.13, 0, 0.35]}}")
+        with open(os.path.join(self.arm, "truth.json")) as f:
+            truth = json.load(f)["parameters"]
+        self.write("truth.json", json.dumps({"parameters": {k: v for k, v in truth.items() if not k.startswith("target")}}))
+        self.arm, arm = self.dir, self.arm
+        shutil.copy(os.path.join(arm, "postures.jsonl"), self.dir)
+        self.simulate("3", "--pixels")
+        self.detect("--joints", "sim/joints.csv")
+        self.assertEqual(self.turns(6, 6), {0})
+
+
 class Missing(Case):
     def test_the_program_says_what_to_install(self):
         alone = os.path.join(self.dir, "kincal")
@@ -170,5 +252,5 @@ class Missing(Case):
 
 
 if __name__ == "__main__":
-    SOURCE_DIR, KINCAL = sys.argv[1], os.path.abspath(sys.argv[2])
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
     unittest.main(argv=sys.argv[:1] + sys.argv[3:])
