@@ -84,6 +84,11 @@ std::string intrinsics_table(const Rig& rig, const IntrinsicsResult& result) {
                   camera.held_out->median);
     out += text("\nCorners over the image (%.0f x %.0f px)\n", camera.image.x(), camera.image.y()) +
            grid_text(camera.coverage, "%.0f");
+    const auto empty =
+        std::count(camera.coverage.values.begin(), camera.coverage.values.end(), 0.0);
+    if (empty > 0)
+      out += text("%ld of %zu parts of the image have no corners: the lens is extrapolated there\n",
+                  static_cast<long>(empty), camera.coverage.values.size());
     out += text("\nSigma in px of where a point appears at %.3g m, the boards' distance\n",
                 camera.distance) +
            grid_text(camera.near, "%.2g") + "and far away\n" + grid_text(camera.far, "%.2g");

@@ -162,10 +162,10 @@ std::string picture(const Sensor& sensor, const IntrinsicsGroup& group,
                     const CameraIntrinsics& camera, double top, double& height) {
   const double scale = 640 / camera.image.x();
   height = camera.image.y() * scale;
-  std::string out = text("<g transform='translate(10 %.1f)'>\n<text y='-8'>", top) +
-                    escaped(sensor.name) +
-                    text(": %ld corners; sigma in px of a point at %.3g m</text>\n", camera.points,
-                         camera.distance);
+  std::string labels, out = text("<g transform='translate(10 %.1f)'>\n<text y='-8'>", top) +
+                            escaped(sensor.name) +
+                            text(": %ld corners; sigma in px of a point at %.3g m</text>\n",
+                                 camera.points, camera.distance);
   const Grid& grid = camera.coverage;
   const double w = 640.0 / grid.columns, h = height / grid.rows;
   for (int r = 0; r < grid.rows; ++r)
@@ -174,8 +174,8 @@ std::string picture(const Sensor& sensor, const IntrinsicsGroup& group,
       out += text("<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='%s'/>\n", c * w, r * h,
                   w, h, grid.values[i] > 0 ? "#fff" : "#f4c7c3");
       if (std::isfinite(camera.near.values[i]))
-        out += text("<text x='%.1f' y='%.1f' class='s'>%.2g</text>\n", (c + 0.5) * w,
-                    (r + 0.5) * h + 4, camera.near.values[i]);
+        labels += text("<text x='%.1f' y='%.1f' class='s'>%.2g</text>\n", (c + 0.5) * w,
+                       (r + 0.5) * h + 4, camera.near.values[i]);
     }
   for (const Sample& sample : group.solution.samples())
     for (const View& view : sample.views) {
@@ -185,7 +185,7 @@ std::string picture(const Sensor& sensor, const IntrinsicsGroup& group,
                     (view.z[k + 1] + 0.5) * scale);
       out += "\n";
     }
-  return out + "</g>\n";
+  return out + labels + "</g>\n";
 }
 
 std::string coverage_svg(const Rig& rig, const IntrinsicsResult& result) {
@@ -199,8 +199,9 @@ std::string coverage_svg(const Rig& rig, const IntrinsicsResult& result) {
              "<svg xmlns='http://www.w3.org/2000/svg' width='660' height='%.0f' "
              "font-family='sans-serif' font-size='13'>\n",
              top) +
-         "<style>rect{stroke:#999;stroke-width:.5}circle{fill:#1a73e8}"
-         ".s{text-anchor:middle;font-size:12px}</style>\n" +
+         "<style>rect{stroke:#999;stroke-width:.5}circle{fill:#1a73e8;fill-opacity:.6}"
+         ".s{text-anchor:middle;font-size:12px;stroke:#fff;stroke-width:3;paint-order:stroke}</"
+         "style>\n" +
          body + "</svg>\n";
 }
 
