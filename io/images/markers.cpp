@@ -19,13 +19,16 @@ using Markers = std::multimap<int, Quad>;
 using Places = std::vector<cv::Point2d>;
 
 /// All that are seen whole. A number may be there twice: what else looks like a code.
-Markers find_markers(const cv::Mat& image, int dictionary, int border) {
+/// `darker`: by how many grey levels than what is around it is ink.
+Markers find_markers(const cv::Mat& image, int dictionary, int border, double darker = 7) {
   const auto parameters = cv::aruco::DetectorParameters::create();
   parameters->markerBorderBits = border;
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;
   parameters->minMarkerPerimeterRate = 0.02;
   parameters->adaptiveThreshWinSizeMax = 43;  // wide windows part tags from squares that touch them
   parameters->adaptiveThreshWinSizeStep = 4;
+  if (border > 1) parameters->perspectiveRemoveIgnoredMarginPerCell = 0.3;  // blurred by neighbours
+  parameters->adaptiveThreshConstant = darker;
   std::vector<std::vector<cv::Point2f>> corners;
   std::vector<int> ids;
   cv::aruco::detectMarkers(image, cv::aruco::getPredefinedDictionary(dictionary), corners, ids,
@@ -225,13 +228,22 @@ Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
 Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
   int border = 2;  // Kalibr's; a grid of plain tags has 1
   Markers tags = find_markers(image, target.dictionary, border);
-  // Small tags are read better in a bigger picture, where contours have finer corners.
+  // Small tags are read better in a bigger picture, where contours have finer corners; blur joins
+  // tags and the squares at their corners, which a darker threshold parts.
+  const auto add = [&](const cv::Mat& picture, int scale, double darker) {
+    const cv::Point2d half(0.5, 0.5);
+    Markers more;
+    for (auto one : find_markers(picture, target.dictionary, border, darker)) {
+      for (cv::Point2d& p : one.second) p = (p + half) / scale - half;
+      if (!tags.count(one.first)) more.insert(one);
+    }
+    tags.insert(more.begin(), more.end());
+  };
   cv::Mat bigger;
   cv::resize(image, bigger, {}, 2, 2, cv::INTER_CUBIC);
-  for (auto one : find_markers(bigger, target.dictionary, border)) {
-    for (cv::Point2d& p : one.second) p = 0.5 * (p + cv::Point2d(0.5, 0.5)) - cv::Point2d(0.5, 0.5);
-    if (!tags.count(one.first)) tags.insert(one);
-  }
+  add(bigger, 2, 7);
+  add(image, 1, 20);
+  add(bigger, 2, 20);
   const Markers plain = find_markers(image, target.dictionary, 1);
   if (plain.size() > tags.size()) tags = plain, border = 1;
   for (auto one = tags.begin(); one != tags.end();)
