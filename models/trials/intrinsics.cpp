@@ -19,8 +19,8 @@
 namespace kincal {
 namespace {
 
-constexpr int kFewestPoints = 4;              // of a view: fewer determine no pose
-constexpr double kParallel = 10 * kPi / 180;  // all boards within this angle: nearly parallel
+constexpr int kFewestPoints = 4;                   // of a view: fewer determine no pose
+constexpr double kParallelViews = 10 * kPi / 180;  // all boards within this angle: nearly parallel
 constexpr double kSpoilt = 1.5;  // px; noise beyond it comes of mistakes, not of detection
 
 bool has_lens(const Sensor& sensor) {
@@ -411,7 +411,7 @@ void add_notes(const Rig& rig, const IntrinsicsGroup& group, const CameraIntrins
                              "%ld view%s; a flat board tells two of the four intrinsics in each "
                              "view: show it at least three times, turned differently",
                              camera.views, camera.views == 1 ? "" : "s")
-      : camera.tilt < kParallel
+      : camera.tilt < kParallelViews
           ? text(
                 "The boards of all views are parallel within %.2g degrees, so that the focal "
                 "length goes with their distance: tilt the board by 20 to 45 degrees, to all sides",
