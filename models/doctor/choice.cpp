@@ -108,7 +108,7 @@ bool explains(const Rig& rig, const Question& question, const Hypothesis& h, con
     return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
   if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
-  if (h.gear >= 0 && !(t.fit.per_dof() < Thresholds::noise && is_gear(gear_found(rig, h, t))))
+  if (h.gear >= 0 && !(t.fit.per_dof() < Thresholds::clean && is_gear(gear_found(rig, h, t))))
     return false;
   const double cost =
       h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost / (h.shrinks * h.shrinks);
