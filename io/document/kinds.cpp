@@ -153,34 +153,24 @@ std::optional<Likeness> other_programs(std::string_view text) {
   } kKnown[] = {
       {{"camera_matrix:", "image_width:"},
        "this is a camera_info of ROS (the lens of one camera)",
-       "a rig has it under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
-       "image_size: [image_width, image_height], intrinsics: [fx, fy, cx, cy] (1st, 5th, 3rd and "
-       "6th of camera_matrix.data), distortion: [...] (distortion_coefficients.data)}; "
-       "`kincal init robot.urdf --sensor camera:LINK --intrinsics FX,FY,CX,CY --image-size WxH` "
-       "writes a first one"},
+       "`kincal import` puts it into a rig (import FILE --rig RIG --sensor NAME --out NEW_RIG), "
+       "`kincal init` makes a first one"},
       {{"distortion_model:", "K:", "D:"},
        "this is a camera_info message of ROS (the lens of one camera)",
-       "a rig has it under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
-       "image_size: [width, height], intrinsics: [fx, fy, cx, cy] (1st, 5th, 3rd and 6th of K), "
-       "distortion: [...] (D)}; `kincal init robot.urdf --sensor camera:LINK --intrinsics "
-       "FX,FY,CX,CY --image-size WxH` writes a first one"},
+       "`kincal import` puts it into a rig (import FILE --rig RIG --sensor NAME --out NEW_RIG), "
+       "`kincal init` makes a first one"},
       {{"!!opencv-matrix"},
        "this is a file of OpenCV (FileStorage)",
-       "a rig has a lens under sensors: NAME: {type: camera, link: LINK, model: brown_conrady, "
-       "image_size: [width, height], intrinsics: [fx, fy, cx, cy], distortion: [k1, k2, p1, p2, "
-       "k3]}; `kincal init robot.urdf --sensor camera:LINK --intrinsics FX,FY,CX,CY --image-size "
-       "WxH` writes a first one"},
+       "`kincal import` puts the lens of such a file into a rig (import FILE --rig RIG --sensor "
+       "NAME --out NEW_RIG), `kincal init` makes a first one"},
       {{"cam0:", "camera_model:", "intrinsics:"},
        "this is a camchain of Kalibr",
-       "a rig has each camera under sensors: NAME: {type: camera, link: LINK, model: "
-       "brown_conrady (radtan, with a fifth number 0) or kannala_brandt (equidistant), image_size: "
-       "resolution, intrinsics: ..., distortion: distortion_coeffs}; T_cn_cnm1 is what kincal "
-       "estimates. `kincal init robot.urdf --sensor camera:LINK` writes a first one"},
+       "`kincal import` puts one of its cameras into a rig (import FILE --camera cam0 --rig RIG "
+       "--sensor NAME --out NEW_RIG), `kincal init` makes a first one"},
       {{"target_type:"},
        "this is a target of Kalibr",
-       "a rig has it under targets: NAME: {type: apriltag_grid, rows: tagRows, columns: tagCols, "
-       "tag: tagSize, spacing: tagSpacing, mount: free or {link: LINK}} (chessboards: {type: "
-       "chessboard, rows: targetRows, columns: targetCols, square: rowSpacingMeters})"},
+       "`kincal import` puts it into a rig (import FILE --rig RIG --target NAME --out NEW_RIG), "
+       "`kincal init` makes a first one"},
       {{"eye_on_hand:", "transformation:"},
        "this is a result of easy_handeye (one pose)",
        "a rig has such a pose as a sensor's or target's, pose: {xyz: [x, y, z], quat: [qx, qy, qz, "
@@ -259,6 +249,7 @@ std::string cure_of(const Likeness& looks, Wanted wanted) {
 void refuse_other_kinds(const std::string& text, const std::string& path, Wanted wanted) {
   const std::optional<Likeness> looks = likeness(std::string_view(text).substr(0, kLooked));
   if (!looks || looks->is == wanted) return;
+  if (wanted == Wanted::foreign && has(looks->cure, "kincal import")) return;
   if (looks->is == Wanted::samples && wanted == Wanted::postures) return;  // the same keys
   const std::string cure = cure_of(*looks, wanted);
   throw InputError(path + ": " + looks->what + ", no " + name_of(wanted) +

@@ -353,7 +353,7 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
                    [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
   // A fit that proves how an image is wrong says why points lie outside of it.
   const auto says = [](const Finding& g, const Finding& f) {
-    return g.id == f.id || (f.id == "baseline" && g.id == "swapped-cameras") ||
+    return g.id == f.id || (f.id == "baseline" && g.id != "sigma" && g.id != "bad-samples") ||
            (f.id == "outside-image" && (g.id == "resolution" || g.id == "exchanged-axes" ||
                                         g.id == "intrinsics" || g.id == "swapped-cameras"));
   };

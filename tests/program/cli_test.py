@@ -687,7 +687,7 @@ class WrongKinds(Case):
         matrix = "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [900, 0, 640, 0, 900, 480, 0, 0, 1]\n"
         for name, text, words in (
                 ("camera.yaml", "image_width: 1280\nimage_height: 960\ncamera_name: left\n" + matrix + "distortion_model: plumb_bob\n",
-                 ("a camera_info of ROS", "no rig", "intrinsics: [fx, fy, cx, cy]", "kincal init")),
+                 ("a camera_info of ROS", "no rig", "--sensor NAME --out NEW_RIG", "kincal init")),
                 ("echo.yaml", "header:\n  seq: 0\nheight: 960\nwidth: 1280\ndistortion_model: 'plumb_bob'\nD: [0.1, 0, 0, 0, 0]\nK: [900, 0, 640]\n",
                  ("a camera_info message of ROS", "no rig", "kincal init")),
                 ("opencv.yml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n", ("a file of OpenCV", "no rig", "intrinsics:")),
