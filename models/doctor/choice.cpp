@@ -142,12 +142,12 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
       order.push_back({t.fit.per_dof() / return_of_movement(question.now, t.fit), i});
   }
   std::sort(order.begin(), order.end());
-  // Numberings of a board whose pose is free are all as good: each is looked at.
-  constexpr size_t kFew = 4, kAsGood = 8;
-  const auto as_good = static_cast<size_t>(
-      std::count_if(order.begin(), order.end(),
-                    [&](const auto& o) { return o.first < 1.2 * order.front().first; }));
-  order.resize(std::min({order.size(), std::max(kFew, as_good), kAsGood}));
+  // Numberings of a board whose pose is free are all as good: of such the likelier ones come first.
+  const auto worse = std::find_if(order.begin(), order.end(), [&](const auto& o) {
+    return o.first > 1.02 * order.front().first;
+  });
+  std::sort(order.begin(), worse, [](const auto& a, const auto& b) { return a.second < b.second; });
+  if (order.size() > 4) order.resize(4);
   std::vector<size_t> out;
   for (const auto& o : order) out.push_back(o.second);
   return out;

@@ -353,11 +353,17 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
                    [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
   // A fit that proves how an image is wrong says why points lie outside of it.
   const auto says = [](const Finding& g, const Finding& f) {
-    return g.id == f.id || (f.id == "baseline" && g.id != "sigma" && g.id != "bad-samples") ||
+    return g.id == f.id ||
            (f.id == "outside-image" && (g.id == "resolution" || g.id == "exchanged-axes" ||
                                         g.id == "intrinsics" || g.id == "swapped-cameras"));
   };
+  // Nor do cameras whose images are wrong see a baseline as it is.
+  const auto wrong_images = [](const Finding& g) {
+    return g.id == "mirrored" || g.id == "swapped-cameras" || g.id == "exchanged-axes" ||
+           g.id == "resolution" || g.id == "intrinsics" || g.id == "normalised";
+  };
   const auto named = [&](const Finding& f, const Finding& g) {
+    if (f.id == "baseline" && wrong_images(g)) return true;
     return says(g, f) && std::any_of(f.where.begin(), f.where.end(), [&](const std::string& w) {
              return std::count(g.where.begin(), g.where.end(), w) > 0;
            });

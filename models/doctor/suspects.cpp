@@ -264,13 +264,15 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
       "Leave these points out where they were detected, or let calibrate do it (--reject), or "
       "give the steps a loss that bears them (loss: {huber: 3}; {cauchy: 3, scale: data} "
       "where many are far off).";
-  h.undo = [out](Rig&, std::vector<Sample>& all) {
+  h.undo = [out](Rig& rig, std::vector<Sample>& all) {
+    const auto emptied = [&](const View& v) {
+      return v.ids.empty() && !rig.sensors[v.sensor].model->measures_pose();
+    };
     for (Sample& sample : all) {
       for (size_t v = 0; v < sample.views.size(); ++v)
         if (const auto p = out.find({sample.id, static_cast<int>(v)}); p != out.end())
           leave_out(p->second, sample.views[v]);
-      sample.views.erase(std::remove_if(sample.views.begin(), sample.views.end(),
-                                        [](const View& v) { return v.ids.empty() && v.z.empty(); }),
+      sample.views.erase(std::remove_if(sample.views.begin(), sample.views.end(), emptied),
                          sample.views.end());
     }
   };
