@@ -46,7 +46,7 @@ struct Joint {
   std::optional<Mimic> mimic;
   double lower = 0, upper = 0;  // limits, rad or m; lower == upper: none given
   PoseAxis axis_of_pose = PoseAxis::none;
-  int floating = -1;   // of an axis of a pose: the floating joint
+  int floating = -1;    // of an axis of a pose: the floating joint
   int first_axis = -1;  // of a floating joint that is opened: its first axis
 
   /// True if the joint has one degree of freedom, which this module can walk.

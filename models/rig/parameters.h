@@ -41,8 +41,8 @@ struct Parameter {
   int replaced_by = -1;  // of a pose: the joint's origin that is calibrated in its place (the rig's
                          // `mount`), so that no name or glob means it
 
-  /// True for the numbers of what carries a floating joint's pose: they are no unknowns, and no name
-  /// or glob means them.
+  /// True for the numbers of what carries a floating joint's pose: they are no unknowns, and no
+  /// name or glob means them.
   bool hidden() const { return name.empty(); }
   int size() const { return static_cast<int>(components.size()); }
   std::string component_name(int c) const {

@@ -437,7 +437,8 @@ TEST_CASE("prefixes, case and what stands between words do not hide a name", "[d
                                                "joint/j2/origin", "sensor/cam/pose"};
   CHECK(nearest_names("j2", parameters) == "; nearest: joint/j2/offset, joint/j2/origin");
   CHECK(nearest_names("offset/j2", parameters) == "; nearest: joint/j2/offset");
-  CHECK_THAT(nearest_names("J2.offset", parameters), Catch::StartsWith("; nearest: joint/j2/offset"));
+  CHECK_THAT(nearest_names("J2.offset", parameters),
+             Catch::StartsWith("; nearest: joint/j2/offset"));
   CHECK(nearest_names("laser", joints).empty());
   CHECK(nearest_names("2", joints).empty());
   CHECK(nearest_names("a_1", joints).empty());
