@@ -54,6 +54,7 @@ int calibrate(const CalibrateArguments& a) {
   else if (!a.quiet)
     std::cout << report_text(report, files) << "\nWritten to " << a.out
               << (report.verdict.use == "no" ? ""
+                  : files.robot_urdf.empty() ? ": rig.yaml has what was found"
                                              : ": robot.urdf is the calibrated robot, rig.yaml the "
                                                "rig that goes with it")
               << "\n"

@@ -1,4 +1,5 @@
 // `kincal simulate`: samples with known truth from a rig, and pictures of them.
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <set>
@@ -179,7 +180,10 @@ int simulate(const SimulateArguments& a) {
   std::vector<std::pair<std::string, std::string>> files;
   ImageNames images;
   if (!program.empty()) images = name_images(a, rig_file.rig, simulation.samples);
-  if (!program.empty()) files.emplace_back("joints.csv", images.table);
+  const std::vector<Joint>& joints = rig_file.rig.tree.joints;
+  const bool poses = std::any_of(joints.begin(), joints.end(),  // they are no columns of numbers
+                                 [](const Joint& joint) { return joint.first_axis >= 0; });
+  if (!program.empty() && !poses) files.emplace_back("joints.csv", images.table);
   files.emplace_back("samples.jsonl", samples_text(rig_file.rig, simulation.samples, images.paths));
   files.emplace_back("truth.json", truth_text(rig_file.rig, table, simulation));
   begin_writing();
@@ -188,7 +192,7 @@ int simulate(const SimulateArguments& a) {
   for (const auto& v : views)
     std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
   std::printf("\nWritten to %s: samples.jsonl, truth.json%s\n", a.out.c_str(),
-              program.empty() ? "" : ", joints.csv");
+              program.empty() || poses ? "" : ", joints.csv");
   if (!program.empty()) take_pictures(program, a);
   return kConverged;
 }

@@ -106,6 +106,31 @@ void warn_of_few_data(const Solution& solution, Warnings& out) {
                    {}});
 }
 
+void warn_of_repetition(const Recording& recording, Warnings& out) {
+  const std::vector<JointSettings>& joints = recording.rig.joints;
+  const size_t samples = recording.training().size(), postures = count_postures(recording);
+  const bool unknown = std::any_of(joints.begin(), joints.end(),
+                                   [](const JointSettings& j) { return j.noise_unknown; });
+  if (unknown && has_few_poses(recording))
+    out.push_back(
+        {"few_poses",
+         text("%d poses do not tell how noisy they are: %.3g mm and %.3g mrad are taken. "
+              "Record at least %d, or state their sigma in the rig (joints)",
+              static_cast<int>(postures), 1e3 * kFewPosesNoise, 1e3 * kFewPosesNoise, kFewPoses),
+         {}});
+  const bool noisy =
+      std::any_of(joints.begin(), joints.end(), [](const JointSettings& j) { return j.sigma > 0; });
+  if (noisy && postures > 1 && 2 * samples > 3 * postures)
+    out.push_back(
+        {"repeated",
+         text("%d samples were taken at %d postures, by readings that are exactly equal. "
+              "Each counts as if it had errors of its own, so sigmas may be %.1f times too "
+              "small: let the robot move between samples",
+              static_cast<int>(samples), static_cast<int>(postures),
+              std::sqrt(static_cast<double>(samples) / static_cast<double>(postures))),
+         {}});
+}
+
 void warn_of_unseen(const Solution& solution, Warnings& out) {
   const UnseenPoses unseen = unseen_poses(solution);
   std::set<int> held_out;

@@ -13,6 +13,8 @@ namespace kincal {
 void warn_of_input(const std::vector<Finding>& input, Warnings& out);
 /// Warns where the unknowns without a prior are as many as what could determine them, or more.
 void warn_of_few_data(const Solution& solution, Warnings& out);
+/// Warns of poses that are too few to tell their noise, and of readings that are exactly repeated.
+void warn_of_repetition(const Recording& recording, Warnings& out);
 /// Warns of bodies that no training sample shows.
 void warn_of_unseen(const Solution& solution, Warnings& out);
 /// Warns of priors on numbers that no calibration estimated, because nothing depends on them.

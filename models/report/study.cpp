@@ -135,6 +135,15 @@ bool lower_unknown(const std::vector<NoiseLevel>& levels, Rig& rig) {
   return any;
 }
 
+/// Few poses do not tell how noisy they are: more noise than is usual is assumed then, and said.
+std::shared_ptr<const Recording> with_few_poses(const std::shared_ptr<const Recording>& given) {
+  Rig rig = given->rig;
+  bool any = false;
+  for (JointSettings& joint : rig.joints)
+    if (joint.noise_unknown && has_few_poses(*given)) joint.sigma = kFewPosesNoise, any = true;
+  return any ? make_recording(std::move(rig), given->samples) : given;
+}
+
 double first_sigma(const Rig& rig, const NoiseLevel& level) {
   return level.joint >= 0 ? rig.joints[level.joint].sigma
                           : rig.sensors[level.sensor].sigma[level.first];
@@ -233,7 +242,8 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
                          reading_errors < kReadingErrors;
   const std::vector<JointSettings>& joints = report.solution.rig().joints;
-  const bool unknown = std::any_of(joints.begin(), joints.end(),
+  const bool unknown = !has_few_poses(*report.solution.recording) &&
+                       std::any_of(joints.begin(), joints.end(),
                                    [](const JointSettings& joint) { return joint.noise_unknown; });
   if (!report.solution.usable() || (as_stated && !unknown) || ratio > kMistaken ||
       options.estimate_noise ||
@@ -297,6 +307,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (ended(report.solution)) return recording;
   }
   if (automatic) {
+    left = with_few_poses(left);
     AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
     const double reading_errors = found.reading_errors;
     take(std::move(found), report);

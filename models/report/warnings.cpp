@@ -373,7 +373,8 @@ std::string doubted_gears(const Report& report) {
     if (group.name == "gears") return "";
   std::string list;
   for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.assumed > 0 && level.used >= kNoisy * level.assumed)
+    if (level.joint >= 0 && level.assumed > 0 && level.used >= kNoisy * level.assumed &&
+        report.solution.rig().tree.joints[level.joint].has_reading())
       list +=
           (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
   return list.empty() ? ""
@@ -494,14 +495,15 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged",  "unobservable", "unexplained",     "implausible",
-      "outside_image",  "duplicates",   "few_data",        "undefined",
-      "outlier_sample", "outlier_view", "outlier_point",   "no_consensus",
-      "chi2",           "joint_error",  "joint_noise",     "noise",
-      "prior",          "sigma",        "minima",          "given_pose",
-      "rescaled",       "no_start",     "ambiguous_start", "moved",
-      "identity",       "unfinished",   "joint_model",     "no_effect",
-      "last_zero",      "base_frame",   "unused_prior",    "undefined_before"};
+      "not_converged",  "unobservable",    "unexplained",     "implausible",
+      "outside_image",  "duplicates",      "few_data",        "undefined",
+      "outlier_sample", "outlier_view",    "outlier_point",   "no_consensus",
+      "chi2",           "joint_error",     "joint_noise",     "noise",
+      "prior",          "sigma",           "minima",          "given_pose",
+      "rescaled",       "no_start",        "ambiguous_start", "moved",
+      "identity",       "unfinished",      "joint_model",     "no_effect",
+      "few_poses",      "repeated",        "last_zero",       "base_frame",
+      "unused_prior",   "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -528,6 +530,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_starts(report.solution, out);
   warn_of_input(report.input, out);
   warn_of_few_data(report.solution, out);
+  warn_of_repetition(*report.solution.recording, out);
   warn_of_unseen(report.solution, out);
   warn_of_unused_priors(report.solution, out);
   warn_of_undefined(report.residuals, out);

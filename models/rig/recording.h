@@ -2,7 +2,9 @@
 // and targets, everything about it that could be estimated, and what was logged.
 #pragma once
 
+#include <cmath>
 #include <memory>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -32,6 +34,25 @@ struct Recording {
 
 inline std::shared_ptr<const Recording> make_recording(Rig rig, std::vector<Sample> samples) {
   return std::make_shared<const Recording>(std::move(rig), std::move(samples));
+}
+
+/// Returns how many different readings the training samples have.
+inline size_t count_postures(const Recording& recording) {
+  std::set<std::vector<double>> readings;
+  for (const int i : recording.training()) {
+    std::vector<double> one = recording.samples[i].readings;
+    for (double& reading : one)
+      if (std::isnan(reading)) reading = 0;  // absent; NaN has no order
+    readings.insert(std::move(one));
+  }
+  return readings.size();
+}
+
+/// Poses of which fewer are there do not tell how noisy they are; what is assumed then, m and rad.
+constexpr int kFewPoses = 8;
+constexpr double kFewPosesNoise = 1e-3;
+inline bool has_few_poses(const Recording& recording) {
+  return count_postures(recording) < static_cast<size_t>(kFewPoses);
 }
 
 }  // namespace kincal

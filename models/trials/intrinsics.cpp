@@ -426,6 +426,16 @@ void add_notes(const Rig& rig, const IntrinsicsGroup& group, const CameraIntrins
     notes.push_back({"noise", name + text("corners are off by %.3g px: wrong corners, a board that "
                                           "is not as the rig has it, or a lens unlike %s",
                                           camera.noise, camera.model->name.c_str())});
+  long outside = 0;
+  for (const View* view : views_of(group.solution.samples(), camera.sensor))
+    for (size_t i = 0; i + 1 < view->z.size(); i += 2)
+      outside += !(view->z[i] >= -0.5 && view->z[i] <= given.image_width - 0.5 &&
+                   view->z[i + 1] >= -0.5 && view->z[i + 1] <= given.image_height - 0.5);
+  if (given.image_width > 0 && outside > 0)
+    notes.push_back(
+        {"image_size", name + text("%ld of %ld corners lie outside of the image of %d x "
+                                   "%d px that the rig states: correct image_size",
+                                   outside, camera.points, given.image_width, given.image_height)});
   if (given.image_width <= 0)
     notes.push_back({"image_size", name + text("the rig has no image_size; %.0f x %.0f px, as far "
                                                "as corners were seen, is taken for the image",

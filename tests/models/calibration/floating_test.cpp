@@ -4,6 +4,7 @@
 // are found, in the hand and in the room, and are as far off as the covariance says, with exact and
 // with noisy poses; noise of the poses that nobody states is found. Not proved: images (tests of
 // the program), and robots whose poses are wrong in a systematic way.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -53,4 +54,26 @@ TEST_CASE("flange poses: noise that nobody states is found, and zero where it sa
     CHECK(joints[first + 2].sigma == joints[first].sigma);
     CHECK(report.solution.chi2_per_dof() == Approx(1).margin(0.15));
   }
+}
+
+TEST_CASE(
+    "flange poses: a few do not tell their noise, and pictures at one posture are no postures") {
+  const auto has = [](const Report& report, const std::string& id) {
+    return std::any_of(report.warnings.begin(), report.warnings.end(),
+                       [&](const Warning& w) { return w.id == id; });
+  };
+  for (const int count : {4, 12}) {
+    Truth truth(Cell{true, 1e-3, 1e-3, false}, 7);
+    const fixture::FlangeInput input = fixture::read(truth, count);
+    const Report report = fixture::study_of(input.rig, input.samples);
+    const int first = input.rig.tree.joints[0].first_axis + kPoseAxes;
+    CHECK(has(report, "few_poses") == (count < 8));
+    CHECK_FALSE(has(report, "repeated"));
+    if (count < 8) CHECK(report.solution.rig().joints[first].sigma == kFewPosesNoise);
+  }
+  Truth truth(Cell{true, 1e-3, 1e-3}, 8);
+  fixture::FlangeInput input = fixture::read(truth, 12);
+  for (size_t i = 0; i < input.samples.size(); ++i)
+    input.samples[i].readings = input.samples[i / 2 * 2].readings;
+  CHECK(has(fixture::study_of(input.rig, input.samples), "repeated"));
 }
