@@ -91,6 +91,17 @@ struct PoseColumns {
   std::vector<int> numbers;  // of the format, in its order
 };
 
+/// The format whose columns these are, in whatever order; null: none.
+const PoseFormat* format_of(Cells names) {
+  std::sort(names.begin(), names.end());
+  for (const PoseFormat& format : pose_formats()) {
+    Cells columns = format.columns;
+    std::sort(columns.begin(), columns.end());
+    if (columns == names) return &format;
+  }
+  return nullptr;
+}
+
 PoseColumns columns_of_header(const Cells& header, const PoseFormat& format,
                               const std::string& where) {
   PoseColumns out;
@@ -111,7 +122,15 @@ PoseColumns columns_of_header(const Cells& header, const PoseFormat& format,
   for (const std::string& column : format.columns)
     for (int i : others)
       if (lower(header[i]) == column) out.numbers.push_back(i);
-  if (out.numbers.size() != format.columns.size()) out.numbers = others;  // by their order
+  Cells names;
+  for (int i : others) names.push_back(lower(header[i]));
+  if (out.numbers.size() != format.columns.size()) {
+    if (const PoseFormat* other = format_of(names))
+      throw InputError(where + ": the columns " + comma_separated(names) + " are those of " +
+                       "--pose-format " + other->name + ", not of " + format.name + " (its are " +
+                       comma_separated(format.columns) + ")");
+    out.numbers = others;  // by their order
+  }
   if (out.numbers.size() != format.columns.size())
     throw InputError(where + ": --pose-format " + format.name + " needs the columns " +
                      comma_separated(format.columns) + " (beside id, image, time); there are " +

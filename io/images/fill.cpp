@@ -109,6 +109,8 @@ std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
                   one.found.ids.size(), one.target->points.size(), one.found.blur,
                   one.found.contrast, one.found.rms);
     line += text;
+    if (!(one.found.rms < 1e6))  // no homography explains them at all
+      line = line.substr(0, line.rfind(", rms")) + ", points that make no plane";
   }
   for (const std::string& note : task.image.notes) line += "; the image " + note;
   return line;

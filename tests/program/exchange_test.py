@@ -547,6 +547,12 @@ class Poses(Case):
         reading = line["joints"]["flange"]
         return from_quat(reading["xyz"], reading["quat"])
 
+    def test_columns_of_another_format(self):
+        """A header that names another convention is not taken by the order of its columns."""
+        self.write("p.csv", "X,Y,Z,A,B,C\n100,200,300,10,20,30\n")
+        self.fails(["import", "p.csv", "--pose-format", "fanuc"], "p.csv:1", "--pose-format kuka", "not of fanuc")
+        self.assertEqual(len(self.lines("p.csv", "--pose-format", "kuka")), 1)
+
     def test_formats(self):
         """Each convention against elementary rotations by Rodrigues' formula."""
         rng = np.random.default_rng(1)
