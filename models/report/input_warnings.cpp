@@ -111,7 +111,7 @@ void warn_of_repetition(const Recording& recording, Warnings& out) {
   const size_t samples = recording.training().size(), postures = count_postures(recording);
   const bool unknown = std::any_of(joints.begin(), joints.end(),
                                    [](const JointSettings& j) { return j.noise_unknown; });
-  if (unknown && has_few_poses(recording))
+  if (unknown && postures < static_cast<size_t>(kFewPoses))
     out.push_back(
         {"few_poses",
          text("%d poses do not tell how noisy they are: %.3g mm and %.3g mrad are taken. "

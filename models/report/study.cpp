@@ -242,9 +242,10 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
                          reading_errors < kReadingErrors;
   const std::vector<JointSettings>& joints = report.solution.rig().joints;
-  const bool unknown = !has_few_poses(*report.solution.recording) &&
-                       std::any_of(joints.begin(), joints.end(),
-                                   [](const JointSettings& joint) { return joint.noise_unknown; });
+  const bool unknown =
+      std::any_of(joints.begin(), joints.end(),
+                  [](const JointSettings& joint) { return joint.noise_unknown; }) &&
+      !has_few_poses(*report.solution.recording);
   if (!report.solution.usable() || (as_stated && !unknown) || ratio > kMistaken ||
       options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
