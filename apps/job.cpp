@@ -2,12 +2,17 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
 #include <filesystem>
 
 #include "../io/document/files.h"
 #include "../io/document/names.h"
+#include "../io/report/report_page.h"
 #include "../io/results/comparison.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
@@ -287,15 +292,36 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
   }
 }
 
+namespace {
+
+/// The date and time, UTC; SOURCE_DATE_EPOCH (seconds since 1970) stands for it where results are
+/// compared byte by byte.
+std::string date_now() {
+  std::time_t seconds = std::time(nullptr);
+  if (const char* given = std::getenv("SOURCE_DATE_EPOCH"))
+    std::from_chars(given, given + std::strlen(given), seconds);
+  std::tm parts{};
+  gmtime_r(&seconds, &parts);
+  char text[40];
+  return std::string(text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &parts));
+}
+
+}  // namespace
+
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings) {
   now("making the files of the result");
   ResultOptions options;
   options.command = settings.command;
+  options.date = date_now();
   options.samples_hash = job.samples_hash;
   options.version = KINCAL_VERSION;
   options.residuals = !settings.no_report;
   options.write_reduction = settings.write_reduction;
-  return make_results(job.rig_file, report, options);
+  ResultFiles files = make_results(job.rig_file, report, options);
+  if (!settings.no_report)
+    files.report_html = report_page({files.result_json, files.samples_csv, files.residuals_csv,
+                                     files.loops_csv, files.covariance_csv});
+  return files;
 }
 
 void add_settings(CLI::App& command, CalibrateSettings& s) {
@@ -377,7 +403,8 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
           "(predicted sigma), 'chi2/dof<1.5'; units px, m, mm, um, rad, mrad, deg; may be repeated")
       ->allow_extra_args(false)
       ->type_name("QUANTITY<LIMIT");
-  command.add_flag("--no-report", s.no_report, "leave out residuals.csv and the table of loops");
+  command.add_flag("--no-report", s.no_report,
+                   "leave out report.html, residuals.csv, loops.csv and the table of loops");
   command.add_flag("--write-reduction", s.write_reduction,
                    "write calibrated gear scales into robot.urdf's mechanicalReduction and set "
                    "them to 1 in rig.yaml (for logs recorded from then on)");

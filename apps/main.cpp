@@ -74,6 +74,7 @@ int main(int argc, char** argv) {
       evaluate_command(app),
       diff_command(app),
       apply_command(app),
+      report_command(app),
       export_command(app),
       import_command(app),
       local_command(app, line),

@@ -24,9 +24,9 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::vector<std::string> kOwnFiles = {
-    "robot.urdf",      "rig.yaml",     "result.json", "changes.yaml",  "covariance.csv",
-    "residuals.csv",   "batch.json",   "report.html", "samples.jsonl", "truth.json",
-    "intrinsics.json", "coverage.svg", "joints.csv"};
+    "robot.urdf",    "rig.yaml",      "result.json",     "changes.yaml", "covariance.csv",
+    "samples.csv",   "residuals.csv", "loops.csv",       "batch.json",   "report.html",
+    "samples.jsonl", "truth.json",    "intrinsics.json", "coverage.svg", "joints.csv"};
 const char kWriting[] = ".writing-", kReplaced[] = ".replaced-";  // before a process id
 
 /// The output that a path means: without slashes at its end, which would make a name its own
@@ -228,6 +228,11 @@ std::string read_file(const std::string& path) {
   if (file.bad())
     throw InputError(path + ": cannot be read: " + std::generic_category().message(EIO));
   return text;
+}
+
+bool file_exists(const std::string& path) {
+  std::error_code ignored;
+  return fs::exists(path, ignored) && !fs::is_directory(path, ignored);
 }
 
 std::vector<std::string> clear_leftovers(const std::string& path) {

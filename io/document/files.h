@@ -10,6 +10,9 @@ namespace kincal {
 /// Returns the whole file. @throws InputError with path and reason.
 std::string read_file(const std::string& path);
 
+/// Returns whether there is a file (or what is read like one) of this path.
+bool file_exists(const std::string& path);
+
 /// Clears away what runs that were killed have left beside an output (NAME.writing-PID), and puts
 /// back what one was replacing (NAME.replaced-PID). Returns a sentence for each.
 std::vector<std::string> clear_leftovers(const std::string& path);

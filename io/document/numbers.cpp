@@ -36,4 +36,17 @@ std::string list_text(const double* values, int count) {
   return out + "]";
 }
 
+std::string rounded(double value, int digits) {
+  char text[40];
+  const auto end = std::to_chars(text, text + sizeof text, value == 0 ? 0.0 : value,
+                                 std::chars_format::general, digits);
+  return std::string(text, end.ptr);
+}
+
+std::array<double, 7> pose_numbers(const Pose& pose) {
+  const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  const Vector3d& t = pose.translation;
+  return {t.x(), t.y(), t.z(), q(0), q(1), q(2), q(3)};
+}
+
 }  // namespace kincal

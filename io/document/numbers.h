@@ -2,6 +2,7 @@
 // locale.
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 
@@ -18,8 +19,14 @@ bool read_number(std::string_view text, double& value);
 
 /// Returns the shortest decimal text that reads back as the same double; 0 and -0 are "0".
 std::string shortest(double value);
+/// Returns a number with so many significant digits, where they are too many for a drawing or
+/// table.
+std::string rounded(double value, int digits);
 /// Returns the three numbers with blanks between them.
 std::string shortest(const Vector3d& v);
+
+/// Returns x y z qx qy qz qw, as files have poses.
+std::array<double, 7> pose_numbers(const Pose& pose);
 
 /// Writes a list as YAML and JSON both take it: "[1, 0.5]".
 std::string list_text(const double* values, int count);

@@ -1,42 +1,122 @@
 #include "csv.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "../document/document.h"
-#include "../document/files.h"
 #include "../document/numbers.h"
 
 namespace kincal {
 
+namespace {
+
+/// Appends `count` fields, each behind a comma; those beyond `known`, and what is not finite, are
+/// empty. `digits` are significant; 0: as many as it takes to read the same number again.
+void add_numbers(std::string& out, const double* values, int known, int count, int digits = 0) {
+  for (int i = 0; i < count; ++i) {
+    out += ',';
+    if (i < known && std::isfinite(values[i]))
+      out += digits ? rounded(values[i], digits) : shortest(values[i]);
+  }
+}
+
+const char* split_name(const Sample& sample) { return sample.train ? "train" : "test"; }
+
+}  // namespace
+
 std::string residuals_csv(const Report& report) {
   std::string out =
-      "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened\n";
+      "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened,"
+      "measured_1,measured_2,measured_3\n";
   std::map<const View*, const ViewResiduals*> before;
   for (const ViewResiduals& r : report.residuals.before) before[r.view] = &r;
   const Rig& rig = report.solution.rig();
   for (const ViewResiduals& r : report.residuals.after) {
     const Sensor& sensor = rig.sensors[r.view->sensor];
     const int rows = sensor.model->rows();
+    const bool poses = sensor.model->measures_pose();
+    const int numbers = poses ? (r.view->z.empty() ? 0 : 3) : sensor.model->numbers();
     const Eigen::Index blocks = r.raw.size() / rows, white = r.whitened.size() / blocks;
     const auto found = before.find(r.view);
     const Sample& sample = report.solution.samples()[r.sample];
-    const std::string head = csv_field(sample.id) + (sample.train ? ",train," : ",test,") +
+    const std::string head = csv_field(sample.id) + "," + split_name(sample) + "," +
                              csv_field(sensor.name) + "," +
                              csv_field(rig.targets[r.view->target].name) + ",";
     for (Eigen::Index b = 0; b < blocks; ++b) {
       out += head;
-      if (!sensor.model->measures_pose())
-        out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
+      if (!poses) out += std::to_string(r.view->ids.empty() ? static_cast<int>(b) : r.view->ids[b]);
       out += std::string(",") + sensor.model->unit();
-      for (int i = 0; i < 6; ++i)
-        out += "," + (i < rows ? shortest(r.raw(b * rows + i)) : std::string());
-      for (int i = 0; i < 3; ++i)
-        out += "," +
-               (i < rows && found != before.end() && std::isfinite(found->second->raw(b * rows + i))
-                    ? shortest(found->second->raw(b * rows + i))
-                    : std::string());
-      out += "," + shortest(r.whitened.segment(b * white, white).norm()) + "\n";
+      add_numbers(out, r.raw.data() + b * rows, rows, 6);
+      add_numbers(out, found == before.end() ? nullptr : found->second->raw.data() + b * rows,
+                  found == before.end() ? 0 : rows, 3);
+      out += "," + shortest(r.whitened.segment(b * white, white).norm());
+      add_numbers(out, r.view->z.data() + b * numbers, numbers, 3);
+      out += "\n";
+    }
+  }
+  return out;
+}
+
+std::string samples_csv(const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const std::vector<Joint>& joints = rig.tree.joints;
+  const std::vector<Sample>& samples = solution.samples();
+  std::vector<int> read;  // joints that have a reading in some sample
+  for (size_t j = 0; j < joints.size(); ++j)
+    if (joints[j].drives() && joints[j].axis_of_pose != PoseAxis::error &&
+        std::any_of(samples.begin(), samples.end(),
+                    [&](const Sample& s) { return !std::isnan(s.readings[j]); }))
+      read.push_back(static_cast<int>(j));
+  std::set<int> erring, placed;  // joints with estimated errors, targets with estimated poses
+  for (const auto& e : solution.values.errors) erring.insert(e.first.second);
+  for (const auto& t : solution.values.targets) placed.insert(t.first.second);
+
+  std::string out = "sample,split";
+  for (int j : read) out += "," + csv_field("reading/" + joints[j].name);
+  for (int j : erring) out += "," + csv_field("error/" + joints[j].name);
+  for (int t : placed)
+    for (const char* number : {"x", "y", "z", "qx", "qy", "qz", "qw"})
+      out += "," + csv_field("target/" + rig.targets[t].name + "/" + number);
+  out += "\n";
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const int sample = static_cast<int>(i);
+    out += csv_field(samples[i].id) + "," + split_name(samples[i]);
+    for (int j : read) add_numbers(out, &samples[i].readings[j], 1, 1);
+    for (int j : erring) {
+      const auto found = solution.values.errors.find({sample, j});
+      const bool known = found != solution.values.errors.end();
+      add_numbers(out, known ? &found->second : nullptr, known, 1);
+    }
+    for (int t : placed) {
+      const auto found = solution.values.targets.find({sample, t});
+      const bool known = found != solution.values.targets.end();
+      const std::array<double, 7> numbers = known ? pose_numbers(found->second) : pose_numbers({});
+      add_numbers(out, numbers.data(), known ? 7 : 0, 7);
+    }
+    out += "\n";
+  }
+  return out;
+}
+
+std::string loops_csv(const Report& report) {
+  std::string out = "sample,split,from,to,target,id,unit,before_x,before_y,before_z,x,y,z\n";
+  const Rig& rig = report.solution.rig();
+  for (const LoopView& v : report.loop_views) {
+    const Sample& sample = report.solution.samples()[v.sample];
+    const Sensor& to = rig.sensors[v.to->sensor];
+    const std::string head = csv_field(sample.id) + "," + split_name(sample) + "," +
+                             csv_field(rig.sensors[v.from->sensor].name) + "," +
+                             csv_field(to.name) + "," + csv_field(rig.targets[v.to->target].name) +
+                             ",";
+    const int rows = static_cast<int>(v.after.rows());
+    for (Eigen::Index i = 0; i < v.after.cols(); ++i) {
+      out += head + (v.ids.empty() ? std::string() : std::to_string(v.ids[i])) + "," +
+             to.model->unit();
+      add_numbers(out, v.before.col(i).data(), rows, 3, 6);
+      add_numbers(out, v.after.col(i).data(), rows, 3, 6);
+      out += "\n";
     }
   }
   return out;
@@ -71,35 +151,33 @@ std::string csv_field(const std::string& s) {
   return out + "\"";
 }
 
-std::vector<std::vector<std::string>> read_csv(const std::string& path) {
-  std::vector<std::vector<std::string>> rows;
+void for_each_csv_row(const std::string& text,
+                      const std::function<void(const std::vector<std::string>&)>& visit) {
   std::vector<std::string> row;
-  std::string cell;
-  bool quoted = false;
-  const std::string text = read_file(path);
+  size_t count = 0;  // of the row's fields; the texts beyond are kept for the next ones
+  const auto next_field = [&] {
+    if (count == row.size()) row.emplace_back();
+    row[count].clear();
+    return &row[count++];
+  };
+  std::string* field = next_field();
   for (size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (quoted) {
-      if (c != '"')
-        cell += c;
-      else if (i + 1 < text.size() && text[i + 1] == '"')
-        cell += text[++i];
-      else
-        quoted = false;
-    } else if (c == '"') {
-      quoted = true;
-    } else if (c == ',' || c == '\n') {
-      row.push_back(cell);
-      cell.clear();
-      if (c == '\n') {
-        rows.push_back(row);
-        row.clear();
+    if (text[i] == '"') {
+      for (++i; i < text.size() && (text[i] != '"' || text[i + 1] == '"'); ++i) {
+        *field += text[i];
+        i += text[i] == '"';
       }
+    } else if (text[i] == ',') {
+      field = next_field();
+    } else if (text[i] == '\n') {
+      row.resize(count);
+      visit(row);
+      count = 0;
+      field = next_field();
     } else {
-      cell += c;
+      *field += text[i];
     }
   }
-  return rows;
 }
 
 double csv_number(const std::string& text, const std::string& place) {

@@ -1,6 +1,7 @@
 // The CSV files of a result: residuals and covariance written, and read again.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -9,14 +10,19 @@
 namespace kincal {
 
 std::string residuals_csv(const Report& report);
+/// Readings of the joints, their estimated errors and the poses of free targets, one line a sample.
+std::string samples_csv(const Solution& solution);
+/// Residuals of every point carried from one sensor into another, one line each.
+std::string loops_csv(const Report& report);
 /// Rows and columns of what the data do not determine are empty: a covariance of it there is none.
 std::string covariance_csv(const Solution& solution);
 
 /// Returns a field, quoted where commas, quotes or line ends ask for it.
 std::string csv_field(const std::string& text);
 
-/// Reads the rows of a CSV file as this program writes them. @throws InputError
-std::vector<std::vector<std::string>> read_csv(const std::string& path);
+/// Visits the rows of a CSV text as this program writes them; the fields live until the next one.
+void for_each_csv_row(const std::string& text,
+                      const std::function<void(const std::vector<std::string>&)>& visit);
 
 /// Reads a field as a finite number; `place` (path:line) begins the message of the error. @throws
 /// InputError

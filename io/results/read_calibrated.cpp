@@ -75,7 +75,9 @@ void unfold(const Field& result, CalibratedFiles& out) {
 /// that the automatic path held among them. Every component without a variance there is an
 /// undetermined direction of its own: how they cancel in a frame is not in the files.
 Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table) {
-  const std::vector<std::vector<std::string>> rows = read_csv(path);
+  std::vector<std::vector<std::string>> rows;
+  for_each_csv_row(read_file(path),
+                   [&](const std::vector<std::string>& row) { rows.push_back(row); });
   if (rows.empty() || rows.size() != rows[0].size() + 1)
     throw InputError(path + ": as many rows as columns and a header are expected");
   Unknowns out;

@@ -7,6 +7,8 @@ namespace kincal {
 
 namespace {
 
+constexpr size_t kMostSamples = 2000;  // of which result.json tells
+
 Json directions(const std::vector<Direction>& all) {
   Json out = Json::array();
   for (const Direction& d : all) {
@@ -349,9 +351,10 @@ Json result_json(const Report& report) {
     if (s.is_null()) s = {{"targets", Json::object()}, {"joint_errors", Json::object()}};
     return s;
   };
-  for (const auto& t : solution.values.targets)
+  const bool few = solution.samples().size() <= kMostSamples;  // else samples.csv alone has them
+  for (const auto& t : few ? solution.values.targets : decltype(solution.values.targets)())
     sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
-  for (const auto& e : solution.values.errors)
+  for (const auto& e : few ? solution.values.errors : decltype(solution.values.errors)())
     sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
   json["sensors"] = sensor_table(report.residuals.sensors, true);
   if (report.restarts) json["restarts"] = restarts_json(*report.restarts);

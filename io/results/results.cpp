@@ -13,6 +13,7 @@
 #include "csv.h"
 #include "result_json.h"
 #include "robot_record.h"
+#include "scene_json.h"
 
 namespace kincal {
 namespace {
@@ -276,16 +277,24 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                {"kincal", options.version},
                {"input",
                 {{"command", options.command},
+                 {"date", options.date},
                  {"rig", out.rig_hash},
                  {"samples", out.samples_hash},
                  {"urdf", out.urdf_hash}}}};
+  if (!rig_file.serial.empty()) json["serial"] = rig_file.serial;
+  if (!rig_file.time.empty()) json["time"] = rig_file.time;
   json.update(result_json(report));
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
   if (rig_file.flange_only) json["robot"]["urdf"] = false;
+  json["scene"] = scene_json(report, rig_file.urdf.robot);
   out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);
-  if (options.residuals) out.residuals_csv = residuals_csv(report);
+  out.samples_csv = samples_csv(solution);
+  if (options.residuals) {
+    out.residuals_csv = residuals_csv(report);
+    if (!report.loop_views.empty()) out.loops_csv = loops_csv(report);
+  }
   return out;
 }
 
@@ -294,11 +303,13 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
   const std::vector<std::pair<std::string, const std::string*>> all = {
       {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
       {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
-      {"covariance.csv", &files.covariance_csv}, {"residuals.csv", &files.residuals_csv},
-      {"batch.json", &files.batch_json}};
+      {"covariance.csv", &files.covariance_csv}, {"samples.csv", &files.samples_csv},
+      {"residuals.csv", &files.residuals_csv},   {"loops.csv", &files.loops_csv},
+      {"report.html", &files.report_html},       {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
-    if (!f.second->empty())  // robot.urdf: of a robot without one; residuals.csv, batch.json
+    if (!f.second->empty())  // robot.urdf: of a robot without one; residuals.csv, loops.csv,
+                             // batch.json
       present.push_back({f.first, *f.second});
   return write_directory(directory, present, force, go_on, scratch);
 }

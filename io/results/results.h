@@ -20,8 +20,10 @@ struct Reduction {
 
 /// ResultFiles are a finished run in the terms of files, before anything is written.
 struct ResultFiles {
-  std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv, residuals_csv;
-  std::string batch_json;  // left to a batch (summary_file.h); empty: not written
+  std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv;
+  std::string samples_csv, residuals_csv, loops_csv;  // the last two: empty, not written
+  std::string report_html;  // made of these (io/report); empty: not written
+  std::string batch_json;   // left to a batch (summary_file.h); empty: not written
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
   std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
   std::vector<MountText> mounts;         // of what was estimated and no joint has; in changes.yaml
@@ -31,9 +33,10 @@ struct ResultFiles {
 
 struct ResultOptions {
   std::string command;       // the command line, for the record
+  std::string date;          // and when it ran
   std::string samples_hash;  // SHA-256 of the text that the samples were read from, in hex
   std::string version;
-  bool residuals = true;         // residuals.csv
+  bool residuals = true;         // residuals.csv, loops.csv
   bool write_reduction = false;  // reductions into robot.urdf, scales in rig.yaml to 1
 };
 

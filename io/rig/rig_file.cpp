@@ -564,9 +564,11 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
   all.check_keys({"format", "robot", "sensors", "targets"},
-                 {"base", "joints", "estimate", "priors", "nominal"});
+                 {"base", "joints", "estimate", "priors", "nominal", "serial", "time"});
   if (all["format"].string() != "kincal/1")
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
+  if (all.has("serial")) file.serial = all["serial"].string();
+  if (all.has("time")) file.time = all["time"].string();
   const Field robot = all["robot"];
   file.flange_only = urdf_path.empty() && robot.node->kind == Node::Kind::mapping;
   file.urdf = file.flange_only ? read_flange_robot(robot, path)

@@ -22,6 +22,7 @@ struct RigFile {
   Urdf urdf;                 // its tree as written: floating joints are opened in the rig's only
   bool flange_only = false;  // `robot: {base, flange}`: there is no URDF, this is made up
   JointModels joint_models;  // that the rig can name
+  std::string serial, time;  // of the robot and the recording, as they stand; for the record
 };
 
 /// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the

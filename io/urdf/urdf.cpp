@@ -141,6 +141,7 @@ void read_robot(const Xml& xml, const pugi::xml_node& robot, Urdf& urdf) {
   Indices links = index_names(xml, link_elements);
   const Indices joints = index_names(xml, joint_elements);
 
+  urdf.robot = robot.attribute("name").value();
   Tree& tree = urdf.tree;
   for (const pugi::xml_node& link : link_elements)
     tree.links.push_back(link.attribute("name").value());

@@ -18,8 +18,9 @@ struct OriginText {
 
 /// A Urdf is a URDF as read.
 struct Urdf {
-  std::string path;  // where it came from, for messages
-  std::string text;  // the file, byte for byte
+  std::string path;   // where it came from, for messages
+  std::string text;   // the file, byte for byte
+  std::string robot;  // its name
   Tree tree;
   std::vector<OriginText> origins;  // by joint
   std::vector<Transmission> transmissions;

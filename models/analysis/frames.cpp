@@ -283,6 +283,25 @@ FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, con
   return out;
 }
 
+std::map<int, Matrix3d> position_covariances(const Solution& solution, const Unknowns& unknowns) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  std::map<int, Matrix3d> out;
+  for (const Frame& frame : all_frames(rig, table)) {
+    if (frame.pose < 0) continue;
+    for (const Sample& sample : solution.samples()) {
+      if (!has_readings(rig, frame.link, sample.readings)) continue;
+      const FrameDerivative d =
+          frame_derivative(rig, table, solution.values.shared, unknowns, frame, sample.readings);
+      const auto by_unknowns = d.by_unknowns.topRows<3>();
+      if (std::isfinite(frame_variances(d, unknowns, frame).position))
+        out[frame.pose] = by_unknowns * unknowns.covariance * by_unknowns.transpose();
+      break;
+    }
+  }
+  return out;
+}
+
 FrameDifference compare_frame(const CalibratedRobot& a, const CalibratedRobot& b, const Frame& in_a,
                               const Frame& in_b, const std::vector<Readings>& postures_a,
                               const std::vector<Readings>& postures_b) {

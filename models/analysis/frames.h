@@ -104,6 +104,11 @@ struct FrameReport {
 /// result.
 FrameReport report_frame(const Solution& solution, const Unknowns& unknowns, const Frame& frame);
 
+/// Returns the covariance of the position relative to the base (m², base axes) of every sensor and
+/// mounted target, by its pose's parameter, at the readings of the first sample that has those on
+/// the way to it. Those that are not determined are missing.
+std::map<int, Matrix3d> position_covariances(const Solution& solution, const Unknowns& unknowns);
+
 /// A CalibratedRobot has a rig, its parameters and their values, and what is known of their errors.
 struct CalibratedRobot {
   const Rig* rig;

@@ -60,95 +60,152 @@ Carried carry(const Rig& rig, const ParameterTable& table, const VectorXd& value
   return out;
 }
 
-struct Sum {
-  double squared = 0;  // infinite: a point behind the camera
-  long points = 0;
-};
-
-void add(const Rig& rig, const ParameterTable& table, const VectorXd& values, const Carried& from,
-         const Carried& to, Sum& sum) {
-  const View& view = *to.view;
-  const SensorModel& model = *rig.sensors[view.sensor].model;
-  std::vector<std::pair<Eigen::Index, size_t>> both;  // places of a point in `from` and in `to`
+/// The points that both views have, by their places in `from` and in `to`.
+std::vector<std::pair<Eigen::Index, size_t>> common_points(const Carried& from, const Carried& to) {
+  std::vector<std::pair<Eigen::Index, size_t>> both;
   for (size_t k = 0; k < to.ids.size(); ++k) {
     const auto found = std::find(from.ids.begin(), from.ids.end(), to.ids[k]);
     if (found != from.ids.end()) both.push_back({found - from.ids.begin(), k});
   }
-  if (both.empty() || from.points.cols() == 0) return;
-  if (model.measures_pose()) {
-    const Matrix3Xd points = target_points(rig, table, values, view.target);
-    Matrix3Xd a(3, static_cast<Eigen::Index>(both.size())), b = a;
-    for (size_t i = 0; i < both.size(); ++i) {
-      a.col(static_cast<Eigen::Index>(i)) = points.col(to.ids[both[i].second]);
-      b.col(static_cast<Eigen::Index>(i)) = from.points.col(both[i].first);
-    }
-    if (on_a_line(a)) return;
-    const Pose hub_T_measured = to.hub_T_sensor[0] * *pose_from_view(rig, table, values, view);
-    sum.squared += (inverse(hub_T_measured) * fit_points(a, b)).translation.squaredNorm();
-    ++sum.points;
-    return;
+  return both;
+}
+
+/// The translation of E, of the points that both have; none where they are on a line.
+MatrixXd pose_residual(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                       const Carried& from, const Carried& to) {
+  const auto both = common_points(from, to);
+  const Matrix3Xd points = target_points(rig, table, values, to.view->target);
+  Matrix3Xd a(3, static_cast<Eigen::Index>(both.size())), b = a;
+  for (size_t i = 0; i < both.size(); ++i) {
+    a.col(static_cast<Eigen::Index>(i)) = points.col(to.ids[both[i].second]);
+    b.col(static_cast<Eigen::Index>(i)) = from.points.col(both[i].first);
   }
+  if (on_a_line(a)) return {};
+  const Pose hub_T_measured = to.hub_T_sensor[0] * *pose_from_view(rig, table, values, *to.view);
+  return (inverse(hub_T_measured) * fit_points(a, b)).translation;
+}
+
+/// The residuals of `from` in `to`, a column a common point; none where nothing is carried.
+MatrixXd loop_residuals(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                        const Carried& from, const Carried& to) {
+  const View& view = *to.view;
+  const SensorModel& model = *rig.sensors[view.sensor].model;
+  if (from.points.cols() == 0) return {};
+  if (model.measures_pose()) return pose_residual(rig, table, values, from, to);
   // Point by point, as a target of one point at the origin.
   const Matrix3Xd origin = Matrix3Xd::Zero(3, 1);
   const int id = 0, block = table.sensor_block[view.sensor], numbers = model.numbers();
-  for (const auto& pair : both) {
-    const Vector3d point = from.points.col(pair.first);
-    VectorXd r(model.rows());
+  const auto both = common_points(from, to);
+  MatrixXd out(model.rows(), static_cast<Eigen::Index>(both.size()));
+  for (size_t i = 0; i < both.size(); ++i) {
+    const Vector3d point = from.points.col(both[i].first);
+    const size_t k = both[i].second;
+    auto r = out.col(static_cast<Eigen::Index>(i));
     if (model.scans()) {
-      r = inverse(to.hub_T_sensor[pair.second]) * point -
-          TiltingLaser::measured_point(view.z.data() + 3 * pair.second);
-    } else {
-      ViewInput in;
-      in.sensor_T_target.translation = inverse(to.hub_T_sensor[0]) * point;
-      in.parameters = block >= 0 ? values.data() + table.all[block].start : nullptr;
-      in.points = &origin;
-      in.ids = &id;
-      in.count = 1;
-      in.z = view.z.data() + numbers * static_cast<int>(pair.second);
-      if (!model.evaluate(in, Columns(), r.data(), nullptr))
-        r.setConstant(std::numeric_limits<double>::infinity());
+      r = inverse(to.hub_T_sensor[k]) * point - TiltingLaser::measured_point(view.z.data() + 3 * k);
+      continue;
     }
-    sum.squared += r.squaredNorm();
-    ++sum.points;
+    ViewInput in;
+    in.sensor_T_target.translation = inverse(to.hub_T_sensor[0]) * point;
+    in.parameters = block >= 0 ? values.data() + table.all[block].start : nullptr;
+    in.points = &origin;
+    in.ids = &id;
+    in.count = 1;
+    in.z = view.z.data() + static_cast<size_t>(numbers) * k;
+    if (!model.evaluate(in, Columns(), r.data(), nullptr))
+      r.setConstant(std::numeric_limits<double>::infinity());
   }
+  return out;
 }
+
+/// The views of a sample that another sensor's meet, carried.
+std::vector<Carried> carried_views(const Rig& rig, const ParameterTable& table,
+                                   const VectorXd& values, const Sample& sample) {
+  std::vector<Carried> out;
+  for (const View& a : sample.views)
+    if (std::any_of(sample.views.begin(), sample.views.end(),
+                    [&](const View& b) { return a.target == b.target && a.sensor != b.sensor; }))
+      out.push_back(carry(rig, table, values, sample, a));
+  return out;
+}
+
+struct Sum {
+  double squared = 0;  // infinite: a point behind the camera
+  long points = 0;
+
+  void add(const MatrixXd& residuals) {
+    for (Eigen::Index i = 0; i < residuals.cols(); ++i) {
+      const double r = residuals.col(i).squaredNorm();
+      if (std::isnan(r)) continue;
+      squared += r;
+      ++points;
+    }
+  }
+  double rms() const {
+    const double mean = squared / static_cast<double>(points);
+    return std::isfinite(mean) ? std::sqrt(mean) : std::numeric_limits<double>::quiet_NaN();
+  }
+};
 
 }  // namespace
 
-std::vector<Loop> loops(const Solution& solution) {
+std::vector<LoopView> loop_views(const Solution& solution) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
+  const VectorXd &initial = solution.initial, &estimated = solution.values.shared;
+  std::vector<LoopView> out;
+  for (size_t s = 0; s < solution.samples().size(); ++s) {
+    const Sample& sample = solution.samples()[s];
+    const std::vector<Carried> before = carried_views(rig, table, initial, sample),
+                               after = carried_views(rig, table, estimated, sample);
+    for (size_t i = 0; i < after.size(); ++i)
+      for (size_t j = 0; j < after.size(); ++j) {
+        const View &from = *after[i].view, &to = *after[j].view;
+        if (from.target != to.target || from.sensor == to.sensor) continue;
+        LoopView one{static_cast<int>(s),
+                     &from,
+                     &to,
+                     {},
+                     loop_residuals(rig, table, initial, before[i], before[j]),
+                     loop_residuals(rig, table, estimated, after[i], after[j])};
+        if (one.before.cols() + one.after.cols() == 0) continue;
+        const auto none = [](const MatrixXd& other) {
+          return MatrixXd::Constant(other.rows(), other.cols(),
+                                    std::numeric_limits<double>::quiet_NaN());
+        };
+        if (one.before.cols() == 0) one.before = none(one.after);
+        if (one.after.cols() == 0) one.after = none(one.before);
+        if (!rig.sensors[to.sensor].model->measures_pose())
+          for (const auto& both : common_points(after[i], after[j]))
+            one.ids.push_back(after[j].ids[both.second]);
+        out.push_back(std::move(one));
+      }
+  }
+  return out;
+}
+
+std::vector<Loop> loops(const Solution& solution, const std::vector<LoopView>& views) {
+  const Rig& rig = solution.rig();
   const size_t n = rig.sensors.size();
-  std::vector<Sum> sums(4 * n * n);  // by from, to, held out, after
-  for (const Sample& sample : solution.samples())
-    for (const bool after : {false, true}) {
-      const VectorXd& values = after ? solution.values.shared : solution.initial;
-      std::vector<Carried> carried;
-      for (const View& a : sample.views)
-        if (std::any_of(sample.views.begin(), sample.views.end(), [&](const View& b) {
-              return a.target == b.target && a.sensor != b.sensor;
-            }))
-          carried.push_back(carry(rig, table, values, sample, a));
-      for (const Carried& from : carried)
-        for (const Carried& to : carried)
-          if (from.view->target == to.view->target && from.view->sensor != to.view->sensor)
-            add(rig, table, values, from, to,
-                sums[4 * (from.view->sensor * n + to.view->sensor) + 2 * !sample.train + after]);
-    }
+  struct Sums {
+    Sum before, after;
+  };
+  std::vector<Sums> sums(2 * n * n);  // by from, to, held out
+  for (const LoopView& v : views) {
+    Sums& sum = sums[2 * (v.from->sensor * n + v.to->sensor) + !solution.samples()[v.sample].train];
+    sum.before.add(v.before);
+    sum.after.add(v.after);
+  }
   std::vector<Loop> out;
   for (size_t from = 0; from < n; ++from)
     for (size_t to = 0; to < n; ++to) {
-      const Sum* s = sums.data() + 4 * (from * n + to);
-      if (s[1].points + s[3].points == 0) continue;
-      Loop loop{
-          rig.sensors[from].name, rig.sensors[to].name, rig.sensors[to].model->unit(), {}, {}};
-      const auto rms = [](const Sum& sum) {
-        const double mean = sum.squared / static_cast<double>(sum.points);
-        return std::isfinite(mean) ? std::sqrt(mean) : std::numeric_limits<double>::quiet_NaN();
-      };
-      loop.train = {s[1].points, rms(s[0]), rms(s[1])};
-      loop.test = {s[3].points, rms(s[2]), rms(s[3])};
-      out.push_back(loop);
+      const Sums *train = sums.data() + 2 * (from * n + to), *test = train + 1;
+      if (train->after.points + test->after.points == 0) continue;
+      out.push_back({rig.sensors[from].name,
+                     rig.sensors[to].name,
+                     rig.sensors[to].model->unit(),
+                     {train->after.points, train->before.rms(), train->after.rms()},
+                     {test->after.points, test->before.rms(), test->after.rms()}});
     }
   return out;
 }

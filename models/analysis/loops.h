@@ -38,8 +38,22 @@ struct Loop {
   LoopStatistics train, test;
 };
 
-/// Returns all pairs that meet in some sample, in the rig's order. "before" is at the rig's values
-/// (poses that it leaves open: as they started), "after" at the solution's.
-std::vector<Loop> loops(const Solution& solution);
+/// A LoopView is one view carried into another one of the same sample: r_h, a column a point. NaN:
+/// not carried; infinite: it comes to lie behind the camera.
+struct LoopView {
+  int sample = -1;
+  const View *from = nullptr, *to = nullptr;
+  std::vector<int> ids;  // of the target's points; empty: a chain's or pose's one translation
+  MatrixXd before, after;
+};
+
+/// Returns all pairs of views that see the same points of a target in one sample, in the order of
+/// the samples. "before" is at the rig's values (poses that it leaves open: as they started),
+/// "after" at the solution's. They point into the solution's samples.
+std::vector<LoopView> loop_views(const Solution& solution);
+
+/// Returns their root mean squares: all pairs of sensors that meet in some sample, in the rig's
+/// order.
+std::vector<Loop> loops(const Solution& solution, const std::vector<LoopView>& views);
 
 }  // namespace kincal

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <limits>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -65,6 +66,8 @@ struct Report {
   std::vector<DoubtedPrior> doubted;   // priors of such a rig that the data contradict
   std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
   std::vector<Loop> loops;
+  std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
+  std::vector<LoopView> loop_views;              // what these are the root mean squares of
   Validation validation;
   std::string unexplained;  // why the model does not explain the data; empty: it does
   std::vector<Warning> warnings;

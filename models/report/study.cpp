@@ -405,7 +405,11 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
       !(report.restarts = restarts(solution, options.calibration, options.restarts)))
     throw StudyCancelled();
   calibration.tell("loops");
-  if (options.loops) report.loops = loops(solution);
+  if (options.loops) {
+    report.loop_views = loop_views(solution);
+    report.loops = loops(solution, report.loop_views);
+    report.position_covariances = position_covariances(solution, last_unknowns(at));
+  }
   add_held_out(as_it_is, given, options, report);
   Validation& validation = report.validation;
   if (!options.frames.empty()) {

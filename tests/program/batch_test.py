@@ -26,7 +26,7 @@ import unittest
 import helpers
 
 SOURCE_DIR = KINCAL = None
-FILES = ["batch.json", "changes.yaml", "covariance.csv", "residuals.csv", "result.json", "rig.yaml", "robot.urdf"]
+FILES = ["batch.json", "changes.yaml", "covariance.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
 FLEET = 6
 
 
@@ -48,7 +48,7 @@ def write(text, *path):
 def without_time(result):
     """result.json but for what no two runs share."""
     result = json.loads(result)
-    del result["input"]["command"]
+    del result["input"]["command"], result["input"]["date"]
     for step in result["steps"]:
         del step["seconds"]
     return result
@@ -164,6 +164,8 @@ class Results(Case):
             for file in FILES:
                 if file == "result.json":
                     self.assertEqual(without_time(read(self.dir, "single", file)), without_time(read(self.dir, "out", name, file)))
+                elif file == "report.html":
+                    self.assertEqual(*[re.sub(r'"(command|date|seconds)":("[^"]*"|[-+0-9.e]+)', "", read(self.dir, *path)) for path in (("single", file), ("out", name, file))])
                 elif file != "batch.json":
                     self.assertEqual(read(self.dir, "single", file), read(self.dir, "out", name, file), name + "/" + file)
             shutil.rmtree(self.path("single"))
@@ -528,7 +530,7 @@ class Resume(Case):
                         continue      # replaced while it was read
                 except FileNotFoundError:
                     continue
-                self.assertIn(len(files), (6, 7), name)
+                self.assertIn(len(files), (len(FILES) - 3, len(FILES)), name)   # without a report, and with
         self.assertEqual(p.wait(), 0)
         p.communicate()
 

@@ -23,7 +23,7 @@ import time
 import unittest
 
 SOURCE_DIR = KINCAL = None
-FILES = ["changes.yaml", "covariance.csv", "residuals.csv", "result.json", "rig.yaml", "robot.urdf"]
+FILES = ["changes.yaml", "covariance.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
 
 # ----------------------------------------------------------------------------- a robot, its kinematics, measurements
 
@@ -818,7 +818,7 @@ class Writing(Case):
         self.assertEqual({f: self.read("out", f) for f in FILES}, before)
         run = self.calibrate("--force", "--step", "eyes", "--no-report")
         self.assertEqual(run.code, 0, run.err)
-        self.assertEqual(sorted(os.listdir(self.path("out"))), [f for f in FILES if f != "residuals.csv"])
+        self.assertEqual(sorted(os.listdir(self.path("out"))), [f for f in FILES if f not in ("loops.csv", "residuals.csv", "report.html")])
         self.assertEqual(len(self.result()["steps"]), 1)
         self.assertEqual(set(os.listdir(self.dir)), {"out", "rig.yaml", "robot.urdf", "samples.jsonl"})
 
@@ -967,7 +967,8 @@ class Results(Case):
         self.assertRegex(r["kincal"], r"^\d+\.\d+\.\d+$")
         self.assertEqual((r["status"], r["noise"], r["unobservable"]), ("converged", "latent", []))
         self.assertAlmostEqual(r["cost"], r["chi2"] / 2, delta=1e-9 * r["chi2"])
-        self.assertEqual(set(r["input"]), {"command", "rig", "samples", "urdf"})
+        self.assertEqual(set(r["input"]), {"command", "date", "rig", "samples", "urdf"})
+        self.assertRegex(r["input"]["date"], r"^20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ$")
         import hashlib
         for key, name in (("rig", "rig.yaml"), ("samples", "samples.jsonl"), ("urdf", "robot.urdf")):
             self.assertEqual(r["input"][key], hashlib.sha256(self.read(name).encode()).hexdigest())
@@ -1054,7 +1055,7 @@ class Results(Case):
         r = self.result()
         with open(self.path("out", "residuals.csv"), newline="") as f:
             rows = list(csv.DictReader(f))
-        self.assertEqual(list(rows[0]), "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened".split(","))
+        self.assertEqual(list(rows[0]), "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened,measured_1,measured_2,measured_3".split(","))
         self.assertEqual(len(rows), sum(s[k]["points"] for s in r["sensors"].values() for k in ("train", "test")))
         for name, s in r["sensors"].items():
             for split in ("train", "test"):
@@ -1069,10 +1070,62 @@ class Results(Case):
         self.assertEqual((mocap["unit"], mocap["id"]), ("m", ""))
         ids = [x["id"] for x in rows if x["sensor"] == "tracker" and x["sample"] == "board_000"]
         self.assertEqual(ids, ["0", "3", "8", "11"])
+        # measured: what the samples file has
+        with open(self.path("samples.jsonl")) as f:
+            samples = {s["id"]: s for s in map(json.loads, f)}
+        for x in rows:
+            view = next(v for v in samples[x["sample"]]["views"] if (v["sensor"], v["target"]) == (x["sensor"], x["target"]))
+            measured = [float(x["measured_%d" % i]) for i in (1, 2, 3) if x["measured_%d" % i] != ""]
+            if "pose" in view:
+                self.assertEqual(measured, view["pose"]["xyz"])
+            elif x["id"] == "":
+                self.assertEqual(measured, [])                      # a chain measures nothing but the joints
+            else:
+                points = next(view[key] for key in ("pixels", "rays", "points") if key in view)
+                at = view["ids"].index(int(x["id"])) if "ids" in view else int(x["id"])
+                self.assertEqual(measured, points[at])
         # whitened: own noise; together with the joint errors' terms it is chi2
         joints = sum((d / (0.0002 if j == "slide" else 0.0005)) ** 2 for s in r["samples"].values() for j, d in s.get("joint_errors", {}).items())
         total = sum(float(x["whitened"]) ** 2 for x in rows if x["split"] == "train") + joints
         self.assertAlmostEqual(total, r["chi2"], delta=1e-8 * r["chi2"])
+
+    def test_samples_csv(self):
+        self.assertEqual(self.calibrate().code, 0)
+        r = self.result()
+        with open(self.path("out", "samples.csv"), newline="") as f:
+            rows = list(csv.DictReader(f))
+        with open(self.path("samples.jsonl")) as f:
+            samples = [json.loads(line) for line in f if line.strip()]
+        self.assertEqual([(x["sample"], x["split"]) for x in rows], [(s["id"], s.get("split", "train")) for s in samples])
+        errors = poses = 0
+        for x, s in zip(rows, samples):
+            readings = {name[8:]: float(value) for name, value in x.items() if name.startswith("reading/") and value != ""}
+            self.assertEqual(readings, {j: v for j, v in s["joints"].items() if j in readings})
+            self.assertEqual(set(s["joints"]) - set(readings), set())
+            estimated = r["samples"].get(s["id"], {})
+            self.assertEqual({name[6:]: float(v) for name, v in x.items() if name.startswith("error/") and v != ""}, estimated.get("joint_errors", {}))
+            targets = {name.split("/")[1] for name, v in x.items() if name.startswith("target/") and v != ""}
+            self.assertEqual(targets, set(estimated.get("targets", {})))
+            for t in targets:
+                pose = [float(x["target/%s/%s" % (t, n)]) for n in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+                self.assertEqual(pose, estimated["targets"][t]["xyz"] + estimated["targets"][t]["quat"])
+            errors, poses = errors + len(estimated.get("joint_errors", {})), poses + len(targets)
+        self.assertGreater(min(errors, poses), 0)
+
+    def test_loops_csv(self):
+        """The points behind the root mean squares of `loops`."""
+        self.assertEqual(self.calibrate().code, 0)
+        with open(self.path("out", "loops.csv"), newline="") as f:
+            rows = list(csv.DictReader(f))
+        loops = self.result()["loops"]
+        self.assertEqual({(x["from"], x["to"]) for x in rows}, {(l["from"], l["to"]) for l in loops})
+        for l in loops:
+            part = [x for x in rows if (x["from"], x["to"], x["split"]) == (l["from"], l["to"], "train")]
+            self.assertEqual(len(part), l["points"])
+            for key, names in (("rms", "xyz"), ("rms_before", ["before_x", "before_y", "before_z"])):
+                if part and l[key] is not None:
+                    rms = math.sqrt(sum(float(x[n] or 0) ** 2 for x in part for n in names) / len(part))
+                    self.assertAlmostEqual(rms, l[key], delta=1e-5 * l[key], msg=str(l))
 
     def test_covariance_csv(self):
         self.assertEqual(self.calibrate().code, 0)
@@ -1675,12 +1728,12 @@ class Simulate(Case):
 class SameEverywhere(Case):
     def stripped(self, directory):
         r = self.result(directory)
-        r["input"].pop("command")
+        for key in ("command", "date"):
+            r["input"].pop(key)
         for s in r["steps"]:
             s.pop("seconds")
-        others = [self.read(directory, f) for f in FILES if f != "result.json"]
-        text = re.sub(r'"(command|seconds)": *("(?:[^"\\]|\\.)*"|[-+0-9.e]+)', "", self.read(directory, "result.json"))
-        return r, text, others
+        once = re.compile(r'"(command|date|seconds)": *("(?:[^"\\]|\\.)*"|[-+0-9.e]+)')
+        return r, [once.sub("", self.read(directory, f)) for f in FILES]
 
     def test_threads(self):
         for n in ("1", "2", "3"):

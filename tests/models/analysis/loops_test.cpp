@@ -93,6 +93,10 @@ Solution at_values(const std::shared_ptr<const Recording>& recording, const Vect
   return solution;
 }
 
+std::vector<Loop> loops_of(const Solution& solution) {
+  return loops(solution, loop_views(solution));
+}
+
 using Pair = std::pair<std::string, std::string>;
 struct Reference {
   double squared = 0;
@@ -270,7 +274,7 @@ TEST_CASE(
   const std::vector<Sample> samples = gripping_samples(rig, 24, 5, nullptr);
   const std::shared_ptr<const Recording> recording = make_recording(rig, samples);
   const ParameterTable& table = recording->table;
-  const std::vector<Loop> exact = loops(at_values(recording, recording->table.initial));
+  const std::vector<Loop> exact = loops_of(at_values(recording, recording->table.initial));
   std::set<std::string> seen;
   for (const Loop& loop : exact) {
     CAPTURE(loop.from, loop.to, loop.train.points);
@@ -287,7 +291,7 @@ TEST_CASE(
   Vector6d xi;
   xi << 0.004, -0.003, 0.002, 0.01, -0.02, 0.015;
   set_pose(wrong, pose, get_pose(wrong, pose) * to_pose(exponential(xi)));
-  const std::vector<Loop> planted = loops(at_values(recording, wrong));
+  const std::vector<Loop> planted = loops_of(at_values(recording, wrong));
   REQUIRE(planted.size() == exact.size());
   int showing = 0;
   for (size_t i = 0; i < planted.size(); ++i) {
@@ -315,7 +319,7 @@ TEST_CASE("loops: with noise and wrong values as the independent model has them"
   const Rig start = moved(rig, wrong, random, 0.004, 0.004, 2, 0),
             end = moved(rig, wrong, random, 0.001, 0.001, 0.5, 0);
   const std::shared_ptr<const Recording> recording = make_recording(start, samples);
-  const std::vector<Loop> found = loops(at_values(recording, ParameterTable(end).initial));
+  const std::vector<Loop> found = loops_of(at_values(recording, ParameterTable(end).initial));
   const auto before = reference(start, samples, true), after = reference(end, samples, true);
   const auto before_test = reference(start, samples, false),
              after_test = reference(end, samples, false);
@@ -361,7 +365,7 @@ TEST_CASE("loops: a point behind the camera makes the figure unknown, who never 
   turned.rotation = turned.rotation * rpy(0, kPi, 0);
   set_pose(wrong, pose, turned);
   int unknown = 0;
-  for (const Loop& loop : loops(at_values(recording, wrong))) {
+  for (const Loop& loop : loops_of(at_values(recording, wrong))) {
     CAPTURE(loop.from, loop.to);
     CHECK_FALSE((loop.from == "tracker" && loop.to == "mocap"));
     CHECK_FALSE((loop.from == "mocap" && loop.to == "tracker"));

@@ -1,0 +1,29 @@
+// report.html: one page that shows a result, made from the files of its folder alone. The page
+// itself (page/: TypeScript, built once into page/built/report.html) draws; here its data is put
+// together and put into it. What the data is made of stands in page/src/data.ts.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace kincal {
+
+/// ResultTexts are the files of a result that its page shows; empty: there is none.
+struct ResultTexts {
+  std::string result_json, samples_csv, residuals_csv, loops_csv, covariance_csv;
+};
+/// Reads them. @throws InputError: there is no result.json, or one cannot be read.
+ResultTexts read_result_texts(const std::string& directory);
+
+/// Returns the page of a result. @throws InputError: a file is not what kincal writes.
+std::string report_page(const ResultTexts& texts);
+
+/// An OverviewEntry is one of several results that are shown side by side.
+struct OverviewEntry {
+  std::string folder, result_json;  // the name that it is shown with; the text
+  std::string link;  // of its own page, relative to the overview's; empty: there is none
+};
+/// Returns the page of several results. @throws InputError
+std::string overview_page(const std::vector<OverviewEntry>& entries);
+
+}  // namespace kincal
