@@ -1,0 +1,264 @@
+// The data of a report, as the program writes them into the page. Every key may be missing: of an older program, of a
+// run that ended early, or because it does not apply. Lengths are in m, angles in rad, pixels in px; poses are
+// x y z qx qy qz qw, and a_T_b takes points of b to a.
+
+export type Pose7 = number[];
+export type Maybe = number | null;
+
+export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string }
+export interface SplitErrors {
+  points: number;
+  rms_before: Maybe; rms: Maybe; rms_as_read: Maybe;
+  rms_rotation_before?: Maybe; rms_rotation?: Maybe; rms_rotation_as_read?: Maybe;
+}
+export interface SensorErrors { unit: string; train?: SplitErrors; test?: SplitErrors }
+export interface Step {
+  step: string; status: string; iterations: number; chi2_initial: number; chi2: number; cost: number; dof: number;
+  chi2_data?: number; dof_data?: number; seconds?: number; linear_solver?: string; history?: [number, number][];
+  unused?: string[]; held_out?: string[];
+}
+export interface Parameter {
+  unit: string[]; initial: number[]; value: number[]; sigma: Maybe[]; step?: string;
+  pose?: { xyz: number[]; quat: number[] };
+}
+export interface Group {
+  group: string; members: string[]; n: number; gamma: Maybe; unit: string; width: Maybe; start: Maybe; gain: Maybe;
+  held: boolean;
+}
+export interface Held { parameter: string; reason: string; sigma: Maybe; text: string }
+export interface LoopError {
+  from: string; to: string; unit: string; points: number; rms_before: Maybe; rms: Maybe;
+  test?: { points: number; rms_before: Maybe; rms: Maybe };
+}
+export interface NoiseLevel {
+  of: string; part: string; unit: string; assumed: Maybe; used?: Maybe; seen: Maybe; uncertainty?: Maybe;
+}
+export interface WeakDirection {
+  parameters: Record<string, number>; unit: string; sigma: Maybe; sigma_with_priors?: Maybe; reason: string;
+  joints?: string[]; why: string; cure: string;
+}
+export interface Judged {
+  unit: string; points: number; rms: Maybe; rms_as_read: Maybe; rms_as_read_95?: [number, number] | null;
+  rms_95?: [number, number] | null; median?: Maybe; blocks?: number; by?: string;
+  rms_rotation?: Maybe; rms_rotation_as_read?: Maybe;
+}
+export interface BaselineRow {
+  sensor: string; unit: string; points: number; rig?: Maybe; mounts: Maybe; automatic: Maybe; ratio: Maybe;
+  ratio_95?: [number, number] | null; worse?: boolean;
+}
+export interface Predicted {
+  postures: number;
+  position?: Errors3; rotation?: Errors3; position_with_readings?: Errors3; rotation_with_readings?: Errors3;
+}
+export interface Errors3 { rms: Maybe; median: Maybe; worst: Maybe }
+export interface Requirement {
+  require: string; name: string; from: string; unit: string; limit: number; measured: Maybe; met: boolean; why?: string;
+}
+export interface Validation {
+  held_out?: string[]; test?: Record<string, Judged>;
+  cross_validation?: { by: string; folds: { held_out: string[]; status: string }[]; sensors: Record<string, Judged> };
+  baselines?: { from: string; rows: BaselineRow[] };
+  frames?: Record<string, { base: string; taken_as_exact?: string[]; workspaces: Record<string, Predicted> }>;
+  requirements?: Requirement[];
+}
+export interface Warning { id: string; text: string; names?: string[] }
+export interface Finding { id: string; text: string; where?: string[]; chi2_as_is?: Maybe; chi2_corrected?: Maybe }
+export interface Leverage { sample: string; parameter: string; moved_sigmas: Maybe }
+
+export interface Link {
+  name: string; parent: number; joint: string; type: string; axis: number[]; before: Pose7; after: Pose7;
+  limits?: [number, number] | null;
+  mimic?: { joint: string; multiplier: number; offset: number };
+  boxes?: { pose: Pose7; size: number[] }[];
+}
+export interface SceneSensor {
+  name: string; type: string; link: number; before: Pose7 | null; after: Pose7 | null;
+  image_size?: [number, number] | null; intrinsics?: number[] | null; baseline?: Maybe; covariance?: number[];
+}
+export interface SceneTarget {
+  name: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
+}
+export interface Scene { base: number; links: Link[]; sensors: SceneSensor[]; targets: SceneTarget[] }
+
+export interface Result {
+  verdict?: Verdict; kincal?: string; status?: string; noise?: string; chi2?: Maybe; dof?: number; chi2_data?: Maybe;
+  dof_data?: number; cost?: Maybe;
+  input?: { command?: string; rig?: string; samples?: string; urdf?: string; date?: string };
+  serial?: string; time?: string | number;
+  steps?: Step[]; parameters?: Record<string, Parameter>; sensors?: Record<string, SensorErrors>;
+  automatic?: Group[]; held?: Held[]; loops?: LoopError[]; validation?: Validation;
+  unobservable?: Record<string, number>[]; noise_levels?: NoiseLevel[]; weak_directions?: WeakDirection[];
+  prior_decides?: { parameter: string; unit: string; prior: number; sigma: Maybe }[];
+  correlations?: { a: string; b: string; correlation: number }[];
+  rejected?: { sample: string; sensor?: string; target?: string; ids?: number[]; reason: string }[];
+  leverage?: Leverage[]; warnings?: Warning[]; findings?: Finding[]; scene?: Scene;
+}
+
+/** Columns of equal length; a column of only nulls may be missing. */
+export type Columns = Record<string, Maybe[] | undefined>;
+
+export interface Samples {
+  id: string[]; train?: number[]; joints?: Record<string, Maybe[]>; errors?: Record<string, Maybe[]>;
+  targets?: Record<string, (Pose7 | null)[]>;
+}
+export interface Report {
+  version: number; title?: string; result?: Result; names?: { sensors: string[]; targets: string[] };
+  samples?: Samples; residuals?: Columns | null; loops?: Columns | null;
+  covariance?: { names: string[]; sigma: Maybe[]; correlation: Maybe[][] } | null;
+}
+
+export interface OverviewSensor { unit: string; before: Maybe; after: Maybe; from: string }
+export interface OverviewRow {
+  folder: string; title?: string; serial?: string; time?: string | number; verdict?: Verdict; status?: string;
+  chi2_dof?: Maybe; sensors?: Record<string, OverviewSensor>;
+  largest_change?: { name?: string; parameter?: string; value?: Maybe; unit?: string; sigma?: Maybe } | null;
+  link?: string | null;
+}
+export interface Overview { version: number; title?: string; overview: OverviewRow[] }
+
+export type PageData = Report | Overview | { 'kincal-report-data': null };
+
+/** A report with its columns as typed arrays (made when first asked for, null becomes NaN) and rows found by sample. */
+export interface Table {
+  length: number;
+  column(name: string): Float64Array;
+  has(name: string): boolean;
+  ints(name: string): Int32Array;
+  rowsOf(sample: number): Int32Array;
+}
+
+export function table(columns: Columns | null | undefined): Table {
+  const source = columns ?? {};
+  const length = source.sample?.length ?? 0;
+  const floats = new Map<string, Float64Array>();
+  const integers = new Map<string, Int32Array>();
+  let starts: Int32Array | undefined;
+  let order: Int32Array | undefined;
+  const column = (name: string): Float64Array => {
+    let made = floats.get(name);
+    if (!made) {
+      const given = source[name];
+      made = new Float64Array(length).fill(NaN);
+      if (given) for (let i = 0; i < length; i++) made[i] = given[i] ?? NaN;
+      floats.set(name, made);
+    }
+    return made;
+  };
+  const ints = (name: string): Int32Array => {
+    let made = integers.get(name);
+    if (!made) {
+      made = new Int32Array(length);
+      const given = source[name];
+      for (let i = 0; i < length; i++) made[i] = given?.[i] ?? -1;
+      integers.set(name, made);
+    }
+    return made;
+  };
+  // Rows sorted by sample (a counting sort), so that a chosen sample's rows are found without a search.
+  const rowsOf = (sample: number): Int32Array => {
+    if (!starts || !order) {
+      const of = ints('sample');
+      let most = -1;
+      for (let i = 0; i < length; i++) if (of[i] > most) most = of[i];
+      starts = new Int32Array(most + 2);
+      for (let i = 0; i < length; i++) starts[of[i] + 1]++;
+      for (let s = 0; s <= most; s++) starts[s + 1] += starts[s];
+      const next = starts.slice();
+      order = new Int32Array(length);
+      for (let i = 0; i < length; i++) order[next[of[i]]++] = i;
+    }
+    return sample >= 0 && sample + 1 < starts.length ? order.subarray(starts[sample], starts[sample + 1])
+                                                     : new Int32Array(0);
+  };
+  return { length, column, ints, rowsOf, has: (name) => source[name] !== undefined };
+}
+
+/** What all sections of a report see. */
+export interface Context {
+  report: Report; result: Result; sensors: string[]; targets: string[]; samples: Samples; residuals: Table; loops: Table;
+}
+
+export function context(report: Report): Context {
+  const result = report.result ?? {};
+  return {
+    report, result,
+    sensors: report.names?.sensors ?? Object.keys(result.sensors ?? {}),
+    targets: report.names?.targets ?? [],
+    samples: report.samples ?? { id: [] },
+    residuals: table(report.residuals),
+    loops: table(report.loops),
+  };
+}
+
+export function isOverview(data: PageData): data is Overview {
+  return Array.isArray((data as Overview).overview);
+}
+export function isEmpty(data: PageData): data is { 'kincal-report-data': null } {
+  return 'kincal-report-data' in data;
+}
+
+/** chi2 per degree of freedom of measurements and joint errors, without priors; null where it is not told. */
+export function chi2PerDof(result: Result): Maybe {
+  const chi2 = result.chi2_data ?? result.chi2;
+  const dof = result.dof_data ?? result.dof;
+  return typeof chi2 === 'number' && typeof dof === 'number' && dof > 0 ? chi2 / dof : null;
+}
+
+/** Where an error after the calibration comes from: held-out data if there are any, else cross-validation, else training. */
+export type Source = 'test' | 'cross_validation' | 'train';
+export interface BeforeAfter {
+  sensor: string; unit: string; points: number; before: Maybe; after: Maybe; interval?: [number, number] | null;
+  source: Source; beforeSource: Source;
+}
+
+/** One row a sensor (translation in m of poses), judged on the best data there are; errors as read. */
+export function judged(result: Result): BeforeAfter[] {
+  return Object.entries(result.sensors ?? {}).map(([sensor, errors]) => {
+    const test = result.validation?.test?.[sensor];
+    const cross = result.validation?.cross_validation?.sensors?.[sensor];
+    const train = errors.train;
+    if (errors.test && errors.test.points > 0)
+      return {
+        sensor, unit: errors.unit, points: errors.test.points, before: errors.test.rms_before,
+        after: errors.test.rms_as_read, interval: test?.rms_as_read_95, source: 'test', beforeSource: 'test',
+      };
+    if (cross && cross.points > 0)
+      return {
+        sensor, unit: errors.unit, points: cross.points, before: train?.rms_before ?? null, after: cross.rms_as_read,
+        interval: cross.rms_as_read_95, source: 'cross_validation', beforeSource: 'train',
+      };
+    return {
+      sensor, unit: errors.unit, points: train?.points ?? 0, before: train?.rms_before ?? null,
+      after: train?.rms_as_read ?? null, source: 'train', beforeSource: 'train',
+    };
+  });
+}
+
+/** Components of all parameters as flat rows. */
+export interface Component {
+  name: string; parameter: string; unit: string; initial: number; value: number; sigma: Maybe; step: string;
+}
+const poseComponents = ['x', 'y', 'z', 'rx', 'ry', 'rz'];
+const intrinsicComponents = ['fx', 'fy', 'cx', 'cy'];
+const distortionComponents: Record<number, string[]> = {
+  4: ['k1', 'k2', 'k3', 'k4'], 5: ['k1', 'k2', 'p1', 'p2', 'k3'],
+  8: ['k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'k5', 'k6'],
+};
+
+export function componentNames(parameter: string, size: number): string[] {
+  if (size === 1) return [parameter];
+  const kind = parameter.slice(parameter.lastIndexOf('/') + 1);
+  const parts = kind === 'intrinsics' ? intrinsicComponents
+    : kind === 'distortion' ? distortionComponents[size]
+    : kind === 'points' ? Array.from({ length: size }, (_, i) => `${Math.floor(i / 3)}.${'xyz'[i % 3]}`)
+    : poseComponents;
+  return Array.from({ length: size }, (_, i) => `${parameter}.${parts?.[i] ?? i}`);
+}
+
+export function components(result: Result): Component[] {
+  return Object.entries(result.parameters ?? {}).flatMap(([parameter, p]) =>
+    componentNames(parameter, p.value.length).map((name, i) => ({
+      name, parameter, unit: p.unit[i] ?? '', initial: p.initial[i] ?? 0, value: p.value[i], sigma: p.sigma?.[i] ?? null,
+      step: p.step ?? '',
+    })));
+}

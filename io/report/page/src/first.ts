@@ -1,0 +1,148 @@
+// The first screen: the verdict, the three figures that matter, what to do next, what was held.
+import { fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
+import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
+import { h, svg, type Child } from './dom';
+import { digits, none, plainName, plural, shown, size, time } from './format';
+
+const words = {
+  good: { sign: '✓', word: 'Good', say: 'Use this calibration.' },
+  doubts: { sign: '?', word: 'Usable, with doubts', say: 'Read the doubts before you use it.' },
+  no: { sign: '✕', word: 'Do not use', say: 'Mend what is named, then calibrate again.' },
+};
+
+export function masthead(context: Context, buttons: Child[]): HTMLElement {
+  const { result, report } = context;
+  const facts = [
+    result.serial ? `Serial ${result.serial}` : 'no serial number given',
+    time(result.time ?? result.input?.date) === none ? 'no date given' : time(result.time ?? result.input?.date),
+    plural(context.samples.id.length, 'sample'),
+    result.kincal ? `kincal ${result.kincal}` : null,
+  ].filter((fact) => fact !== null);
+  return h('header', { class: 'masthead' },
+    h('div', {}, h('h1', {}, `Calibration of ${report.title ?? 'a robot'}`), h('p', { class: 'facts' }, facts.join(' · '))),
+    h('div', { class: 'buttons' }, ...buttons));
+}
+
+const families: [RegExp, string][] = [
+  [/camera/, 'Cameras'], [/tilting_laser/, 'Tilting laser'], [/point/, 'Tracker'], [/pose/, 'Poses'],
+  [/chain/, 'Arms holding a target'],
+];
+interface Line { name: string; unit: string; before: number | null; after: number | null; count: number }
+
+/** Sensors of one kind and unit together: the root mean square over all their points. */
+export function pooled(rows: BeforeAfter[], typeOf: (sensor: string) => string | undefined): Line[] {
+  const groups = new Map<string, BeforeAfter[]>();
+  for (const row of rows) {
+    const type = typeOf(row.sensor);
+    const name = rows.length <= 3 ? row.sensor
+      : (families.find(([pattern]) => type && pattern.test(type))?.[1] ?? (row.unit === 'px' ? 'Cameras' : 'Other sensors'));
+    groups.set(`${name}\n${row.unit}`, [...(groups.get(`${name}\n${row.unit}`) ?? []), row]);
+  }
+  const pool = (of: BeforeAfter[], value: (row: BeforeAfter) => number | null) => {
+    let sum = 0, n = 0;
+    for (const row of of) {
+      const v = value(row);
+      if (v === null || !row.points) continue;
+      sum += v * v * row.points;
+      n += row.points;
+    }
+    return n ? Math.sqrt(sum / n) : null;
+  };
+  return [...groups].map(([key, of]) => ({
+    name: of.length === 1 ? of[0].sensor : key.split('\n')[0], unit: of[0].unit, count: of.length,
+    before: pool(of, (row) => row.before), after: pool(of, (row) => row.after),
+  }));
+}
+
+const sources = {
+  test: 'on data held out from the fit', cross_validation: 'cross-validated: each sample judged by a fit without it',
+  train: 'on the data of the fit itself; nothing was held out',
+};
+
+function errorCard(context: Context): HTMLElement {
+  const rows = judged(context.result);
+  const types = new Map((context.result.scene?.sensors ?? []).map((s) => [s.name, s.type]));
+  const lines = pooled(rows, (sensor) => types.get(sensor));
+  const kinds = [...new Set(rows.map((row) => row.source))];
+  return h('div', { class: 'card errors' },
+    h('h2', {}, 'Error before and after'),
+    rows.length === 0 ? h('p', {}, 'No sensor saw anything.') : h('table', { class: 'big' },
+      h('thead', {}, h('tr', {}, h('th', {}, ''), h('th', { class: 'n' }, 'before'), h('th', { class: 'n' }, 'after'))),
+      h('tbody', {}, ...lines.map((line) => {
+        const unit = shown(line.unit);
+        const text = (v: number | null) => (v === null ? none : digits(v * unit.factor));
+        return h('tr', {}, h('th', { scope: 'row' }, line.count > 1 ? `${line.name} (${line.count})` : line.name),
+          h('td', { class: 'n before' }, text(line.before)),
+          h('td', { class: 'n after' }, h('b', {}, text(line.after)), ` ${unit.name}`));
+      }))),
+    h('p', { class: 'small' }, 'RMS, joint readings taken as they come; ',
+      kinds.length ? kinds.map((kind) => sources[kind]).join('; ') : '', '.'));
+}
+
+/** chi2/dof on a logarithmic line; the band is what the stated noise allows. */
+function gauge(ratio: number, ok: boolean): SVGElement {
+  const x = (v: number) => 10 + (Math.log10(Math.min(1000, Math.max(0.01, v))) + 2) / 5 * 240;
+  return svg('svg', { viewBox: '-4 0 272 40', class: 'gauge', role: 'img', 'aria-label': `chi2/dof ${digits(ratio)}; 1 is right` },
+    svg('rect', { x: 10, y: 12, width: 240, height: 8, class: 'track' }),
+    svg('rect', { x: x(0.8), y: 12, width: x(1.25) - x(0.8), height: 8, class: 'band' }),
+    ...[0.01, 0.1, 1, 10, 100, 1000].map((v) => svg('text', { x: x(v), y: 36 }, String(v))),
+    svg('path', { d: `M${x(ratio)} 22 l-6 -16 h12 z`, class: ok ? 'needle ok' : 'needle' }));
+}
+
+function fitCard(result: Result): HTMLElement {
+  const ratio = chi2PerDof(result);
+  const { word, ok } = fitWord(result);
+  return h('div', { class: 'card' },
+    h('h2', {}, 'Residuals against the stated noise'),
+    h('p', { class: 'figure' }, h('b', {}, digits(ratio)), h('span', {}, ' chi²/dof')),
+    ratio !== null ? gauge(ratio, ok) : null,
+    h('p', { class: 'small' }, `1 means: what is left over is as large as the noise that the rig states. Here ${word}.`));
+}
+
+function weakCard(result: Result): HTMLElement {
+  const weak = result.weak_directions?.[0];
+  const least = leastKnown(result);
+  const title = h('h2', {}, 'Weakest direction');
+  if (weak) {
+    const names = Object.keys(weak.parameters);
+    return h('div', { class: 'card' }, title,
+      h('p', { class: 'figure' }, weak.sigma === null ? h('b', {}, 'not determined')
+        : h('b', {}, `± ${size(weak.sigma, weak.unit)}`)),
+      h('p', { title: names[0] }, plainName(names[0] ?? ''),
+        names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),
+      h('p', { class: 'small' }, weak.sigma === null ? 'The data do not tell this number at all. '
+        : 'One standard deviation, from the data alone. ', h('a', { href: '#weak' }, 'Why, and what helps')));
+  }
+  if (!least) return h('div', { class: 'card' }, title, h('p', {}, 'No number was estimated.'));
+  return h('div', { class: 'card' }, title,
+    h('p', { class: 'figure' }, h('b', {}, least.sigma === null ? 'not determined' : `± ${size(least.sigma, least.unit)}`)),
+    h('p', { title: least.name }, plainName(least.name)),
+    h('p', { class: 'small' }, least.sigma === null ? 'The data do not tell this number. '
+      : result.status === 'converged' ? 'The number known worst (one standard deviation). No direction is weak: all are known to 1 cm, 1° or 1 %, or a prior says them. '
+      : 'The number known worst (one standard deviation). ', h('a', { href: '#changes' }, 'All numbers')));
+}
+
+export function firstScreen(context: Context): HTMLElement {
+  const { result } = context;
+  const verdict = result.verdict;
+  const look = verdict ? words[verdict.use] : undefined;
+  const { why } = splitVerdict(verdict?.text ?? '');
+  const steps = nextSteps(result);
+  const held = heldLines(result);
+  return h('div', { class: 'first', id: 'verdict' },
+    h('div', { class: `verdict ${verdict?.use ?? 'unknown'}`, role: 'status' },
+      h('span', { class: 'sign', 'aria-hidden': 'true' }, look?.sign ?? '…'),
+      h('div', {}, h('p', { class: 'word' }, h('b', {}, look?.word ?? 'No verdict'), look ? ` ${look.say}` : ''),
+        h('p', { class: 'why' }, why ? `${why.charAt(0).toUpperCase()}${why.slice(1)}.` : `Status: ${result.status ?? 'not told'}.`))),
+    h('div', { class: 'cards' }, errorCard(context), fitCard(result), weakCard(result)),
+    h('div', { class: 'two' },
+      h('div', {}, h('h2', {}, 'What to do next'),
+        steps.length ? h('ol', { class: 'todo' }, ...steps.slice(0, 6).map((step) =>
+          h('li', {}, step.text, step.why ? h('span', { class: 'small' }, ` (${step.why})`) : null)))
+          : h('p', {}, 'Nothing.')),
+      h('div', {}, h('h2', {}, 'What was held, and why'),
+        held.length ? h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
+          line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them'),
+            h('p', { class: 'names' }, line.names.join(', '))) : null)))
+          : h('p', {}, 'Nothing was held.'))));
+}

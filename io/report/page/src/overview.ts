@@ -1,0 +1,102 @@
+// Several results side by side: the worst first, errors over time, links to each report.
+import uPlot from 'uplot';
+import type { Overview, OverviewRow } from './data';
+import { dataTable, h, section, svg, type Section } from './dom';
+import { digits, none, plainName, plural, quantity, shown, time } from './format';
+import { colours, onTheme } from './state';
+
+const rank = { no: 0, doubts: 1, good: 2 };
+const words = { good: '✓ good', doubts: '? doubts', no: '✕ do not use' };
+
+/** Failed first, then by verdict, then by how far chi2/dof is above 1. */
+export function worstFirst(rows: OverviewRow[]): OverviewRow[] {
+  const key = (row: OverviewRow) => (row.verdict ? rank[row.verdict.use] : -1);
+  return [...rows].sort((a, b) => key(a) - key(b) || Math.abs(Math.log(b.chi2_dof || 1)) - Math.abs(Math.log(a.chi2_dof || 1))
+    || a.folder.localeCompare(b.folder, 'en'));
+}
+/** Seconds since 1970, or null. */
+export function stamp(t: string | number | undefined): number | null {
+  if (t === undefined || t === null || t === '') return null;
+  const s = typeof t === 'number' ? t : Date.parse(t) / 1000;
+  return Number.isFinite(s) ? s : null;
+}
+/** Links lead to files beside this one, never to another scheme ("javascript:", "https:"). */
+export function safeLink(link: string | null | undefined): string | null {
+  if (!link || /^[a-z][a-z0-9+.-]*:/i.test(link.trim()) || link.trim().startsWith('//')) return null;
+  return link.split('/').map(encodeURIComponent).join('/');
+}
+
+function bar(value: number | null, most: number, kind: string) {
+  return svg('svg', { viewBox: '0 0 100 8', class: `share ${kind}`, 'aria-hidden': 'true' },
+    svg('rect', { x: 0, y: 1, width: value && most ? (100 * value) / most : 0, height: 6 }));
+}
+
+function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[]): void {
+  const points = rows.map((row) => ({ t: stamp(row.time)!, s: row.sensors?.[sensor] })).filter((p) => p.t !== null && p.s).sort((a, b) => a.t - b.t);
+  if (points.length < 2) return;
+  const unit = shown(points[0].s!.unit);
+  const place = h('div', { class: 'uplot-host', role: 'img', 'aria-label': `Error of ${sensor} over time` });
+  host.append(h('figure', { class: 'plot' }, h('figcaption', {}, h('span', {}, `${sensor} (${unit.name})`)), place));
+  let plot: uPlot | undefined;
+  const draw = () => {
+    plot?.destroy();
+    const c = colours();
+    const axis = { stroke: c.faint, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: '11px system-ui' };
+    const value = (v: number | null | undefined) => (v === null || v === undefined ? null : v * unit.factor);
+    plot = new uPlot({
+      width: place.clientWidth || 400, height: 200, axes: [axis, { ...axis, size: 56 }], scales: { y: { range: (_, __, most) => [0, most * 1.1 || 1] } },
+      series: [{}, { label: 'before', stroke: c.before, dash: [4, 3], points: { show: true, size: 6 } }, { label: 'after', stroke: c.after, width: 2, points: { show: true, size: 7, fill: c.after } }],
+    }, [points.map((p) => p.t), points.map((p) => value(p.s!.before)), points.map((p) => value(p.s!.after))], place);
+  };
+  draw();
+  onTheme(draw);
+}
+
+function change(row: OverviewRow): string {
+  const c = row.largest_change;
+  if (!c) return none;
+  return `${plainName(c.parameter ?? c.name ?? '')} ${quantity(c.value, c.unit ?? '')}`;
+}
+
+export function overviewSections(data: Overview): Section[] {
+  const rows = worstFirst(data.overview);
+  const sensors = [...new Set(rows.flatMap((row) => Object.keys(row.sensors ?? {})))];
+  const after = (row: OverviewRow, sensor: string) => { const s = row.sensors?.[sensor]; return s?.after == null ? null : s.after * shown(s.unit).factor; };
+  const most = new Map(sensors.map((sensor) => [sensor, Math.max(...rows.map((row) => after(row, sensor) ?? 0))]));
+  const unitOf = (sensor: string) => shown(rows.find((row) => row.sensors?.[sensor])!.sensors![sensor].unit).name;
+  const counts = (['no', 'doubts', 'good'] as const).map((use) => rows.filter((row) => row.verdict?.use === use).length);
+  const failed = rows.length - counts[0] - counts[1] - counts[2];
+  const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
+    'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. Errors are those in use, after the calibration, in the unit of the column.',
+    (host) => host.append(dataTable(rows, [
+      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder; }, value: (row) => row.folder },
+      { title: 'Serial', cell: (row) => row.serial ?? none },
+      { title: 'Date', cell: (row) => time(row.time), value: (row) => stamp(row.time) },
+      { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')), value: (row) => row.verdict?.use ?? row.status },
+      { title: 'chi²/dof', cell: (row) => digits(row.chi2_dof), value: (row) => row.chi2_dof, numeric: true },
+      ...sensors.map((sensor) => ({
+        title: `${sensor} (${unitOf(sensor)})`, numeric: true, value: (row: OverviewRow) => after(row, sensor),
+        cell: (row: OverviewRow) => h('div', { class: 'barred' }, digits(after(row, sensor)), bar(after(row, sensor), most.get(sensor)!, 'after')),
+      })),
+      { title: 'Largest change', cell: change },
+    ], { caption: 'All results, the worst first.', file: 'overview', most: 200 })), 100);
+  const doubts = rows.filter((row) => row.verdict?.use !== 'good');
+  const why = section('why', 'What is wrong where', 'The program’s own words for every result that is not good.',
+    (host) => host.append(doubts.length ? dataTable(doubts, [
+      { title: 'Result', cell: (row) => row.title || row.folder },
+      { title: 'Verdict', cell: (row) => (row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')) },
+      { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
+    ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 }) : h('p', {}, 'Every result is good.')));
+  const where = section('origins', 'What the errors were measured on', 'Held-out data are the judge; errors on the data of the fit itself are too small.',
+    (host) => host.append(dataTable(rows.flatMap((row) => Object.entries(row.sensors ?? {}).map(([sensor, s]) => ({ row, sensor, s }))), [
+      { title: 'Result', cell: (r) => r.row.title || r.row.folder }, { title: 'Sensor', cell: (r) => r.sensor },
+      { title: 'Before', cell: (r) => quantity(r.s.before, r.s.unit), value: (r) => r.s.before, numeric: true },
+      { title: 'After', cell: (r) => quantity(r.s.after, r.s.unit), value: (r) => r.s.after, numeric: true },
+      { title: 'On', cell: (r) => ({ test: 'held-out samples', cross_validation: 'cross-validated', train: 'the fit’s own data' })[r.s.from] ?? r.s.from },
+    ], { caption: 'Errors before and after.', file: 'overview_errors' })));
+  const sections = [head];
+  if (rows.filter((row) => stamp(row.time) !== null).length > 1)
+    sections.push(section('drift', 'Over time', 'Errors after the calibration (blue), and of the robot as it was found (orange, dashed). Orange that rises from one calibration to the next: the robot drifts or wears.',
+      (host) => { const grid = h('div', { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows); }, 300));
+  return [...sections, why, where];
+}

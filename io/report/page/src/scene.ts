@@ -1,0 +1,59 @@
+// The section of the 3-D view: its controls, and the code of the view, which is started when the reader comes to it.
+import type { Context } from './data';
+import { h, missing, section, type Section } from './dom';
+import { choose, chosenSample, colours, onChoice, onTheme } from './state';
+import type { Options, View3d } from './view3d';
+
+interface Module { create(host: HTMLElement, options: Options): View3d }
+
+/** Runs the text of the 3-D view: a script of the page itself, which nobody parsed before. */
+function module(): Module {
+  const page = globalThis as { kincalView3d?: Module };
+  if (!page.kincalView3d) document.head.append(h('script', {}, document.getElementById('view3d')?.textContent ?? ''));
+  if (!page.kincalView3d) throw new Error('the 3-D view is not in this file');
+  return page.kincalView3d;
+}
+
+export function sceneSection(context: Context): Section {
+  return section('robot', 'The robot, before and after',
+    'Solid: after the calibration. Orange: where the same part was before, with the difference magnified. Ellipsoids: how far each sensor or target can be off (one standard deviation, magnified). Drag to turn, scroll to come nearer; small dots are the targets of all samples: click one to choose its sample.',
+    (host) => {
+      const scene = context.result.scene;
+      if (!scene?.links.length) return void host.append(missing('The robot’s links are not in this file.'));
+      const place = h('div', { class: 'view3d' });
+      const controls = h('div', { class: 'controls' });
+      host.append(controls, place);
+      let view: View3d;
+      try {
+        view = module().create(place, {
+          scene, samples: context.samples, colours: colours(), sample: chosenSample(), choose: (sample) => choose(sample, false),
+        });
+      } catch (error) {
+        place.replaceChildren(missing(`This browser shows no 3-D graphics (${error instanceof Error ? error.message : error}).`));
+        place.classList.add('none');
+        return;
+      }
+      const slider = (label: string, most: number, start: number, set: (value: number) => void) => {
+        const shown = h('output', {}, `× ${start}`);
+        // Even steps on a logarithmic line: 1 to 100 is two decades.
+        const input = h('input', {
+          type: 'range', min: 0, max: 100, value: (100 * Math.log10(start)) / Math.log10(most), 'aria-label': label,
+          input: () => { const v = Math.round(most ** (Number(input.value) / 100)); shown.textContent = `× ${v}`; set(v); },
+        });
+        set(start);
+        return h('label', {}, label, input, shown);
+      };
+      const box = (label: string, checked: boolean, set: (on: boolean) => void) => {
+        const input = h('input', { type: 'checkbox', checked, change: () => set(input.checked) });
+        return h('label', {}, input, label);
+      };
+      controls.append(slider('Difference', 100, 10, view.difference));
+      if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, 30, view.uncertainty));
+      controls.append(box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
+        box('axes', false, (on) => view.show('axes', on)));
+      if (scene.links.some((l) => l.boxes?.length)) controls.append(box('bodies', true, (on) => view.show('bodies', on)));
+      controls.append(h('button', { type: 'button', click: () => view.home() }, 'Whole robot'));
+      onChoice(view.choose);
+      onTheme(() => view.paint(colours()));
+    }, 560);
+}

@@ -1,0 +1,54 @@
+// What the whole page shares: the chosen sample, and the theme. Plots and tables ask to be told when these change.
+
+let chosen = -1;
+const choosers = new Set<(sample: number) => void>();
+
+/** Index of the chosen sample, -1: none. */
+export function chosenSample(): number {
+  return chosen;
+}
+/** Chooses a sample; the same one again lets it go. */
+export function choose(sample: number, toggle = true): void {
+  const next = toggle && sample === chosen ? -1 : sample;
+  if (next === chosen) return;
+  chosen = next;
+  for (const tell of choosers) tell(chosen);
+}
+export function onChoice(tell: (sample: number) => void): void {
+  choosers.add(tell);
+}
+
+export interface Theme {
+  text: string; faint: string; line: string; ground: string; panel: string; before: string; after: string;
+  chosen: string; good: string; other: string; held: string;
+}
+let theme: Theme | undefined;
+const painters = new Set<() => void>();
+
+/** Colours of the theme for what is drawn on canvas; the style sheet has them (Okabe and Ito, safe for colour-blind). */
+export function colours(): Theme {
+  if (!theme) {
+    const style = getComputedStyle(document.documentElement);
+    const get = (name: string) => style.getPropertyValue(`--${name}`).trim();
+    theme = {
+      text: get('text'), faint: get('faint'), line: get('line'), ground: get('ground'), panel: get('panel'),
+      before: get('before'), after: get('after'), chosen: get('chosen'), good: get('good'), other: get('other'),
+      held: get('held'),
+    };
+  }
+  return theme;
+}
+export function onTheme(paint: () => void): void {
+  painters.add(paint);
+}
+/** light, dark, or null: as the system says. */
+export function setTheme(name: string | null): void {
+  if (name) document.documentElement.dataset.theme = name;
+  else delete document.documentElement.dataset.theme;
+  theme = undefined;
+  for (const paint of painters) paint();
+}
+export function isDark(): boolean {
+  const given = document.documentElement.dataset.theme;
+  return given ? given === 'dark' : matchMedia('(prefers-color-scheme: dark)').matches;
+}

@@ -1,0 +1,281 @@
+// Sections that are mostly tables: errors a sensor, validation, weak directions, groups, steps, where it comes from.
+import uPlot from 'uplot';
+import { chi2PerDof, components, type Context, type SensorErrors } from './data';
+import { csvButton, dataTable, h, missing, section, svg, type Section } from './dom';
+import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
+import { weakSentence } from './advice';
+import { choose, colours, onTheme } from './state';
+
+interface ErrorRow { sensor: string; unit: string; errors: SensorErrors; rotation: boolean }
+type Split = 'train' | 'test';
+
+function errorRows(context: Context): ErrorRow[] {
+  return Object.entries(context.result.sensors ?? {}).flatMap(([sensor, errors]) => {
+    const rows: ErrorRow[] = [{ sensor, unit: errors.unit, errors, rotation: false }];
+    if (errors.train?.rms_rotation !== undefined) rows.push({ sensor, unit: 'rad', errors, rotation: true });
+    return rows;
+  });
+}
+function error(row: ErrorRow, split: Split, kind: 'rms_before' | 'rms' | 'rms_as_read'): number | null {
+  const of = row.errors[split];
+  if (!of || !of.points) return null;
+  const v = row.rotation ? of[kind.replace('rms', 'rms_rotation') as 'rms_rotation'] : of[kind];
+  return v === null || v === undefined ? null : v * shown(row.unit).factor;
+}
+/** Largest ratio of noise seen and assumed over a sensor's parts. */
+function noiseRatio(context: Context, sensor: string): number | null {
+  const ratios = (context.result.noise_levels ?? [])
+    .filter((level) => level.of === `sensor/${sensor}` && level.seen !== null && level.assumed)
+    .map((level) => level.seen! / level.assumed!);
+  return ratios.length ? Math.max(...ratios) : null;
+}
+
+export function errorsSection(context: Context): Section {
+  return section('errors', 'Errors of each sensor',
+    'Read it across: "before" is the robot as it was, "explained" what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word. Held-out figures well above those of the fit mean too many numbers for these data.',
+    (host) => {
+      const rows = errorRows(context);
+      if (!rows.length) return void host.append(missing('The result has no errors of sensors.'));
+      const all = rows.flatMap((row) => (['train', 'test'] as const).flatMap((split) =>
+        (['rms_before', 'rms_as_read'] as const).map((kind) => error(row, split, kind)))).filter((v): v is number => !!v && v > 0);
+      const low = Math.log10(Math.min(...all)), high = Math.log10(Math.max(...all));
+      const x = (v: number) => 6 + ((Math.log10(v) - low) / (high - low || 1)) * 128;
+      const drawing = (row: ErrorRow) => {
+        const split: Split = row.errors.test?.points ? 'test' : 'train';
+        const before = error(row, split, 'rms_before'), after = error(row, split, 'rms_as_read');
+        return svg('svg', { viewBox: '0 0 140 14', class: 'dumbbell', 'aria-hidden': 'true' },
+          before && after ? svg('line', { x1: x(before), x2: x(after), y1: 7, y2: 7 }) : null,
+          before ? svg('rect', { x: x(before) - 4, y: 3, width: 8, height: 8, class: 'before' }) : null,
+          after ? svg('circle', { cx: x(after), cy: 7, r: 4.5, class: 'after' }) : null);
+      };
+      const cell = (split: Split, kind: 'rms_before' | 'rms' | 'rms_as_read') => ({
+        cell: (row: ErrorRow) => digits(error(row, split, kind)), value: (row: ErrorRow) => error(row, split, kind), numeric: true,
+      });
+      const anyTest = rows.some((row) => row.errors.test?.points);
+      const cross = context.result.validation?.cross_validation?.sensors;
+      const crossed = (row: ErrorRow) => {
+        const of = cross?.[row.sensor];
+        const v = row.rotation ? of?.rms_rotation_as_read : of?.rms_as_read;
+        return v === null || v === undefined ? null : v * shown(row.unit).factor;
+      };
+      host.append(dataTable(rows, [
+        { title: 'Sensor', cell: (row) => (row.rotation ? `${row.sensor} (rotation)` : row.sensor) },
+        { title: 'Unit', cell: (row) => shown(row.unit).name },
+        { title: 'Points', cell: (row) => row.errors.train?.points ?? 0, numeric: true, hint: 'Points in the fit' },
+        { title: 'Before', ...cell('train', 'rms_before') },
+        { title: 'Explained', ...cell('train', 'rms') },
+        { title: 'In use', ...cell('train', 'rms_as_read') },
+        ...(anyTest ? [
+          { title: 'Held out: points', cell: (row: ErrorRow) => row.errors.test?.points ?? 0, numeric: true },
+          { title: 'before', ...cell('test', 'rms_before') },
+          { title: 'explained', ...cell('test', 'rms') },
+          { title: 'in use', ...cell('test', 'rms_as_read') },
+        ] : []),
+        ...(cross ? [{ title: 'Cross-validated, in use', cell: (row: ErrorRow) => digits(crossed(row)), value: crossed, numeric: true }] : []),
+        { title: 'Against stated noise', cell: (row) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' },
+        { title: 'Before ■ to in use ● (logarithmic)', cell: drawing, drawing: true },
+      ], { caption: `Root mean square error of each sensor${anyTest ? '' : '; nothing was held out'}.`, file: 'errors' }));
+    });
+}
+
+export function validationSection(context: Context): Section | null {
+  const validation = context.result.validation ?? {};
+  if (!validation.baselines && !validation.frames && !validation.requirements) return null;
+  return section('validation', 'Is it better where it did not look?',
+    'Simpler calibrations on the same held-out data, tolerances that were asked for, and how well chosen frames are predicted. A ratio above 1 means: the simpler one is better.',
+    (host) => {
+      if (validation.requirements)
+        host.append(dataTable(validation.requirements, [
+          { title: 'Asked', cell: (row) => row.require },
+          { title: 'Limit', cell: (row) => quantity(row.limit, row.unit), numeric: true },
+          { title: 'Measured', cell: (row) => quantity(row.measured, row.unit), numeric: true },
+          { title: 'Met', cell: (row) => (row.met ? '✓ yes' : '✕ no') },
+          { title: 'On', cell: (row) => row.from.replace('_', ' ') },
+        ], { caption: 'Tolerances.', file: 'tolerances' }));
+      if (validation.baselines)
+        host.append(dataTable(validation.baselines.rows, [
+          { title: 'Sensor', cell: (row) => row.sensor },
+          { title: 'Robot as it is', cell: (row) => quantity(row.rig, row.unit), value: (row) => row.rig, numeric: true },
+          { title: 'Mounts alone', cell: (row) => quantity(row.mounts, row.unit), value: (row) => row.mounts, numeric: true },
+          { title: 'This calibration', cell: (row) => quantity(row.automatic, row.unit), value: (row) => row.automatic, numeric: true },
+          { title: 'This / mounts alone', cell: (row) => digits(row.ratio), value: (row) => row.ratio, numeric: true },
+          { title: '95 % interval', cell: (row) => (row.ratio_95 ? `${digits(row.ratio_95[0])} to ${digits(row.ratio_95[1])}` : none) },
+        ], { caption: 'Beside simpler calibrations: errors in use, on held-out data.', file: 'baselines' }));
+      const frames = Object.entries(validation.frames ?? {}).flatMap(([frame, of]) =>
+        Object.entries(of.workspaces).map(([workspace, p]) => ({ frame, base: of.base, workspace, p })));
+      if (frames.length)
+        host.append(dataTable(frames, [
+          { title: 'Frame', cell: (row) => row.frame }, { title: 'Relative to', cell: (row) => row.base },
+          { title: 'Postures', cell: (row) => `${row.p.postures} ${row.workspace === 'limits' ? 'within the limits' : 'of the samples'}` },
+          { title: 'Position', cell: (row) => quantity(row.p.position?.rms, 'm'), numeric: true },
+          { title: 'worst', cell: (row) => quantity(row.p.position?.worst, 'm'), numeric: true },
+          { title: 'with noise of readings', cell: (row) => quantity(row.p.position_with_readings?.rms, 'm'), numeric: true },
+          { title: 'Rotation', cell: (row) => quantity(row.p.rotation?.rms, 'rad'), numeric: true },
+        ], { caption: 'Predicted uncertainty of frames (one standard deviation).', file: 'frames' }));
+    });
+}
+
+export function weakSection(context: Context): Section {
+  return section('weak', 'What the data do not tell well',
+    'Each card is a motion that changes hardly any measurement: these numbers can be off together as far as it says, and nobody would see it in the residuals.',
+    (host) => {
+      const weak = context.result.weak_directions ?? [];
+      if (!weak.length)
+        return void host.append(missing('No weak direction: everything that was estimated is known to better than 1 cm, 1° or 1 %, or a prior decides it.'));
+      host.append(h('div', { class: 'weak' }, ...weak.map((w) => {
+        const parts = Object.entries(w.parameters).slice(0, 10);
+        const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
+        return h('article', { class: 'card' },
+          h('h3', {}, weakSentence(w)),
+          h('p', {}, h('b', {}, 'Why: '), w.why), h('p', {}, h('b', {}, 'What helps: '), w.cure),
+          h('table', { class: 'plain' }, h('caption', {}, 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
+            h('tr', {}, h('th', { scope: 'row', title: name }, plainName(name)),
+              h('td', { class: 'n' }, digits(v, 2)),
+              h('td', {}, svg('svg', { viewBox: '-50 0 100 10', class: 'coefficient', 'aria-hidden': 'true' },
+                svg('line', { x1: 0, x2: 0, y1: 0, y2: 10 }),
+                svg('rect', { x: Math.min(0, (v / most) * 48), y: 2, width: Math.abs(v / most) * 48, height: 6 }))))))),
+          w.sigma_with_priors !== undefined && w.sigma_with_priors !== null && w.sigma_with_priors !== w.sigma
+            ? h('p', { class: 'small' }, `With the priors: ± ${size(w.sigma_with_priors, w.unit)}.`) : null);
+      })));
+    });
+}
+
+export function groupsSection(context: Context): Section | null {
+  const groups = context.result.automatic;
+  if (!groups?.length) return null;
+  return section('groups', 'What was estimated, and what stayed',
+    'The program asked of each group of numbers whether the data speak for errors in it. Evidence above 3: estimated. "Width" is how far the numbers of the group turned out to be off, as a standard deviation.',
+    (host) => host.append(dataTable(groups, [
+      { title: 'Group', cell: (row) => row.group },
+      { title: 'Decision', cell: (row) => (row.held ? 'stays as the rig has it' : 'estimated') },
+      { title: 'Numbers', cell: (row) => row.n, numeric: true },
+      { title: 'Determined by the data', cell: (row) => digits(row.gamma === null ? null : Math.max(0, row.gamma), 2), value: (row) => row.gamma, numeric: true },
+      { title: 'Usual error', cell: (row) => quantity(row.start, row.unit), value: (row) => row.start, numeric: true },
+      { title: 'Width found', cell: (row) => quantity(row.width, row.unit), value: (row) => row.width, numeric: true },
+      { title: 'Evidence', cell: (row) => digits(row.gain), value: (row) => row.gain, numeric: true, hint: 'Log of the ratio of probabilities' },
+    ], { caption: 'Groups of numbers that could be wrong.', file: 'groups' })));
+}
+
+/** Colours of uPlot come with each drawing: a theme that changes makes the plot anew. */
+function costPlot(host: HTMLElement, context: Context): void {
+  const steps = (context.result.steps ?? []).filter((step) => step.history?.length);
+  if (!steps.length) return;
+  const length = steps.reduce((sum, step) => sum + step.history!.length, 0);
+  const xs = Array.from({ length }, (_, i) => i);
+  let at = 0;
+  const rows = steps.flatMap((step) => step.history!.map(([chi2, damping], i) => [step.step, i, chi2, damping]));
+  const series = steps.map((step) => {
+    const ys: (number | null)[] = new Array(length).fill(null);
+    for (const [chi2] of step.history!) ys[at++] = chi2 > 0 ? chi2 : null;
+    return ys;
+  });
+  const place = h('div', { class: 'uplot-host', role: 'img', 'aria-label': 'chi2 after each iteration of each step, logarithmic' });
+  host.append(h('figure', { class: 'plot wide' }, h('figcaption', {}, h('span', {}, 'Sum of squared residuals (chi²) after each iteration'),
+    csvButton('iterations', () => [['step', 'iteration', 'chi2', 'damping'], ...rows])), place));
+  let plot: uPlot | undefined;
+  const draw = () => {
+    plot?.destroy();
+    const c = colours();
+    const tones = [c.after, c.before, c.good, c.other, c.chosen, c.faint];
+    const axis = { stroke: c.faint, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: '11px system-ui' };
+    plot = new uPlot({
+      width: place.clientWidth || 700, height: 240, scales: { x: { time: false }, y: { distr: 3 } },
+      axes: [{ ...axis, label: 'iteration, all steps one after the other', labelSize: 22, incrs: [1, 2, 5, 10, 20, 50, 100] }, { ...axis, size: 52, values: (_, at) => at.map((v) => (v === null ? '' : digits(v, 1))),
+        filter: (_, at) => at.map((v) => (Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null)) }],
+      series: [{ label: 'iteration' }, ...steps.map((step, i) => ({
+        label: step.step, stroke: tones[i % tones.length], width: 2, points: { show: true, size: 5 }, spanGaps: false,
+        dash: i >= tones.length ? [4, 3] : undefined,
+      }))],
+    }, [xs, ...series], place);
+  };
+  draw();
+  onTheme(draw);
+  new ResizeObserver(() => plot && place.clientWidth && Math.abs(plot.width - place.clientWidth) > 2
+    && plot.setSize({ width: place.clientWidth, height: 240 })).observe(place);
+}
+
+export function stepsSection(context: Context): Section {
+  return section('steps', 'How the fit went', 'Each step starts where the one before ended. A good step falls quickly, then stays level; one that creeps for dozens of iterations is nearly undetermined or far from its start.',
+    (host) => {
+      const steps = context.result.steps ?? [];
+      if (!steps.length) return void host.append(missing('The result has no steps.'));
+      costPlot(host, context);
+      const total = steps.reduce((sum, step) => sum + (step.seconds ?? 0), 0);
+      host.append(dataTable(steps, [
+        { title: 'Step', cell: (row) => row.step },
+        { title: 'Ended', cell: (row) => row.status.replace('_', ' ') },
+        { title: 'Iterations', cell: (row) => row.iterations, numeric: true },
+        { title: 'chi² at the start', cell: (row) => digits(row.chi2_initial), value: (row) => row.chi2_initial, numeric: true },
+        { title: 'chi² at the end', cell: (row) => digits(row.chi2), value: (row) => row.chi2, numeric: true },
+        { title: 'Degrees of freedom', cell: (row) => row.dof, numeric: true },
+        { title: 'chi²/dof', cell: (row) => digits(chi2PerDof(row)), value: (row) => chi2PerDof(row), numeric: true },
+        { title: 'Time', cell: (row) => seconds(row.seconds), value: (row) => row.seconds, numeric: true },
+        { title: 'Share of time', cell: (row) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
+          svg('rect', { x: 0, y: 1, width: total ? (100 * (row.seconds ?? 0)) / total : 0, height: 8 })), drawing: true },
+      ], { caption: `Steps of the fit; ${seconds(total)} of solving in all.`, file: 'steps' }));
+    });
+}
+
+export function influenceSection(context: Context): Section {
+  return section('influence', 'Samples that weigh much',
+    'Without the sample the number would move by so many of its standard deviations. A few a little above 1 are normal; above 3 the number hangs on one posture: look at that sample, then record more like it. Click a row to see the sample everywhere.',
+    (host) => {
+      const leverage = context.result.leverage ?? [];
+      const rejected = context.result.rejected ?? [];
+      const index = new Map(context.samples.id.map((id, i) => [id, i]));
+      const link = (row: { sample: string }) => {
+        const i = index.get(row.sample);
+        return i === undefined ? row.sample
+          : h('button', { type: 'button', class: 'link', 'data-sample': i, click: () => choose(i, false) }, row.sample);
+      };
+      if (!leverage.length) host.append(missing('No sample moves any number by more than one standard deviation.'));
+      else host.append(dataTable(leverage, [
+        { title: 'Sample', cell: link },
+        { title: 'Number', cell: (row) => h('span', { title: row.parameter }, plainName(row.parameter)), value: (row) => row.parameter },
+        { title: 'Moves by (sigmas)', cell: (row) => (row.moved_sigmas === null ? 'not determined without it' : digits(row.moved_sigmas)), value: (row) => Math.abs(row.moved_sigmas ?? Infinity), numeric: true },
+        { title: '', cell: (row) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
+          svg('rect', { x: 0, y: 1, width: Math.min(100, 20 * Math.abs(row.moved_sigmas ?? 5)), height: 8 }),
+          svg('line', { x1: 60, x2: 60, y1: 0, y2: 10 })), drawing: true },
+      ], { caption: 'Samples by influence, largest first (line in the bar: 3 sigmas).', file: 'influence', most: 12, row: markRow(index) }));
+      if (rejected.length) host.append(dataTable(rejected, [
+        { title: 'Sample', cell: link }, { title: 'Sensor', cell: (row) => row.sensor ?? 'all' },
+        { title: 'Target', cell: (row) => row.target ?? 'all' }, { title: 'Points', cell: (row) => row.ids?.length ?? 'all', numeric: true },
+        { title: 'Reason', cell: (row) => row.reason },
+      ], { caption: 'Taken out as gross outliers before the fit.', file: 'rejected', row: markRow(index) }));
+    });
+}
+function markRow(index: Map<string, number>) {
+  return (element: HTMLTableRowElement, row: { sample: string }) => {
+    element.dataset.row = String(index.get(row.sample) ?? -1);
+  };
+}
+
+export function originSection(context: Context): Section {
+  const { result } = context;
+  const rows: [string, string][] = [
+    ['Robot', context.report.title ?? none], ['Serial number', result.serial ?? 'not given'],
+    ['Date', time(result.time ?? result.input?.date)], ['Program', result.kincal ? `kincal ${result.kincal}` : none],
+    ['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'not told'}"`],
+    ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)],
+    ['Command', result.input?.command ?? none], ['rig.yaml (SHA-256)', result.input?.rig ?? none],
+    ['Samples (SHA-256)', result.input?.samples ?? none], ['URDF (SHA-256)', result.input?.urdf ?? none],
+  ];
+  const warnings = result.warnings ?? [];
+  const findings = result.findings ?? [];
+  return section('origin', 'Where this comes from', 'To file with the robot: the same inputs and the same program give the same numbers.',
+    (host) => {
+      if (findings.length || warnings.length) host.append(dataTable(
+        [...findings.map((f) => ({ kind: 'finding', id: f.id, text: f.text })), ...warnings.map((w) => ({ kind: 'warning', id: w.id, text: w.text }))],
+        [{ title: 'Kind', cell: (row) => row.kind }, { title: 'Id', cell: (row) => row.id }, { title: 'Text', cell: (row) => row.text }],
+        { caption: 'What the program said, in its own words.', file: 'warnings' }));
+      host.append(h('table', { class: 'origin' }, h('caption', {}, 'Inputs'), h('tbody', {}, ...rows.map(([name, value]) =>
+        h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, value))))));
+    });
+}
+
+export function licencesSection(): Section {
+  return section('licences', 'Licences', 'This page has parts of other projects in it; these are their licences.', (host) => {
+    host.append(h('details', {}, h('summary', {}, 'three.js and uPlot (MIT)'),
+      h('pre', { class: 'licence' }, document.getElementById('licence-texts')?.textContent?.trim() ?? '')));
+  }, 40);
+}

@@ -1,0 +1,371 @@
+// The 3-D view, built apart from the page (see vite.config.ts): everything of three.js is in here.
+// z is up, lengths are in m, everything is placed in the frame of the base link.
+import {
+  AmbientLight, Box3, BoxGeometry, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight,
+  EdgesGeometry, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshLambertMaterial, Object3D,
+  PerspectiveCamera, Points, PointsMaterial, Quaternion, Raycaster, Scene as Stage, SphereGeometry, Vector2, Vector3, WebGLRenderer,
+} from 'three';
+import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
+import type { Pose7, Samples, Scene, SceneSensor, SceneTarget } from './data';
+import { compose, eigen3, identity, linkPoses, magnified } from './maths';
+import type { Theme } from './state';
+
+export interface Options {
+  scene: Scene; samples: Samples; colours: Theme; sample: number; choose: (sample: number) => void;
+}
+export type Part = 'before' | 'names' | 'axes' | 'bodies';
+export interface View3d {
+  choose(sample: number): void;
+  difference(k: number): void;
+  uncertainty(k: number): void;
+  show(part: Part, on: boolean): void;
+  paint(colours: Theme): void;
+  home(): void;
+}
+
+const at = (object: Object3D, pose: Pose7) => {
+  object.position.set(pose[0], pose[1], pose[2]);
+  object.quaternion.set(pose[3], pose[4], pose[5], pose[6]);
+};
+function lines(points: number[], material: LineBasicMaterial): LineSegments {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', new BufferAttribute(Float32Array.from(points), 3));
+  return new LineSegments(geometry, material);
+}
+
+/** A camera's pyramid, as far as `depth`: corners of its image through its lens (without distortion). */
+function frustum(sensor: SceneSensor, depth: number): number[] {
+  const [w, h] = sensor.image_size!;
+  const [fx, fy, cx, cy] = sensor.intrinsics!;
+  const corner = (u: number, v: number) => [((u - cx) / fx) * depth, ((v - cy) / fy) * depth, depth];
+  const corners = [corner(0, 0), corner(w, 0), corner(w, h), corner(0, h)];
+  const made: number[] = [];
+  corners.forEach((c, i) => made.push(0, 0, 0, ...c, ...c, ...corners[(i + 1) % 4]));
+  // A tick on the upper side says which way up the image is.
+  made.push(...corner(w * 0.45, 0), ...corner(w / 2, -h * 0.12), ...corner(w / 2, -h * 0.12), ...corner(w * 0.55, 0));
+  return made;
+}
+function octahedron(s: number): number[] {
+  const tips = [[s, 0, 0], [0, s, 0], [-s, 0, 0], [0, -s, 0]];
+  return tips.flatMap((t, i) => [...t, ...tips[(i + 1) % 4], ...t, 0, 0, s, ...t, 0, 0, -s]);
+}
+/** Points of a target as small crosses, and the frame around them. */
+function targetLines(target: SceneTarget, size: number): number[] {
+  const points = target.points?.length ? target.points : [[0, 0, 0]];
+  const made: number[] = [];
+  for (const [x, y, z] of points.length > 400 ? points.slice(0, 400) : points)
+    made.push(x - size, y, z, x + size, y, z, x, y - size, z, x, y + size, z);
+  if (points.length > 3) {
+    const xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
+    const [a, b, c, d] = [Math.min(...xs) - 2 * size, Math.max(...xs) + 2 * size, Math.min(...ys) - 2 * size, Math.max(...ys) + 2 * size];
+    made.push(a, c, 0, b, c, 0, b, c, 0, b, d, 0, b, d, 0, a, d, 0, a, d, 0, a, c, 0);
+  }
+  return made;
+}
+/** Links that carry a sensor or a target, and all above them: what the picture is about. Others are drawn thin. */
+function chainLinks(scene: Scene): Set<number> {
+  const kept = new Set<number>();
+  for (const s of [...scene.sensors, ...scene.targets])
+    for (let i = s.link; i >= 0 && !kept.has(i); i = scene.links[i].parent) kept.add(i);
+  return kept;
+}
+
+interface Body { after: Pose7; before: Pose7 }
+
+/** The pose of everything at a sample's readings. Without a sample: the first one. */
+function poses(options: Options, sample: number) {
+  const { scene, samples } = options;
+  const at = sample >= 0 ? sample : 0;
+  const position = (joint: string) => samples.joints?.[joint]?.[at] ?? 0;
+  const after = linkPoses(scene.links, scene.base, position, 'after');
+  const before = linkPoses(scene.links, scene.base, position, 'before');
+  const mounted = (s: { link: number; before: Pose7 | null; after: Pose7 | null }): Body | null => {
+    if (s.link < 0 || !s.after) return null;
+    const b = compose(before[s.link], s.before ?? s.after);
+    return { after: compose(after[s.link], s.after), before: b };
+  };
+  return {
+    links: after.map((pose, i): Body => ({ after: pose, before: before[i] })),
+    sensors: scene.sensors.map(mounted),
+    targets: scene.targets.map((t): Body | null => {
+      if (t.link >= 0) return mounted(t);
+      const pose = samples.targets?.[t.name]?.[at];
+      return pose ? { after: pose, before: pose } : null;
+    }),
+  };
+}
+
+export function create(host: HTMLElement, options: Options): View3d {
+  const { scene } = options;
+  const renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  renderer.setPixelRatio(Math.min(2, devicePixelRatio || 1));
+  const canvas = renderer.domElement;
+  canvas.tabIndex = 0;
+  canvas.setAttribute('aria-label', 'The robot in three dimensions. Arrow keys turn it, plus and minus come nearer and go away.');
+  host.append(canvas);
+  const stage = new Stage();
+  stage.add(new AmbientLight(0xffffff, 1.6));
+  const light = new DirectionalLight(0xffffff, 1.8);
+  light.position.set(2, -3, 5);
+  stage.add(light);
+  const camera = new PerspectiveCamera(40, 1, 0.005, 200);
+  camera.up.set(0, 0, 1);
+  const controls = new OrbitControls(camera, canvas);
+  let asked = 0;
+  const render = () => { asked ||= requestAnimationFrame(() => { asked = 0; renderer.render(stage, camera); placeNames(); }); };
+  controls.addEventListener('change', render);
+
+  const materials = {
+    bone: new MeshLambertMaterial(), thin: new LineBasicMaterial(), sensor: new LineBasicMaterial(), target: new LineBasicMaterial(),
+    before: new LineBasicMaterial(), ghost: new MeshLambertMaterial({ transparent: true, opacity: 0.45, depthWrite: false }),
+    ellipsoid: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
+    body: new LineBasicMaterial({ transparent: true, opacity: 0.5 }),
+    dots: new PointsMaterial({ size: 4, sizeAttenuation: false }), chosen: new PointsMaterial({ size: 10, sizeAttenuation: false, depthTest: false }),
+  };
+  const world = { links: new Group(), before: new Group(), axes: new Group(), bodies: new Group(), ellipsoids: new Group(), dots: new Group() };
+  stage.add(...Object.values(world));
+  world.axes.visible = false;
+
+  let sample = options.sample, k = 10, sigmas = 30, reach = 1;
+  const kept = chainLinks(scene);
+  const clear = (group: Group) => {
+    for (const child of [...group.children]) {
+      group.remove(child);
+      (child as Mesh).geometry?.dispose();
+    }
+  };
+  /** Bones of the links that matter as rods, of the others as thin lines. */
+  const bones = (bodies: Body[], pick: (body: Body) => Pose7, material: MeshLambertMaterial, group: Group, thin: LineBasicMaterial | null, radius: number) => {
+    const rods: Matrix4[] = [], rest: number[] = [];
+    const up = new Vector3(0, 1, 0);
+    scene.links.forEach((link, i) => {
+      if (link.parent < 0) return;
+      const a = new Vector3(...(pick(bodies[link.parent]).slice(0, 3) as [number, number, number]));
+      const b = new Vector3(...(pick(bodies[i]).slice(0, 3) as [number, number, number]));
+      const d = b.clone().sub(a);
+      const length = d.length();
+      if (length < 1e-4) return;
+      if (!kept.has(i)) { rest.push(...a.toArray(), ...b.toArray()); return; }
+      rods.push(new Matrix4().compose(a.add(b).multiplyScalar(0.5), new Quaternion().setFromUnitVectors(up, d.normalize()), new Vector3(radius, length, radius)));
+    });
+    const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 10), material, Math.max(1, rods.length));
+    mesh.count = rods.length;
+    rods.forEach((m, i) => mesh.setMatrixAt(i, m));
+    mesh.frustumCulled = false;
+    group.add(mesh);
+    if (thin && rest.length) group.add(lines(rest, thin));
+  };
+  const axes = (pose: Pose7, size: number) => {
+    const tripod = new Group();
+    // Okabe and Ito's vermilion, green and blue for x, y and z.
+    [[1, 0, 0, 0xd55e00], [0, 1, 0, 0x009e73], [0, 0, 1, 0x0072b2]].forEach(([x, y, z, colour]) =>
+      tripod.add(lines([0, 0, 0, x * size, y * size, z * size], new LineBasicMaterial({ color: colour }))));
+    at(tripod, pose);
+    return tripod;
+  };
+  // Names are elements over the picture, so that they stay sharp and are text. Those that would lie on each other are
+  // moved down, the nearest to the top first.
+  let names: { element: HTMLElement; at: Vector3 }[] = [];
+  let named = true;
+  const addName = (text: string, pose: Pose7) => {
+    const element = document.createElement('span');
+    element.className = 'name3d';
+    element.textContent = text;
+    host.append(element);
+    names.push({ element, at: new Vector3(pose[0], pose[1], pose[2]) });
+  };
+  function placeNames(): void {
+    const w = host.clientWidth, hgt = host.clientHeight, row = 15;
+    const seen = names.map(({ element, at }) => ({ element, p: at.clone().project(camera) }))
+      .map(({ element, p }) => ({ element, x: ((p.x + 1) / 2) * w + 6, y: ((1 - p.y) / 2) * hgt - 6, there: named && p.z < 1 && Math.abs(p.x) < 1 && Math.abs(p.y) < 1 }))
+      .sort((a, b) => a.y - b.y);
+    const placed: { x: number; y: number; width: number }[] = [];
+    for (const { element, x, y, there } of seen) {
+      element.hidden = !there;
+      if (!there) continue;
+      const width = Math.min(320, (element.textContent?.length ?? 0) * 7);
+      let at = y;
+      for (const other of placed) if (x < other.x + other.width && other.x < x + width && Math.abs(at - other.y) < row) at = other.y + row;
+      placed.push({ x, y: at, width });
+      placed.sort((a, b) => a.y - b.y);
+      element.style.transform = `translate(${Math.round(x)}px, ${Math.round(at)}px)`;
+    }
+  }
+
+  function build(): void {
+    for (const group of Object.values(world)) clear(group);
+    for (const { element } of names) element.remove();
+    names = [];
+    const p = poses(options, sample);
+    const size = reach * 0.05;
+    bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin, reach * 0.006);
+    bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null, reach * 0.006);
+    const seats = new Map<string, string[]>();              // names that would lie on each other stand in one line
+    const seat = (text: string, pose: Pose7) => {
+      const key = pose.slice(0, 3).map((v) => Math.round(v / (reach * 0.02))).join();
+      seats.set(key, [...(seats.get(key) ?? []), text]);
+      if (seats.get(key)!.length === 1) places.push({ key, pose });
+    };
+    const places: { key: string; pose: Pose7 }[] = [];
+    seat(scene.links[scene.base]?.name ?? 'base', identity);
+    world.axes.add(axes(identity, size * 2));
+    scene.sensors.forEach((sensor, i) => {
+      const body = p.sensors[i];
+      if (!body) return;
+      const camera = sensor.image_size && sensor.intrinsics?.length === 4;
+      const drawn = camera ? frustum(sensor, size * 1.6) : octahedron(size * 0.4);
+      const solid = lines(drawn, materials.sensor), ghost = lines(drawn, materials.before);
+      at(solid, body.after);
+      at(ghost, magnified(body.after, body.before, k));
+      world.links.add(solid);
+      world.before.add(ghost);
+      world.axes.add(axes(body.after, size));
+      seat(sensor.name, body.after);
+      ellipsoid(sensor.covariance, body.after);
+    });
+    scene.targets.forEach((target, i) => {
+      const body = p.targets[i];
+      if (!body) return;
+      const drawn = targetLines(target, reach * 0.003);
+      const solid = lines(drawn, materials.target);
+      at(solid, body.after);
+      world.links.add(solid);
+      if (target.link >= 0) {
+        const ghost = lines(drawn, materials.before);
+        at(ghost, magnified(body.after, body.before, k));
+        world.before.add(ghost);
+      }
+      world.axes.add(axes(body.after, size));
+      seat(target.name, body.after);
+      ellipsoid(target.covariance, body.after);
+    });
+    for (const { key, pose } of places) addName(seats.get(key)!.join(', '), pose);
+    scene.links.forEach((link, i) => (link.boxes ?? []).forEach((box) => {
+      const drawn = new LineSegments(new EdgesGeometry(new BoxGeometry(...(box.size as [number, number, number]))), materials.body);
+      at(drawn, compose(p.links[i].after, box.pose));
+      world.bodies.add(drawn);
+    }));
+    dots();
+    render();
+  }
+  function ellipsoid(covariance: number[] | undefined, pose: Pose7): void {
+    if (!covariance || covariance.some((v) => !Number.isFinite(v))) return;
+    const { values, vectors } = eigen3(covariance);
+    const radii = values.map((v) => Math.max(1e-7, sigmas * Math.sqrt(Math.max(0, v))));
+    const mesh = new Mesh(new SphereGeometry(1, 24, 16), materials.ellipsoid);
+    mesh.matrixAutoUpdate = false;
+    const columns = vectors.map((v, i) => new Vector3(...(v as [number, number, number])).multiplyScalar(radii[i]));
+    mesh.matrix.makeBasis(columns[0], columns[1], columns[2]).setPosition(pose[0], pose[1], pose[2]);
+    world.ellipsoids.add(mesh);
+  }
+  /** Where free targets were in all samples; each point knows its sample. */
+  function dots(): void {
+    const all: number[] = [], chosen: number[] = [], of: number[] = [];
+    for (const given of Object.values(options.samples.targets ?? {}))
+      given.forEach((pose, s) => {
+        if (!pose) return;
+        all.push(pose[0], pose[1], pose[2]);
+        of.push(s);
+        if (s === sample) chosen.push(pose[0], pose[1], pose[2]);
+      });
+    for (const [places, material] of [[all, materials.dots], [chosen, materials.chosen]] as const) {
+      if (!places.length) continue;
+      const geometry = new BufferGeometry();
+      geometry.setAttribute('position', new BufferAttribute(Float32Array.from(places), 3));
+      const points = new Points(geometry, material);
+      points.userData.samples = of;
+      world.dots.add(points);
+    }
+  }
+  function paint(colours: Theme): void {
+    stage.background = new Color(colours.panel);
+    materials.bone.color.set(colours.faint);
+    materials.thin.color.set(colours.line);
+    materials.sensor.color.set(colours.after);
+    materials.target.color.set(colours.good);
+    materials.before.color.set(colours.before);
+    materials.ghost.color.set(colours.before);
+    materials.ellipsoid.color.set(colours.other);
+    materials.body.color.set(colours.faint);
+    materials.dots.color.set(colours.good);
+    materials.chosen.color.set(colours.chosen);
+    build();
+  }
+  /** Extent of what matters: chains, sensors, targets at the chosen sample. */
+  function bounds(): Box3 {
+    const p = poses(options, sample);
+    const box = new Box3();
+    const add = (body: Body | null) => body && box.expandByPoint(new Vector3(body.after[0], body.after[1], body.after[2]));
+    p.links.forEach((body, i) => kept.has(i) && add(body));
+    p.sensors.forEach(add);
+    // A free target far away may not make the robot small.
+    const robot = box.clone();
+    const size = robot.getSize(new Vector3()).length();
+    p.targets.forEach((body) => body && robot.distanceToPoint(new Vector3(body.after[0], body.after[1], body.after[2])) < size && add(body));
+    return box;
+  }
+  function home(): void {
+    const box = bounds();
+    const centre = box.getCenter(new Vector3());
+    const radius = Math.max(0.1, box.getSize(new Vector3()).length() / 2);
+    controls.target.copy(centre);
+    camera.near = radius / 100;
+    camera.far = radius * 100;
+    camera.updateProjectionMatrix();
+    camera.position.copy(centre).add(new Vector3(1.5, -1.7, 0.9).normalize().multiplyScalar(radius * 2.9));
+    controls.update();
+    render();
+  }
+  const resize = () => {
+    const width = host.clientWidth || 600, height = host.clientHeight || 480;
+    renderer.setSize(width, height, false);
+    camera.aspect = width / height;
+    camera.updateProjectionMatrix();
+    render();
+  };
+  new ResizeObserver(resize).observe(host);
+
+  // A click (not a drag) near a dot chooses its sample.
+  let down = [0, 0];
+  canvas.addEventListener('pointerdown', (event) => { down = [event.clientX, event.clientY]; });
+  canvas.addEventListener('click', (event) => {
+    if (Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 4) return;
+    const box = canvas.getBoundingClientRect();
+    const ray = new Raycaster();
+    ray.params.Points.threshold = camera.position.distanceTo(controls.target) * 0.012;
+    ray.setFromCamera(new Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2), camera);
+    const hits = ray.intersectObjects(world.dots.children).filter((hit) => (hit.object as Points).material === materials.dots)
+      .sort((a, b) => (a.distanceToRay ?? 0) - (b.distanceToRay ?? 0));
+    const index = hits[0]?.index;
+    if (index !== undefined) options.choose(hits[0].object.userData.samples[index]);
+  });
+  canvas.addEventListener('keydown', (event) => {
+    const turns: Record<string, [number, number, number]> = {
+      ArrowLeft: [-0.1, 0, 1], ArrowRight: [0.1, 0, 1], ArrowUp: [0, -0.1, 1], ArrowDown: [0, 0.1, 1], '+': [0, 0, 0.9], '-': [0, 0, 1.11],
+    };
+    const turn = turns[event.key];
+    if (!turn) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const offset = camera.position.clone().sub(controls.target);
+    const radius = offset.length() * turn[2];
+    const azimuth = Math.atan2(offset.y, offset.x) + turn[0];
+    const polar = Math.min(3.1, Math.max(0.05, Math.acos(offset.z / offset.length()) + turn[1]));
+    camera.position.copy(controls.target).add(new Vector3(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar)).multiplyScalar(radius));
+    controls.update();
+  });
+  canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
+  canvas.addEventListener('webglcontextrestored', render);
+
+  reach = Math.max(0.1, bounds().getSize(new Vector3()).length());
+  paint(options.colours);
+  resize();
+  home();
+  return {
+    choose: (s) => { sample = s; build(); },
+    difference: (value) => { k = value; build(); },
+    uncertainty: (value) => { sigmas = value; build(); },
+    show: (part, on) => { if (part === 'names') named = on; else world[part].visible = on; render(); },
+    paint, home,
+  };
+}
