@@ -28,6 +28,10 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Data Command Browser)
+  kincal_python_test(report.${group} report_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()

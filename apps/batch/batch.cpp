@@ -15,6 +15,7 @@
 
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
+#include "../../io/report/report_page.h"
 #include "../../io/results/summary_file.h"
 #include "../job.h"
 #include "../signals.h"
@@ -197,6 +198,24 @@ size_t calibrate_all(const Sets& sets, const Output& output, const BatchArgument
 
 }  // namespace
 
+namespace {
+
+/// The sets for the page that shows them all. Of a set without a result the error takes its place.
+std::vector<OverviewEntry> overview(const std::vector<SetSummary>& sets, const Output& output) {
+  std::vector<OverviewEntry> out;
+  for (const SetSummary& set : sets) {
+    const std::string folder = output.result(set.name).string();
+    if (set.status == "failed")
+      out.push_back({set.name, failed_result(set.error), ""});
+    else
+      out.push_back({set.name, read_file(folder + "/result.json"),
+                     file_exists(folder + "/report.html") ? set.name + "/report.html" : ""});
+  }
+  return out;
+}
+
+}  // namespace
+
 int batch(const BatchArguments& a) {
   std::error_code ignored;
   const Sets sets =
@@ -223,10 +242,11 @@ int batch(const BatchArguments& a) {
 
   // The summary is there only when the batch is done.
   const std::string csv = (output.folder / "summary.csv").string(),
-                    json = (output.folder / "summary.json").string();
+                    json = (output.folder / "summary.json").string(),
+                    page = (output.folder / "report.html").string();
   if (!work.todo.empty())
-    for (const std::string& path : {csv, json}) fs::remove(path, ignored);
-  for (const std::string& path : {csv, json}) say_cleared(clear_leftovers(path));
+    for (const std::string& path : {csv, json, page}) fs::remove(path, ignored);
+  for (const std::string& path : {csv, json, page}) say_cleared(clear_leftovers(path));
   const size_t finished = calibrate_all(sets, output, a, Signals(), work, progress);
   output.clean();
   if (finished < work.todo.size()) {
@@ -239,11 +259,15 @@ int batch(const BatchArguments& a) {
   const std::string text = summary_json(work.summaries, KINCAL_VERSION, options, sets.ignored);
   write_file(csv, summary_csv(work.summaries), true);
   write_file(json, text, true);
+  if (!a.settings.no_report)
+    write_file(page, overview_page(overview(work.summaries, output)), true);
   if (a.json)
     std::cout << text;
   else if (!a.quiet)
     std::cout << batch_table(work.summaries, sets.ignored) << "\nWritten to " << a.out
-              << ": summary.csv, summary.json and a folder for each set\n";
+              << (a.settings.no_report ? ": summary.csv, summary.json and a folder for each set\n"
+                                       : ": report.html shows all sets; summary.csv, summary.json "
+                                         "and a folder for each\n");
   std::vector<std::string> names;
   for (const SetSummary& s : work.summaries)
     if (s.fails()) names.push_back(s.name);

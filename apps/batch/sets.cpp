@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 void check_name(const std::string& name, const std::string& where) {
   if (name.empty() || name == "." || name == ".." || name.find('/') != std::string::npos)
     throw InputError(where + ": '" + name + "' cannot be the name of a folder");
-  if (name == ".batch" || name == "summary.csv" || name == "summary.json")
+  if (name == ".batch" || name == "summary.csv" || name == "summary.json" || name == "report.html")
     throw InputError(where + ": a set cannot be named '" + name + "': this is a file of the batch");
 }
 

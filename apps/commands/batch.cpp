@@ -24,7 +24,8 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
       ->required();
   command
       ->add_option("--out", a->out,
-                   "directory for the result directories, summary.csv and summary.json; the same "
+                   "directory for the result directories, report.html, summary.csv and "
+                   "summary.json; the same "
                    "one to go on")
       ->required();
   command

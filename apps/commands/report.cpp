@@ -36,8 +36,6 @@ int write_report(const ReportArguments& a) {
     throw InputError("report: of several results --out FILE is required, e.g. --out fleet.html");
   const std::string out = a.out.empty() ? a.results[0] + "/report.html" : a.out;
   const bool own = a.out.empty();  // it is kincal's own file in a result's folder
-  say_cleared(clear_leftovers(out));
-  check_output_file(out, a.force || own);
   std::string page;
   if (one) {
     page = report_page(read_result_texts(a.results[0]));
@@ -46,6 +44,8 @@ int write_report(const ReportArguments& a) {
     for (const std::string& result : a.results) entries.push_back(entry_of(result, out));
     page = overview_page(entries);
   }
+  say_cleared(clear_leftovers(out));
+  check_output_file(out, a.force || own);
   begin_writing();
   write_file(out, page, a.force || own);
   std::cout << "Written to " << out << "\n";

@@ -285,6 +285,10 @@ std::string report_page(const ResultTexts& texts) {
                    ",\"covariance\":" + covariance + "}");
 }
 
+std::string failed_result(const std::string& error) {
+  return compact({{"status", "failed"}, {"verdict", {{"use", "no"}, {"text", error}}}});
+}
+
 std::string overview_page(const std::vector<OverviewEntry>& entries) {
   OrderedJson list = OrderedJson::array();
   for (const OverviewEntry& e : entries) list.push_back(overview_entry(e));

@@ -1,0 +1,258 @@
+"""The page of a result: python3 report_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Proves: the data in report.html are those of the files beside it (every residual, sample, loop and correlation, to the digits that are
+drawn); `report` makes the same page again from the folder alone; hostile names end no script and are no markup; what is missing or broken
+is named; several results, and a batch, get a page that leads to each. Browser (skipped without Chromium, node and npm, or without a network
+for npm): the built template is what its sources build, the functions of the sources work, and a real browser shows every section with
+the result's numbers, marks a chosen sample everywhere, turns the 3-D view and keeps hostile names as text (io/report/page/tests).
+Not proved: that it reads well; pictures were looked at.
+"""
+import csv
+import json
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE_DIR = KINCAL = None
+HOSTILE = "<img src=x onerror=document.title=1></script><b>&amp;"
+SKIPPED = 77
+
+
+def rows_of(*path):
+    with open(os.path.join(*path), newline="") as f:
+        return list(csv.DictReader(f))
+
+
+def data_of(page):
+    with open(page, encoding="utf-8") as f:
+        return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', f.read(), re.S).group(1))
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.dir = tempfile.mkdtemp(prefix="kincal_report_")
+        self.addCleanup(shutil.rmtree, self.dir)
+
+    def kincal(self, *arguments, code=0):
+        done = subprocess.run([KINCAL, *arguments], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.assertEqual(done.returncode, code, done.stderr.decode())
+        return done.stdout.decode() + done.stderr.decode()
+
+    def path(self, *parts):
+        return os.path.join(self.dir, *parts)
+
+    def example(self, folder="robot", samples=24, rename=None):
+        """The example with some of its samples; `rename`: (old, new) names in rig and samples."""
+        shutil.copytree(os.path.join(SOURCE_DIR, "examples", "pr2"), self.path(folder))
+        with open(self.path(folder, "samples.jsonl")) as f:
+            lines = f.readlines()[::64 // samples]
+        held_out = json.loads(lines[3])
+        held_out["split"] = "test"
+        lines[3] = json.dumps(held_out) + "\n"
+        text = "".join(lines)
+        with open(self.path(folder, "rig.yaml")) as f:
+            rig = f.read()
+        if rename:
+            text = text.replace('"%s"' % rename[0], json.dumps(rename[1]))
+            rig = re.sub(r"\b%s\b" % rename[0], lambda _: json.dumps(rename[1]), rig)
+        with open(self.path(folder, "samples.jsonl"), "w") as f:
+            f.write(text)
+        with open(self.path(folder, "rig.yaml"), "w") as f:
+            f.write(rig.replace("format: kincal/1", 'format: kincal/1\nserial: "A-17 <7>"\ntime: 2026-03-01\n', 1))
+
+    def calibrated(self, out="out", **more):
+        self.example(**more)
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", out, "--quiet")
+        return data_of(self.path(out, "report.html"))
+
+
+class Data(Case):
+    def close(self, drawn, field, digits):
+        if field == "":
+            self.assertIsNone(drawn)
+        else:
+            self.assertAlmostEqual(drawn, float(field), delta=0.6 * 10 ** (1 - digits) * abs(float(field)))
+
+    def test_residuals(self):
+        data = self.calibrated()
+        rows, r = rows_of(self.dir, "out", "residuals.csv"), data["residuals"]
+        self.assertEqual(len(rows), len(r["x"]))
+        for i, row in enumerate(rows):
+            self.assertEqual(data["samples"]["id"][r["sample"][i]], row["sample"])
+            self.assertEqual(data["names"]["sensors"][r["sensor"][i]], row["sensor"])
+            self.assertEqual(data["names"]["targets"][r["target"][i]], row["target"])
+            self.assertEqual(r["id"][i], int(row["id"]) if row["id"] else None)
+            for key in ("x", "y", "z", "rx", "ry", "rz", "before_x", "before_y", "before_z", "whitened", "measured_1", "measured_2", "measured_3"):
+                if key in r:
+                    self.close(r[key][i], row[key], 5)
+                else:
+                    self.assertEqual(row[key], "")
+
+    def test_samples(self):
+        data = self.calibrated()
+        rows, s = rows_of(self.dir, "out", "samples.csv"), data["samples"]
+        self.assertEqual(s["id"], [row["sample"] for row in rows])
+        self.assertEqual(s["train"], [int(row["split"] == "train") for row in rows])
+        self.assertEqual(sum(s["train"]), len(rows) - 1)
+        for i, row in enumerate(rows):
+            for kind, group in (("reading", "joints"), ("error", "errors")):
+                self.assertEqual({kind + "/" + name for name in s[group]}, {name for name in row if name.startswith(kind + "/")})
+                for name, values in s[group].items():
+                    self.close(values[i], row[kind + "/" + name], 7)
+            for name, poses in s["targets"].items():
+                fields = [row["target/%s/%s" % (name, n)] for n in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+                if poses[i] is None:
+                    self.assertEqual(set(fields), {""})
+                else:
+                    for drawn, field in zip(poses[i], fields):
+                        self.close(drawn, field, 7)
+
+    def test_loops_and_correlations(self):
+        data = self.calibrated()
+        rows, l = rows_of(self.dir, "out", "loops.csv"), data["loops"]
+        order = {name: i for i, name in enumerate(data["samples"]["id"])}
+        rows = [row for row in rows if order[row["sample"]] % l["every"] == 0]
+        self.assertEqual(len(rows), len(l["x"]))
+        for i, row in enumerate(rows):
+            self.assertEqual((data["names"]["sensors"][l["from"][i]], data["names"]["sensors"][l["to"][i]]), (row["from"], row["to"]))
+            for key in ("before_x", "before_y", "x", "y"):
+                self.close(l[key][i], row[key], 6)
+        with open(self.path("out", "covariance.csv"), newline="") as f:
+            table = list(csv.reader(f))
+        c = data["covariance"]
+        self.assertEqual(c["names"], table[0])
+        for i, row in enumerate(c["correlation"]):
+            self.assertEqual(len(row), i + 1)
+            for j, drawn in enumerate(row):
+                if table[i + 1][j] == "":
+                    self.assertIsNone(drawn)
+                else:
+                    value = float(table[i + 1][j]) / math.sqrt(float(table[i + 1][i]) * float(table[j + 1][j]))
+                    self.assertAlmostEqual(drawn, 1000 * value, delta=0.51)
+
+    def test_result(self):
+        """result.json stands in it, but for the samples; serial and time are the rig's."""
+        data = self.calibrated()
+        with open(self.path("out", "result.json")) as f:
+            result = json.load(f)
+        del result["samples"]
+        self.assertEqual(data["result"], result)
+        self.assertEqual((result["serial"], result["time"], data["title"]), ("A-17 <7>", "2026-03-01", "pr2_like"))
+        scene = result["scene"]
+        for i, link in enumerate(scene["links"]):
+            self.assertLess(link["parent"], i)
+        self.assertEqual([s["name"] for s in scene["sensors"]], [s for s in result["sensors"]])
+
+    def test_hostile_names(self):
+        data = self.calibrated(rename=("wide_left", HOSTILE))
+        self.assertIn(HOSTILE, data["names"]["sensors"])
+        with open(self.path("out", "report.html")) as f:
+            page = f.read()
+        self.assertNotIn(HOSTILE[:8], page)         # as \\u003c only
+        self.assertEqual(page.count("</script>"), page.count("<script"))
+
+    def test_no_report(self):
+        self.example()
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--quiet", "--no-report")
+        self.assertFalse(os.path.exists(self.path("out", "report.html")))
+        self.kincal("report", "out")                # from what there is
+        data = data_of(self.path("out", "report.html"))
+        self.assertEqual(({len(column) for column in data["residuals"].values()}, data["loops"]), ({0}, None))
+        self.assertEqual(len(data["samples"]["id"]), 32)
+
+
+class Command(Case):
+    def test_again(self):
+        self.calibrated()
+        with open(self.path("out", "report.html"), "rb") as f:
+            page = f.read()
+        os.remove(self.path("out", "report.html"))
+        self.assertIn("Written to out/report.html", self.kincal("report", "out"))
+        with open(self.path("out", "report.html"), "rb") as f:
+            self.assertEqual(f.read(), page)
+        self.kincal("report", "out")                # its own file it replaces
+        self.kincal("report", "out", "--out", "page.html")
+        self.assertIn("exists", self.kincal("report", "out", "--out", "page.html", code=1))
+        self.kincal("report", "out", "--out", "page.html", "--force")
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--quiet", "--force")   # the page is no stranger's file
+
+    def test_wrong(self):
+        self.calibrated()
+        self.assertRegex(self.kincal("report", "nowhere", code=1), "nowhere/result.json: cannot be read")
+        self.assertRegex(self.kincal("report", "out", "out", code=1), "--out FILE is required")
+        with open(self.path("out", "result.json"), "w") as f:
+            f.write("[1, 2")
+        self.assertRegex(self.kincal("report", "out", code=1), "result.json: this is no result.json of kincal")
+
+    def test_overview(self):
+        self.calibrated(out="first")
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "second", "--quiet", "--no-report")
+        os.mkdir(self.path("pages"))
+        self.kincal("report", "first", "second", "--out", "pages/both.html")
+        first, second = data_of(self.path("pages", "both.html"))["overview"]
+        with open(self.path("first", "result.json")) as f:
+            result = json.load(f)
+        self.assertEqual((first["folder"], first["title"], first["serial"], first["verdict"]), ("first", "pr2_like", "A-17 <7>", result["verdict"]))
+        self.assertAlmostEqual(first["chi2_dof"], result["chi2_data"] / result["dof_data"], places=12)
+        self.assertEqual(first["link"], "../first/report.html")
+        self.assertIsNone(second["link"])
+        for name, sensor in result["sensors"].items():
+            split = "test" if sensor["test"]["points"] else "train"
+            self.assertEqual(first["sensors"][name], {"unit": sensor["unit"], "before": sensor[split]["rms_before"], "after": sensor[split]["rms"], "from": split})
+
+    def test_batch(self):
+        for name in ("arm_1", "arm_2"):
+            self.example(folder=os.path.join("fleet", name))
+        self.example(folder=os.path.join("fleet", "broken"))
+        with open(self.path("fleet", "broken", "samples.jsonl"), "a") as f:
+            f.write("{<b>\n")
+        self.assertIn("report.html shows all sets", self.kincal("batch", "fleet", "--out", "out", code=1))
+        entries = {e["folder"]: e for e in data_of(self.path("out", "report.html"))["overview"]}
+        self.assertEqual(set(entries), {"arm_1", "arm_2", "broken"})
+        self.assertTrue(os.path.exists(self.path("out", entries["arm_1"]["link"])))
+        self.assertEqual((entries["broken"]["status"], entries["broken"]["link"]), ("failed", None))
+        self.assertRegex(entries["broken"]["verdict"]["text"], r"samples\.jsonl:33")
+        self.kincal("batch", "fleet", "--out", "bare", "--no-report", "--quiet", code=1)
+        self.assertFalse(os.path.exists(self.path("bare", "report.html")))
+
+
+class Browser(Case):
+    """Everything of it in one test: npm's packages are fetched once."""
+
+    def run_there(self, *command):
+        done = subprocess.run(command, cwd=self.path("page"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=280)
+        self.assertEqual(done.returncode, 0, " ".join(command) + "\n" + done.stdout.decode()[-3000:])
+
+    def test_page(self):
+        self.calibrated(rename=("wide_left", HOSTILE))
+        page = os.path.join(SOURCE_DIR, "io", "report", "page")
+        shutil.copytree(page, self.path("page"), ignore=shutil.ignore_patterns("node_modules"))
+        fetched = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=self.path("page"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        if fetched.returncode != 0:
+            print("skipped: npm fetches nothing here\n" + fetched.stdout.decode()[-1000:])
+            sys.exit(SKIPPED)
+        self.run_there("npm", "run", "build")
+        with open(os.path.join(page, "built", "report.html"), "rb") as a, open(self.path("page", "built", "report.html"), "rb") as b:
+            self.assertTrue(a.read() == b.read(), "io/report/page/built/report.html is not what its sources build: npm run build")
+        self.run_there("npm", "test")
+        self.run_there("node", "tests/browser.mjs", self.path("out", "report.html"))
+
+
+def main():
+    global SOURCE_DIR, KINCAL
+    SOURCE_DIR, KINCAL = (os.path.abspath(a) for a in sys.argv[1:3])
+    if sys.argv[3:] == ["Browser"]:
+        missing = [program for program in ("node", "npm", "chromium") if shutil.which(program) is None]
+        if missing:
+            print("skipped: there is no " + ", ".join(missing))
+            sys.exit(SKIPPED)
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)
+
+
+if __name__ == "__main__":
+    main()
