@@ -590,6 +590,13 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     if (step.name == kEverything) shared = start;
   };
   solution = calibrate(final, run, variations);
+  if (solution.status == Status::unobservable) {
+    // What is held now told, with its noise, what nothing tells: how high a robot with parallel
+    // axes stands. It led metres away; poses stay where they start along what the data do not
+    // determine.
+    start = mounts.values.shared;
+    solution = calibrate(final, run, variations);
+  }
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
   solution.prediction = prediction_of(groups, learned, holding);

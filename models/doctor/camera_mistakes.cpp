@@ -15,6 +15,8 @@ namespace {
 constexpr double kMostNormalised = 3, kLeastFocalLength = 20;
 /// A principal point that moved by less of the image's width than this is no cropped image.
 constexpr double kLeastCrop = 0.03;
+/// Focal lengths that came out nearer than this share are those of the camera.
+constexpr double kLeastRefocus = 0.04;
 
 /// fx fy cx cy of a camera; nothing: it is none.
 const std::vector<double>* intrinsics_of(const Sensor& sensor) {
@@ -167,6 +169,44 @@ Hypothesis normalised_intrinsics(const Rig& rig, int s, const Pixels& pixels) {
   return h;
 }
 
+using MistakeAndCure = std::pair<std::string, std::string>;
+
+/// How far a principal point (cx cy) is from that of fx fy cx cy in the rig, and where; no mistake
+/// if it is not far enough to be that of a cropped image.
+MistakeAndCure cropped_words(const std::string& camera, const std::vector<double>& given,
+                             const std::vector<double>& found) {
+  const double du = found[0] - given[2], dv = found[1] - given[3];
+  if (!(std::hypot(du, dv) > kLeastCrop * 2 * std::abs(given[2]))) return {};
+  return {"the principal point of camera " + quoted(camera) +
+              text(" is wrong: the rig says (%.6g, %.6g), the data say (%.6g, %.6g), %+.4g px in u "
+                   "and %+.4g px in v. So its images are cropped (or the intrinsics are another "
+                   "image's)",
+                   given[2], given[3], found[0], found[1], du, dv),
+          "Give the intrinsics of the image in which the points were detected: of a cropped one, "
+          "cx minus the columns that are cut off at the left, cy minus the rows at the top; or "
+          "free sensor/" +
+              camera + "/intrinsics."};
+}
+
+/// Of focal lengths (fx fy) that are others than the rig's.
+MistakeAndCure focal_words(const std::string& camera, const std::vector<double>& given,
+                           const std::vector<double>& found) {
+  double most = 0;
+  for (size_t i = 0; i < 2; ++i) {
+    const double factor = found[i] / given[i];
+    if (!(factor > 0.1 && factor < 10)) return {};
+    most = std::max(most, std::abs(factor - 1));
+  }
+  if (!(most > kLeastRefocus)) return {};
+  return {"the focal lengths of camera " + quoted(camera) +
+              text(" are wrong: the rig says %.6g and %.6g px, the data say %.6g and %.6g px "
+                   "(times %.4g)",
+                   given[0], given[1], found[0], found[1], found[0] / given[0]),
+          "Give the intrinsics of this camera, with the lens, zoom and resolution of these images; "
+          "or free sensor/" +
+              camera + "/intrinsics."};
+}
+
 }  // namespace
 
 void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
@@ -217,10 +257,19 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
   for (const auto& camera : pixels) {
     const int block = table.index_of(ParameterKind::intrinsics, camera.first);
     if (block < 0 || freed.parameter[block]) continue;
+    const std::vector<double> given = *intrinsics_of(rig.sensors[camera.first]);
     Hypothesis h = about(rig, "resolution", {camera.first});
-    h.cropped = camera.first;
     h.free = {table.all[block].component_name(2), table.all[block].component_name(3)};
     h.undo = [](Rig&, std::vector<Sample>&) {};
+    h.told = [given, name = h.where[0]](const std::vector<double>& found) {
+      return cropped_words(name, given, found);
+    };
+    out.push_back(h);
+    h.id = "intrinsics";
+    h.free = {table.all[block].component_name(0), table.all[block].component_name(1)};
+    h.told = [given, name = h.where[0]](const std::vector<double>& found) {
+      return focal_words(name, given, found);
+    };
     out.push_back(h);
   }
 }
@@ -288,17 +337,6 @@ void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Su
       out.push_back(normalised_intrinsics(rig, s, pixels));
     }
   }
-}
-
-std::string cropped_words(const std::string& camera, const std::vector<double>& before,
-                          const std::vector<double>& after) {
-  const double du = after[2] - before[2], dv = after[3] - before[3];
-  if (!(std::hypot(du, dv) > kLeastCrop * 2 * std::abs(before[2]))) return "";
-  return "the principal point of camera " + quoted(camera) +
-         text(
-             " is wrong: the rig says (%.6g, %.6g), the data say (%.6g, %.6g), %+.4g px in u and "
-             "%+.4g px in v. So its images are cropped (or the intrinsics are another image's)",
-             before[2], before[3], after[2], after[3], du, dv);
 }
 
 std::vector<Finding> find_normalised(const Rig& rig, const std::vector<Sample>& samples) {

@@ -13,7 +13,7 @@ namespace kincal {
 /// Adds views that have v first.
 void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds intrinsics of another resolution, where the pixels lie as if of it, and images that were
-/// cropped, where the principal point is held.
+/// cropped, and focal lengths that are wrong, where the intrinsics are held.
 void add_resolutions(const Rig& rig, const ParameterTable& table,
                      const std::vector<Sample>& samples, const Survey& survey,
                      const FreedNames& freed, std::vector<Hypothesis>& out);
@@ -22,11 +22,6 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
 /// Adds normalised coordinates in the views of a camera with intrinsics in pixels, and the reverse.
 void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                     std::vector<Hypothesis>& out);
-
-/// Words for how far the principal point of a cropped image is from the rig's, and where it is; ""
-/// if it is not far enough to be one. `before`, `after`: fx fy cx cy.
-std::string cropped_words(const std::string& camera, const std::vector<double>& before,
-                          const std::vector<double>& after);
 
 /// Finds cameras whose views can only be normalised coordinates although their intrinsics are in
 /// pixels: a fit need not be bad with them.

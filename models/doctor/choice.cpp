@@ -37,18 +37,13 @@ std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Tria
   return sane ? factors : std::vector<double>();
 }
 
-std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t) {
-  const Parameter& p =
-      t.recording.table.all[t.recording.table.index_of(ParameterKind::intrinsics, h.cropped)];
-  const VectorXd found = t.fit.values.shared.segment(p.start, 4);
-  return cropped_words(rig.sensors[h.cropped].name,
-                       find_block(rig.sensors[h.cropped], ParameterKind::intrinsics)->values,
-                       {found.data(), found.data() + 4});
-}
-
-double gear_found(const Rig& rig, const Hypothesis& h, const Trial& t) {
-  const int scale = t.recording.table.joint_scale[h.gear];
-  return t.fit.values.shared(t.recording.table.all[scale].start) / rig.joints[h.gear].scale;
+std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
+  std::vector<double> found;
+  for (const std::string& name : h.free)
+    for (const Freed& f : t.recording.table.select(name))
+      for (const int c : f.components)
+        found.push_back(t.fit.values.shared(t.recording.table.all[f.parameter].start + c));
+  return h.told(found);
 }
 
 namespace {
@@ -100,19 +95,15 @@ bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool
          (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
 }
 
-/// Whether a joint turns so far as a wrong gear ratio or count makes it.
-bool is_gear(double factor) { return factor > 0.3 && factor < 3 && std::abs(factor - 1) > 0.003; }
-
 bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
   if (question.by_movement)
     return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
   if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
-  if (h.cropped >= 0 && cropped(rig, h, t).empty()) return false;
-  if (h.gear >= 0 && !(t.fit.per_dof() < Thresholds::clean && is_gear(gear_found(rig, h, t))))
-    return false;
+  if (h.proves && !(t.fit.per_dof() < Thresholds::clean)) return false;
+  if (h.told && told(h, t).first.empty()) return false;
   const double cost =
       h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost / (h.shrinks * h.shrinks);
-  return believed(question.now, t.fit, cost, h.leaves_out || h.ignored_joint >= 0 || h.gear >= 0);
+  return believed(question.now, t.fit, cost, h.leaves_out || h.ignored_joint >= 0 || h.told);
 }
 
 /// The best few of the candidates from `first` to `end`, by a few iterations with some samples;
@@ -156,10 +147,11 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
 /// Numbers that are free besides.
 size_t extras(const Hypothesis& h) { return h.squares.size() + h.free.size(); }
 
-/// The factor within which two fits are equally good. A principal point that is free takes part of
-/// other mistakes up; so do two signs, or a zero, of which there are many.
+/// The factor within which two fits are equally good. A number that is free takes part of other
+/// mistakes up; so do two signs, or a zero, of which there are many.
 double equal_within(const Hypothesis& a, const Hypothesis& b, bool rarer) {
-  return rarer ? Thresholds::decisive : (a.cropped >= 0) != (b.cropped >= 0) ? 2.5 : 1.2;
+  const bool one_told = (a.told && extras(b) == 0) || (b.told && extras(a) == 0);
+  return rarer ? Thresholds::decisive : one_told ? 2.5 : 1.2;
 }
 
 /// Leaves what can be no reason that the estimate is far from the rig's values.
@@ -251,8 +243,7 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
         hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
     out.erase(std::remove_if(out.begin(), out.end(),
                              [](const Hypothesis& h) {
-                               return h.cropped >= 0 || h.ignored_joint >= 0 || !h.free.empty() ||
-                                      h.shrinks < 1;
+                               return h.ignored_joint >= 0 || !h.free.empty() || h.shrinks < 1;
                              }),
               out.end());
     return out;
@@ -301,7 +292,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
   for (size_t i = 0; i < all.size(); ++i) {
     context.report(static_cast<int>(i), static_cast<int>(all.size()));
     const std::string& id = all[i].id;
-    if (all[i].shrinks < 1 || all[i].cropped >= 0 || all[i].ignored_joint >= 0 || id == "shifted" ||
+    if (all[i].shrinks < 1 || all[i].told || all[i].ignored_joint >= 0 || id == "shifted" ||
         id == "wrong-link")
       continue;
     const Trial t = try_hypothesis(some, bearing, all[i], now, {10, 1e-2});

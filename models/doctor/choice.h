@@ -41,12 +41,8 @@ struct TwoMistakes {
 /// factors contradict each other, change nothing or collapse the target.
 std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t);
 
-/// Returns words about where the fit puts the principal point of a hypothesis' camera, "" where it
-/// is not far away.
-std::string cropped(const Rig& rig, const Hypothesis& h, const Trial& t);
-
-/// Returns what a fit found for the scale of a hypothesis' joint, over what the rig says.
-double gear_found(const Rig& rig, const Hypothesis& h, const Trial& t);
+/// Returns what the numbers that a trial found say (Hypothesis::told): the mistake and its cure.
+std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 
 /// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
 std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,

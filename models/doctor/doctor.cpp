@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 #include "../fitting/free_targets.h"
@@ -125,19 +126,6 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
   h.cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
 }
 
-void word_gear(const Rig& rig, Explanatory& explanatory) {
-  Hypothesis& h = explanatory.hypothesis;
-  const double found = gear_found(rig, h, explanatory.trial);
-  h.mistake = "joint " + quoted(rig.tree.joints[h.gear].name) +
-              text(
-                  " moves %.5g times as far as its readings say: its gear ratio or encoder count "
-                  "is %.2g %% off",
-                  found, 100 * std::abs(found - 1));
-  h.cure = "Correct it where readings are made (or state joints." + rig.tree.joints[h.gear].name +
-           text(".scale: %.5g", found * rig.joints[h.gear].scale) + " in the rig, or free " +
-           h.free[0] + ").";
-}
-
 Finding word(const Hypothesis& h, const Evidence& evidence) {
   Finding finding;
   finding.id = h.id;
@@ -163,15 +151,8 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   if (!evidence) return false;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
-  if (best->hypothesis.cropped >= 0) {
-    best->hypothesis.mistake = cropped(recording.rig, best->hypothesis, best->trial);
-    best->hypothesis.cure =
-        "Give the intrinsics of the image in which the points were detected: of a cropped one, cx "
-        "minus the columns that are cut off at the left, cy minus the rows at the top; or free "
-        "sensor/" +
-        best->hypothesis.where[0] + "/intrinsics.";
-  }
-  if (best->hypothesis.gear >= 0) word_gear(recording.rig, *best);
+  if (best->hypothesis.told)
+    std::tie(best->hypothesis.mistake, best->hypothesis.cure) = told(best->hypothesis, best->trial);
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
@@ -354,8 +335,9 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
   // A fit that proves how an image is wrong says why points lie outside of it.
   const auto says = [](const Finding& g, const Finding& f) {
     return g.id == f.id ||
-           (f.id == "outside-image" && (g.id == "resolution" || g.id == "exchanged-axes" ||
-                                        g.id == "intrinsics" || g.id == "swapped-cameras"));
+           (f.id == "outside-image" &&
+            (g.id == "resolution" || g.id == "exchanged-axes" || g.id == "intrinsics" ||
+             g.id == "swapped-cameras" || g.id == "normalised"));
   };
   // Nor do cameras whose images are wrong see a baseline as it is.
   const auto wrong_images = [](const Finding& g) {
@@ -368,6 +350,8 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
              return std::count(g.where.begin(), g.where.end(), w) > 0;
            });
   };
+  std::stable_partition(by_data.begin(), by_data.end(),
+                        [](const Finding& f) { return f.id != "outside-image"; });
   for (Finding& f : by_data)
     if (f.id == "duplicates" ||
         std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return named(f, g); }))
@@ -399,7 +383,8 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
       "resolution",     "intrinsics",   "normalised",    "board-columns",    "turned-pose",
       "outlier-points", "units",        "outside-image", "shifted",          "lag",
       "wrong-link",     "sigma",        "home-position", "exchanged-joints", "exchanged-targets",
-      "absolute-angle", "gear",         "quaternion",    "baseline",         "convention"};
+      "absolute-angle", "joint-axis",   "gear",          "quaternion",       "baseline",
+      "convention"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);

@@ -29,6 +29,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_poses(rig, survey, out);
   add_quaternions(rig, survey, out);
   add_sides(rig, survey, out);
+  add_baselines(rig, table, survey, freed, out);
   add_exchanges(rig, survey, out);
   add_lenses(rig, table, survey, freed, out);
   add_exchanged_axes(rig, survey, out);

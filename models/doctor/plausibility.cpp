@@ -279,7 +279,7 @@ void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
       out.push_back(implausible("units", name,
                                 "The poses of joint " + quoted(name) +
                                     text(" are %.4g m away. Write metres: millimetres have to be "
-                                         "divided by 1000",
+                                         "divided by 1000, centimetres by 100",
                                          middle)));
   }
 }
@@ -346,7 +346,9 @@ void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
     for (size_t b = a + 1; b < rig.sensors.size() && std::isfinite(baseline); ++b) {
       const Sensor& other = rig.sensors[b];
       const double apart = number(other, ParameterKind::baseline, 0) - baseline;
-      const bool together = one.link == other.link && one.pose_given && other.pose_given &&
+      // (Without a baseline between them, two cameras whose poses are open may stand anywhere.)
+      const bool together = one.link == other.link && one.pose_given == other.pose_given &&
+                            (one.pose_given || apart != 0) &&
                             log_se3(inverse(one.link_T_sensor) * other.link_T_sensor).norm() < 1e-9;
       if (!together || !std::isfinite(apart) ||
           number(one, ParameterKind::intrinsics, 0) != number(other, ParameterKind::intrinsics, 0))

@@ -2,18 +2,23 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "../../kinematics/floating.h"
 #include "../rig/words.h"
+#include "reading_mistakes.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kFarFromBase = 20;  // m: no flange is further from its base than that
+/// No flange is further from its base than this (m); nor do poses stay nearer than the other.
+constexpr double kFarFromBase = 5, kNearBase = 0.05;
+
+using Change = std::function<Pose(Pose)>;
 
 /// Replaces the readings of a floating joint; samples whose right reading is not known are left
 /// out.
-void change_poses(const Rig& rig, std::vector<Sample>& samples, int joint, Pose (*change)(Pose)) {
+void change_poses(const Rig& rig, std::vector<Sample>& samples, int joint, const Change& change) {
   const int first = rig.tree.joints[joint].first_axis;
   const auto lost = [&](Sample& s) {
     if (!std::isfinite(s.readings[first])) return false;
@@ -22,11 +27,6 @@ void change_poses(const Rig& rig, std::vector<Sample>& samples, int joint, Pose 
     return !std::isfinite(s.readings[first]);
   };
   samples.erase(std::remove_if(samples.begin(), samples.end(), lost), samples.end());
-}
-
-Pose in_metres(Pose pose) {
-  pose.translation /= 1000;
-  return pose;
 }
 
 /// Of w x y z, read as x y z w.
@@ -56,9 +56,51 @@ Pose about_moved_axes(Pose pose) {
   return pose;
 }
 
+/// Of roll, pitch and yaw, read as a rotation vector: with a turn more about its axis it may be
+/// another triple; where both could be one, which is not known (NaN).
+Pose roll_pitch_yaw(Pose pose) {
+  const Vector3d v = log_so3(pose.rotation);
+  const Vector3d longer = v * (1 - 2 * kPi / std::max(v.norm(), 1e-9));
+  const auto is_triple = [](const Vector3d& rpy) {
+    return std::abs(rpy(0)) <= kPi && std::abs(rpy(1)) <= kPi / 2 && std::abs(rpy(2)) <= kPi;
+  };
+  if (is_triple(v) == is_triple(longer)) pose.translation.setConstant(std::nan(""));
+  const Vector3d rpy = is_triple(v) ? v : longer;
+  pose.rotation = rotation_from_rpy(rpy);
+  return pose;
+}
+
+/// Of turns about z, then the new y, then the new x, read as roll, pitch and yaw.
+Pose a_b_c(Pose pose) {
+  const Vector3d rpy = rpy_from_rotation(pose.rotation);
+  pose.rotation = rotation_from_rpy({rpy(2), rpy(1), rpy(0)});
+  return pose;
+}
+
+/// Of a frame whose y axis points the other way, positions and rotations alike.
+Pose left_handed(Pose pose) {
+  const Vector3d mirror(1, -1, 1);
+  pose.translation = mirror.cwiseProduct(pose.translation);
+  pose.rotation = mirror.asDiagonal() * pose.rotation * mirror.asDiagonal();
+  return pose;
+}
+
+template <int axis>
+Pose other_sign(Pose pose) {
+  pose.translation(axis) *= -1;
+  return pose;
+}
+
+template <int a, int b>
+Pose exchanged_axes(Pose pose) {
+  std::swap(pose.translation(a), pose.translation(b));
+  return pose;
+}
+
 struct Mistake {
   const char *id, *mistake, *cure;
-  Pose (*undo)(Pose);
+  Change undo;
+  bool leaves_out = false;
 };
 
 const Mistake kMistakes[] = {
@@ -70,9 +112,34 @@ const Mistake kMistakes[] = {
     {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
      scalar_first},
     {"convention", "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
-     "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector},
+     "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector, true},
     {"convention", "have angles about x, y and z in the other order: about the axes as they move",
-     "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes}};
+     "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes},
+    {"convention", "have angles in the order z, y, x (A, B, C of a KUKA) where roll comes first",
+     "Write \"rpy\": [C, B, A].", a_b_c},
+    {"convention", "have roll, pitch and yaw where a rotation vector (axis times angle) was meant",
+     "Convert them: \"rpy\": [roll, pitch, yaw], or the quaternion of Rz(yaw) Ry(pitch) Rx(roll).",
+     roll_pitch_yaw, true},
+    {"convention",
+     "have their rotations the wrong way round (w of the quaternion, or the angles, with the other "
+     "sign; or a transposed matrix), but not their positions",
+     "Change the sign of w: a rotation turns vectors of the flange into the base's.",
+     [](Pose pose) {
+       pose.rotation.transposeInPlace();
+       return pose;
+     }},
+    {"convention",
+     "are those of a left-handed frame: one axis points the other way, or two are exchanged",
+     "Mirror them: of an exchanged sign of y, y, roll and yaw change their signs.", left_handed},
+    {"convention", "have x of their positions with the wrong sign", "Change it.", other_sign<0>},
+    {"convention", "have y of their positions with the wrong sign", "Change it.", other_sign<1>},
+    {"convention", "have z of their positions with the wrong sign", "Change it.", other_sign<2>},
+    {"convention", "have x and y of their positions exchanged", "Write \"xyz\": [x, y, z].",
+     exchanged_axes<0, 1>},
+    {"convention", "have y and z of their positions exchanged", "Write \"xyz\": [x, y, z].",
+     exchanged_axes<1, 2>},
+    {"convention", "have x and z of their positions exchanged", "Write \"xyz\": [x, y, z].",
+     exchanged_axes<0, 2>}};
 
 }  // namespace
 
@@ -87,7 +154,7 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const
       h.mistake = "the poses of joint " + quoted(name) + " " + mistake.mistake;
       h.cure = mistake.cure;
       h.new_poses = true;
-      h.leaves_out = mistake.undo == rotation_vector;
+      h.leaves_out = mistake.leaves_out;
       h.undo = [j, undo = mistake.undo](Rig& r, std::vector<Sample>& s) {
         change_poses(r, s, j, undo);
       };
@@ -98,9 +165,17 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const
     for (const Sample& s : samples)
       if (const Vector3d at = pose_reading(rig.tree, j, s.readings).translation; at.allFinite())
         furthest = std::max(furthest, at.norm());
-    if (furthest > kFarFromBase)
-      add({"units", "are in millimetres", "Divide their xyz by 1000: metres are meant.",
-           in_metres});
+    if (furthest < kFarFromBase) continue;
+    for (const LengthUnit& unit : other_length_units()) {
+      const double metres = unit.metres;
+      if (metres * furthest < kNearBase || metres * furthest > kFarFromBase) continue;
+      const std::string mistake = std::string("are in ") + unit.name,
+                        cure = std::string("Write metres: ") + unit.cure + " what \"xyz\" says.";
+      add({"units", mistake.c_str(), cure.c_str(), [metres](Pose pose) {
+             pose.translation *= metres;
+             return pose;
+           }});
+    }
   }
 }
 

@@ -14,6 +14,7 @@ constexpr double kFarSlide = 3;    // m: a sliding joint without limits hardly m
 constexpr double kLongLink = 2;    // m: hardly a link of a robot is as long
 constexpr int kNearOnes = 3;       // joints are exchanged with one of the next so many
 constexpr size_t kFewTargets = 6;  // of more, no two are exchanged by name
+constexpr size_t kFewPairs = 64;   // of more, two signs in two arms are not tried
 constexpr double kParallel = 0.99;
 
 bool turns(const Joint& joint) {
@@ -56,6 +57,30 @@ void add_zeros(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       };
       out.push_back(std::move(h));
     }
+  }
+}
+
+/// Axes of turning joints: another of their frame's axes, either way round.
+void add_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (const auto& range : survey.ranges) {
+    const Joint& joint = rig.tree.joints[range.first];
+    if (!turns(joint) || range.second.second - range.second.first < 0.1) continue;
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double sign : {1.0, -1.0}) {
+        const Vector3d other = sign * Vector3d::Unit(axis);
+        if (std::abs(other.dot(joint.axis)) > 0.1) continue;
+        const std::string xyz = text("%g %g %g", other(0) + 0, other(1) + 0, other(2) + 0);
+        Hypothesis h;
+        h.id = "joint-axis";
+        h.where = {joint.name};
+        h.mistake = "joint " + quoted(joint.name) + " turns about another axis than the URDF says";
+        h.cure = "Write <axis xyz=\"" + xyz +
+                 "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back).";
+        h.undo = [j = range.first, other](Rig& r, std::vector<Sample>&) {
+          r.tree.joints[j].axis = other;
+        };
+        out.push_back(std::move(h));
+      }
   }
 }
 
@@ -188,6 +213,13 @@ void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples, con
   }
 }
 
+/// Whether a joint moves another.
+bool is_above(const Tree& tree, int above, int joint) {
+  int a = joint;
+  while (a >= 0 && a != above) a = moving_joint_above(tree, a);
+  return a >= 0;
+}
+
 Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
   Hypothesis h;
   h.id = "joint-sign";
@@ -201,7 +233,7 @@ Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
   return h;
 }
 
-/// Two joints of one arm, and all joints.
+/// Two joints of one arm, or of two arms that are not too many, and all joints.
 void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   std::vector<int> moving;
   for (const auto& range : survey.ranges)
@@ -209,6 +241,12 @@ void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesi
   for (int b : moving)
     for (int a = moving_joint_above(rig.tree, b); a >= 0; a = moving_joint_above(rig.tree, a))
       if (std::count(moving.begin(), moving.end(), a)) out.push_back(wrong_signs(rig, {a, b}));
+  std::vector<std::vector<int>> apart;
+  for (int a : moving)
+    for (int b : moving)
+      if (a < b && !is_above(rig.tree, a, b) && !is_above(rig.tree, b, a)) apart.push_back({a, b});
+  if (apart.size() <= kFewPairs)
+    for (const std::vector<int>& pair : apart) out.push_back(wrong_signs(rig, pair));
   if (moving.size() > 2) out.push_back(wrong_signs(rig, moving));
 }
 
@@ -222,8 +260,22 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     h.id = "gear";
     h.where = {rig.tree.joints[j].name};
     h.free = {table.all[scale].name};
-    h.gear = j;
+    h.proves = true;
     h.undo = [](Rig&, std::vector<Sample>&) {};
+    h.told = [given = rig.joints[j].scale, joint = h.where[0],
+              name = h.free[0]](const std::vector<double>& found) {
+      const double times = found[0] / given;
+      const std::string mistake =
+          "joint " + quoted(joint) +
+          text(
+              " moves %.5g times as far as its readings say: its gear ratio or encoder count is "
+              "%.2g %% off",
+              times, 100 * std::abs(times - 1));
+      const bool is_gear = times > 0.3 && times < 3 && std::abs(times - 1) > 0.003;
+      return std::pair(is_gear ? mistake : "",
+                       "Correct it where readings are made (or state joints." + joint +
+                           text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ").");
+    };
     out.push_back(std::move(h));
   }
 }
@@ -305,6 +357,7 @@ void add_rarer_readings(const Rig& rig, const ParameterTable& table,
                         std::vector<Hypothesis>& out) {
   const Survey survey = make_survey(rig, samples);
   add_zeros(rig, survey, out);
+  add_axes(rig, survey, out);
   add_exchanged_joints(rig, samples, survey, out);
   add_exchanged_arms(rig, samples, survey, out);
   add_exchanged_targets(rig, survey, out);

@@ -26,8 +26,8 @@ const std::vector<LengthUnit>& other_length_units();
 void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 
 /// Adds what is tried only where nothing else explains the data, for it is much: readings that
-/// count from another zero, joints or arms exchanged, absolute angles, two joints (or all) with the
-/// wrong sign, gears.
+/// count from another zero, turn about another axis, joints or arms exchanged, absolute angles, two
+/// joints (or all) with the wrong sign, gears.
 void add_rarer_readings(const Rig& rig, const ParameterTable& table,
                         const std::vector<Sample>& samples, const FreedNames& freed,
                         std::vector<Hypothesis>& out);

@@ -211,10 +211,60 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
   }
 }
 
+namespace {
+
+double baseline_of(const Sensor& sensor) {
+  const ParameterBlock* block = find_block(sensor, ParameterKind::baseline);
+  return is_camera(sensor) && block ? block->values[0] : 0;
+}
+
+}  // namespace
+
+void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                   const FreedNames& freed, std::vector<Hypothesis>& out) {
+  for (int s : survey.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    const double baseline = baseline_of(sensor);
+    const int parameter = table.index_of(ParameterKind::baseline, s);
+    if (baseline == 0 || parameter < 0 || freed.parameter[parameter]) continue;
+    Hypothesis h;
+    h.id = "baseline";
+    h.where = {sensor.name};
+    h.undo = [](Rig&, std::vector<Sample>&) {};
+    if (baseline > 0) {
+      h.free = {table.all[parameter].name};
+      h.told = [baseline, camera = sensor.name](const std::vector<double>& found) {
+        const double times = found[0] / baseline;
+        const std::string mistake =
+            "the baseline of camera " + quoted(camera) +
+            text(" is wrong: the rig says %.5g m, the data say %.5g m (times %.4g)", baseline,
+                 found[0], times);
+        const bool sane = times > 1e-4 && times < 1e4 && std::abs(times - 1) > 0.01;
+        return std::pair(sane ? mistake : "",
+                         "Correct sensors." + camera +
+                             ".baseline: metres, from the left camera to the right one (or free "
+                             "sensor/" +
+                             camera + "/baseline).");
+      };
+    } else {
+      h.mistake = "the baseline of camera " + quoted(sensor.name) + " has the wrong sign" +
+                  text(" (%.4g m)", baseline);
+      h.cure = "Write it without its minus sign: the right camera's is positive, the left one's 0.";
+      h.undo = [s](Rig& r, std::vector<Sample>&) {
+        for (ParameterBlock& block : r.sensors[s].parameters)
+          if (block.name == "baseline") block.values[0] = -block.values[0];
+      };
+    }
+    out.push_back(std::move(h));
+  }
+}
+
 void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   for (int a : survey.sensors)
     for (int b : survey.sensors) {
       if (a >= b || !is_camera(rig.sensors[a]) || !is_camera(rig.sensors[b])) continue;
+      // (A negative baseline looks the same, and is that.)
+      if (std::min(baseline_of(rig.sensors[a]), baseline_of(rig.sensors[b])) < 0) continue;
       Hypothesis h;
       h.id = "swapped-cameras";
       h.where = {rig.sensors[a].name, rig.sensors[b].name};

@@ -18,6 +18,9 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
 void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds sensors on the link of their target, and targets on the link of their sensor.
 void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+/// Adds baselines that are wrong or have the wrong sign, where the rig does not free them.
+void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& survey,
+                   const FreedNames& freed, std::vector<Hypothesis>& out);
 /// Adds pairs of cameras whose names are exchanged.
 void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 /// Adds distortion of images that are rectified, and missing distortion of images that are not,

@@ -29,9 +29,11 @@ struct Hypothesis {
   bool leaves_out = false;           // undo() leaves out what it cannot put right
   bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
-  int gear = -1;       // joint whose scale is free besides and says what is wrong, -1: none
-  double shrinks = 1;  // by which undo() makes measured lengths smaller, and with them chi2
-  int cropped = -1;  // camera whose principal point is free besides and says where it is, -1: none
+  /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
+  /// empty function: `mistake` and `cure` stand as they are.
+  std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told;
+  bool proves = false;  // believed only if the fit then proves the rig's sigmas
+  double shrinks = 1;   // by which undo() makes measured lengths smaller, and with them chi2
 };
 
 /// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")

@@ -223,6 +223,8 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
       add(e.name, length(e.initial), length(e.value), " m");
     else if (kind == ParameterKind::square)
       add(e.name, e.initial[0], e.value[0], " m");
+    else if (kind == ParameterKind::baseline)
+      add(e.component_name(0), e.initial[0], e.value[0], " m");
     else if (kind == ParameterKind::intrinsics)
       for (size_t c = 0; c < 2 && c < e.value.size(); ++c)
         add(e.component_name(c), e.initial[c], e.value[c], " px");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <stdexcept>
 
 #include "../../kinematics/floating.h"
@@ -27,7 +28,7 @@ constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without 
 constexpr int kNoiseRounds = 4;
 // Boards that were measured and lenses that were calibrated are nearer than this: share of a size,
 // of a focal length.
-constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05;
+constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05, kMeasuredBaseline = 0.03;
 
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
@@ -82,27 +83,80 @@ double mistaken_beyond(const Rig& rig, const Parameter& p) {
     case ParameterKind::intrinsics:
       return kCalibratedCentre *
              std::abs(find_block(rig.sensors[p.owner], ParameterKind::intrinsics)->values[0]);
+    case ParameterKind::baseline:
+      return kMeasuredBaseline *
+             std::abs(find_block(rig.sensors[p.owner], ParameterKind::baseline)->values[0]);
     default:
       return kInfinity;
   }
 }
 
+/// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken.
+std::set<std::string> mistaken_numbers(const Report& report) {
+  std::map<std::string, std::pair<double, std::string>> limits;
+  for (const Parameter& p : report.solution.table().all)
+    for (size_t c = 0; c < p.components.size(); ++c)
+      limits[p.component_name(static_cast<int>(c))] = {mistaken_beyond(report.solution.rig(), p),
+                                                       p.name};
+  std::set<std::string> out;
+  for (const AutomaticGroup& g : report.automatic)
+    for (const AutomaticNumber& n : g.numbers)
+      if (const auto limit = limits.find(n.name);
+          !g.held && limit != limits.end() && std::abs(n.value) > limit->second.first)
+        out.insert(limit->second.second);
+  return out;
+}
+
 /// Whether a group came out so much worse than usual that it may take a mistake up, or a number so
 /// far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  std::map<std::string, double> limits;
-  for (const Parameter& p : report.solution.recording->table.all)
-    for (size_t c = 0; c < p.components.size(); ++c)
-      limits[p.component_name(static_cast<int>(c))] = mistaken_beyond(report.solution.rig(), p);
-  for (const AutomaticGroup& g : report.automatic) {
-    if (g.held) continue;
-    if (g.factor > kUnusualWidth) return true;
-    for (const AutomaticNumber& n : g.numbers)
-      if (const auto limit = limits.find(n.name);
-          limit != limits.end() && std::abs(n.value) > limit->second)
-        return true;
+  return !mistaken_numbers(report).empty() ||
+         std::any_of(report.automatic.begin(), report.automatic.end(),
+                     [](const AutomaticGroup& g) { return !g.held && g.factor > kUnusualWidth; });
+}
+
+/// The rig as it was found, but for parameters that somebody was mistaken about: these as given.
+Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solution) {
+  const ParameterTable& table = solution.table();
+  const VectorXd& values = solution.values.shared;
+  Rig rig = solution.rig();
+  rig.nominal.clear();
+  for (const Parameter& p : table.all) {
+    if (mistaken.count(p.name)) continue;
+    NominalValue found;
+    found.parameter = p.name;
+    if (p.pose) found.pose = get_pose(values, p.start);
+    found.numbers.assign(values.data() + p.start,
+                         values.data() + p.start + (p.pose ? 0 : p.size()));
+    rig.nominal.push_back(found);
   }
-  return false;
+  rig = centred(std::move(rig));
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    rig.sensors[s].link_T_sensor = get_pose(values, table.all[table.sensor_pose[s]].start);
+    rig.sensors[s].pose_given = true;
+  }
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    if (rig.targets[t].link < 0) continue;
+    rig.targets[t].link_T_target = get_pose(values, table.all[table.target_pose[t]].start);
+    rig.targets[t].pose_given = true;
+  }
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    if (table.joint_offset[j] >= 0)
+      rig.joints[j].offset = values(table.all[table.joint_offset[j]].start);
+  rig.steps.resize(1);  // the mounts
+  return rig;
+}
+
+/// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
+/// offsets were wrong; then with all as it was found but for numbers that somebody was mistaken
+/// about.
+void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
+  const Solution& solution = report.solution;
+  add_diagnosis(given, solution.samples(), options, report);
+  const std::set<std::string> mistaken = mistaken_numbers(report);
+  if (report.diagnosis->findings.empty() && !mistaken.empty() && solution.rig().steps.size() > 1)
+    add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
+  if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
 /// The rig with joints that are stated exact taken for noisy.
@@ -450,8 +504,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       if (recording->rig.steps.empty() && report.diagnosis->findings.empty())
         add_diagnosis(recording->rig, samples, options, report);
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
-      add_diagnosis(recording->rig, solution.samples(), options, report);
-      if (report.diagnosis->findings.empty()) report.diagnosis.reset();
+      look_for_what_was_taken_up(recording->rig, options, report);
     }
   } catch (const StudyCancelled&) {
     return std::nullopt;

@@ -7,6 +7,7 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "free_zeros.h"
+#include "input_warnings.h"
 
 namespace kincal {
 namespace {
@@ -22,6 +23,12 @@ const Finding* decisive_finding(const Report& report) {
     for (const Finding& f : report.diagnosis->findings)
       if (f.chi2_corrected && f.id != "sigma") return &f;
   return nullptr;
+}
+
+/// What was found without a fit and may be why nothing fits.
+const Finding* likely_finding(const Report& report) {
+  const Finding* first = first_mistake(report);
+  return first && first->id != "disconnected" ? first : nullptr;
 }
 
 bool starts_with(const std::string& name, const char* beginning) {
@@ -92,10 +99,11 @@ std::string sigmas_seen(const Report& report, double misfit) {
   return levels.empty() ? text("sigmas %.2g times as large", std::sqrt(misfit)) : listed(levels, 5);
 }
 
-/// Everything that a verdict is about, of a result that converged and is explained.
+/// Everything that a verdict is about, of a result that converged and is explained; `width` too,
+/// before all of these.
 bool is_doubt(const std::string& id) {
-  return id == "chi2" || id == "unexplained" || id == "joint_error" || id == "prior" ||
-         id == "sigma" || starts_with(id, "outlier_");
+  return id == "implausible" || id == "chi2" || id == "unexplained" || id == "joint_error" ||
+         id == "prior" || id == "sigma" || starts_with(id, "outlier_");
 }
 
 const char* what_to_do(const Report& report, const std::string& id) {
@@ -105,12 +113,30 @@ const char* what_to_do(const Report& report, const std::string& id) {
   if (id == "chi2" || id == "unexplained")
     return "look for what is wrong, or state the sigmas that are seen";
   if (id == "joint_error") return "look at these samples, or state the noise of these joints";
+  if (id == "implausible") return "correct that, and calibrate again";
+  if (id == "width")
+    return "compare what the rig says of these numbers with the robot, and the readings with its "
+           "own display";
   if (id == "prior" && !report.automatic.empty() && report.doubted.empty())
     return "is the robot off there by as much, or does this number take up another mistake? Look "
            "for mistakes";
   if (id == "prior") return "see which of the two is wrong, the prior or the data";
   if (id == "sigma") return "record more varied postures";
   return "look at these, or leave them out";
+}
+
+/// What all else may come from: the first mistake that was found, else that the model does not
+/// explain the data, or numbers far from what is usual; "": nothing of these.
+std::string cause_of_all(const Report& report) {
+  std::string out;
+  if (const Finding* f = first_mistake(report))
+    out = "a mistake was found that the result may have taken up: " + f->id + ": " + f->text;
+  else if (!report.unexplained.empty())
+    out = report.unexplained;
+  for (const Warning& w : report.warnings)
+    if (w.id == "width" && out.empty()) out = w.text;
+  if (!out.empty() && out.back() == '.') out.pop_back();
+  return out;
 }
 
 /// What is not determined although everything converged: what an earlier step freed, or a frame.
@@ -207,6 +233,7 @@ std::string why_unexplained(const Report& report) {
   const Finding* finding = decisive_finding(report);
   if (!(misfit > (finding ? kMistaken : kBeyondNoise))) return "";
   const std::string begin = text("the model does not explain the data (chi2/dof %.3g). ", misfit);
+  if (!finding) finding = likely_finding(report);
   if (finding)
     return begin + "A mistake is likelier than noise stated too small: " + finding->id + ": " +
            finding->text + " Undo it and calibrate again";
@@ -233,8 +260,12 @@ Verdict verdict(const Report& report) {
   };
   for (const Warning& w : report.warnings)
     if (is_cause(w)) return {"no", w.text};
+  const std::string loose = loose_mount(report), cause = cause_of_all(report);
+  // (More postures do not help where a mistake makes the poses loose.)
+  if (!loose.empty() && !cause.empty() &&
+      (solution.status == Status::converged || solution.message == loose))
+    return {"no", cause + ". Only then does it count that " + loose};
   if (solution.status != Status::converged) return {"no", solution.message};
-  const std::string loose = loose_mount(report);
   if (!loose.empty()) return {"no", loose};
 
   std::string found;
@@ -249,10 +280,9 @@ Verdict verdict(const Report& report) {
   std::vector<std::string> others;
   const Warning* doubt = nullptr;
   for (const Warning& w : report.warnings)
-    if (is_doubt(w.id) && !doubt)
-      doubt = &w;
-    else
-      others.push_back(w.id);
+    if (w.id == "width" || (is_doubt(w.id) && !doubt)) doubt = &w;
+  for (const Warning& w : report.warnings)
+    if (&w != doubt) others.push_back(w.id);
   const std::string more = others.empty() ? ""
                                           : "; see " + std::string(doubt ? "also " : "") + "the " +
                                                 (others.size() == 1 ? "warning " : "warnings ") +

@@ -177,6 +177,17 @@ class Readings(Case):
     def test_two_signs(self):
         scene = Scene("room").readings("j2", lambda q: -q).readings("j4", lambda q: -q)
         self.one(scene.check(), "joint-sign", ["j2", "j4"], "Change the signs")
+        scene = Scene("head").readings("left_j1", lambda q: -q).readings("right_j2", lambda q: -q)
+        self.one(scene.check(), "joint-sign", ["left_j1", "right_j2"], "Change the signs")
+
+    def test_another_axis(self):
+        for joint, right, wrong in (("j3", "0 1 0", "0 0 1"), ("j4", "1 0 0", "0 -1 0")):
+            scene = Scene("room")
+            before, at, after = scene.urdf.partition('<joint name="%s"' % joint)
+            scene.urdf = before + at + after.replace('<axis xyz="%s"/>' % right, '<axis xyz="%s"/>' % wrong, 1)
+            found = scene.check()
+            self.assertEqual([(f["id"], f["where"]) for f in found], [("joint-axis", [joint])], found)
+            self.assertIn('Write <axis xyz="%s"/>' % right, found[0]["text"])
 
     def test_a_gear(self):
         for name in ("room", "tool"):
@@ -242,6 +253,28 @@ class Units(Case):
                 self.assertEqual(len(found), 1)
                 self.assertEqual(found[0]["where"], ["cam2"])
                 self.assertIn(words, found[0]["text"])
+
+
+    def test_focal_lengths(self):
+        scene = Scene("room")
+        self.one(scene.check(scene.rig.replace("[1000, 1000,", "[1100, 1100,")), "intrinsics", ["cam"], r"the data say 1000|the data say 99\d|times 0\.909")
+
+    def test_a_baseline_that_is_wrong_or_has_the_wrong_sign(self):
+        scene = Scene("stereo")   # on a mount that both share: else each has a pose of its own, which takes the baseline up
+        scene.urdf = scene.urdf.replace('<link name="base"/>', '<link name="base"/>' + link("mount", "fixed", "base", "head", "0 0 0", ""), 1)
+        scene.rig = scene.rig.replace("baseline: 0.12", "baseline: 0.132").replace("brown_conrady, link: base", "brown_conrady, link: head")
+        _, result, _ = scene.calibrate()
+        self.assertEqual([(f["id"], f["where"]) for f in result["findings"]], [("baseline", ["cam2"])])
+        self.assertRegex(result["findings"][0]["text"], r"the rig says 0\.132 m, the data say 0\.(12|1199\d|1200\d) m")
+        scene = Scene("stereo")
+        for rig in (scene.rig, re.sub(", pose: {[^}]*}(?=, baseline|})", "", scene.rig)):
+            scene.rig = rig.replace("baseline: 0.12", "baseline: -0.12")
+            found = scene.check(scene.rig)
+            self.assertEqual([(f["id"], f["where"]) for f in found], [("baseline", ["cam2"])], found)
+            self.assertIn("positive", found[0]["text"])
+            _, result, _ = scene.calibrate()   # poses of their own take it up
+            self.assertEqual(result["verdict"]["use"], "doubts")
+            self.assertIn(found[0]["text"][:-1], result["verdict"]["text"])
 
 
 class Points(Case):

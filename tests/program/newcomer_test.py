@@ -14,7 +14,9 @@ import sys
 import tempfile
 import unittest
 
+sys.dont_write_bytecode = True
 import helpers
+from cli_test import axis_angle, frame, inverse, move, mul
 
 SOURCE_DIR = KINCAL = None
 
@@ -342,6 +344,67 @@ class Words(Case):
         line = [x for x in text.splitlines() if x.startswith("Most different between two sets")]
         self.assertEqual(len(line), 1, text)
         self.assertRegex(line[0], r"sensor/tracker/pose\.z, by [23]\d\.\d+ mm .* and wednesday\.")
+
+
+SCARA = """format: kincal/1
+robot: scara.urdf
+base: base
+joints: {j1: {sigma: 0.0002}, j2: {sigma: 0.0002}, j3: {sigma: 0.00005}, j4: {sigma: 0.0002}}
+targets:
+  board: {type: chessboard, rows: 8, columns: 11, square: 0.03, mount: {link: base%s}}
+sensors:
+  cam: {type: camera, model: brown_conrady, link: l4, image_size: [1280, 960], intrinsics: [900, 900, 640, 480], sigma: 0.2%s}
+"""
+SCARA_POSES = (", pose: {xyz: [0.3, -0.1, -0.25], rpy: [0, 0, 0.02]}", ", pose: {xyz: [0.03, -0.02, -0.03], rpy: [3.12, 0.03, 0.4]}")
+
+
+class Parallel(Case):
+    """All axes parallel, one slide, a camera in the hand above a board: how high both stand is not determined, only how far apart."""
+
+    def samples(self):
+        joint = '<joint name="%s" type="%s"><parent link="%s"/><child link="%s"/><origin xyz="%s"/><axis xyz="0 0 1"/><limit lower="%g" upper="%g" effort="1" velocity="1"/></joint><link name="%s"/>'
+        joints = (("j1", "revolute", "base", "l1", "0 0 0.35", -1.2, 1.2), ("j2", "revolute", "l1", "l2", "0.3 0 0", -1.8, 1.8),
+                  ("j3", "prismatic", "l2", "l3", "0.25 0 0", -0.15, 0), ("j4", "revolute", "l3", "l4", "0 0 -0.02", -2, 2))
+        self.write("scara.urdf", '<robot name="scara"><link name="base"/>' + "".join(joint % (*j, j[3]) for j in joints) + "</robot>")
+        camera, board = frame([0.033, -0.018, -0.034], [3.11, 0.02, 0.41]), frame([0.3, -0.1, -0.25], [0, 0, 0.02])
+        corners = [(0.03 * c, 0.03 * r, 0) for r in range(8) for c in range(11)]
+        rng, out = random.Random(4), []
+
+        def turn(angle, xyz):
+            return axis_angle((0, 0, 1), angle, xyz)
+        while len(out) < 30:
+            q = [rng.uniform(low, high) for low, high in ((-1.2, 1.2), (-1.8, 1.8), (-0.15, 0), (-2, 2))]
+            tool = mul(mul(turn(q[0], (0, 0, 0.35)), turn(q[1] + 0.006, (0.3, 0, 0))), mul(turn(0, (0.25, 0, q[2])), turn(q[3], (0, 0, -0.02))))
+            to_camera = mul(inverse(mul(tool, camera)), board)
+            seen = [move(to_camera, p) for p in corners]
+            pixels = [[900 * x / z + 640 + rng.gauss(0, 0.2), 900 * y / z + 480 + rng.gauss(0, 0.2)] for x, y, z in seen]
+            if all(0 <= u <= 1279 and 0 <= v <= 959 for u, v in pixels):
+                readings = {"j%d" % (k + 1): a + rng.gauss(0, 5e-5 if k == 2 else 2e-4) for k, a in enumerate(q)}
+                out.append({"id": "s%d" % len(out), "joints": readings, "views": [{"sensor": "cam", "target": "board", "pixels": pixels}]})
+        return out
+
+    def test_what_no_posture_tells_is_named_and_stays_near_the_start(self):
+        samples = self.samples()
+        for poses, near in ((SCARA_POSES, -0.03), (("", ""), None), ((SCARA_POSES[0], ""), None)):
+            with self.subTest(poses=poses):
+                self.write("rig.yaml", SCARA % poses)
+                result, text = self.calibrate(samples, code=2)
+                self.assertEqual(result["status"], "unobservable")
+                self.assertEqual(result.get("findings", []), [], text)
+                self.assertRegex(result["verdict"]["text"], r"the data do not determine .*sensor/cam/pose\.z .*target/board/pose\.z.* whatever the posture")
+                camera, board = (result["parameters"][name]["pose"]["xyz"] for name in ("sensor/cam/pose", "target/board/pose"))
+                self.assertAlmostEqual(camera[2] - board[2], 0.216, delta=0.002)   # how far apart is known
+                self.assertLess(abs(camera[2] + 0.034), 0.5)                       # and how high is not led away
+                if near is not None:
+                    self.assertAlmostEqual(camera[2], near, delta=0.01)
+                self.assertAlmostEqual(camera[0], 0.033, delta=0.001)
+        self.assertIn("nothing to explain", self.kincal("check", "rig.yaml", "samples.jsonl", "--quiet"))
+
+    def test_one_pose_given_determines_the_other(self):
+        self.write("rig.yaml", SCARA % SCARA_POSES + "estimate:\n  - {step: camera, free: [sensor/cam/pose, joint/j2/offset]}\n")
+        result, _ = self.calibrate(self.samples())
+        self.assertEqual(result["verdict"]["use"], "good", result["verdict"])
+        self.assertAlmostEqual(result["parameters"]["sensor/cam/pose"]["pose"]["xyz"][2], -0.034, delta=0.0005)
 
 
 if __name__ == "__main__":

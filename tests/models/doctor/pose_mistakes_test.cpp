@@ -24,6 +24,17 @@ std::string xyz_rpy(const Isometry3d& pose, const Eigen::Vector3d& rpy) {
   return out.str();
 }
 
+std::string moved(Isometry3d pose, const Eigen::Vector3d& xyz) {
+  pose.translation() = xyz;
+  return xyz_quat(pose);
+}
+
+/// With a pitch of at most a quarter turn.
+Eigen::Vector3d yaw_pitch_roll(const Isometry3d& pose) {
+  const Eigen::Matrix3d r = pose.linear();
+  return {std::atan2(r(1, 0), r(0, 0)), std::asin(-r(2, 0)), std::atan2(r(2, 1), r(2, 2))};
+}
+
 struct Convention {
   const char *id, *words;
   std::function<std::string(const Isometry3d&)> written;
@@ -46,6 +57,37 @@ const Convention kConventions[] = {
      }},
     {"convention", "other order",
      [](const Isometry3d& pose) { return xyz_rpy(pose, pose.linear().eulerAngles(0, 1, 2)); }},
+    {"convention", "[C, B, A]",
+     [](const Isometry3d& pose) { return xyz_rpy(pose, pose.linear().eulerAngles(2, 1, 0)); }},
+    {"convention", "rotation vector (axis times angle) was meant",
+     [](const Isometry3d& pose) {
+       const Eigen::Vector3d rpy = yaw_pitch_roll(pose).reverse();
+       Isometry3d wrong(Eigen::AngleAxisd(rpy.norm(), rpy.normalized()));
+       wrong.translation() = pose.translation();
+       return xyz_quat(wrong);
+     }},
+    {"convention", "Change the sign of w",
+     [](const Isometry3d& pose) {
+       Isometry3d wrong(pose.linear().transpose());
+       wrong.translation() = pose.translation();
+       return xyz_quat(wrong);
+     }},
+    {"convention", "y of their positions with the wrong sign",
+     [](const Isometry3d& pose) {
+       return moved(pose, {pose(0, 3), -pose(1, 3), pose(2, 3)});
+     }},
+    {"convention", "x and y of their positions exchanged",
+     [](const Isometry3d& pose) {
+       return moved(pose, {pose(1, 3), pose(0, 3), pose(2, 3)});
+     }},
+    {"convention", "left-handed",
+     [](const Isometry3d& pose) {
+       Eigen::Matrix4d mirror = Eigen::Matrix4d::Identity();
+       mirror(1, 1) = -1;
+       return xyz_quat(Isometry3d(mirror * pose.matrix() * mirror));
+     }},
+    {"units", "centimetres",
+     [](const Isometry3d& pose) { return moved(pose, 100 * pose.translation()); }},
 };
 
 }  // namespace

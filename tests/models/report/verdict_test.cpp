@@ -77,6 +77,28 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.solution.parameters.push_back(mount("sensor/nose/pose", 0.001, 0.06));
   CHECK_THAT(judged(report).text, StartsWith("sensor/nose/pose is known to 3.44 degrees only"));
 
+  // What was found, or a group far from usual, goes before poses that are loose because of it.
+  const std::vector<ParameterEstimate> loose = report.solution.parameters;
+  const std::string besides = "Only then does it count that sensor/nose/pose is known to 3.44";
+  report = converged(1);
+  report.solution.parameters = loose;
+  report.automatic.resize(1);
+  report.automatic[0].name = "offsets";
+  report.automatic[0].factor = 112;
+  CHECK(judged(report).use == "no");
+  CHECK_THAT(verdict(report).text, StartsWith("group 'offsets': its numbers are off by 112 times"));
+  CHECK_THAT(verdict(report).text, Contains(besides));
+  report.diagnosis.emplace();
+  report.diagnosis->findings = {
+      {"home-position", "Joint 'a' counts from elsewhere.", {"a"}, 90, 1}};
+  report.solution.status = Status::unobservable;  // as of a pose that is open
+  report.solution.message = loose_mount(report);
+  CHECK(judged(report).use == "no");
+  CHECK_THAT(verdict(report).text,
+             StartsWith("a mistake was found that the result may have taken "
+                        "up: home-position: Joint 'a' counts from elsewhere. "));
+  CHECK_THAT(verdict(report).text, Contains(besides));
+
   report = converged(1);
   report.solution.parameters = {mount("sensor/eye/pose", kNan, 0.001)};  // of an earlier step
   CHECK(judged(report).use == "doubts");
