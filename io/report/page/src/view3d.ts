@@ -70,6 +70,7 @@ function chainLinks(scene: Scene): Set<number> {
   return kept;
 }
 
+const distance = (a: Pose7, b: Pose7) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 interface Body { after: Pose7; before: Pose7 }
 
 /** The pose of everything at a sample's readings. Without a sample: the first one. */
@@ -135,7 +136,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     }
   };
   /** Bones of the links that matter as rods, of the others as thin lines. */
-  const bones = (bodies: Body[], pick: (body: Body) => Pose7, material: MeshLambertMaterial, group: Group, thin: LineBasicMaterial | null, radius: number) => {
+  const bones = (bodies: Body[], pick: (body: Body) => Pose7, material: MeshLambertMaterial, group: Group, thin: LineBasicMaterial | null) => {
+    const radius = reach * 0.006;
     const rods: Matrix4[] = [], rest: number[] = [];
     const up = new Vector3(0, 1, 0);
     scene.links.forEach((link, i) => {
@@ -145,6 +147,8 @@ export function create(host: HTMLElement, options: Options): View3d {
       const d = b.clone().sub(a);
       const length = d.length();
       if (length < 1e-4) return;
+      if (!thin && distance(pick(bodies[i]), bodies[i].after) < radius / 2 && distance(pick(bodies[link.parent]), bodies[link.parent].after) < radius / 2)
+        return;                                            // a ghost that lies in its bone would only stain it
       if (!kept.has(i)) { rest.push(...a.toArray(), ...b.toArray()); return; }
       rods.push(new Matrix4().compose(a.add(b).multiplyScalar(0.5), new Quaternion().setFromUnitVectors(up, d.normalize()), new Vector3(radius, length, radius)));
     });
@@ -198,8 +202,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     names = [];
     const p = poses(options, sample);
     const size = reach * 0.05;
-    bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin, reach * 0.006);
-    bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null, reach * 0.006);
+    bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin);
+    bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null);
     const seats = new Map<string, string[]>();              // names that would lie on each other stand in one line
     const seat = (text: string, pose: Pose7) => {
       const key = pose.slice(0, 3).map((v) => Math.round(v / (reach * 0.02))).join();
@@ -312,7 +316,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     camera.near = radius / 100;
     camera.far = radius * 100;
     camera.updateProjectionMatrix();
-    camera.position.copy(centre).add(new Vector3(1.5, -1.7, 0.9).normalize().multiplyScalar(radius * 2.9));
+    camera.position.copy(centre).add(new Vector3(1.5, -1.7, 0.9).normalize().multiplyScalar(radius * 2.3));
     controls.update();
     render();
   }

@@ -26,6 +26,8 @@ const browser = await chromium.launch({
 });
 const context = await browser.newContext({ viewport: { width: 1400, height: 900 }, colorScheme: 'light' });
 const page = await context.newPage();
+await page.setContent('<p>warm</p>');                       // the browser's own start is not the page's
+await page.screenshot();
 const errors = [], requests = [];
 page.on('console', (message) => { if (message.type() === 'error') errors.push(message.text()); });
 page.on('pageerror', (error) => errors.push(String(error.stack ?? error)));
@@ -42,7 +44,7 @@ const digits = (x) => page.evaluate((v) => {
   const s = Math.abs(v);
   if (v === 0) return '0';
   if (s >= 1e6 || s < 1e-4) return v.toExponential(2).replace('e+', 'e').replace(/^-/, '−');
-  return (s >= 100 ? Math.round(v).toString() : Number(v.toPrecision(3)).toFixed(Math.max(0, 2 - Math.floor(Math.log10(s) + 1e-12)))).replace('-', '−');
+  return (s >= 100 ? Math.round(v).toString() : Number(v.toPrecision(3)).toFixed(Math.max(0, 2 - Math.floor(Math.log10(Number(s.toPrecision(3))) + 1e-12)))).replace('-', '−');
 }, x);
 
 async function reach(id) {
