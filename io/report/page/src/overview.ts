@@ -39,16 +39,16 @@ function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[]): void 
   const robots = [...new Set(points.map((p) => p.row.serial ?? ''))];
   const value = (v: number | null) => (v !== null && v > 0 ? v * unit.factor : null);
   lineFigure(host, {
-    title: `${sensor} (${unit.name}, logarithmic)`, file: `time_${sensor}`, height: 210,
+    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 210, live: false,
     csv: () => [['folder', 'serial', 'time', `before [${unit.name}]`, `after [${unit.name}]`], ...points.map((p) => [p.row.folder, p.row.serial, time(p.row.time), value(p.s.before), value(p.s.after)])],
     data: [points.map((p) => p.t), points.map((p) => value(p.s.before)), ...robots.map((robot) => points.map((p) => ((p.row.serial ?? '') === robot ? value(p.s.after) : null)))],
     options: (c) => {
       const tones = [c.after, c.good, c.other, c.chosen, c.faint];
       return {
-        scales: { y: { distr: 3 } }, axes: [{}, logAxis((v) => digits(v, 1))],
-        series: [{ value: (_, t) => (t === null ? none : time(t)) }, { label: 'before', stroke: c.before, paths: () => null, points: { show: true, size: 6 }, value: (_, v) => digits(v) },
+        scales: { y: { distr: 3 } }, axes: [{}, logAxis()],
+        series: [{ value: (_, t) => (t === null ? none : time(t)) }, { label: 'before', stroke: c.before, paths: () => null, points: { show: true, size: 6, fill: c.panel }, value: (_, v) => digits(v) },
           ...robots.map((robot, i) => ({
-            label: robot ? `after, ${robot}` : 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, dash: i >= tones.length ? [4, 3] : undefined,
+            label: robot || 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, dash: i >= tones.length ? [4, 3] : undefined,
             points: { show: true, size: 7, fill: tones[i % tones.length] }, value: (_: unknown, v: number | null) => digits(v),
           }))],
       };
@@ -73,7 +73,7 @@ export function overviewSections(data: Overview): Section[] {
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
     'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. Errors are those in use, after the calibration, in the unit of the column.',
     (host) => host.append(dataTable(rows, [
-      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder; }, value: (row) => row.folder },
+      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder); }, value: (row) => row.folder },
       { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
       { title: 'Date', cell: (row) => h('span', { class: 'nowrap' }, time(row.time).slice(0, 10)), value: (row) => stamp(row.time) },
       { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')), value: (row) => row.verdict?.use ?? row.status },
@@ -100,7 +100,7 @@ export function overviewSections(data: Overview): Section[] {
     ], { caption: 'Errors before and after.', file: 'overview_errors' })));
   const sections = [head];
   if (rows.filter((row) => stamp(row.time) !== null).length > 1)
-    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot, and of the robot as it was found (open orange points). Orange that rises from one calibration to the next: the robot drifts or wears.',
+    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot, and of the robot as it was found (open orange points); the scale is logarithmic. Orange that rises from one calibration to the next: the robot drifts or wears.',
       (host) => { const grid = h('div', { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows); }, 300));
   return [...sections, why, where];
 }

@@ -173,7 +173,7 @@ function costPlot(host: HTMLElement, context: Context): void {
     options: (c) => {
       const tones = [c.after, c.before, c.good, c.other, c.chosen, c.faint];
       return {
-        scales: { x: { time: false }, y: { distr: 3 } }, axes: [{ incrs: [1, 2, 5, 10, 20, 50, 100] }, logAxis((v) => digits(v, 1))],
+        scales: { x: { time: false }, y: { distr: 3 } }, axes: [{ incrs: [1, 2, 5, 10, 20, 50, 100] }, logAxis()],
         series: [{ label: 'iteration' }, ...steps.map((step, i) => ({
           label: step.step, stroke: tones[i % tones.length], width: 2, points: { show: true, size: 5 }, spanGaps: false,
           dash: i >= tones.length ? [4, 3] : undefined, value: (_: unknown, v: number | null) => digits(v),

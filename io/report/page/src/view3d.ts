@@ -295,28 +295,34 @@ export function create(host: HTMLElement, options: Options): View3d {
     materials.chosen.color.set(colours.chosen);
     build();
   }
-  /** Extent of what matters: chains, sensors, targets at the chosen sample. */
-  function bounds(): Box3 {
+  /** Places of what matters: chains, sensors, targets at the chosen sample unless they are far from the robot. */
+  function places3d(): Vector3[] {
     const p = poses(options, sample);
-    const box = new Box3();
-    const add = (body: Body | null) => body && box.expandByPoint(new Vector3(body.after[0], body.after[1], body.after[2]));
-    p.links.forEach((body, i) => kept.has(i) && add(body));
-    p.sensors.forEach(add);
-    // A free target far away may not make the robot small.
-    const robot = box.clone();
-    const size = robot.getSize(new Vector3()).length();
-    p.targets.forEach((body) => body && robot.distanceToPoint(new Vector3(body.after[0], body.after[1], body.after[2])) < size && add(body));
-    return box;
+    const vector = (body: Body) => new Vector3(body.after[0], body.after[1], body.after[2]);
+    const robot = [...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : []));
+    const box = new Box3().setFromPoints(robot);
+    const size = box.getSize(new Vector3()).length();
+    return [...robot, ...p.targets.flatMap((body) => (body && box.distanceToPoint(vector(body)) < size ? [vector(body)] : []))];
   }
+  /** The camera from the front right, as near as everything is within the picture: at distance D from the centre a point
+   *  with z towards the camera, x and y across is seen if |x| <= (D - z) tan(half angle across), and so for y. */
   function home(): void {
-    const box = bounds();
+    const all = places3d();
+    const box = new Box3().setFromPoints(all);
     const centre = box.getCenter(new Vector3());
     const radius = Math.max(0.1, box.getSize(new Vector3()).length() / 2);
+    const towards = new Vector3(1.5, -1.7, 0.9).normalize();
+    const across = new Vector3(0, 0, 1).cross(towards).normalize(), up = towards.clone().cross(across);
+    const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
+    const distance = Math.max(...all.map((point) => {
+      const d = point.clone().sub(centre);
+      return d.dot(towards) + Math.max(Math.abs(d.dot(across)) / wide, Math.abs(d.dot(up)) / tall);
+    }), radius);
     controls.target.copy(centre);
     camera.near = radius / 100;
     camera.far = radius * 100;
     camera.updateProjectionMatrix();
-    camera.position.copy(centre).add(new Vector3(1.5, -1.7, 0.9).normalize().multiplyScalar(radius * 2.3));
+    camera.position.copy(centre).addScaledVector(towards, distance * 1.15 + 0.05 * radius);
     controls.update();
     render();
   }
@@ -361,7 +367,7 @@ export function create(host: HTMLElement, options: Options): View3d {
   canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
   canvas.addEventListener('webglcontextrestored', render);
 
-  reach = Math.max(0.1, bounds().getSize(new Vector3()).length());
+  reach = Math.max(0.1, new Box3().setFromPoints(places3d()).getSize(new Vector3()).length());
   paint(options.colours);
   resize();
   home();
