@@ -1,6 +1,6 @@
 // What to do next, most useful first, out of what the program says. Pure functions: tested without a page.
 import { chi2PerDof, components, type Component, type Result, type WeakDirection } from './data';
-import { list, plainName, plural, size } from './format';
+import { digits, list, plainName, plural, size } from './format';
 
 export interface Advice { text: string; why?: string }
 
@@ -14,7 +14,7 @@ export function splitVerdict(text: string): { why: string; actions: string[] } {
 
 /** A short cure for each kind of warning, where its own text says only what is the case. */
 const cures: Record<string, string> = {
-  chi2: 'Look at the sensor that fits worst (Table 1, column "against stated noise"): wrong intrinsics, board size, time shift or outliers; else state the noise that is seen.',
+  chi2: 'Look at the sensor that fits worst (Errors of each sensor, column "Against stated noise"): wrong intrinsics, board size, time shift or outliers; else state the noise that is seen.',
   joint_error: 'Look at the sample that is named: its joint readings may belong to another posture. Many samples of one joint: its zero, its gear or a link near it is wrong, or its stated noise is too small.',
   joint_noise: 'State the joint noise that is seen (--estimate-noise), or look for what the model lacks: backlash, a wrong gear, a bent link.',
   outlier_sample: 'Look at these samples; calibrate again with --reject.',
@@ -39,6 +39,11 @@ const cures: Record<string, string> = {
   never_seen: 'Record samples that show it, or take it out of the rig.',
 };
 
+/** A sentence begins with a capital; a name stays as it is. */
+export function capital(text: string): string {
+  return /^[a-z]+([ ,;:']|$)/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
+}
+
 const normal = (text: string) => text.toLowerCase().replace(/[^a-z0-9]+/g, ' ').trim();
 
 export function nextSteps(result: Result): Advice[] {
@@ -49,16 +54,22 @@ export function nextSteps(result: Result): Advice[] {
     const key = normal(text);
     if (!key || known.some((k) => k.includes(key) || (k.length > 20 && key.includes(k)))) return;
     known.push(key);
-    steps.push({ text: text.charAt(0).toUpperCase() + text.slice(1), why });
+    steps.push({ text: capital(text), why });
   };
   const { why, actions } = splitVerdict(result.verdict?.text ?? '');
   known.push(normal(why));
   for (const finding of result.findings ?? []) add(finding.text, 'explains the data');
   for (const action of actions) if (!/^see also/.test(action) && !/^nothing, for/.test(action)) add(action);
   for (const weak of result.weak_directions ?? []) add(weak.cure, weakSentence(weak));
+  const weak = (result.weak_directions ?? []).length > 0, found = (result.findings ?? []).length > 0;
   for (const warning of result.warnings ?? []) {
-    const cure = cures[warning.id];
-    if (cure) add(cure, warning.text);
+    // What findings and weak directions have said better.
+    if (found && ['not_converged', 'unexplained'].includes(warning.id)) continue;
+    if (weak && ['sigma', 'unobservable'].includes(warning.id)) continue;
+    const small = warning.id === 'chi2' && (chi2PerDof(result) ?? 1) < 1 && !warning.names?.length;
+    const cure = small ? 'State the noise that is seen (--estimate-noise): the errors are smaller than stated, and so are the true uncertainties.'
+      : cures[warning.id];
+    if (cure) add(cure, splitVerdict(warning.text).why);
     else add(warning.text);
   }
   const validation = result.validation ?? {};
@@ -120,8 +131,8 @@ export function fitWord(result: Result): { word: string; ok: boolean } {
   if ((ratio > 1.25 && ratio - 1 > chance) || (ratio < 0.8 && 1 - ratio > chance)) {
     const times = Math.sqrt(ratio);
     return ratio > 1
-      ? { word: `residuals are ${times.toPrecision(2)} times larger than the stated noise`, ok: false }
-      : { word: `residuals are ${(1 / times).toPrecision(2)} times smaller than the stated noise`, ok: false };
+      ? { word: `residuals are ${digits(times, 2)} times larger than the stated noise`, ok: false }
+      : { word: `residuals are ${digits(1 / times, 2)} times smaller than the stated noise`, ok: false };
   }
   return { word: 'residuals are as large as the stated noise', ok: true };
 }

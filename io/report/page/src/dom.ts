@@ -41,20 +41,24 @@ export function csvButton(name: string, rows: () => Rows): HTMLElement {
 
 // ---- what is drawn only when it comes near the window
 const waiting = new Map<Element, () => void>();
-let observer: IntersectionObserver | undefined;
+const observers = new Map<string, IntersectionObserver>();
 
 function drawNow(element: Element): void {
   const draw = waiting.get(element);
   if (!draw) return;
   waiting.delete(element);
-  observer?.unobserve(element);
+  for (const observer of observers.values()) observer.unobserve(element);
   draw();
 }
 /** Calls `draw` once, when the element comes near the window; before printing (drawAll) in any case. */
-export function lazily(element: Element, draw: () => void): void {
-  observer ??= new IntersectionObserver((entries) => {
-    for (const entry of entries) if (entry.isIntersecting) drawNow(entry.target);
-  }, { rootMargin: '300px' });
+export function lazily(element: Element, draw: () => void, margin = '300px'): void {
+  let observer = observers.get(margin);
+  if (!observer) {
+    observer = new IntersectionObserver((entries) => {
+      for (const entry of entries) if (entry.isIntersecting) drawNow(entry.target);
+    }, { rootMargin: margin });
+    observers.set(margin, observer);
+  }
   waiting.set(element, draw);
   observer.observe(element);
 }
@@ -67,11 +71,11 @@ export interface Section { id: string; title: string; element: HTMLElement }
 
 /** A section: heading, one sentence that says how to read it, and a body that is made when it comes near. */
 export function section(id: string, title: string, how: string, body: (host: HTMLElement) => void,
-                        height = 200): Section {
+                        height = 200, margin?: string): Section {
   const host = h('div', { class: 'body', style: `min-height:${height}px` });
   const element = h('section', { id, 'aria-labelledby': `${id}-title` },
     h('h2', { id: `${id}-title` }, title), h('p', { class: 'how' }, how), host);
-  lazily(host, () => { host.style.minHeight = ''; body(host); });
+  lazily(host, () => { host.style.minHeight = ''; body(host); }, margin);
   return { id, title, element };
 }
 export function missing(text: string): HTMLElement {

@@ -1,5 +1,5 @@
 // The first screen: the verdict, the three figures that matter, what to do next, what was held.
-import { fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
+import { capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
@@ -133,7 +133,7 @@ export function firstScreen(context: Context): HTMLElement {
     h('div', { class: `verdict ${verdict?.use ?? 'unknown'}`, role: 'status' },
       h('span', { class: 'sign', 'aria-hidden': 'true' }, look?.sign ?? '…'),
       h('div', {}, h('p', { class: 'word' }, h('b', {}, look?.word ?? 'No verdict'), look ? ` ${look.say}` : ''),
-        h('p', { class: 'why' }, why ? `${why.charAt(0).toUpperCase()}${why.slice(1)}.` : `Status: ${result.status ?? 'not told'}.`))),
+        h('p', { class: 'why' }, why ? `${capital(why)}.` : `Status: ${result.status ?? 'not told'}.`))),
     h('div', { class: 'cards' }, errorCard(context), fitCard(result), weakCard(result)),
     h('div', { class: 'two' },
       h('div', {}, h('h2', {}, 'What to do next'),

@@ -4,6 +4,9 @@ import type { Maybe } from './data';
 /** What is shown for a number that is not there. */
 export const none = '–';
 
+/** Largest n with 10^n <= x. */
+const power = (x: number) => Math.floor(Math.log10(x) + 1e-12);
+
 /** x with so many significant digits, without exponents between 1e-4 and 1e6. */
 export function digits(x: Maybe | undefined, significant = 3): string {
   if (x === null || x === undefined || Number.isNaN(x)) return none;
@@ -12,7 +15,7 @@ export function digits(x: Maybe | undefined, significant = 3): string {
   const size = Math.abs(x);
   const text = size >= 1e6 || size < 1e-4 ? x.toExponential(significant - 1).replace('e+', 'e')
     : size >= 10 ** (significant - 1) ? Math.round(x).toString()
-    : Number(x.toPrecision(significant)).toFixed(Math.max(0, significant - 1 - Math.floor(Math.log10(size) + 1e-12)));
+    : Number(x.toPrecision(significant)).toFixed(Math.max(0, significant - 1 - power(Number(size.toPrecision(significant)))));
   return text.replace('-', '−').replace('e−', 'e-');
 }
 

@@ -8,18 +8,19 @@ import { changesSection, correlationSection, coverageSection, sigmasSection } fr
 import { overviewSections } from './overview';
 import { byJointSection, jointsSection, loopsSection, sampleText, samplesSection, sensorsSection } from './residuals';
 import { sceneSection } from './scene';
-import { choose, chosenSample, isDark, onChoice, setTheme } from './state';
+import { choose, chosenSample, isDark, onChoice, onTheme, setTheme } from './state';
 import { errorsSection, groupsSection, influenceSection, licencesSection, originSection, stepsSection, validationSection, weakSection } from './tables';
 
 function buttons(): HTMLElement[] {
-  const theme = h('button', { type: 'button', id: 'theme', click: () => { setTheme(isDark() ? 'light' : 'dark'); say(); } });
+  const theme = h('button', { type: 'button', id: 'theme', click: () => setTheme(isDark() ? 'light' : 'dark') });
   const say = () => { theme.textContent = isDark() ? 'Light' : 'Dark'; theme.setAttribute('aria-label', `${theme.textContent} colours`); };
   say();
+  onTheme(say);
   return [theme, h('button', { type: 'button', click: () => print() }, 'Print')];
 }
 
-function contents(sections: Section[]): HTMLElement {
-  const links = [{ id: 'top', title: 'In short' }, ...sections].map((s) => h('li', {}, h('a', { href: `#${s.id}` }, s.title)));
+function contents(sections: Section[], top: boolean): HTMLElement {
+  const links = [...(top ? [{ id: 'top', title: 'In short' }] : []), ...sections].map((s) => h('li', {}, h('a', { href: `#${s.id}` }, s.title)));
   return h('nav', { class: 'contents', 'aria-label': 'Contents' }, h('ol', {}, ...links));
 }
 /** Marks the section in the table of contents that is being read. */
@@ -74,7 +75,7 @@ function printing(): void {
 }
 
 function lay(head: HTMLElement, sections: Section[], strip: HTMLElement | null): void {
-  const nav = contents(sections);
+  const nav = contents(sections, !head.classList.contains('masthead'));
   const top = h('div', { id: 'top' }, head);
   const main = h('main', { id: 'main' }, top, ...sections.map((s) => s.element));
   document.getElementById('page')!.append(nav, main);

@@ -1,9 +1,8 @@
 // Several results side by side: the worst first, errors over time, links to each report.
-import uPlot from 'uplot';
 import type { Overview, OverviewRow } from './data';
 import { dataTable, h, section, svg, type Section } from './dom';
 import { digits, none, plainName, plural, quantity, shown, time } from './format';
-import { colours, onTheme } from './state';
+import { lineFigure, logAxis } from './lines';
 
 const rank = { no: 0, doubts: 1, good: 2 };
 const words = { good: '✓ good', doubts: '? doubts', no: '✕ do not use' };
@@ -31,25 +30,30 @@ function bar(value: number | null, most: number, kind: string) {
     svg('rect', { x: 0, y: 1, width: value && most ? (100 * value) / most : 0, height: 6 }));
 }
 
+/** One line a robot (serial number, else folder); what it was before as open points. */
 function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[]): void {
-  const points = rows.map((row) => ({ t: stamp(row.time)!, s: row.sensors?.[sensor] })).filter((p) => p.t !== null && p.s).sort((a, b) => a.t - b.t);
+  const points = rows.flatMap((row) => { const t = stamp(row.time), s = row.sensors?.[sensor]; return t !== null && s ? [{ t, s, row }] : []; })
+    .sort((a, b) => a.t - b.t);
   if (points.length < 2) return;
-  const unit = shown(points[0].s!.unit);
-  const place = h('div', { class: 'uplot-host', role: 'img', 'aria-label': `Error of ${sensor} over time` });
-  host.append(h('figure', { class: 'plot' }, h('figcaption', {}, h('span', {}, `${sensor} (${unit.name})`)), place));
-  let plot: uPlot | undefined;
-  const draw = () => {
-    plot?.destroy();
-    const c = colours();
-    const axis = { stroke: c.faint, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: '11px system-ui' };
-    const value = (v: number | null | undefined) => (v === null || v === undefined ? null : v * unit.factor);
-    plot = new uPlot({
-      width: place.clientWidth || 400, height: 200, axes: [axis, { ...axis, size: 56 }], scales: { y: { range: (_, __, most) => [0, most * 1.1 || 1] } },
-      series: [{}, { label: 'before', stroke: c.before, dash: [4, 3], points: { show: true, size: 6 } }, { label: 'after', stroke: c.after, width: 2, points: { show: true, size: 7, fill: c.after } }],
-    }, [points.map((p) => p.t), points.map((p) => value(p.s!.before)), points.map((p) => value(p.s!.after))], place);
-  };
-  draw();
-  onTheme(draw);
+  const unit = shown(points[0].s.unit);
+  const robots = [...new Set(points.map((p) => p.row.serial ?? ''))];
+  const value = (v: number | null) => (v !== null && v > 0 ? v * unit.factor : null);
+  lineFigure(host, {
+    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 210, live: false,
+    csv: () => [['folder', 'serial', 'time', `before [${unit.name}]`, `after [${unit.name}]`], ...points.map((p) => [p.row.folder, p.row.serial, time(p.row.time), value(p.s.before), value(p.s.after)])],
+    data: [points.map((p) => p.t), points.map((p) => value(p.s.before)), ...robots.map((robot) => points.map((p) => ((p.row.serial ?? '') === robot ? value(p.s.after) : null)))],
+    options: (c) => {
+      const tones = [c.after, c.good, c.other, c.chosen, c.faint];
+      return {
+        scales: { y: { distr: 3 } }, axes: [{}, logAxis()],
+        series: [{ value: (_, t) => (t === null ? none : time(t)) }, { label: 'before', stroke: c.before, paths: () => null, points: { show: true, size: 6, fill: c.panel }, value: (_, v) => digits(v) },
+          ...robots.map((robot, i) => ({
+            label: robot || 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, dash: i >= tones.length ? [4, 3] : undefined,
+            points: { show: true, size: 7, fill: tones[i % tones.length] }, value: (_: unknown, v: number | null) => digits(v),
+          }))],
+      };
+    },
+  });
 }
 
 function change(row: OverviewRow): string {
@@ -69,14 +73,14 @@ export function overviewSections(data: Overview): Section[] {
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
     'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. Errors are those in use, after the calibration, in the unit of the column.',
     (host) => host.append(dataTable(rows, [
-      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder; }, value: (row) => row.folder },
-      { title: 'Serial', cell: (row) => row.serial ?? none },
-      { title: 'Date', cell: (row) => time(row.time), value: (row) => stamp(row.time) },
+      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder); }, value: (row) => row.folder },
+      { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
+      { title: 'Date', cell: (row) => h('span', { class: 'nowrap' }, time(row.time).slice(0, 10)), value: (row) => stamp(row.time) },
       { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')), value: (row) => row.verdict?.use ?? row.status },
       { title: 'chi²/dof', cell: (row) => digits(row.chi2_dof), value: (row) => row.chi2_dof, numeric: true },
       ...sensors.map((sensor) => ({
         title: `${sensor} (${unitOf(sensor)})`, numeric: true, value: (row: OverviewRow) => after(row, sensor),
-        cell: (row: OverviewRow) => h('div', { class: 'barred' }, digits(after(row, sensor)), bar(after(row, sensor), most.get(sensor)!, 'after')),
+        cell: (row: OverviewRow) => h('div', { class: 'barred' }, digits(after(row, sensor)), after(row, sensor) === null ? null : bar(after(row, sensor), most.get(sensor)!, 'after')),
       })),
       { title: 'Largest change', cell: change },
     ], { caption: 'All results, the worst first.', file: 'overview', most: 200 })), 100);
@@ -96,7 +100,7 @@ export function overviewSections(data: Overview): Section[] {
     ], { caption: 'Errors before and after.', file: 'overview_errors' })));
   const sections = [head];
   if (rows.filter((row) => stamp(row.time) !== null).length > 1)
-    sections.push(section('drift', 'Over time', 'Errors after the calibration (blue), and of the robot as it was found (orange, dashed). Orange that rises from one calibration to the next: the robot drifts or wears.',
+    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot, and of the robot as it was found (open orange points); the scale is logarithmic. Orange that rises from one calibration to the next: the robot drifts or wears.',
       (host) => { const grid = h('div', { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows); }, 300));
   return [...sections, why, where];
 }

@@ -34,7 +34,7 @@ function frame(plot: Plot, pen: Pen): void {
   c.lineWidth = 1;
   c.textBaseline = 'top';
   c.textAlign = 'center';
-  const xs = plot.xTicks ?? ticks(plot.x[0], plot.x[1], width / 70).map((at) => ({ at, text: tickText(at) }));
+  const xs = plot.xTicks ?? ticks(plot.x[0], plot.x[1], width / 56).map((at) => ({ at, text: tickText(at) }));
   for (const { at, text } of xs) {
     const x = Math.round(pen.x(at)) + 0.5;
     c.strokeStyle = colour.line;

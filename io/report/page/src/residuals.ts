@@ -174,7 +174,7 @@ function overImage(context: Context, sensor: SensorViews, scene: SceneSensor | u
   const [w, hgt] = scene?.image_size ?? [extent(u)[1], extent(v)[1]];
   const length = Float64Array.from(x, (_, i) => Math.hypot(x[i], y[i]));
   const typical = quantile(length, 0.9) || 1;
-  const scale = (0.045 * w) / typical;                    // px of the image for one px of residual
+  const scale = (0.03 * w) / typical;                    // px of the image for one px of residual
   const stride = Math.max(1, Math.ceil(x.length / 8000));
   const arrow = (pen: Pen, i: number) => {
     const [x0, y0, x1, y1] = [pen.x(u[i]), pen.y(v[i]), pen.x(u[i] + x[i] * scale), pen.y(v[i] + y[i] * scale)];
@@ -254,6 +254,21 @@ function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'r
   });
 }
 
+/** As the residuals were with the rig's values; what the calibration had to explain. */
+function scatterBefore(context: Context, sensor: SensorViews): HTMLElement {
+  const unit = shown(sensor.unit);
+  const parts = ['before_x', 'before_y'].map((c) => taken(context.residuals.column(c), sensor.rows, unit.factor));
+  const sample = Int32Array.from(sensor.rows, (i) => context.residuals.ints('sample')[i]);
+  const range = symmetric(parts, 0.995);
+  return plotFigure({
+    title: 'Residuals before', file: `${sensor.name}_before`, aspect: 1, x: range, y: range, xLabel: `x (${unit.name})`, yLabel: `y (${unit.name})`,
+    draw: (pen) => { cross(pen); points(pen, parts[0], parts[1], pen.colour.before, 2, true); },
+    over: (pen, s) => rings(pen, parts[0], parts[1], [...sample.keys()].filter((i) => sample[i] === s)),
+    pick: { x: parts[0], y: parts[1], sample, text: (i) => `${context.samples.id[sample[i]]}: ${digits(parts[0][i])}, ${digits(parts[1][i])} ${unit.name}` },
+    csv: () => [['sample', `x [${unit.name}]`, `y [${unit.name}]`], ...Array.from(sample, (s, i) => [context.samples.id[s], parts[0][i], parts[1][i]])],
+  });
+}
+
 export function sensorsSection(context: Context): Section {
   return section('residuals', 'Residuals of each sensor',
     'What is left after the fit, predicted minus measured. Good: a round cloud without a pattern over the image, over range or over samples, and bars that follow the curve of the stated noise.',
@@ -270,8 +285,13 @@ export function sensorsSection(context: Context): Section {
         grid.style.minHeight = '250px';
         lazily(grid, () => {
           grid.style.minHeight = '';
-          if (sensor.unit === 'px' && context.residuals.has('measured_1')) grid.append(overImage(context, sensor, scene));
+          if (sensor.unit === 'px' && context.residuals.has('measured_1')) {
+            const image = overImage(context, sensor, scene);
+            image.classList.add('large');
+            grid.append(image);
+          }
           else if (sensor.d !== 6) grid.append(...overPlace(context, sensor, scene));
+          if (sensor.unit === 'px' && context.residuals.has('before_x')) grid.append(scatterBefore(context, sensor));
           grid.append(scatter(context, sensor, 'translation'));
           if (sensor.d === 6) grid.append(scatter(context, sensor, 'rotation'));
           grid.append(againstNoise(context, sensor), bySample(context, sensor));

@@ -55,5 +55,5 @@ export function sceneSection(context: Context): Section {
       controls.append(h('button', { type: 'button', click: () => view.home() }, 'Whole robot'));
       onChoice(view.choose);
       onTheme(() => view.paint(colours()));
-    }, 560);
+    }, 560, '0px');
 }

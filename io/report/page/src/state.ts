@@ -45,7 +45,7 @@ export function onTheme(paint: () => void): void {
 export function setTheme(name: string | null): void {
   if (name) document.documentElement.dataset.theme = name;
   else delete document.documentElement.dataset.theme;
-  theme = undefined;
+  theme = undefined;                                       // read again when it is asked for
   for (const paint of painters) paint();
 }
 export function isDark(): boolean {

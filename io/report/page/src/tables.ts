@@ -1,10 +1,10 @@
 // Sections that are mostly tables: errors a sensor, validation, weak directions, groups, steps, where it comes from.
-import uPlot from 'uplot';
 import { chi2PerDof, components, type Context, type SensorErrors } from './data';
-import { csvButton, dataTable, h, missing, section, svg, type Section } from './dom';
+import { dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
 import { weakSentence } from './advice';
-import { choose, colours, onTheme } from './state';
+import { lineFigure, logAxis } from './lines';
+import { choose } from './state';
 
 interface ErrorRow { sensor: string; unit: string; errors: SensorErrors; rotation: boolean }
 type Split = 'train' | 'test';
@@ -74,7 +74,7 @@ export function errorsSection(context: Context): Section {
         ...(cross ? [{ title: 'Cross-validated, in use', cell: (row: ErrorRow) => digits(crossed(row)), value: crossed, numeric: true }] : []),
         { title: 'Against stated noise', cell: (row) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' },
         { title: 'Before ■ to in use ● (logarithmic)', cell: drawing, drawing: true },
-      ], { caption: `Root mean square error of each sensor${anyTest ? '' : '; nothing was held out'}.`, file: 'errors' }));
+      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'on the data of the fit, then on held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors' }));
     });
 }
 
@@ -156,42 +156,31 @@ export function groupsSection(context: Context): Section | null {
     ], { caption: 'Groups of numbers that could be wrong.', file: 'groups' })));
 }
 
-/** Colours of uPlot come with each drawing: a theme that changes makes the plot anew. */
 function costPlot(host: HTMLElement, context: Context): void {
   const steps = (context.result.steps ?? []).filter((step) => step.history?.length);
   if (!steps.length) return;
   const length = steps.reduce((sum, step) => sum + step.history!.length, 0);
-  const xs = Array.from({ length }, (_, i) => i);
   let at = 0;
-  const rows = steps.flatMap((step) => step.history!.map(([chi2, damping], i) => [step.step, i, chi2, damping]));
   const series = steps.map((step) => {
     const ys: (number | null)[] = new Array(length).fill(null);
     for (const [chi2] of step.history!) ys[at++] = chi2 > 0 ? chi2 : null;
     return ys;
   });
-  const place = h('div', { class: 'uplot-host', role: 'img', 'aria-label': 'chi2 after each iteration of each step, logarithmic' });
-  host.append(h('figure', { class: 'plot wide' }, h('figcaption', {}, h('span', {}, 'Sum of squared residuals (chi²) after each iteration'),
-    csvButton('iterations', () => [['step', 'iteration', 'chi2', 'damping'], ...rows])), place));
-  let plot: uPlot | undefined;
-  const draw = () => {
-    plot?.destroy();
-    const c = colours();
-    const tones = [c.after, c.before, c.good, c.other, c.chosen, c.faint];
-    const axis = { stroke: c.faint, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: '11px system-ui' };
-    plot = new uPlot({
-      width: place.clientWidth || 700, height: 240, scales: { x: { time: false }, y: { distr: 3 } },
-      axes: [{ ...axis, label: 'iteration, all steps one after the other', labelSize: 22, incrs: [1, 2, 5, 10, 20, 50, 100] }, { ...axis, size: 52, values: (_, at) => at.map((v) => (v === null ? '' : digits(v, 1))),
-        filter: (_, at) => at.map((v) => (Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null)) }],
-      series: [{ label: 'iteration' }, ...steps.map((step, i) => ({
-        label: step.step, stroke: tones[i % tones.length], width: 2, points: { show: true, size: 5 }, spanGaps: false,
-        dash: i >= tones.length ? [4, 3] : undefined,
-      }))],
-    }, [xs, ...series], place);
-  };
-  draw();
-  onTheme(draw);
-  new ResizeObserver(() => plot && place.clientWidth && Math.abs(plot.width - place.clientWidth) > 2
-    && plot.setSize({ width: place.clientWidth, height: 240 })).observe(place);
+  lineFigure(host, {
+    title: 'Sum of squared residuals (chi²) after each iteration, all steps one after the other', file: 'iterations', wide: true, height: 240,
+    csv: () => [['step', 'iteration', 'chi2', 'damping'], ...steps.flatMap((step) => step.history!.map(([chi2, damping], i) => [step.step, i, chi2, damping]))],
+    data: [Array.from({ length }, (_, i) => i), ...series],
+    options: (c) => {
+      const tones = [c.after, c.before, c.good, c.other, c.chosen, c.faint];
+      return {
+        scales: { x: { time: false }, y: { distr: 3 } }, axes: [{ incrs: [1, 2, 5, 10, 20, 50, 100] }, logAxis()],
+        series: [{ label: 'iteration' }, ...steps.map((step, i) => ({
+          label: step.step, stroke: tones[i % tones.length], width: 2, points: { show: true, size: 5 }, spanGaps: false,
+          dash: i >= tones.length ? [4, 3] : undefined, value: (_: unknown, v: number | null) => digits(v),
+        }))],
+      };
+    },
+  });
 }
 
 export function stepsSection(context: Context): Section {

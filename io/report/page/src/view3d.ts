@@ -70,6 +70,7 @@ function chainLinks(scene: Scene): Set<number> {
   return kept;
 }
 
+const distance = (a: Pose7, b: Pose7) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 interface Body { after: Pose7; before: Pose7 }
 
 /** The pose of everything at a sample's readings. Without a sample: the first one. */
@@ -135,7 +136,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     }
   };
   /** Bones of the links that matter as rods, of the others as thin lines. */
-  const bones = (bodies: Body[], pick: (body: Body) => Pose7, material: MeshLambertMaterial, group: Group, thin: LineBasicMaterial | null, radius: number) => {
+  const bones = (bodies: Body[], pick: (body: Body) => Pose7, material: MeshLambertMaterial, group: Group, thin: LineBasicMaterial | null) => {
+    const radius = reach * 0.006;
     const rods: Matrix4[] = [], rest: number[] = [];
     const up = new Vector3(0, 1, 0);
     scene.links.forEach((link, i) => {
@@ -145,6 +147,8 @@ export function create(host: HTMLElement, options: Options): View3d {
       const d = b.clone().sub(a);
       const length = d.length();
       if (length < 1e-4) return;
+      if (!thin && distance(pick(bodies[i]), bodies[i].after) < radius / 2 && distance(pick(bodies[link.parent]), bodies[link.parent].after) < radius / 2)
+        return;                                            // a ghost that lies in its bone would only stain it
       if (!kept.has(i)) { rest.push(...a.toArray(), ...b.toArray()); return; }
       rods.push(new Matrix4().compose(a.add(b).multiplyScalar(0.5), new Quaternion().setFromUnitVectors(up, d.normalize()), new Vector3(radius, length, radius)));
     });
@@ -198,8 +202,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     names = [];
     const p = poses(options, sample);
     const size = reach * 0.05;
-    bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin, reach * 0.006);
-    bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null, reach * 0.006);
+    bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin);
+    bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null);
     const seats = new Map<string, string[]>();              // names that would lie on each other stand in one line
     const seat = (text: string, pose: Pose7) => {
       const key = pose.slice(0, 3).map((v) => Math.round(v / (reach * 0.02))).join();
@@ -291,28 +295,34 @@ export function create(host: HTMLElement, options: Options): View3d {
     materials.chosen.color.set(colours.chosen);
     build();
   }
-  /** Extent of what matters: chains, sensors, targets at the chosen sample. */
-  function bounds(): Box3 {
+  /** Places of what matters: chains, sensors, targets at the chosen sample unless they are far from the robot. */
+  function places3d(): Vector3[] {
     const p = poses(options, sample);
-    const box = new Box3();
-    const add = (body: Body | null) => body && box.expandByPoint(new Vector3(body.after[0], body.after[1], body.after[2]));
-    p.links.forEach((body, i) => kept.has(i) && add(body));
-    p.sensors.forEach(add);
-    // A free target far away may not make the robot small.
-    const robot = box.clone();
-    const size = robot.getSize(new Vector3()).length();
-    p.targets.forEach((body) => body && robot.distanceToPoint(new Vector3(body.after[0], body.after[1], body.after[2])) < size && add(body));
-    return box;
+    const vector = (body: Body) => new Vector3(body.after[0], body.after[1], body.after[2]);
+    const robot = [...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : []));
+    const box = new Box3().setFromPoints(robot);
+    const size = box.getSize(new Vector3()).length();
+    return [...robot, ...p.targets.flatMap((body) => (body && box.distanceToPoint(vector(body)) < size ? [vector(body)] : []))];
   }
+  /** The camera from the front right, as near as everything is within the picture: at distance D from the centre a point
+   *  with z towards the camera, x and y across is seen if |x| <= (D - z) tan(half angle across), and so for y. */
   function home(): void {
-    const box = bounds();
+    const all = places3d();
+    const box = new Box3().setFromPoints(all);
     const centre = box.getCenter(new Vector3());
     const radius = Math.max(0.1, box.getSize(new Vector3()).length() / 2);
+    const towards = new Vector3(1.5, -1.7, 0.9).normalize();
+    const across = new Vector3(0, 0, 1).cross(towards).normalize(), up = towards.clone().cross(across);
+    const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
+    const distance = Math.max(...all.map((point) => {
+      const d = point.clone().sub(centre);
+      return d.dot(towards) + Math.max(Math.abs(d.dot(across)) / wide, Math.abs(d.dot(up)) / tall);
+    }), radius);
     controls.target.copy(centre);
     camera.near = radius / 100;
     camera.far = radius * 100;
     camera.updateProjectionMatrix();
-    camera.position.copy(centre).add(new Vector3(1.5, -1.7, 0.9).normalize().multiplyScalar(radius * 2.9));
+    camera.position.copy(centre).addScaledVector(towards, distance * 1.15 + 0.05 * radius);
     controls.update();
     render();
   }
@@ -357,7 +367,7 @@ export function create(host: HTMLElement, options: Options): View3d {
   canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
   canvas.addEventListener('webglcontextrestored', render);
 
-  reach = Math.max(0.1, bounds().getSize(new Vector3()).length());
+  reach = Math.max(0.1, new Box3().setFromPoints(places3d()).getSize(new Vector3()).length());
   paint(options.colours);
   resize();
   home();

@@ -1,7 +1,8 @@
-// node tests/browser.mjs REPORT.html [--shots DIR] [--within MS]
+// node tests/browser.mjs REPORT.html [--shots DIR] [--within MS] [--missing]
 // Opens a report in a headless browser and proves: no error on the console and no request but the file itself; the first
 // screen stands in time; every section is there and has the numbers of the embedded result; a sample that is chosen
 // is marked everywhere; the 3-D view draws and turns; names are text, never elements; everything is drawn for print.
+// With --missing it opens the page again and again, each time without one key of the data: no error, and everything draws.
 // Does not prove that it looks well: --shots takes the pictures for that.
 import { mkdirSync, readFileSync } from 'node:fs';
 import { resolve } from 'node:path';
@@ -11,6 +12,7 @@ import { chromium } from 'playwright-core';
 const args = process.argv.slice(2);
 const option = (name) => (args.includes(name) ? args.splice(args.indexOf(name), 2)[1] : undefined);
 const shots = option('--shots');
+const missing = args.includes('--missing') && args.splice(args.indexOf('--missing'), 1).length > 0;
 const within = Number(option('--within') ?? 1000);
 const file = resolve(args[0]);
 const data = JSON.parse(/<script type="application\/json" id="data">([\s\S]*?)<\/script>/.exec(readFileSync(file, 'utf8'))[1]);
@@ -26,6 +28,8 @@ const browser = await chromium.launch({
 });
 const context = await browser.newContext({ viewport: { width: 1400, height: 900 }, colorScheme: 'light' });
 const page = await context.newPage();
+await page.setContent('<p>warm</p>');                       // the browser's own start is not the page's
+await page.screenshot();
 const errors = [], requests = [];
 page.on('console', (message) => { if (message.type() === 'error') errors.push(message.text()); });
 page.on('pageerror', (error) => errors.push(String(error.stack ?? error)));
@@ -42,7 +46,7 @@ const digits = (x) => page.evaluate((v) => {
   const s = Math.abs(v);
   if (v === 0) return '0';
   if (s >= 1e6 || s < 1e-4) return v.toExponential(2).replace('e+', 'e').replace(/^-/, '−');
-  return (s >= 100 ? Math.round(v).toString() : Number(v.toPrecision(3)).toFixed(Math.max(0, 2 - Math.floor(Math.log10(s) + 1e-12)))).replace('-', '−');
+  return (s >= 100 ? Math.round(v).toString() : Number(v.toPrecision(3)).toFixed(Math.max(0, 2 - Math.floor(Math.log10(Number(s.toPrecision(3))) + 1e-12)))).replace('-', '−');
 }, x);
 
 async function reach(id) {
@@ -171,6 +175,39 @@ if (shots) {
       }
   }
 } else await page.evaluate(() => dispatchEvent(new Event('afterprint')));
+if (missing) {
+  const [head, , tail] = readFileSync(file, 'utf8').split(/(<script type="application\/json" id="data">[\s\S]*?<\/script>)/);
+  // Paths of keys to take out: of the data, of the result, and of the first entry of every list and object in it.
+  const paths = [[]];
+  for (const key of Object.keys(data)) {
+    paths.push([key]);
+    const value = data[key];
+    if (value && typeof value === 'object' && !Array.isArray(value)) for (const inner of Object.keys(value)) {
+      paths.push([key, inner]);
+      const deep = value[inner];
+      const first = Array.isArray(deep) ? 0 : deep && typeof deep === 'object' ? Object.keys(deep)[0] : undefined;
+      if (key === 'result' && first !== undefined && deep[first] && typeof deep[first] === 'object')
+        for (const last of Object.keys(deep[first])) paths.push([key, inner, first, last]);
+    }
+  }
+  const { writeFileSync, rmSync } = await import('node:fs');
+  const copy = `${file}.missing.html`;
+  for (const path of paths) {
+    const less = structuredClone(data);
+    if (!path.length) for (const key of Object.keys(less)) { if (key !== 'version' && key !== 'overview') delete less[key]; }
+    else delete path.slice(0, -1).reduce((o, key) => o[key], less)[path.at(-1)];
+    writeFileSync(copy, `${head}<script type="application/json" id="data">${JSON.stringify(less).replace(/</g, '\\u003c')}</script>${tail}`);
+    const before = errors.length;
+    await page.goto(pathToFileURL(copy).href);
+    await page.evaluate(() => dispatchEvent(new Event('beforeprint')));
+    await page.waitForTimeout(50);
+    const empty = await page.evaluate(() => [...document.querySelectorAll('.body')].filter((b) => !b.childElementCount).length);
+    const shown = await page.evaluate(() => /undefined|\bNaN\b|\[object/.exec(document.body.innerText)?.[0] ?? '');
+    if (errors.length > before || empty || shown || !(await page.locator('h1').count())) check(false, `without ${path.join('.') || 'anything'}: ${errors.slice(before).join(' ').slice(0, 300)} ${empty ? `${empty} sections empty` : ''} ${shown}`);
+  }
+  rmSync(copy);
+  check(true, `opened without each of ${paths.length} keys`);
+}
 check(errors.length === 0, `no error on the console${errors.length ? `: ${errors.join(' | ').slice(0, 800)}` : ''}`);
 check(requests.length === 0, `no request to anywhere${requests.length ? `: ${requests.join(' ')}` : ''}`);
 await browser.close();

@@ -15,7 +15,7 @@ const near = (a: number[], b: number[], tolerance = 1e-12) => a.forEach((v, i) =
 describe('text', () => {
   test('numbers keep three digits, a proper minus, and no exponent where none is needed', () => {
     expect([0.1234, 12.34, 123.4, 1234.4, 0, -0.5, 9.996, 1e-6, 2.5e7].map((v) => digits(v)))
-      .toEqual(['0.123', '12.3', '123', '1234', '0', '−0.500', '10.00', '1.00e-6', '2.50e7']);
+      .toEqual(['0.123', '12.3', '123', '1234', '0', '−0.500', '10.0', '1.00e-6', '2.50e7']);
     expect([null, undefined, NaN].map((v) => digits(v))).toEqual(['–', '–', '–']);
   });
   test('units are those of people', () => {
@@ -106,7 +106,7 @@ describe('what is told first', () => {
     };
     const texts = nextSteps(result).map((s) => s.text);
     expect(texts.slice(0, 2)).toEqual(['The board of the hand is mirrored', 'Hold it']);
-    expect(texts.length).toBe(3);
+    expect(texts.length).toBe(2);                        // the warning sigma says what the weak direction says better
   });
   test('a good result without held-out data is asked for them', () => {
     expect(nextSteps({ verdict: { use: 'good', text: 'converged' } }).map((s) => s.text).join()).toMatch(/--holdout/);
