@@ -74,6 +74,7 @@ int main(int argc, char** argv) {
       evaluate_command(app),
       diff_command(app),
       apply_command(app),
+      show_command(app),
       report_command(app),
       export_command(app),
       import_command(app),
@@ -95,6 +96,8 @@ int main(int argc, char** argv) {
       "values\n"
       "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
       "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
+      "  kincal show result                                         the essentials again; "
+      "result/report.html has them all\n"
       "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
       "easy_handeye\n"
       "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "

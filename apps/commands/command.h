@@ -22,6 +22,7 @@ Command check_command(CLI::App& app);
 Command evaluate_command(CLI::App& app);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
+Command show_command(CLI::App& app);
 Command report_command(CLI::App& app);
 Command export_command(CLI::App& app);
 Command import_command(CLI::App& app);

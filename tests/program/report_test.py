@@ -221,6 +221,34 @@ class Command(Case):
         self.assertFalse(os.path.exists(self.path("bare", "report.html")))
 
 
+class Show(Case):
+    def test_show(self):
+        """The verdict, every sensor's errors, the largest change: those of result.json, within 80 columns."""
+        self.calibrated()
+        with open(self.path("out", "result.json")) as f:
+            result = json.load(f)
+        shown = self.kincal("show", "out")
+        self.assertEqual([line for line in shown.split("\n") if len(line) > 80], [])
+        self.assertTrue(shown.startswith("pr2_like, A-17 <7>, 2026-03-01; calibrated " + result["input"]["date"]), shown)
+        self.assertIn("%s: %s" % (result["verdict"]["use"], result["verdict"]["text"][:40]), shown)
+        for name, sensor in result["sensors"].items():
+            split, where = (sensor["test"], "held out") if sensor["test"]["points"] else (sensor["train"], "fit")
+            factor = 1e3 if sensor["unit"] == "m" else 1
+            line = next(line for line in shown.split("\n") if line.startswith("  " + name + " "))
+            self.assertEqual(line.split()[-5 if where == "fit" else -6:][:3], ["%.3g" % (factor * split[key]) for key in ("rms_before", "rms", "rms_as_read")])
+            self.assertTrue(line.endswith(where), line)
+        largest = max(abs(v - i) for p in result["parameters"].values() for i, v in zip(p["initial"], p["value"]))
+        self.assertIn("%.4g" % (1e3 * largest), shown.split("Largest changes")[1].split("\n")[1])
+        self.assertIn("More: out/report.html", shown)
+        self.assertEqual(self.kincal("show", "out/result.json") + "\nMore: out/report.html (a browser), result.json\n", shown)
+
+    def test_wrong(self):
+        self.assertRegex(self.kincal("show", "nowhere", code=1), "nowhere: cannot be read")
+        with open(self.path("other.json"), "w") as f:
+            f.write("{}")
+        self.assertRegex(self.kincal("show", "other.json", code=1), r"other.json:1: key 'scene' is missing|other.json.*'scene'")
+
+
 class Browser(Case):
     """Everything of it in one test: npm's packages are fetched once."""
 

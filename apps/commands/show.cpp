@@ -1,0 +1,36 @@
+// `kincal show`: the essentials of a result on a terminal.
+#include <filesystem>
+#include <iostream>
+
+#include "../../io/document/files.h"
+#include "../../io/document/json.h"
+#include "../job.h"
+#include "../tables/show_table.h"
+#include "command.h"
+
+namespace kincal {
+namespace {
+
+int show(const std::string& given) {
+  std::error_code ignored;
+  const bool folder = std::filesystem::is_directory(given, ignored);
+  const std::string path = folder ? given + "/result.json" : given;
+  const Node node = parse_json(read_file(path), path);
+  std::cout << show_text(top(node, path));
+  if (folder && file_exists(given + "/report.html"))
+    std::cout << "\nMore: " << given << "/report.html (a browser), result.json\n";
+  return kConverged;
+}
+
+}  // namespace
+
+Command show_command(CLI::App& app) {
+  auto result = std::make_shared<std::string>();
+  CLI::App* command =
+      app.add_subcommand("show", "Print the essentials of a result: verdict, errors, changes");
+  command->add_option("RESULT", *result, "result directory, or its result.json")->required();
+  command->footer("Exit codes: 0 printed; 1 bad input or usage.");
+  return {command, [result] { return show(*result); }};
+}
+
+}  // namespace kincal

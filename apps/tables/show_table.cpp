@@ -1,0 +1,189 @@
+#include "show_table.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <sstream>
+
+#include "table.h"
+
+namespace kincal {
+namespace {
+
+constexpr size_t kColumns = 80, kTrack = 18, kMostChanges = 5, kMostLines = 4;
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+/// A paragraph of at most 80 columns, `indent` in front of its lines but for the first.
+std::string wrapped(const std::string& words, const std::string& first, size_t indent) {
+  std::string out, line = first;
+  std::istringstream in(words);
+  for (std::string word; in >> word;) {
+    const bool begins = line.find_first_not_of(' ') == std::string::npos || line == first;
+    if (!begins && line.size() + 1 + word.size() > kColumns) {
+      out += line + "\n";
+      line = std::string(indent, ' ') + word;
+    } else {
+      line += (begins ? "" : " ") + word;
+    }
+  }
+  return out + line + "\n";
+}
+
+double number_or_unknown(const Field& field) {
+  return field.node->kind == Node::Kind::null ? kUnknown : field.number();
+}
+
+/// A row of the table of errors.
+struct ErrorRow {
+  std::string sensor, from;
+  Unit unit;
+  double before, after, as_read;
+};
+
+std::vector<ErrorRow> error_rows(const Field& result) {
+  std::vector<ErrorRow> out;
+  const Field sensors = result["sensors"];
+  for (const auto& [name, ignored] : sensors.members()) {
+    const Field sensor = sensors[name];
+    const bool held_out = sensor["test"]["points"].number() > 0;
+    const Field split = sensor[held_out ? "test" : "train"];
+    const Unit unit = shown(sensor["unit"].string());
+    const auto rms = [&](const char* key) { return unit.factor * number_or_unknown(split[key]); };
+    out.push_back({name, held_out ? "held out" : "fit", unit, rms("rms_before"), rms("rms"),
+                   rms("rms_as_read")});
+  }
+  return out;
+}
+
+/// Before and after on a line, logarithmic, the same for all sensors of a unit.
+std::string track(const ErrorRow& row, std::pair<double, double> range) {
+  if (!(row.before > 0) || !(row.after > 0)) return "";
+  const auto place = [&](double v) {
+    const double share = std::log(v / range.first) / std::log(range.second / range.first);
+    return static_cast<size_t>(std::lround(std::isfinite(share) ? share * (kTrack - 1) : 0));
+  };
+  const size_t from = place(row.before), to = place(row.after);
+  std::string out;
+  for (size_t i = 0; i < kTrack; ++i)
+    out += i == to                                            ? "●"
+           : i == from                                        ? "□"
+           : i > std::min(from, to) && i < std::max(from, to) ? "─"
+                                                              : " ";
+  return out;
+}
+
+std::string error_table(const Field& result) {
+  const std::vector<ErrorRow> all = error_rows(result);
+  std::map<std::string, std::pair<double, double>> ranges;  // by unit
+  for (const ErrorRow& row : all)
+    for (const double v : {row.before, row.after})
+      if (v > 0) {
+        auto& range = ranges.insert({row.unit.name, {v, v}}).first->second;
+        range = {std::min(range.first, v), std::max(range.second, v)};
+      }
+  std::vector<std::vector<std::string>> rows = {
+      {"sensor", "□ before ● after", "before", "after", "in use", "", "data"}};
+  for (const ErrorRow& row : all)
+    rows.push_back({row.sensor, track(row, ranges[row.unit.name]), text("%.3g", row.before),
+                    text("%.3g", row.after), text("%.3g", row.as_read), row.unit.name, row.from});
+  for (auto& row : rows)
+    for (std::string& cell : row)
+      if (cell == "nan") cell = "-";
+  return "Errors, rms (in use: joint readings taken as they come)\n" + align(rows, 2);
+}
+
+std::string change_table(const Field& result) {
+  struct Change {
+    double weight, size;
+    std::vector<std::string> cells;
+  };
+  std::vector<Change> changes;
+  const Field parameters = result["parameters"];
+  for (const auto& [name, ignored] : parameters.members()) {
+    const Field p = parameters[name];
+    const std::vector<std::string> units = p["unit"].strings();
+    const std::vector<double> before = p["initial"].vector(), after = p["value"].vector();
+    static const char *const kPose[] = {"x", "y", "z", "rx", "ry", "rz"}, *const kLens[] = {
+                                                                              "fx", "fy", "cx",
+                                                                              "cy"};
+    for (size_t c = 0; c < after.size(); ++c) {
+      const double sigma = number_or_unknown(p["sigma"].item(c));
+      if (sigma == 0) continue;  // held
+      const Unit unit = shown(units[c]);
+      const double change = after[c] - before[c];
+      const bool lens = name.rfind("/intrinsics") != std::string::npos && after.size() == 4;
+      const std::string component = after.size() == 1        ? ""
+                                    : p.has("pose") && c < 6 ? kPose[c]
+                                    : lens                   ? kLens[c]
+                                                             : std::to_string(c + 1);
+      changes.push_back(
+          {weight_of(change, units[c]),
+           std::abs(change),
+           {component_name(name, component), text("%+.4g", change * unit.factor),
+            std::isfinite(sigma) ? text("± %.2g", sigma * unit.factor) : "not known", unit.name}});
+    }
+  }
+  std::stable_sort(changes.begin(), changes.end(),
+                   [](const Change& a, const Change& b) { return a.weight > b.weight; });
+  if (changes.empty()) return "";
+  std::vector<std::vector<std::string>> rows;
+  for (size_t i = 0; i < std::min(changes.size(), kMostChanges); ++i) {
+    const double share = changes[0].weight > 0 ? changes[i].weight / changes[0].weight : 0;
+    std::string bar;
+    for (long k = std::lround(12 * share); k > 0; --k) bar += "▇";
+    rows.push_back({changes[i].cells[0], bar});
+    rows.back().insert(rows.back().end(), changes[i].cells.begin() + 1, changes[i].cells.end());
+  }
+  return "\nLargest changes, of " + std::to_string(changes.size()) + "\n" + align(rows, 2);
+}
+
+/// The first lines of a list, and how many more there are.
+std::string some_lines(const std::string& title, const std::vector<std::string>& all) {
+  if (all.empty()) return "";
+  std::string out = "\n" + title + "\n";
+  for (size_t i = 0; i < std::min(all.size(), kMostLines); ++i) out += wrapped(all[i], "  ", 4);
+  if (all.size() > kMostLines) out += text("  ... and %zu more\n", all.size() - kMostLines);
+  return out;
+}
+
+std::vector<std::string> weak_lines(const Field& result) {
+  std::vector<std::string> out;
+  const Field weak = result["weak_directions"];
+  for (size_t i = 0; i < weak.size(); ++i) {
+    const Field w = weak.item(i);
+    const Unit unit = shown(w["unit"].string());
+    const double sigma = number_or_unknown(w["sigma"]);
+    out.push_back(w["parameters"].members().front().first + ": " +
+                  (std::isfinite(sigma) ? "± " + value(sigma, unit.factor) + " " + unit.name
+                                        : "not determined") +
+                  "; " + w["cure"].string());
+  }
+  return out;
+}
+
+std::vector<std::string> texts(const Field& list, const char* first, const char* second) {
+  std::vector<std::string> out;
+  for (size_t i = 0; i < list.size(); ++i)
+    out.push_back(list.item(i)[first].string() + ": " + list.item(i)[second].string());
+  return out;
+}
+
+}  // namespace
+
+std::string show_text(const Field& result) {
+  std::string head = result["scene"]["robot"].string();
+  for (const char* key : {"serial", "time"})
+    if (result.has(key)) head += ", " + result[key].string();
+  const Field input = result["input"], verdict = result["verdict"];
+  head += "; calibrated " + input["date"].string() + ", kincal " + result["kincal"].string();
+  std::string out = wrapped(head, "", 0) +
+                    wrapped(verdict["text"].string(), verdict["use"].string() + ": ", 2) + "\n";
+  out += error_table(result) + change_table(result);
+  if (result.has("findings"))
+    out += some_lines("What may be wrong", texts(result["findings"], "id", "text"));
+  out += some_lines("What the data do not tell well", weak_lines(result));
+  return out + some_lines("Warnings", texts(result["warnings"], "id", "text"));
+}
+
+}  // namespace kincal
