@@ -46,6 +46,7 @@ int detect_all(const DetectArguments& a) {
   options.sensor = a.sensor;
   options.joints = a.joints;
   options.draw = a.draw;
+  options.sigma = a.sigma;
   options.pose_format = a.pose_format;
   options.unit = a.unit;
   options.tolerance = a.tolerance;

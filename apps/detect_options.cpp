@@ -31,6 +31,10 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
                   "s, between the time that an image's name is and that of its readings")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  command.add_flag("--sigma", a.sigma,
+                   "write each view's own `sigma`: that of a corner's pixels, by the picture's "
+                   "noise and edges (chessboards, ChArUco, Kalibr's grids); the rig's counts "
+                   "where there is none");
   command.add_option("--draw", a.draw, "a folder for pictures of what was found")->type_name("DIR");
   command
       .add_option("--threads", a.threads,

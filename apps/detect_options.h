@@ -11,7 +11,7 @@ struct DetectArguments {
   std::string rig, input, out, sensor, joints, draw, pose_format, unit;
   double tolerance = 0.05;
   int threads = 0;  // 0: as many as there are processors
-  bool force = false, quiet = false;
+  bool sigma = false, force = false, quiet = false;
 };
 
 void add_detect_options(CLI::App& command, DetectArguments& a);

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """From pictures to numbers: are the sigmas honest when pixels come from pictures?
 
-    benchmarks/images.py                     # 30 robots: a camera in the hand, one in the room, a stereo pair on a head
+    benchmarks/images.py                     # 30 robots: a camera in the hand (joints; poses of the flange), one in the room, a stereo pair on a head
     benchmarks/images.py --robots 6 --keep build/images
 
 Robots like examples/arm, wrong by random offsets (10 mrad) and mounts (5 mm, 5 mrad), take 16 pictures of a ChArUco board (`simulate --render`:
-a lens, blur, noise); `detect` finds it, `calibrate` frees what is wrong. Sigmas of a pixel are stated as pictures of such a board have them. Printed are chi2/dof and NEES/dof (squared errors against the truth by the covariance, mean over all numbers), with the 99 %
-intervals that honest ones would keep; and the error of a corner in the pictures beside its true place (rms of a coordinate). It needs NumPy and SciPy.
+a lens, blur, noise); `detect --sigma` finds it and says how well, `calibrate` frees what is wrong. Of some only the poses of the flange are known (0.1 mm, 0.2 mrad), not the joints.
+Printed are chi2/dof and NEES/dof (squared errors against the truth by the covariance, mean over all numbers), with the 99 % intervals that honest ones would keep; and the
+error of a corner in the pictures beside its true place (rms of a coordinate, and in sigmas of its view). It needs NumPy and SciPy.
 """
 import argparse
 import collections
@@ -21,6 +22,8 @@ import tempfile
 import numpy
 from scipy.stats import chi2
 
+from hand_eye import make_robot
+
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 ARM = os.path.join(ROOT, "examples", "arm")
 HEAD = """  <link name="neck"/><link name="head"/>
@@ -34,13 +37,20 @@ CAMERA = "  %s: {type: camera, link: %s, %s, image_size: [640, 480], sigma: %s, 
 LENS = "model: brown_conrady, intrinsics: [600, 601, 318.6, 242.3], distortion: [-0.14, 0.04, 0.0003, -0.0006, 0]"
 WIDE = "model: brown_conrady, intrinsics: [330, 331, 318.6, 242.3], distortion: [-0.1, 0.02, 0.0003, -0.0006, 0]"
 HAND = ("0.052, 0.013, 0.061", "-1.5308, 0, -1.5708")
-SIGMAS = {"hand": 0.033, "room": 0.058, "stereo": 0.058}   # px, of a coordinate; squares of 40 px, of 20 px
+KINDS = ("hand", "flange", "room", "stereo")
 ARM_JOINTS = ["lift", "bend", "forearm_roll", "wrist_bend"]   # the others are as the mounts
 
 
-def rig(kind, sigma):
+def rig(kind, sigma, flange=None):
+    """`flange`: the poses of camera and board where no joints are known."""
     text = 'format: kincal/1\nrobot: robot.urdf\nbase: base\njoints: {"*": {sigma: 0.0003}}\ntargets:\n'
-    if kind == "hand":
+    freed = ["sensor/*/pose", "target/board/pose"] + ["joint/%s/offset" % j for j in ARM_JOINTS]
+    if kind == "flange":
+        text = text.replace("robot.urdf\nbase: base", "{base: base, flange: tool0}").replace("0.0003", "{translation: 0.0001, rotation: 0.0002}").replace('"*"', "flange")
+        camera, board = ([", ".join("%.6f" % x for x in part) for part in (pose.t, pose.r.as_euler("xyz"))] for pose in flange)
+        text += BOARD % (0.03, 0.0225, "base", *board) + "sensors:\n" + CAMERA % ("eye", "tool0", LENS, sigma, *camera)
+        freed = freed[:2]
+    elif kind == "hand":
         text += BOARD % (0.03, 0.0225, "base", "0.47, 0.13, 0.02", "3.1296, 0.008, 0.35") + "sensors:\n" + CAMERA % ("eye", "flange", LENS, sigma, *HAND)
     else:   # the board in the hand where the camera was, cameras on the table, looking up
         text += BOARD % (0.024, 0.018, "flange", "0.06, -0.059, -0.035", "0, -1.5708, 0") + "sensors:\n"
@@ -48,7 +58,11 @@ def rig(kind, sigma):
             text += CAMERA % ("eye", "base", WIDE, sigma, "0.47, 0.13, 0.02", "0, 0, 0.4")
         else:
             text += CAMERA % ("left", "head", WIDE, sigma, "-0.04, 0, 0.02", "0, 0, 0") + CAMERA % ("right", "head", WIDE, sigma, "0.04, 0, 0.02", "0, 0, 0")
-    return text + "estimate:\n  - {step: all, free: [sensor/*/pose, target/board/pose, %s]}\n" % ", ".join("joint/%s/offset" % j for j in ARM_JOINTS)
+    return text + "estimate:\n  - {step: all, free: [%s]}\n" % ", ".join(freed)
+
+
+def rms(values):
+    return numpy.sqrt((values ** 2).mean())
 
 
 def run(folder, *arguments):
@@ -58,20 +72,28 @@ def run(folder, *arguments):
     return done.stdout.decode()
 
 
-def corner_error(folder):
-    """Rms of a coordinate, of all corners that were found."""
+def corner_errors(folder):
+    """Of all corners that were found: errors of the coordinates, and the same in sigmas of the view."""
     def views(name):
         with open(os.path.join(folder, name)) as f:
             for line in f:
                 sample = json.loads(line)
                 for v in sample["views"]:
-                    yield (sample["id"], v["sensor"]), dict(zip(v.get("ids") or range(len(v["pixels"])), v["pixels"]))
-    true = dict(views("exact/samples.jsonl"))
-    return numpy.concatenate([numpy.subtract(p, true[key][i]) for key, found in views("found.jsonl") for i, p in found.items()])
+                    yield (sample["id"], v["sensor"]), dict(zip(v.get("ids") or range(len(v["pixels"])), v["pixels"])), v.get("sigma")
+    true = {key: pixels for key, pixels, _ in views("exact/samples.jsonl")}
+    both = [(numpy.subtract(p, true[key][i]), sigma) for key, found, sigma in views("found.jsonl") for i, p in found.items()]
+    return numpy.array([e for e, _ in both]), numpy.array([e / sigma for e, sigma in both])
 
 
-def try_robot(folder, kind, seed, sigma):
+def write_robot(folder, kind, seed):
+    """URDF and postures; returns what has to be spread, and of a flange the nominal poses of camera and board."""
     draws = random.Random(seed)
+    spread = ["--spread", "sensor/*/pose=0.005", "--spread", "target/board/pose=0.005"]
+    if kind == "flange":
+        camera, board, postures = make_robot(numpy.random.default_rng(seed), "hand")
+        with open(os.path.join(folder, "postures.jsonl"), "w") as out:
+            out.write(postures)
+        return spread, (camera, board)
     with open(os.path.join(ARM, "robot.urdf")) as f:
         urdf = f.read()
     with open(os.path.join(folder, "robot.urdf"), "w") as f:
@@ -80,15 +102,18 @@ def try_robot(folder, kind, seed, sigma):
         for posture in map(json.loads, f):
             joints = {name: q + draws.gauss(0, 0.04) for name, q in posture["joints"].items()}
             out.write(json.dumps({"id": posture["id"], "joints": {**joints, "pan": draws.gauss(0, 0.1), "tilt": draws.gauss(0, 0.1)}}) + "\n")
-    spread = [word for name in ARM_JOINTS for word in ("--spread", "joint/%s/offset=0.01" % name)]
-    spread += ["--spread", "sensor/*/pose=0.005", "--spread", "target/board/pose=0.005"]
+    return spread + [word for name in ARM_JOINTS for word in ("--spread", "joint/%s/offset=0.01" % name)], None
+
+
+def try_robot(folder, kind, seed):
+    spread, flange = write_robot(folder, kind, seed)
     common = ["--samples", "16", "--seed", str(seed), "--postures", "postures.jsonl"]
-    for name, px, more in (("rig.yaml", sigma, []), ("exact.yaml", 1e-9, [])):
+    for name, px in (("rig.yaml", 0.2), ("exact.yaml", 1e-9)):
         with open(os.path.join(folder, name), "w") as f:
-            f.write(rig(kind, px))
+            f.write(rig(kind, px, flange))
     run(folder, "simulate", "rig.yaml", *common, *spread, "--out", "sim", "--render", "sim/images", "--blur", "0.8", "--image-noise", "2")
     run(folder, "simulate", "exact.yaml", *common, *spread, "--out", "exact")
-    run(folder, "detect", "rig.yaml", "sim/samples.jsonl", "--out", "found.jsonl")
+    run(folder, "detect", "rig.yaml", "sim/samples.jsonl", "--out", "found.jsonl", "--sigma")
     run(folder, "calibrate", "rig.yaml", "found.jsonl", "--out", "result", "--no-report")
     with open(os.path.join(folder, "result", "result.json")) as f:
         result = json.load(f)
@@ -103,7 +128,7 @@ def try_robot(folder, kind, seed, sigma):
         found = result["parameters"][owner]["value"]["x y z rx ry rz".split().index(last)] if owner else result["parameters"][name]["value"]
         error.append((found[0] if isinstance(found, list) else found) - truth.get(name, {"true": 0})["true"])
     error = numpy.array(error)
-    return result["chi2"], result["dof"], error @ numpy.linalg.solve(covariance, error), len(error), corner_error(folder)
+    return result["chi2"], result["dof"], error @ numpy.linalg.solve(covariance, error), len(error), corner_errors(folder)
 
 
 def main():
@@ -115,28 +140,29 @@ def main():
     a = options.parse_args()
     global KINCAL
     KINCAL = os.path.abspath(a.kincal)
-    sums = collections.defaultdict(lambda: [0, 0.0, 0, 0.0, 0, []])
+    sums = collections.defaultdict(lambda: [0, 0.0, 0, 0.0, 0, [], []])
     for seed in range(a.first, a.first + a.robots):
-        kind = ("hand", "room", "stereo")[seed % 3]
+        kind = KINDS[seed % len(KINDS)]
         folder = os.path.join(a.keep, str(seed)) if a.keep else tempfile.mkdtemp()
         os.makedirs(folder, exist_ok=True)
         try:
-            chi, dof, nees, n, errors = try_robot(folder, kind, seed, SIGMAS[kind])
+            chi, dof, nees, n, (errors, whitened) = try_robot(folder, kind, seed)
         except RuntimeError as error:
             print(seed, kind, error, flush=True)
             continue
-        print("%d %s: chi2/dof %.3f (%d), NEES/dof %.2f (%d), corners %.4f px" % (seed, kind, chi / dof, dof, nees / n, n, numpy.sqrt((errors ** 2).mean())), flush=True)
+        print("%d %s: chi2/dof %.3f (%d), NEES/dof %.2f (%d), corners %.4f px, %.3f sigmas"
+              % (seed, kind, chi / dof, dof, nees / n, n, rms(errors), rms(whitened)), flush=True)
         for key in (kind, "all"):
             s = sums[key]
-            s[0], s[1], s[2], s[3], s[4] = s[0] + 1, s[1] + chi, s[2] + dof, s[3] + nees, s[4] + n
-            s[5].append(errors)
+            for i, more in enumerate((1, chi, dof, nees, n, [errors], [whitened])):
+                s[i] += more
         if not a.keep:
             shutil.rmtree(folder)
-    print("\n| robots | | chi2/dof | 99 % | NEES/dof | 99 % | corners, px |\n| --- | --- | --- | --- | --- | --- | --- |")
-    for kind, (count, chi, dof, nees, n, errors) in sums.items():
+    print("\n| robots | | chi2/dof | 99 % | NEES/dof | 99 % | corners, px | in sigmas |\n| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for kind, (count, chi, dof, nees, n, errors, whitened) in sums.items():
         low, high = (numpy.array(chi2.ppf(p, [dof, n])) / [dof, n] for p in (0.005, 0.995))
-        print("| %s | %d | %.3f | %.3f to %.3f | %.2f | %.2f to %.2f | %.4f |" % (kind, count, chi / dof, low[0], high[0], nees / n, low[1], high[1],
-                                                                             numpy.sqrt((numpy.concatenate(errors) ** 2).mean())))
+        print("| %s | %d | %.3f | %.3f to %.3f | %.2f | %.2f to %.2f | %.4f | %.3f |"
+              % (kind, count, chi / dof, low[0], high[0], nees / n, low[1], high[1], rms(numpy.concatenate(errors)), rms(numpy.concatenate(whitened))))
 
 
 if __name__ == "__main__":

@@ -12,27 +12,12 @@
 #include <opencv2/imgproc.hpp>
 
 #include "finders.h"
+#include "saddle.h"
 
 namespace kincal {
 namespace {
 
 using Corners = std::vector<cv::Point2d>;
-
-/// Distance of every corner to its nearest neighbour in the grid.
-std::vector<double> nearest_neighbours(const Corners& corners, int rows, int columns) {
-  std::vector<double> out(corners.size(), 1e9);
-  const auto both = [&](int i, int j) {
-    const double distance = cv::norm(corners[i] - corners[j]);
-    out[i] = std::min(out[i], distance);
-    out[j] = std::min(out[j], distance);
-  };
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < columns; ++c) {
-      if (c + 1 < columns) both(r * columns + c, r * columns + c + 1);
-      if (r + 1 < rows) both(r * columns + c, r * columns + columns + c);
-    }
-  return out;
-}
 
 /// The grid turned by a quarter: columns become rows. Only of square boards.
 Corners quarter_turn(const Corners& corners, int size) {
@@ -94,21 +79,27 @@ Corners numbered(const cv::Mat& image, Corners corners, int rows, int columns) {
   return ways[best];
 }
 
-}  // namespace
-
-void refine_saddles(const cv::Mat& image, const std::vector<double>& reach,
-                    std::vector<cv::Point2d>& pixels) {
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    // Half of the window stays within a third of the way to what is next; far from the corner the
-    // edges only add curvature of the lens.
-    const int half = std::clamp(static_cast<int>(0.35 * reach[i]), 2, 10);
-    std::vector<cv::Point2f> one = {cv::Point2f(pixels[i])};
-    cv::cornerSubPix(image, one, {half, half}, {-1, -1},
-                     {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 60, 1e-4});
-    if (cv::norm(cv::Point2d(one[0]) - pixels[i]) < std::max(1.5, 0.25 * reach[i]))
-      pixels[i] = one[0];
-  }
+/// The corners of a numbered grid, with the ways to their neighbours.
+std::vector<Saddle> saddles_of(const Corners& corners, int rows, int columns) {
+  std::vector<Saddle> out;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c) {
+      const int left = std::max(0, c - 1), right = std::min(columns - 1, c + 1);
+      const int up = std::max(0, r - 1), down = std::min(rows - 1, r + 1);
+      Saddle one;
+      one.id = r * columns + c;
+      one.pixel = corners[one.id];
+      const cv::Point2d x = (corners[r * columns + right] - corners[r * columns + left]) /
+                            (right - left),
+                        y = (corners[down * columns + c] - corners[up * columns + c]) / (down - up);
+      one.sides = cv::Matx22d(x.x, y.x, x.y, y.y);
+      one.reach = one.strip = 0.45;
+      out.push_back(one);
+    }
+  return out;
 }
+
+}  // namespace
 
 Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
   Detection out;
@@ -121,10 +112,10 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
                  std::to_string(target.columns) + " inner corners";
     return out;
   }
-  Corners corners(found.begin(), found.end());
-  refine_saddles(image, nearest_neighbours(corners, target.rows, target.columns), corners);
-  out.pixels = numbered(image, corners, target.rows, target.columns);
-  for (int i = 0; i < target.rows * target.columns; ++i) out.ids.push_back(i);
+  const Corners corners =
+      numbered(image, Corners(found.begin(), found.end()), target.rows, target.columns);
+  out = refined(image, saddles_of(corners, target.rows, target.columns));
+  if (out.ids.empty()) out.reason = "its squares are too small for the blur";
   return out;
 }
 

@@ -109,6 +109,10 @@ std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
                   one.found.ids.size(), one.target->points.size(), one.found.blur,
                   one.found.contrast, one.found.rms);
     line += text;
+    if (one.found.sigma > 0) {
+      std::snprintf(text, sizeof text, ", sigma %.3f px", one.found.sigma);
+      line += text;
+    }
     if (!(one.found.rms < 1e6))  // no homography explains them at all
       line = line.substr(0, line.rfind(", rms")) + ", points that make no plane";
   }
@@ -119,11 +123,13 @@ std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
 /// Numbers as short as they can be and still right to a ten-thousandth of a pixel.
 double rounded(double value) { return std::round(value * 1e4) / 1e4; }
 
-void put(const ImageTask::Wanted& one, Json& view) {
+void put(const ImageTask::Wanted& one, bool sigma, Json& view) {
   if (one.found.ids.size() < one.target->points.size()) view["ids"] = one.found.ids;
   Json pixels = Json::array();
   for (const cv::Point2d& p : one.found.pixels) pixels.push_back({rounded(p.x), rounded(p.y)});
   view["pixels"] = std::move(pixels);
+  if (sigma && one.found.sigma > 0 && !view.contains("sigma"))
+    view["sigma"] = rounded(one.found.sigma);
 }
 
 /// Looks for everything, writes what was found into the samples and drops what was not.
@@ -147,7 +153,7 @@ Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageT
         continue;
       }
       ++out.found;
-      put(one, view);
+      put(one, options.sigma, view);
       found.emplace(one.sample, one.view);
       targets.emplace(one.target->name, *one.target);
     }

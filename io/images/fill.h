@@ -15,6 +15,7 @@ struct FillOptions {
   std::string joints;  // file of readings; "": none
   std::string pose_format, unit;  // of a file of the flange's poses; "": it has joint readings
   std::string draw;               // folder of annotated pictures; "": none
+  bool sigma = false;             // write what each view's sigma is by the picture
   double tolerance = 0.05;        // s, between an image and its readings
   int threads = 1;                // the result is the same for any number
   std::function<void(double)> progress;  // gets the share that is done

@@ -14,9 +14,7 @@ Detection find_charuco(const cv::Mat& image, const ImageTarget& target);
 Detection find_tags(const cv::Mat& image, const ImageTarget& target);
 Detection find_marker(const cv::Mat& image, const ImageTarget& target);
 
-/// Moves saddle points to where the image has them. `reach` is the distance of each to the next
-/// thing that is no part of it, px. Points that run away stay where they were.
-void refine_saddles(const cv::Mat& image, const std::vector<double>& reach,
-                    std::vector<cv::Point2d>& pixels);
+/// Says how the picture is where the points are: contrast, blur, noise.
+void judge(const cv::Mat& image, Detection& found);
 
 }  // namespace kincal

@@ -40,6 +40,8 @@ struct Detection {
   std::string reason;  // why nothing was found
   double blur = 0;  // px: sigma of the Gaussian that makes a step edge as wide as the sharpest here
   double contrast = 0;  // between dark and bright of the print, 1: the whole range
+  double noise = 0;     // grey levels, sigma from pixel to pixel where nothing else changes
+  double sigma = 0;     // px: of a coordinate, predicted from noise and edges; 0: not known
   double rms = 0;       // px: of the best homography with a radial distortion
 };
 

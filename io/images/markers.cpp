@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "finders.h"
+#include "saddle.h"
 
 namespace kincal {
 namespace {
@@ -168,9 +169,8 @@ std::vector<Placed> placed_markers(const Markers& markers, const ImageTarget& ta
   return out;
 }
 
-/// Where the inner corner at (x, y) is by the markers around it; false: none touches it.
-bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner,
-             cv::Point2d& out) {
+/// The inner corner at (x, y) as the markers around it have it; false: none touches it.
+bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner, Saddle& out) {
   Places plane, pixels;
   for (const Placed& one : markers) {
     const cv::Point2d middle = cv::Point2d(one.square) + cv::Point2d(0.5, 0.5);
@@ -183,9 +183,12 @@ bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner
   if (plane.empty()) return false;
   const cv::Mat h = cv::findHomography(plane, pixels);
   if (h.empty()) return false;
-  Places one = {corner};
-  cv::perspectiveTransform(one, one, h);
-  out = one[0];
+  const cv::Point2d x(0.5, 0), y(0, 0.5);
+  Places at = {corner, corner + x, corner - x, corner + y, corner - y};
+  cv::perspectiveTransform(at, at, h);
+  out.pixel = at[0];
+  out.sides =
+      cv::Matx22d(at[1].x - at[2].x, at[3].x - at[4].x, at[1].y - at[2].y, at[3].y - at[4].y);
   return true;
 }
 
@@ -204,22 +207,20 @@ Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
   if (other.size() > placed.size()) placed = other;
   if (placed.size() < std::min<size_t>(2, markers.size()))
     return missing("the markers do not lie as on this board");
-  Detection out;
-  const double free = 0.5 * (1 - target.marker) / target.marker;  // round a corner, in markers
+  std::vector<Saddle> saddles;
   for (int r = 0; r + 1 < target.rows; ++r)
     for (int c = 0; c + 1 < target.columns; ++c) {
-      cv::Point2d pixel;
-      if (!predict(placed, 0.5 * target.marker, cv::Point2d(c + 1, r + 1), pixel)) continue;
-      double edge = 1e9;  // of the markers beside it
-      for (const Placed& one : placed)
-        if (std::abs(one.square.x + 0.5 - c - 1) < 1 && std::abs(one.square.y + 0.5 - r - 1) < 1)
-          edge = std::min(edge, edge_length(one.quad));
-      if (!cv::Rect(3, 3, image.cols - 6, image.rows - 6).contains(cv::Point(pixel))) continue;
-      std::vector<cv::Point2d> one = {pixel};
-      refine_saddles(image, {std::max(2.0, 0.9 * free * edge) / 0.35}, one);
-      out.ids.push_back(r * (target.columns - 1) + c);
-      out.pixels.push_back(one[0]);
+      Saddle one;
+      if (!predict(placed, 0.5 * target.marker, cv::Point2d(c + 1, r + 1), one)) continue;
+      if (!cv::Rect(3, 3, image.cols - 6, image.rows - 6).contains(cv::Point(one.pixel))) continue;
+      one.id = r * (target.columns - 1) + c;
+      one.reach = 0.45;
+      one.strip = 0.9 * 0.5 * (1 - target.marker);  // the markers are beside it
+      saddles.push_back(one);
     }
+  const Detection out = refined(image, saddles);
+  if (out.ids.empty() && !saddles.empty())
+    return missing("what is free beside its markers is too narrow for the blur");
   if (out.ids.size() < 4 || on_one_line(out.pixels))
     return missing(std::to_string(out.ids.size()) + " corners: too few, or on a line");
   return out;
@@ -268,26 +269,32 @@ Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
   }
   if (best < 4) return missing("the tags do not lie as on this grid");
   Detection out;
+  std::vector<Saddle> saddles;
   int row = 0;
   for (auto& [id, quad] : tags) {
     const bool good = cv::countNonZero(inliers.rowRange(row, row + 4)) == 4;
     row += 4;
     if (!good || (!out.ids.empty() && out.ids.back() == 4 * id + 3)) continue;
-    const double edge = edge_length(quad), cell = edge / (bits_of(target.dictionary) + 2 * border);
-    Places corners;
-    const Quad sharp = refine_quad(image, quad, std::clamp(0.8 * border * cell, 1.5, 5.0));
-    corners.assign(sharp.begin(), sharp.end());
-    if (border == 2 && target.gap > 0)  // dark squares touch the corners
-      refine_saddles(
-          image,
-          std::vector<double>(4, std::max(2.0, 0.8 * std::min(target.gap * edge, 2 * cell)) / 0.35),
-          corners);
+    const double cells = bits_of(target.dictionary) + 2 * border;  // of a tag's edge
+    const Quad sharp =
+        refine_quad(image, quad, std::clamp(0.8 * border * edge_length(quad) / cells, 1.5, 5.0));
     for (int k = 0; k < 4; ++k) {
-      out.ids.push_back(4 * id + k);
-      out.pixels.push_back(corners[(best_turn - k + 4) % 4]);
+      const size_t at = static_cast<size_t>(best_turn - k + 4) % 4;
+      const cv::Point2d x = sharp[(at + 1) % 4] - sharp[at], y = sharp[(at + 3) % 4] - sharp[at];
+      Saddle one;
+      one.id = 4 * id + k;
+      one.pixel = sharp[at];
+      one.sides = cv::Matx22d(x.x, y.x, x.y, y.y);
+      one.reach = one.strip = 0.8 * std::min(target.gap, 2 / cells);
+      saddles.push_back(one);
+      out.ids.push_back(one.id);
+      out.pixels.push_back(one.pixel);
     }
   }
   if (out.ids.empty()) return missing("the tags do not lie as on this grid");
+  // Where dark squares touch the corners, these are better known than by the tag's edges.
+  if (border == 2 && target.gap > 0) out = refined(image, saddles);
+  if (out.ids.empty()) return missing("its tags are too small for the blur");
   return out;
 }
 

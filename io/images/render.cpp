@@ -10,7 +10,8 @@
 namespace kincal {
 namespace {
 
-constexpr int kRays = 55, kStep = 34;      // Fibonacci numbers that follow each other
+constexpr int kFine = 2;                   // pixels are seen in parts, so many by so many
+constexpr int kRays = 13, kStep = 8;       // of a part: Fibonacci numbers, the second before
 constexpr double kInk = 30, kPaper = 220;  // grey levels
 constexpr double kBack = 0.5;              // of a sheet, between ink and paper
 
@@ -81,15 +82,15 @@ double background(const Look& look, std::uint64_t seed, double u, double v) {
          0.05 * lattice_noise(seed + 2, 160 * u, 160 * v);
 }
 
-/// The mean of the rays through one pixel. `planes` may show in it, `seen` are its corners as they
-/// have them; the first that a ray hits is what it sees.
-double pixel_value(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
-                   double behind, const cv::Point2d& shift) {
+/// The mean of the rays through one part of a pixel, which begins at `from`. `planes` may show in
+/// it, `seen` are the pixel's corners as they have them; the first that a ray hits is what it sees.
+double part_value(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
+                  double behind, const cv::Point2d& from, const cv::Point2d& shift) {
   double sum = 0;
   for (int i = 0; i < kRays; ++i) {
     double a = static_cast<double>(i) / kRays + shift.x;
     double b = static_cast<double>(i * kStep % kRays) / kRays + shift.y;
-    a -= std::floor(a), b -= std::floor(b);
+    a = from.x + (a - std::floor(a)) / kFine, b = from.y + (b - std::floor(b)) / kFine;
     double value = behind, nearest = 1e300;
     for (size_t k = 0; k < planes.size(); ++k) {
       const PixelCorners& c = seen[k];
@@ -106,9 +107,11 @@ double pixel_value(const std::vector<const Plane*>& planes, const std::vector<Pi
   return sum / kRays;
 }
 
-/// Blur, darker corners and noise, and 8 bits.
-cv::Mat developed(cv::Mat picture, const Look& look, Draws& draws) {
-  if (look.blur > 0) cv::GaussianBlur(picture, picture, {0, 0}, look.blur);
+/// Blur, pixels out of their parts, darker corners and noise, and 8 bits.
+cv::Mat developed(const cv::Mat& fine, const Look& look, Draws& draws) {
+  cv::Mat picture;
+  if (look.blur > 0) cv::GaussianBlur(fine, fine, {0, 0}, kFine * look.blur);
+  cv::resize(fine, picture, {fine.cols / kFine, fine.rows / kFine}, 0, 0, cv::INTER_AREA);
   cv::Mat out(picture.size(), CV_8U);
   const double middle_x = 0.5 * (picture.cols - 1), middle_y = 0.5 * (picture.rows - 1);
   const double corner = std::max(1.0, middle_x * middle_x + middle_y * middle_y);
@@ -157,7 +160,7 @@ cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, c
   std::vector<Plane> planes;
   for (const Sheet& sheet : sheets) planes.push_back(plane_of(sheet, rays.eye));
   const std::uint64_t seed = draws.bits();
-  cv::Mat picture(rays.height, rays.width, CV_64F);
+  cv::Mat fine(kFine * rays.height, kFine * rays.width, CV_64F);
   const size_t stride = static_cast<size_t>(rays.width) + 1;
   std::vector<const Plane*> near;
   std::vector<PixelCorners> seen;
@@ -165,10 +168,9 @@ cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, c
     for (int column = 0; column < rays.width; ++column) {
       const Vector3d* d =
           &rays.directions[static_cast<size_t>(row) * stride + static_cast<size_t>(column)];
-      const cv::Point2d shift(draws.uniform(), draws.uniform());
-      double& value = picture.at<double>(row, column);
+      cv::Mat parts = fine(cv::Rect(kFine * column, kFine * row, kFine, kFine));
       if (!(d[0] + d[1] + d[stride] + d[stride + 1]).allFinite()) {
-        value = 0;
+        parts.setTo(0);
         continue;
       }
       near.clear();
@@ -182,10 +184,15 @@ cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, c
       }
       const double behind =
           background(look, seed, (column + 0.5) / rays.width, (row + 0.5) / rays.width);
-      const double share = near.empty() ? behind : pixel_value(near, seen, behind, shift);
-      value = kInk + (kPaper - kInk) * share;
+      for (int y = 0; y < kFine; ++y)
+        for (int x = 0; x < kFine; ++x) {
+          const cv::Point2d from(static_cast<double>(x) / kFine, static_cast<double>(y) / kFine);
+          const cv::Point2d shift(draws.uniform(), draws.uniform());
+          const double share = near.empty() ? behind : part_value(near, seen, behind, from, shift);
+          parts.at<double>(y, x) = kInk + (kPaper - kInk) * share;
+        }
     }
-  return developed(picture, look, draws);
+  return developed(fine, look, draws);
 }
 
 }  // namespace kincal

@@ -3,10 +3,12 @@
 //
 // The directions of the corners of all pixels are found once for a camera, by Newton's method on
 // its own projection; within a pixel they are interpolated (the error, the lens's curvature over an
-// eighth of a square pixel, is far below a thousandth of a pixel). The rays of a pixel are a
-// lattice of 55 places (Fibonacci), of which no two share a row or a column, moved at random for
-// each pixel: an edge along the pixels would else be off by a half step of the lattice. Then blur
-// (the lens, a Gaussian), darker corners, noise.
+// eighth of a square pixel, is far below a thousandth of a pixel). A pixel has four parts, blur
+// (the lens, a Gaussian) is done to them and then pixels are made of them, as light is blurred
+// before a sensor counts it: blurred pixels of sharp light would lead finders astray by a hundredth
+// of a pixel. The rays of a part are a lattice of 13 places (Fibonacci), of which no two share a
+// row or a column, moved at random for each part: an edge along the pixels would else be off by a
+// half step of the lattice. Then darker corners and noise.
 #pragma once
 
 #include <string>

@@ -102,7 +102,8 @@ TEST_CASE("render: a pixel is the share of the ink in it") {
                       cv::Rect2d(-9, -9, 18, 18)};
     const cv::Mat picture = take_picture(rays, {sheet_at(print, 1)}, kPlain, Draws(3));
     CHECK(cv::mean(picture.col(9))[0] == 30);
-    CHECK(cv::mean(picture.col(10))[0] == Approx(220 - 190 * edge).margin(0.3));
+    // Few shares are possible, and each is rounded to whole grey levels.
+    CHECK(cv::mean(picture.col(10))[0] == Approx(220 - 190 * edge).margin(0.5));
     CHECK(cv::mean(picture.col(11))[0] == 220);
   }
 }

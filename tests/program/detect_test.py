@@ -142,6 +142,21 @@ class Detect(Case):
             self.detect("rig.yaml", "images", "--out", "wrong.jsonl", code=1)
             self.assertIn(words, self.err)
 
+    def test_sigma_is_said_and_written_on_demand(self):
+        self.detect("rig.yaml", "images", "--out", "out.jsonl")
+        self.assertRegex(self.out, r"a1.pgm: board: 40 of 40 points, .*, sigma 0\.0\d\d px\n")
+        self.assertFalse(any("sigma" in s["views"][0] for s in self.samples()))
+        noisy = picture(*self.truth["a1"]) + numpy.random.default_rng(3).normal(0, 6, (300, 400))
+        self.write("images/noisy.pgm", pgm(numpy.clip(numpy.round(noisy), 0, 255)))
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--sigma", "--force")
+        sigma = {s["id"]: s["views"][0]["sigma"] for s in self.samples()}
+        self.assertLess(sigma["a1"], 0.02)
+        self.assertGreater(sigma["noisy"], 2 * sigma["a1"])
+        given = {"id": "one", "joints": {"j": 0.1}, "views": [{"sensor": "eye", "target": "board", "image": "images/a1.pgm", "sigma": 0.5}]}
+        self.write("in.jsonl", json.dumps(given).encode())
+        self.detect("rig.yaml", "in.jsonl", "--out", "kept.jsonl", "--sigma")
+        self.assertEqual(self.samples("kept.jsonl")[0]["views"][0]["sigma"], 0.5)
+
     def test_readings_by_time(self):
         for name, new in (("a1", "12.50"), ("a2", "1700000000250000000"), ("a10", "99")):
             os.rename(os.path.join(self.dir, "images", name + ".pgm"), os.path.join(self.dir, "images", new + ".pgm"))

@@ -1,0 +1,153 @@
+#include "saddle.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "finders.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kSmooth = 0.9;   // px, sigma of the Gaussian before gradients
+constexpr double kMost = 10;      // px: farther away the lens bends the edges
+constexpr int kMargin = 4;        // px around the window that filters need
+constexpr double kFloor = 0.008;  // px, of a coordinate: what sampling does
+
+/// A Window is the weights around a corner: a cross along the edges, 1 at the corner and 0 where
+/// what is plain ends.
+struct Window {
+  cv::Matx22d units;  // of the print, of a step of one pixel
+  std::array<double, 2> reach, strip;
+
+  static double hill(double x) { return std::abs(x) < 1 ? (1 - x * x) * (1 - x * x) : 0; }
+  static double slope(double x) { return std::abs(x) < 1 ? -4 * x * (1 - x * x) : 0; }
+
+  /// Returns the weight of a place beside the corner, in units, and its derivative by them.
+  double operator()(const cv::Vec2d& at, cv::Vec2d& derivative) const {
+    const double a = hill(at[0] / reach[0]), b = hill(at[1] / strip[1]), c = hill(at[1] / reach[1]),
+                 d = hill(at[0] / strip[0]);
+    derivative = a * b > c * d ? cv::Vec2d(slope(at[0] / reach[0]) / reach[0] * b,
+                                           slope(at[1] / strip[1]) / strip[1] * a)
+                               : cv::Vec2d(slope(at[0] / strip[0]) / strip[0] * c,
+                                           slope(at[1] / reach[1]) / reach[1] * d);
+    return std::max(a * b, c * d);
+  }
+};
+
+/// One pixel of the window.
+struct Seen {
+  int x, y;
+  cv::Vec2d g, away;  // the gradient; the way from the corner, px
+  double w;
+  cv::Vec2d dw;  // derivative of w by the way
+};
+
+std::vector<Seen> seen_pixels(const cv::Mat& dx, const cv::Mat& dy, const Window& window,
+                              const cv::Point2d& q) {
+  std::vector<Seen> out;
+  for (int y = kMargin; y < dx.rows - kMargin; ++y)
+    for (int x = kMargin; x < dx.cols - kMargin; ++x) {
+      const cv::Vec2d away(x - q.x, y - q.y);
+      cv::Vec2d dw;
+      const double w = window(window.units * away, dw);
+      if (w > 0)
+        out.push_back(
+            {x, y, {dx.at<float>(y, x), dy.at<float>(y, x)}, away, w, window.units.t() * dw});
+    }
+  return out;
+}
+
+cv::Matx22d gram(const std::vector<Seen>& seen) {
+  cv::Matx22d out = cv::Matx22d::zeros();
+  for (const Seen& one : seen) out += one.w * one.g * one.g.t();
+  return out;
+}
+
+/// The covariance of the corner for noise of one grey level in every pixel.
+cv::Matx22d covariance(const std::vector<Seen>& seen, cv::Size size) {
+  cv::Mat a(size, CV_32FC2, cv::Scalar()), b(size, CV_32FC2, cv::Scalar());
+  cv::Matx22d j = gram(seen);
+  for (const Seen& one : seen) {
+    const double r = one.g.dot(one.away);
+    j += r * one.g * one.dw.t();
+    a.at<cv::Vec2f>(one.y, one.x) = one.w * (cv::Vec2d(r, 0) + one.away[0] * one.g);
+    b.at<cv::Vec2f>(one.y, one.x) = one.w * (cv::Vec2d(0, r) + one.away[1] * one.g);
+  }
+  cv::Sobel(a, a, CV_32F, 1, 0, 1, -0.5);
+  cv::Sobel(b, b, CV_32F, 0, 1, 1, -0.5);
+  cv::Mat c = a + b;
+  cv::GaussianBlur(c, c, {2 * kMargin - 1, 2 * kMargin - 1}, kSmooth);
+  cv::Matx22d cc = cv::Matx22d::zeros();
+  for (int y = 0; y < c.rows; ++y)
+    for (int x = 0; x < c.cols; ++x) {
+      const cv::Vec2d v = c.at<cv::Vec2f>(y, x);
+      cc += v * v.t();
+    }
+  const cv::Matx22d inverse = j.inv();
+  return inverse * cc * inverse.t();
+}
+
+}  // namespace
+
+bool refine(const cv::Mat& image, Saddle& saddle) {
+  Window window;
+  window.units = saddle.sides.inv();
+  cv::Vec2d half;
+  double thin = 1e9;
+  for (int k = 0; k < 2; ++k) {
+    const double side = cv::norm(saddle.sides.col(k));
+    window.reach[k] = std::min(saddle.reach, kMost / side);
+    window.strip[k] = std::min(saddle.strip, kMost / side);
+    thin = std::min(thin, window.strip[k] * side);
+    half += window.reach[k] * cv::Vec2d(std::abs(saddle.sides(0, k)), std::abs(saddle.sides(1, k)));
+  }
+  const int size = static_cast<int>(std::ceil(std::max(half[0], half[1]))) + 2 + kMargin;
+  const cv::Point middle(cvRound(saddle.pixel.x), cvRound(saddle.pixel.y));
+  cv::Mat smooth, dx, dy;
+  cv::getRectSubPix(image, {2 * size + 1, 2 * size + 1}, cv::Point2f(middle), smooth, CV_32F);
+  cv::GaussianBlur(smooth, smooth, {2 * kMargin - 1, 2 * kMargin - 1}, kSmooth);
+  cv::Sobel(smooth, dx, CV_32F, 1, 0, 1, 0.5);
+  cv::Sobel(smooth, dy, CV_32F, 0, 1, 1, 0.5);
+  const cv::Point2d corner = middle - cv::Point(size, size), start = saddle.pixel - corner;
+  cv::Point2d q = start;
+  std::vector<Seen> seen;
+  for (int pass = 0; pass < 30; ++pass) {
+    seen = seen_pixels(dx, dy, window, q);
+    const cv::Matx22d g = gram(seen);
+    if (!(cv::determinant(g) > 1e-3 * g(0, 0) * g(1, 1))) return false;  // one edge, or none
+    cv::Vec2d moved;
+    for (const Seen& one : seen) moved += one.w * one.g.dot(one.away) * one.g;
+    moved = g.inv() * moved;
+    q += cv::Point2d(moved[0], moved[1]);
+    if (cv::norm(q - start) > std::max(1.5, 0.5 * thin)) return false;
+    if (cv::norm(moved) < 1e-3) break;
+  }
+  const cv::Matx22d c = covariance(seen, smooth.size());
+  saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
+  saddle.pixel = q + corner;
+  return true;
+}
+
+Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
+  Detection out;
+  for (const Saddle& one : saddles) out.pixels.push_back(one.pixel);
+  judge(image, out);
+  out.pixels.clear();
+  double squares = 0;
+  for (Saddle& one : saddles) {
+    const double across = std::abs(cv::determinant(one.sides)) /
+                          std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
+    const double blurs = one.strip * across / std::hypot(out.blur, kSmooth);
+    if (blurs < 1.3 || !refine(image, one)) continue;
+    const double beside = 0.5 * std::exp(-1.8 * blurs);  // px: what is next to the strip does
+    squares += std::pow(out.noise * one.sigma, 2) + kFloor * kFloor + beside * beside;
+    out.ids.push_back(one.id);
+    out.pixels.push_back(one.pixel);
+  }
+  if (!out.ids.empty()) out.sigma = std::sqrt(squares / static_cast<double>(out.ids.size()));
+  return out;
+}
+
+}  // namespace kincal
