@@ -1,8 +1,4 @@
 // The program kincal-detect, which `kincal detect` becomes: from images to samples.
-#include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
-
-#include <cstdio>
 #include <filesystem>
 #include <iostream>
 #include <thread>
@@ -11,6 +7,7 @@
 #include "../io/document/files.h"
 #include "../io/images/fill.h"
 #include "detect_options.h"
+#include "image_main.h"
 #include "progress.h"
 #include "signals.h"
 
@@ -72,25 +69,9 @@ int detect_all(const DetectArguments& a) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  keep_standard_descriptors();
-  end_on_signals();
-  cv::setNumThreads(1);  // images go side by side instead
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  CLI::App app("kincal-detect finds boards and markers in images and writes them as samples.");
-  app.set_version_flag("--version", "kincal " KINCAL_VERSION);
+  CLI::App app("kincal-detect finds boards and markers in images and writes them as samples.",
+               "kincal detect");
   DetectArguments a;
   add_detect_options(app, a);
-  try {
-    app.parse(argc, argv);
-    const int code = detect_all(a);
-    if (std::cout.flush()) return code;
-    std::fprintf(stderr, "kincal: error: standard output cannot be written\n");
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    std::fprintf(stderr, "kincal: error: %s\nRun `kincal detect --help` for more.\n", error.what());
-  } catch (const std::exception& error) {
-    std::cout.flush();
-    std::fprintf(stderr, "kincal: error: %s\n", error.what());
-  }
-  return kBadInput;
+  return run_image_program(app, argc, argv, [&a] { return detect_all(a); });
 }

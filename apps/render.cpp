@@ -1,12 +1,10 @@
 // The program kincal-render, which `kincal simulate --render` becomes: pictures of a simulation.
-#include <opencv2/core.hpp>
-
-#include <cstdio>
 #include <iostream>
 #include <thread>
 
 #include "../io/document/error.h"
 #include "../io/images/render_samples.h"
+#include "image_main.h"
 #include "progress.h"
 #include "render_options.h"
 #include "signals.h"
@@ -42,11 +40,8 @@ int render_all(const Arguments& a) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  keep_standard_descriptors();
-  end_on_signals();
-  cv::setNumThreads(1);  // pictures go side by side instead
-  CLI::App app("kincal-render takes the pictures of a simulation (kincal simulate --render).");
-  app.set_version_flag("--version", "kincal " KINCAL_VERSION);
+  CLI::App app("kincal-render takes the pictures of a simulation (kincal simulate --render).",
+               "kincal-render");
   Arguments a;
   app.add_option("RIG", a.rig, "rig.yaml")->required();
   app.add_option("SAMPLES", a.samples, "samples.jsonl whose views have an `image`")->required();
@@ -55,17 +50,5 @@ int main(int argc, char** argv) {
   add_render_options(app, a.look);
   app.add_flag("--force", a.force, "replace existing pictures");
   app.add_flag("--quiet", a.quiet, "no progress");
-  try {
-    app.parse(argc, argv);
-    const int code = render_all(a);
-    if (std::cout.flush()) return code;
-    std::fprintf(stderr, "kincal: error: standard output cannot be written\n");
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    std::fprintf(stderr, "kincal: error: %s\n", error.what());
-  } catch (const std::exception& error) {
-    std::cout.flush();
-    std::fprintf(stderr, "kincal: error: %s\n", error.what());
-  }
-  return kBadInput;
+  return run_image_program(app, argc, argv, [&a] { return render_all(a); });
 }

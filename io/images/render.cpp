@@ -10,8 +10,11 @@
 namespace kincal {
 namespace {
 
-constexpr int kFine = 2;                   // pixels are seen in parts, so many by so many
-constexpr int kRays = 13, kStep = 8;       // of a part: Fibonacci numbers, the second before
+constexpr int kFine = 2;  // pixels are seen in parts, so many by so many
+struct Lattice {          // of rays in a part: Fibonacci numbers, the second before
+  int rays, step;
+};
+constexpr Lattice kFew{8, 5}, kMany{89, 55};
 constexpr double kInk = 30, kPaper = 220;  // grey levels
 constexpr double kBack = 0.5;              // of a sheet, between ink and paper
 
@@ -82,14 +85,20 @@ double background(const Look& look, std::uint64_t seed, double u, double v) {
          0.05 * lattice_noise(seed + 2, 160 * u, 160 * v);
 }
 
-/// The mean of the rays through one part of a pixel, which begins at `from`. `planes` may show in
-/// it, `seen` are the pixel's corners as they have them; the first that a ray hits is what it sees.
-double part_value(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
-                  double behind, const cv::Point2d& from, const cv::Point2d& shift) {
-  double sum = 0;
-  for (int i = 0; i < kRays; ++i) {
-    double a = static_cast<double>(i) / kRays + shift.x;
-    double b = static_cast<double>(i * kStep % kRays) / kRays + shift.y;
+/// What rays through a part of a pixel saw.
+struct Light {
+  double sum = 0, low = 1e300, high = -1e300;
+};
+
+/// The rays through one part of a pixel, which begins at `from`. `planes` may show in it, `seen`
+/// are the pixel's corners as they have them; the first that a ray hits is what it sees.
+Light light_of(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
+               double behind, const cv::Point2d& from, Lattice lattice, Draws& draws) {
+  Light out;
+  const double shift_x = draws.uniform(), shift_y = draws.uniform();
+  for (int i = 0; i < lattice.rays; ++i) {
+    double a = static_cast<double>(i) / lattice.rays + shift_x;
+    double b = static_cast<double>(i * lattice.step % lattice.rays) / lattice.rays + shift_y;
     a = from.x + (a - std::floor(a)) / kFine, b = from.y + (b - std::floor(b)) / kFine;
     double value = behind, nearest = 1e300;
     for (size_t k = 0; k < planes.size(); ++k) {
@@ -102,9 +111,32 @@ double part_value(const std::vector<const Plane*>& planes, const std::vector<Pix
       nearest = distance;
       value = planes[k]->front ? print.brightness(place.x, place.y) : kBack;
     }
-    sum += value;
+    out.sum += value;
+    out.low = std::min(out.low, value);
+    out.high = std::max(out.high, value);
   }
-  return sum / kRays;
+  return out;
+}
+
+/// The parts of a pixel: the mean of a few rays where these see the same, else of many.
+std::array<double, kFine * kFine> parts_of(const std::vector<const Plane*>& planes,
+                                           const std::vector<PixelCorners>& seen, double behind,
+                                           Draws& draws) {
+  std::array<double, kFine * kFine> out;
+  out.fill(behind);
+  if (planes.empty()) return out;
+  for (const Lattice& lattice : {kFew, kMany}) {
+    double low = 1e300, high = -1e300;
+    for (size_t i = 0; i < out.size(); ++i) {
+      const cv::Point2d from(static_cast<double>(i % kFine) / kFine,
+                             static_cast<double>(i / kFine) / kFine);
+      const Light light = light_of(planes, seen, behind, from, lattice, draws);
+      out[i] = light.sum / lattice.rays;
+      low = std::min(low, light.low), high = std::max(high, light.high);
+    }
+    if (low == high) break;
+  }
+  return out;
 }
 
 /// Blur, pixels out of their parts, darker corners and noise, and 8 bits.
@@ -184,13 +216,9 @@ cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, c
       }
       const double behind =
           background(look, seed, (column + 0.5) / rays.width, (row + 0.5) / rays.width);
-      for (int y = 0; y < kFine; ++y)
-        for (int x = 0; x < kFine; ++x) {
-          const cv::Point2d from(static_cast<double>(x) / kFine, static_cast<double>(y) / kFine);
-          const cv::Point2d shift(draws.uniform(), draws.uniform());
-          const double share = near.empty() ? behind : part_value(near, seen, behind, from, shift);
-          parts.at<double>(y, x) = kInk + (kPaper - kInk) * share;
-        }
+      const std::array<double, kFine* kFine> shares = parts_of(near, seen, behind, draws);
+      for (int i = 0; i < kFine * kFine; ++i)
+        parts.at<double>(i / kFine, i % kFine) = kInk + (kPaper - kInk) * shares[i];
     }
   return developed(fine, look, draws);
 }

@@ -6,9 +6,10 @@
 // eighth of a square pixel, is far below a thousandth of a pixel). A pixel has four parts, blur
 // (the lens, a Gaussian) is done to them and then pixels are made of them, as light is blurred
 // before a sensor counts it: blurred pixels of sharp light would lead finders astray by a hundredth
-// of a pixel. The rays of a part are a lattice of 13 places (Fibonacci), of which no two share a
-// row or a column, moved at random for each part: an edge along the pixels would else be off by a
-// half step of the lattice. Then darker corners and noise.
+// of a pixel. The rays of a part are a lattice (Fibonacci) of which no two share a row or a
+// column, moved at random for each part: an edge along the pixels would else be off by a half step
+// of the lattice. They are 8, and 89 where those of a pixel do not all see the same: fewer would be
+// noise, just where the edges are. Then darker corners and noise.
 #pragma once
 
 #include <string>

@@ -13,7 +13,7 @@ namespace {
 constexpr double kSmooth = 0.9;   // px, sigma of the Gaussian before gradients
 constexpr double kMost = 10;      // px: farther away the lens bends the edges
 constexpr int kMargin = 4;        // px around the window that filters need
-constexpr double kFloor = 0.008;  // px, of a coordinate: what sampling does
+constexpr double kFloor = 0.003;  // px, of a coordinate: what sampling does
 
 /// A Window is the weights around a corner: a cross along the edges, 1 at the corner and 0 where
 /// what is plain ends.
@@ -140,8 +140,8 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
     const double across = std::abs(cv::determinant(one.sides)) /
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
     const double blurs = one.strip * across / std::hypot(out.blur, kSmooth);
-    if (blurs < 1.3 || !refine(image, one)) continue;
-    const double beside = 0.5 * std::exp(-1.8 * blurs);  // px: what is next to the strip does
+    if (blurs < 1.5 || !refine(image, one)) continue;
+    const double beside = 0.5 * std::exp(-2 * blurs);  // px: what is next to the strip does
     squares += std::pow(out.noise * one.sigma, 2) + kFloor * kFloor + beside * beside;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);
