@@ -1,5 +1,6 @@
 #include "report_page.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -18,8 +19,9 @@ using OrderedJson = nlohmann::ordered_json;
 
 constexpr char kPlaceholder[] = "{\"kincal-report-data\":null}";
 constexpr int kDrawnDigits = 5, kReadingDigits = 7;  // of what is only drawn
-constexpr size_t kMostLoops =
-    20000;  // points: more cannot be told apart; every so-manieth sample's
+// Points that are drawn: more cannot be told apart. Of residuals every so-manieth of all stands in
+// the page, of loops those of every so-manieth sample.
+constexpr size_t kMostResiduals = 50000, kMostLoops = 20000;
 constexpr size_t kMostCorrelated = 400;  // unknowns whose correlations are shown
 
 /// An Index gives names numbers, in the order of their first appearance.
@@ -125,12 +127,22 @@ struct PageNames {
   Index samples, sensors, targets;
 };
 
+size_t line_count(const std::string& csv) {
+  return static_cast<size_t>(std::count(csv.begin(), csv.end(), '\n'));
+}
+
+/// Columns of which only every so-manieth entry is there, for there are too many to be drawn.
+std::string with_every(size_t every, const DataColumns& columns) {
+  return "{\"every\":" + std::to_string(every) + "," + columns.object().substr(1);
+}
+
 std::string residuals_data(const std::string& csv, PageNames& names) {
   DataColumns out({"sample", "sensor", "target", "id", "x", "y", "z", "rx", "ry", "rz", "before_x",
                    "before_y", "before_z", "whitened", "measured_1", "measured_2", "measured_3"});
-  bool head = true;
+  const size_t every = line_count(csv) / kMostResiduals + 1;
+  size_t line = 0;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
-    if (std::exchange(head, false)) return;
+    if (line++ == 0 || (!row[4].empty() && line % every != 0)) return;  // views of poses: all
     out[0].add(std::to_string(names.samples(row[0])));
     out[1].add(std::to_string(names.sensors(row[2])));
     out[2].add(std::to_string(names.targets(row[3])));
@@ -141,21 +153,19 @@ std::string residuals_data(const std::string& csv, PageNames& names) {
       out[i].add(field < row.size() ? drawn(row[field], field < 16 ? kDrawnDigits : 6) : "");
     }
   });
-  return out.object();
+  return with_every(every, out);
 }
 
 std::string loops_data(const std::string& csv, PageNames& names) {
-  size_t rows = 0;
-  for (const char c : csv) rows += c == '\n';
+  const size_t rows = line_count(csv), every = rows / kMostLoops + 1;
   if (rows < 2) return "null";
-  const int every = static_cast<int>(rows / kMostLoops) + 1;
   DataColumns out(
       {"sample", "from", "to", "target", "id", "before_x", "before_y", "before_z", "x", "y", "z"});
   bool head = true;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
     if (std::exchange(head, false)) return;
     const int sample = names.samples(row[0]);
-    if (sample % every != 0) return;
+    if (static_cast<size_t>(sample) % every != 0) return;
     out[0].add(std::to_string(sample));
     out[1].add(std::to_string(names.sensors(row[2])));
     out[2].add(std::to_string(names.sensors(row[3])));
@@ -163,8 +173,7 @@ std::string loops_data(const std::string& csv, PageNames& names) {
     out[4].add(row[5]);
     for (size_t i = 5; i < out.size(); ++i) out[i].add(row[i + 2]);
   });
-  const std::string columns = out.object();
-  return "{\"every\":" + std::to_string(every) + (columns == "{}" ? "" : ",") + columns.substr(1);
+  return with_every(every, out);
 }
 
 std::string covariance_data(const std::string& csv) {

@@ -162,7 +162,7 @@ class Data(Case):
         self.assertFalse(os.path.exists(self.path("out", "report.html")))
         self.kincal("report", "out")                # from what there is
         data = data_of(self.path("out", "report.html"))
-        self.assertEqual(({len(column) for column in data["residuals"].values()}, data["loops"]), ({0}, None))
+        self.assertEqual(({len(column) for key, column in data["residuals"].items() if key != "every"}, data["loops"]), ({0}, None))
         self.assertEqual(len(data["samples"]["id"]), 32)
 
 
