@@ -33,7 +33,7 @@ foreach(group Planted File)
 endforeach()
 
 kincal_python_test(flange flange_test.py cli 300 ${kincal_program})
-foreach(group Export Import Poses HandEye)
+foreach(group Export Import Poses HandEye Numbers)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 foreach(group Result Bent WrongInput)
