@@ -36,10 +36,11 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Export Import Poses HandEye)
+kincal_python_test(flange flange_test.py cli 300 ${kincal_program})
+foreach(group Export Import Poses HandEye Numbers)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
 endforeach()
-foreach(group Result Bent WrongInput)
+foreach(group Result Bent Mistakes WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 

@@ -25,9 +25,13 @@ int export_result(const ExportArguments& a) {
     check_output_file(a.out, a.force);
   }
   const CalibratedFiles files = read_calibrated(a.result);
-  if (!files.status.empty() && files.status != "converged" && !a.force)
-    throw InputError(a.result + ": its status is '" + files.status +
-                     "', not 'converged'; --force exports it all the same");
+  const std::string status = files.status.empty() ? files.lens_status : files.status;
+  if (!status.empty() && status != "converged" && !a.force)
+    throw InputError(a.result + ": its status is '" + status + "', not 'converged'" +
+                     (files.doubts.empty() ? "" : ": " + files.doubts[0]) +
+                     "; --force exports it all the same");
+  for (const std::string& doubt : files.doubts)
+    std::cerr << "kincal: warning: " << a.result << ": " << doubt << "\n";
   const ExportedFile exported = export_rig(files.rig_file.rig, a.format, a.sensors);
   for (const std::string& note : exported.notes) std::cerr << "kincal: warning: " << note << "\n";
   if (a.out.empty()) {

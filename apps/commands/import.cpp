@@ -137,10 +137,17 @@ int import_hand_eye(const ImportArguments& a) {
   const bool in_hand = std::count(hand.begin(), hand.end(), a.setup) > 0;
   if (!in_hand && !std::count(world.begin(), world.end(), a.setup))
     throw InputError(
-        "--setup: say where the camera is: eye_in_hand (on the flange) or eye_to_hand (beside the "
-        "robot)" +
-        (a.setup.empty() ? "" : ", not '" + a.setup + "'"));
-  if (a.out.empty()) throw InputError("--out: the folder for rig.yaml and samples.jsonl is needed");
+        (a.setup.empty() ? "--setup is missing: these are samples of hand-eye poses, and they do "
+                           "not say where the camera is. Give "
+                         : "--setup: '" + a.setup + "' is neither ") +
+        std::string("--setup eye_in_hand (the camera is on the flange, the board stands still) or "
+                    "--setup eye_to_hand (the camera stands beside the robot, the board is on the "
+                    "flange), such as: kincal import ") +
+        a.file + " --setup eye_in_hand --out " + (a.out.empty() ? "hand_eye" : a.out));
+  if (a.out.empty())
+    throw InputError(
+        "--out is missing: the folder for rig.yaml and samples.jsonl, such as --out "
+        "hand_eye");
   const HandEyeFiles files = read_hand_eye(a.file, in_hand);
   begin_writing();
   write_directory(a.out, {{"rig.yaml", files.rig_yaml}, {"samples.jsonl", files.samples_jsonl}},

@@ -23,6 +23,7 @@ struct IntrinsicsArguments {
 ExitCode exit_code_of(Status status) {
   return status == Status::unobservable    ? kUnobservable
          : status == Status::not_converged ? kNotConverged
+         : status == Status::unexplained   ? kNotExplained
                                            : kConverged;
 }
 
@@ -113,8 +114,9 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
       "samples.jsonl "
       "--out result\n"
       "Exit codes: 0 converged; 1 bad input, nothing written; 2 the views do not determine the "
-      "lens, or 3 no convergence: results are\n"
-      "written and marked; 130 interrupted, nothing written.");
+      "lens, 3 no convergence, or 5\n"
+      "the views are not of the board as the rig has it: results are written and marked; 130 "
+      "interrupted, nothing written.");
   return {command, [a] { return intrinsics(*a); }};
 }
 

@@ -23,7 +23,11 @@ bool read_number(std::string_view text, double& value) {
 std::string shortest(double value) {
   if (value == 0) return "0";
   char buffer[32];
-  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
+  std::string out(buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr);
+  const size_t exponent = out.find('e');  // YAML 1.1 takes 4e-04 for a text
+  if (exponent != std::string::npos && out.find('.') == std::string::npos)
+    out.insert(exponent, ".0");
+  return out;
 }
 
 std::string shortest(const Vector3d& v) {

@@ -26,11 +26,16 @@ Pose transform_of(const Field& field) {
 
 Pose matrix_of_field(const Field& field) { return pose_of_matrix(field.vector(16), field.where()); }
 
+/// Whether a list has samples of MoveIt Calibration.
+bool is_moveit(const Node& list) {
+  return !list.items.empty() && list.items[0].find("effector_wrt_world");
+}
+
 /// Returns the samples as the file has them. easy_handeye stores flange_T_base where the camera
 /// stands beside the robot.
 std::vector<PosePair> pairs_of(const Field& file, bool in_hand) {
   std::vector<PosePair> out;
-  if (file.node->kind == Node::Kind::sequence) {  // MoveIt
+  if (file.node->kind == Node::Kind::sequence && is_moveit(*file.node)) {
     for (size_t i = 0; i < file.size(); ++i)
       out.push_back({matrix_of_field(file.item(i)["effector_wrt_world"]),
                      matrix_of_field(file.item(i)["object_wrt_sensor"])});
@@ -39,7 +44,8 @@ std::vector<PosePair> pairs_of(const Field& file, bool in_hand) {
   const auto robot = [&](const Field& field) {
     return in_hand ? transform_of(field) : inverse(transform_of(field));
   };
-  const Field all = file.has("samples") ? file["samples"] : file;
+  const bool list = file.node->kind == Node::Kind::sequence;
+  const Field all = !list && file.has("samples") ? file["samples"] : file;
   if (all.node->kind == Node::Kind::sequence) {
     for (size_t i = 0; i < all.size(); ++i)
       out.push_back({robot(all.item(i)["robot"]), transform_of(all.item(i)["tracking"])});
@@ -112,8 +118,9 @@ std::string flange_lines(const std::vector<FlangePose>& poses, const std::string
 
 bool is_hand_eye(const std::string& path) {
   const Node node = read_foreign(path);
-  if (node.kind == Node::Kind::sequence)
-    return !node.items.empty() && node.items[0].find("effector_wrt_world");
+  if (node.kind == Node::Kind::sequence)  // of easy_handeye also the list by itself
+    return is_moveit(node) ||
+           (!node.items.empty() && node.items[0].find("robot") && node.items[0].find("tracking"));
   return node.find("samples") || node.find("hand_world_samples");
 }
 

@@ -11,6 +11,7 @@
 #include "../document/numbers.h"
 #include "../urdf/edit.h"
 #include "../urdf/proof.h"
+#include "read_calibrated.h"
 #include "robot_record.h"
 
 namespace kincal {
@@ -28,9 +29,11 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   const Field all = top(node, path);
   if (!all.has("robot") || !all["robot"].has("joints"))
     throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
+  const std::string doubt = verdict_doubt(all);
   if (!force && all["status"].string() != "converged")
     throw InputError(path + ": status: " + all["status"].string() +
-                     ": this result is not to be trusted; --force applies it all the same");
+                     ": this result is not to be trusted" + (doubt.empty() ? "" : ": " + doubt) +
+                     "; --force applies it all the same");
   if (all["robot"].has("urdf") && !all["robot"]["urdf"].boolean())
     throw InputError(path +
                      ": is about a robot without URDF: its mounts, ready to be copied, are in "
@@ -92,6 +95,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " +
                      std::to_string(joints.size()) + " changes of " + path + " already");
   AppliedResult out;
+  if (!doubt.empty()) out.notes.push_back(path + ": " + doubt);
   out.urdf = edit_urdf(urdf, changes);
   // The written origins hold the offsets: take these out of them again, so that the proof compares
   // file and model as in a calibration.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/words.h"
 #include "../document/files.h"
 #include "../document/json.h"
 #include "../document/kinds.h"
@@ -114,7 +115,29 @@ Unknowns read_unknowns(const std::string& path, const Field& result, const Param
   return out;
 }
 
+/// What an intrinsics.json beside the rig says of its lenses.
+void read_intrinsics(const std::string& path, CalibratedFiles& out) {
+  const Node node = parse_json(read_file(path), path);
+  const Field all = top(node, path);
+  if (!all.has("status") || !all.has("warnings")) return;
+  out.lens_status = all["status"].string();
+  const Field warnings = all["warnings"];
+  for (size_t i = 0; i < warnings.size(); ++i)
+    out.doubts.push_back(warnings.item(i)["text"].string());
+}
+
 }  // namespace
+
+std::string verdict_doubt(const Field& result) {
+  if (!result.has("verdict")) return "";
+  const Field verdict = result["verdict"];
+  const std::string use = verdict["use"].string();
+  if (use == "good") return "";
+  std::string size;
+  if (result["chi2"].node->kind == Node::Kind::scalar && result["dof"].number() > 0)
+    size = text(" (chi2/dof %.3g)", result["chi2"].number() / result["dof"].number());
+  return "its verdict is '" + use + "'" + size + ": " + verdict["text"].string();
+}
 
 int find_parameter(const ParameterTable& table, const std::string& name) {
   for (size_t p = 0; p < table.all.size(); ++p)
@@ -136,8 +159,12 @@ CalibratedFiles read_calibrated(const std::string& given) {
   RigFile rig_file = read_rig(rig.string());
   ParameterTable table(rig_file.rig);
   const VectorXd values = table.initial;
-  CalibratedFiles out{given, std::move(rig_file), std::move(table), values, "", {}, std::nullopt};
-  if (!json && !fs::exists(result, ignored)) return out;
+  CalibratedFiles out{given, std::move(rig_file), std::move(table), values};
+  const fs::path lenses = rig.parent_path() / "intrinsics.json";
+  if (!json && !fs::exists(result, ignored)) {
+    if (fs::exists(lenses, ignored)) read_intrinsics(lenses.string(), out);
+    return out;
+  }
 
   const std::string where = result.string();
   const std::string text = read_file(where);
@@ -149,6 +176,7 @@ CalibratedFiles read_calibrated(const std::string& given) {
         where + ": is no result of `kincal calibrate`: it has no robot, parameters and status");
   unfold(all, out);
   out.status = all["status"].string();
+  if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
   const Field parameters = all["parameters"];
   for (const auto& [name, estimate] : parameters.members()) {
     const int p = find_parameter(out.table, name);

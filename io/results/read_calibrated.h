@@ -21,15 +21,21 @@ struct CalibratedFiles {
   ParameterTable table;
   VectorXd
       values;  // ParameterTable's layout; offsets taken out of the origins where they are known
-  std::string status;  // as in result.json; empty: there is none
-  std::map<std::string, std::vector<double>>
-      sigma;  // parameter that a step freed -> by component; NaN: not determined, 0: held
-  std::optional<Unknowns> unknowns;
+  std::string status = {};               // as in result.json; empty: there is none
+  std::string lens_status = {};          // as in intrinsics.json; likewise
+  std::vector<std::string> doubts = {};  // what these say against using it
+  std::map<std::string, std::vector<double>> sigma =
+      {};  // parameter that a step freed -> by component; NaN: not determined, 0: held
+  std::optional<Unknowns> unknowns = {};
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
 /// Reads a calibration. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path);
+
+/// Returns what a result.json says against using the result: its verdict, unless that is good; else
+/// "".
+std::string verdict_doubt(const Field& result);
 
 /// Returns the parameter's index, or -1 if the table has none of this name.
 int find_parameter(const ParameterTable& table, const std::string& name);

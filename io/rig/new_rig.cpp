@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <regex>
 #include <set>
 
 #include "../document/names.h"
@@ -13,10 +14,10 @@ namespace kincal {
 
 const char* const kTargetForm =
     "chessboard:ROWSxCOLUMNS:SQUARE, circles:ROWSxCOLUMNS:SPACING, "
-    "charuco:ROWSxCOLUMNS:SQUARE:MARKER,\n"
-    "apriltag_grid:ROWSxCOLUMNS:TAG:GAP (gap / tag) or points:X,Y,Z[;X,Y,Z...], then @LINK where "
-    "it is mounted (without: free, its own\n"
-    "pose in every sample) and :NAME; lengths in m";
+    "charuco:ROWSxCOLUMNS:SQUARE:MARKER[:DICTIONARY]\n"
+    "(DICT_4X4_50, ...), apriltag_grid:ROWSxCOLUMNS:TAG:GAP[:FAMILY] (gap / tag; tag36h11, ...) or "
+    "points:X,Y,Z[;X,Y,Z...], then @LINK\n"
+    "where it is mounted (without: free, its own pose in every sample) and :NAME; lengths in m";
 
 std::string sensor_form() {
   std::string types;
@@ -107,17 +108,24 @@ std::string target_text(const NewTarget& t) {
     out += std::string("    ") + find_type(target_types(), t.type)->size + ": " + shortest(t.size) +
            "                # m: measure it, over several squares\n";
     if (t.type == "charuco")
-      out += "    marker: " + shortest(t.second) +
-             "\n    dictionary: DICT_6X6_250    # GUESS; only for the detection, not used here\n";
+      out += "    marker: " + shortest(t.second) + "\n    dictionary: " +
+             (t.marks.empty() ? "DICT_6X6_250    # GUESS; only" : t.marks + "    # only") +
+             " for the detection, not used here\n";
     if (t.type == "apriltag_grid")
       out += "    spacing: " + shortest(t.second) +
-             "               # gap / tag\n    family: tag36h11          # only for the detection, "
-             "not used here\n";
+             "               # gap / tag\n    family: " + (t.marks.empty() ? "tag36h11" : t.marks) +
+             "          # only for the detection, not used here\n";
   }
   if (t.link.empty())
     return out + "    mount: free                  # its own pose in every sample\n";
   return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose +
          "   # link_T_target; left away: found from the data\n";
+}
+
+/// Whether a text is a dictionary of markers or a family of tags, as OpenCV calls them.
+bool names_marks(const std::string& text) {
+  static const std::regex known("DICT_\\w+|(tag)?(16h5|25h9|36h10|36h11)");
+  return std::regex_match(text, known);
 }
 
 /// Every sensor and target gets a name. @throws InputError where options contradict each other.
@@ -394,9 +402,12 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   std::vector<std::string> fields = split(text.substr(0, at), ':');
   NewTarget out;
   out.type = known_type(fields[0], target_types(), option);
-  const size_t numbers = out.type == "points"                                   ? 2
-                         : out.type == "charuco" || out.type == "apriltag_grid" ? 4
-                                                                                : 3;
+  const bool marked = out.type == "charuco" || out.type == "apriltag_grid";
+  const size_t numbers = out.type == "points" ? 2 : marked ? 4 : 3;
+  if (marked && fields.size() > numbers && names_marks(fields[numbers])) {
+    out.marks = fields[numbers];
+    fields.erase(fields.begin() + static_cast<long>(numbers));
+  }
   if (at != std::string::npos) {
     const std::vector<std::string> where = split(text.substr(at + 1), ':');
     if (where.size() > 2 || fields.size() != numbers)

@@ -52,8 +52,9 @@ struct NoiseLevel {
   int sensor = -1, joint = -1;  // index; -1: it is the other
   int first = 0, count = 0;     // of a sensor's sigmas
   double assumed = 0;           // the rig's sigma (several numbers: their root mean square)
-  double used = 0;  // the same, unless the noise was estimated: what the result was made with
-  double seen = 0;  // NaN: cannot be estimated
+  bool unstated = false;  // `assumed` is what kincal began with: the rig states none, or exact
+  double used = 0;        // the same, unless the noise was estimated: what the result was made with
+  double seen = 0;        // NaN: cannot be estimated
   double uncertainty = 0;  // standard deviation of `seen`, relative to it; NaN as `seen`
   double redundancy = 0;   // what is left of its rows after fitting
   long rows = 0;           // whitened residuals

@@ -9,6 +9,7 @@
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "hand_eye.h"
 
 namespace kincal {
 namespace {
@@ -48,7 +49,8 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
   std::set<int> joints;
   for (const Scene::Seen& s : scene.seen())
     for (const PathStep& step : s.path)
-      if (scene.rig().tree.joints[step.joint].moves()) {
+      if (const Joint& moving = scene.rig().tree.joints[step.joint];
+          moving.moves() && moving.axis_of_pose != PoseAxis::error) {
         const int j = driver(scene.rig().tree, step.joint).joint;
         if (j != scene.rig().sensors[s.view->sensor].scanning_joint) joints.insert(j);
       }
@@ -172,6 +174,12 @@ class ReasonFinder {
   void search() {
     const double parts = effects_.parts();
     if (!(parts > 0)) return nothing();
+    if (const FlangeLack lack = flange_lack(scene_.recording()); !lack.why.empty() && !lens()) {
+      out_.kind = "hand_eye";
+      out_.why = lack.why;
+      out_.cure = lack.cure;
+      return;
+    }
     const double together = std::sqrt(effects_.together / parts),
                  left = std::sqrt(effects_.left / parts);
     if (together < kCancel) return cancelling(together);

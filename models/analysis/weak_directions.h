@@ -30,7 +30,7 @@ struct WeakDirection {
       0;  // of the first one from the data alone, the others following it; NaN: not determined
   double sigma_with_priors = 0;  // the same in the result
   std::string reason;  // nothing_depends, on_axis, same_axis, same_shift, same_points, size, lens,
-                       // one_orientation, free_targets, joint_noise, unknown
+                       // one_orientation, free_targets, hand_eye, joint_noise, unknown
   std::string why, cure;
   std::vector<std::string> joints;  // that would have to move (more)
 };

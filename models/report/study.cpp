@@ -259,6 +259,9 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
     if (!estimate) throw StudyCancelled();
     if (!estimate->solution.usable()) return;
     rounds.count += estimate->rounds;
+    for (NoiseLevel& level : estimate->levels)
+      level.unstated = level.joint >= 0 &&
+                       (is_unknown(noisy, level) || first->rig.joints[level.joint].sigma == 0);
     if (round == 0 && lower_unknown(estimate->levels, noisy)) {
       recording = make_recording(noisy, first->samples);
       continue;
@@ -510,7 +513,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     return std::nullopt;
   }
   // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
-  if (!report.automatic.empty() && report.solution.status == Status::converged &&
+  if (recording->rig.steps.empty() && report.solution.status == Status::converged &&
       has_open_mount(report)) {
     report.solution.status = Status::unobservable;
     report.solution.message = loose_mount(report);

@@ -256,7 +256,8 @@ Verdict verdict(const Report& report) {
   const Solution& solution = report.solution;
   const auto is_cause = [&](const Warning& w) {
     return (solution.status == Status::not_converged && w.id == "not_converged") ||
-           (solution.status == Status::unobservable && w.id == "unobservable");
+           (solution.status == Status::unobservable &&
+            (w.id == "unobservable" || w.id == "few_turns"));
   };
   for (const Warning& w : report.warnings)
     if (is_cause(w)) return {"no", w.text};

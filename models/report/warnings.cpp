@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "../analysis/hand_eye.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -188,6 +189,13 @@ void warn_of_directions(const Report& report, Warnings& out) {
         {sum, "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
   }
   warn("unobservable", "directions are not determined", std::move(directions), out);
+}
+
+/// A flange that did not turn enough, of mounts that are hardly known for that.
+void warn_of_flange(const Report& report, Warnings& out) {
+  if (!report.solution.unobservable.empty() || !has_open_mount(report)) return;
+  const FlangeLack lack = flange_lack(*report.solution.recording);
+  if (!lack.why.empty()) out.push_back({"few_turns", lack.why + ". What to do: " + lack.cure, {}});
 }
 
 void warn_of_chi2(const Report& report, Warnings& out) {
@@ -406,24 +414,64 @@ void warn_of_widths(const Report& report, Warnings& out) {
                    {}});
 }
 
+std::string level_name(const NoiseLevel& level) {
+  return level.of + (level.part.empty() ? "" : " " + level.part);
+}
+
+/// "joint/elbow: 0.0002 rad, stated 0.0001", or that nobody stated it.
+std::string level_text(const Rig& rig, const NoiseLevel& level) {
+  constexpr double kMostTried = 9.99;
+  const std::string value = level_name(level) + text(": %.3g ", level.used) + level.unit;
+  if (level.unstated && rig.joints[level.joint].noise_unknown) return value + ", not stated";
+  if (level.unstated) return value + ", exact in the rig";
+  return value + text(", stated %.3g", level.assumed) +
+         (std::abs(std::log(level.used / level.assumed)) > std::log(kMostTried)
+              ? " (ten times is the most that is tried: state it nearer to what is true)"
+              : "");
+}
+
+/// Two digits without an exponent, which some readers of YAML take for a text.
+std::string plain_digits(double value) {
+  return text("%.*f", std::max(0, 1 - static_cast<int>(std::floor(std::log10(value)))), value);
+}
+
+/// What to write into a rig for the noise of a flange's poses: that of the first of these levels.
+std::string flange_entry(const Rig& rig, const std::vector<NoiseLevel>& levels) {
+  std::string of, sigmas;
+  for (const NoiseLevel& level : levels) {
+    if (level.joint < 0 || !rig.joints[level.joint].noise_unknown) continue;
+    if (!of.empty() && level.of != of) continue;
+    of = level.of;
+    sigmas += (sigmas.empty() ? "" : ", ") + level.part + ": " + plain_digits(level.used);
+  }
+  return "Where the noise of the poses is known, state it: joints: {" +
+         of.substr(of.find('/') + 1) + ": {sigma: {" + sigmas + "}}}";
+}
+
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
 std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
-  std::vector<std::string> levels;
+  const Rig& rig = report.solution.rig();
+  std::vector<NoiseLevel> unstated;
+  std::string all;
   double least = kInfinity, most = 0;
+  bool stated = false;  // one of those that are
   for (const NoiseLevel& level : report.noise_levels) {
     const double factor = level.used / level.assumed;
+    const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
+               unknown = of_poses && std::isfinite(level.seen);
     least = std::min(least, factor);
     most = std::max(most, factor);
-    if (factor == 1) continue;
-    names.push_back(level.of + (level.part.empty() ? "" : " " + level.part));
-    levels.push_back(
-        names.back() + text(": %.3g, stated %.3g ", level.used, level.assumed) + level.unit +
-        (std::abs(std::log(factor)) > std::log(9.99)
-             ? " (ten times is the most that is tried: state it nearer to what is true)"
-             : ""));
+    if (of_poses) unstated.push_back(level);
+    if (factor == 1 && !unknown) continue;
+    stated = stated || !unknown;
+    names.push_back(level_name(level));
+    all += (all.empty() ? "" : "; ") + level_text(rig, level);
   }
-  std::string all;
-  for (const std::string& level : levels) all += (all.empty() ? "" : "; ") + level;
+  if (all.empty()) return "";
+  if (!stated)
+    return "the rig does not state how noisy the robot's poses are, so that was found from the "
+           "data, and the rig of the result has it so: " +
+           all + ". Is that plausible? " + flange_entry(rig, unstated);
   const std::string begin =
       text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
   if (most < 1 && most < 1.001 * least)
@@ -431,17 +479,17 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
            all + "); the rig of the result has them so. The estimates are the same with either";
   return begin +
-         ", and no mistake explains that: sigmas were estimated from the data (joints "
-         "stated exact began with 0.0001), and the rig of the result has them so. Are they "
-         "plausible? " +
-         all + doubted_gears(report);
+         ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
+         "result has them so. Are they plausible? " +
+         all + (unstated.empty() ? "" : ". " + flange_entry(rig, unstated)) + doubted_gears(report);
 }
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;
   std::vector<std::string> sentences, names;
   if (std::isfinite(report.noise_estimated->stated))
-    sentences.push_back(stated_noise_text(report, names));
+    if (std::string stated = stated_noise_text(report, names); !stated.empty())
+      sentences.push_back(std::move(stated));
   if (!report.noise_estimated->converged)
     sentences.push_back("the noise was estimated in " +
                         std::to_string(report.noise_estimated->count) +
@@ -495,15 +543,15 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged",  "unobservable",    "unexplained",     "implausible",
-      "outside_image",  "duplicates",      "few_data",        "undefined",
-      "outlier_sample", "outlier_view",    "outlier_point",   "no_consensus",
-      "chi2",           "joint_error",     "joint_noise",     "noise",
-      "prior",          "sigma",           "minima",          "given_pose",
-      "rescaled",       "no_start",        "ambiguous_start", "moved",
-      "identity",       "unfinished",      "joint_model",     "no_effect",
-      "few_poses",      "repeated",        "last_zero",       "base_frame",
-      "unused_prior",   "undefined_before"};
+      "not_converged", "unobservable",   "few_turns",       "unexplained",
+      "implausible",   "outside_image",  "duplicates",      "few_data",
+      "undefined",     "outlier_sample", "outlier_view",    "outlier_point",
+      "no_consensus",  "chi2",           "joint_error",     "joint_noise",
+      "noise",         "prior",          "sigma",           "minima",
+      "given_pose",    "rescaled",       "no_start",        "ambiguous_start",
+      "moved",         "identity",       "unfinished",      "joint_model",
+      "no_effect",     "few_poses",      "repeated",        "last_zero",
+      "base_frame",    "unused_prior",   "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -536,6 +584,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
   warn_of_directions(report, out);
+  warn_of_flange(report, out);
   warn_of_unfinished(report.residuals.unfinished, out);
   warn_of_chi2(report, out);
   warn_of_unexplained(report, out);

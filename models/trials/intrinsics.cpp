@@ -19,9 +19,7 @@
 namespace kincal {
 namespace {
 
-constexpr int kFewestPoints = 4;                   // of a view: fewer determine no pose
-constexpr double kParallelViews = 10 * kPi / 180;  // all boards within this angle: nearly parallel
-constexpr double kSpoilt = 1.5;  // px; noise beyond it comes of mistakes, not of detection
+constexpr int kFewestPoints = 4;  // of a view: fewer determine no pose
 
 bool has_lens(const Sensor& sensor) {
   return sensor.type == "camera" && find_block(sensor, ParameterKind::intrinsics);
@@ -316,6 +314,9 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
     trial.unusable = why_unusable(solution);
     if (solution.usable()) {
       trial.rms = training_rms(solution, 0);
+      trial.loose =
+          !(looseness(solution["sensor/" + camera.rig.sensors[0].name + "/intrinsics"],
+                      trial.rms / std::sqrt(2), camera.rig.sensors[0].sigma[0]) <= kNotKnown);
       const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
       if (!held_out) return false;
       if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;
@@ -332,9 +333,9 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
   return true;
 }
 
-const LensModel* chosen(const std::vector<LensTrial>& trials) {
+const LensTrial* chosen(const std::vector<LensTrial>& trials) {
   for (const LensTrial& t : trials)
-    if (t.unusable.empty() && t.worse <= t.worse_sigma) return t.model;
+    if (t.unusable.empty() && t.worse <= t.worse_sigma) return &t;
   return nullptr;
 }
 
@@ -345,15 +346,15 @@ std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& c
   const LensModel& given = lens_of(camera.rig.sensors[0]);
   if (options.model == "auto") {
     if (!try_lenses(options, camera, out)) return std::nullopt;
-    out.model = chosen(out.trials);
-    if (!out.model) {
-      out.model = &given;
+    const LensTrial* best = chosen(out.trials);
+    out.model = best && !best->loose ? best->model : &given;
+    if (out.model == &given && (!best || best->loose))
       result.notes.push_back(
           {"model",
-           text("'%s': no lens can be judged by what is held out of %zu samples: it is %s, as "
+           text("'%s': no lens can be judged by what is held out of %zu samples%s: it is %s, as "
                 "in the rig",
-                name.c_str(), camera.samples.size(), given.name.c_str())});
-    }
+                name.c_str(), camera.samples.size(),
+                best ? ", for these do not determine a focal length" : "", given.name.c_str())});
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
   }
@@ -393,53 +394,22 @@ void describe(const Solution& solution, const std::vector<NoiseLevel>& levels,
   out.far = error.grid(out.image, kInfinity);
 }
 
-void add_notes(const Rig& rig, const IntrinsicsGroup& group, const CameraIntrinsics& camera,
-               std::vector<IntrinsicsNote>& notes) {
-  const Sensor& given = rig.sensors[camera.camera];
-  const std::string name = "'" + given.name + "': ";
-  const ParameterEstimate& lens = group.solution["sensor/" + given.name + "/intrinsics"];
-  std::string unknown, loose;
-  for (size_t c = 0; c < lens.sigma.size(); ++c) {
-    if (!std::isfinite(lens.sigma[c]))
-      unknown += (unknown.empty() ? "" : ", ") + lens.components[c];
-    else if (lens.sigma[c] > 0.01 * std::abs(lens.value[0]))
-      loose +=
-          (loose.empty() ? "" : ", ") + lens.components[c] + text(" +- %.3g px", lens.sigma[c]);
-  }
-  const std::string tilted =
-      camera.views < 3 ? text(
-                             "%ld view%s; a flat board tells two of the four intrinsics in each "
-                             "view: show it at least three times, turned differently",
-                             camera.views, camera.views == 1 ? "" : "s")
-      : camera.tilt < kParallelViews
-          ? text(
-                "The boards of all views are parallel within %.2g degrees, so that the focal "
-                "length goes with their distance: tilt the board by 20 to 45 degrees, to all sides",
-                camera.tilt * 180 / kPi)
-          : "Show the board tilted to all sides, near the edges of the image as well";
-  if (!unknown.empty())
-    notes.push_back(
-        {"undetermined", name + "the views do not determine " + unknown + ". " + tilted});
-  if (!loose.empty())
-    notes.push_back({"weak", name + "hardly determined: " + loose + ". " + tilted});
-  if (camera.noise > kSpoilt)
-    notes.push_back({"noise", name + text("corners are off by %.3g px: wrong corners, a board that "
-                                          "is not as the rig has it, or a lens unlike %s",
-                                          camera.noise, camera.model->name.c_str())});
-  long outside = 0;
-  for (const View* view : views_of(group.solution.samples(), camera.sensor))
-    for (size_t i = 0; i + 1 < view->z.size(); i += 2)
-      outside += !(view->z[i] >= -0.5 && view->z[i] <= given.image_width - 0.5 &&
-                   view->z[i + 1] >= -0.5 && view->z[i + 1] <= given.image_height - 0.5);
-  if (given.image_width > 0 && outside > 0)
-    notes.push_back(
-        {"image_size", name + text("%ld of %ld corners lie outside of the image of %d x "
-                                   "%d px that the rig states: correct image_size",
-                                   outside, camera.points, given.image_width, given.image_height)});
-  if (given.image_width <= 0)
-    notes.push_back({"image_size", name + text("the rig has no image_size; %.0f x %.0f px, as far "
-                                               "as corners were seen, is taken for the image",
-                                               camera.image.x(), camera.image.y())});
+/// Adds what is to be said of a camera, and returns what its fit is worth.
+Status judge_camera(const Solution& solution, const CameraIntrinsics& camera, bool mistaken,
+                    std::vector<IntrinsicsNote>& notes) {
+  const FittedLens fit = {solution,     camera.sensor, camera.model->name, camera.image,
+                          camera.views, camera.points, camera.noise,       camera.tilt};
+  const std::vector<IntrinsicsNote> said = lens_notes(fit, mistaken);
+  notes.insert(notes.end(), said.begin(), said.end());
+  if (is_undetermined(fit)) return Status::unobservable;
+  return is_unexplained(fit, camera.stated, mistaken) ? Status::unexplained : Status::converged;
+}
+
+/// Of two statuses that which goes before the other (exit codes 3, 2, 5, 0).
+Status graver(Status a, Status b) {
+  for (const Status status : {Status::not_converged, Status::unobservable, Status::unexplained})
+    if (a == status || b == status) return status;
+  return a;
 }
 
 /// Estimates a group with its noise. Where the views determine so little that the plain fit leads
@@ -520,13 +490,19 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
   Rig together = bench(rig, cameras);
   std::vector<CameraIntrinsics> found(cameras.size());
   std::vector<const LensModel*> lenses;
+  std::vector<char> mistaken(cameras.size());
   for (size_t s = 0; s < cameras.size(); ++s) {
     found[s].camera = cameras[s];
     found[s].sensor = static_cast<int>(s);
     found[s].group = static_cast<int>(result.groups.size());
     OneCamera camera = one_camera(rig, samples, cameras[s]);
+    const std::vector<IntrinsicsNote> wrong = wrong_views(camera.rig, camera.samples, 0);
+    mistaken[s] = !wrong.empty();
+    result.notes.insert(result.notes.end(), wrong.begin(), wrong.end());
+    const size_t said = result.notes.size();
     const std::optional<Sensor> start = find_camera(options, camera, result, found[s]);
     if (!start) return false;
+    if (mistaken[s]) result.notes.resize(said);  // the choice of a lens follows from that
     together.sensors[s].model = start->model;
     together.sensors[s].parameters = start->parameters;
     lenses.push_back(found[s].model);
@@ -539,13 +515,14 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
   if (options.warp && !try_warp(seen, options, *fitted, warp)) return false;
   result.groups.push_back({std::move(fitted->estimate.solution), cameras, warp});
   const IntrinsicsGroup& group = result.groups.back();
-  for (CameraIntrinsics& camera : found) {
+  Status status = fitted->held ? Status::unobservable : group.solution.status;
+  for (size_t s = 0; s < found.size(); ++s) {
+    CameraIntrinsics& camera = found[s];
     describe(group.solution, fitted->estimate.levels, fitted->held_out, camera);
-    add_notes(rig, group, camera, result.notes);
+    status = graver(status, judge_camera(group.solution, camera, mistaken[s], result.notes));
     result.cameras.push_back(std::move(camera));
   }
-  const Status status = fitted->held ? Status::unobservable : group.solution.status;
-  if (status == Status::not_converged || result.status == Status::converged) result.status = status;
+  result.status = graver(result.status, status);
   return true;
 }
 

@@ -10,7 +10,9 @@
 // of lens_models(), on the same folds. A lens is worse than the best by the difference of their
 // root mean squares on what was held out; the standard error of this difference comes from the
 // jackknife over samples, paired, so that what makes a sample hard for both does not widen it. The
-// lens with the fewest numbers that is worse by no more than its standard error is taken.
+// lens with the fewest numbers that is worse by no more than its standard error is taken; where the
+// views do not determine a focal length with that, they cannot tell lenses apart, and the rig's
+// stays.
 //
 // Boards bend. Where it is asked for, the group is fitted once more with the warp of its boards
 // (rig/targets.h) free, which stays if it is better on what was held out by more than the standard
@@ -25,6 +27,7 @@
 #include "../calibration/calibration.h"
 #include "../sensors/sensors.h"
 #include "cross_validation.h"
+#include "intrinsics_notes.h"
 
 namespace kincal {
 
@@ -54,6 +57,7 @@ struct LensTrial {
   std::string unusable;                     // why it cannot be chosen; else empty
   double rms = kNan, held_out = kNan;       // px
   double worse = kNan, worse_sigma = kNan;  // than the best, on what was held out
+  bool loose = false;                       // the focal length is not determined with it
   HeldOutBlocks blocks;
 };
 
@@ -83,11 +87,6 @@ struct IntrinsicsGroup {
   Solution solution;         // its rig has the cameras of the group only
   std::vector<int> cameras;  // of the given rig, by sensor; the first is the reference
   std::optional<WarpTrial> warp;
-};
-
-/// An IntrinsicsNote is something that whoever uses the result should know.
-struct IntrinsicsNote {
-  std::string id, text;
 };
 
 struct IntrinsicsResult {

@@ -6,37 +6,21 @@ well as with hand-made steps, within 10 %.
 """
 import json
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
+
+import helpers
 
 SOURCE, KINCAL, GROUP = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), sys.argv[3]
 DATA = os.environ.get("KINCAL_DATA", os.path.join(SOURCE, "..", "shared", "data"))
 
 
-class Program(unittest.TestCase):
-    def setUp(self):
-        self.dir = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, self.dir)
-
+class Program(helpers.Folder):
     def kincal(self, *args, code=0):
         r = subprocess.run([KINCAL] + list(args), cwd=self.dir, capture_output=True, text=True)
         self.assertEqual(r.returncode, code, r.stdout + r.stderr)
         return r.stdout, r.stderr
-
-    def path(self, name):
-        return os.path.join(self.dir, name)
-
-    def write(self, name, text):
-        with open(self.path(name), "w") as f:
-            f.write(text)
-        return self.path(name)
-
-    def read(self, *names):
-        with open(os.path.join(self.dir, *names)) as f:
-            return f.read()
 
     def without_steps(self, *folders):
         """A data set's rig without `estimate`, its robot's path absolute."""

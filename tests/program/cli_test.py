@@ -1303,6 +1303,13 @@ class Results(Case):
         for name in a:
             self.assertLess(distance(a[name]["origin"], b[name]["origin"]), 1e-12, name)
         self.assertEqual(len(copy.splitlines()), len(text.splitlines()))
+        # a result in doubts is applied, with a word
+        result = json.loads(self.read("out", "result.json"))
+        result.update(chi2=5400, dof=100, verdict={"use": "doubts", "text": "converged, but look here"})
+        os.makedirs(self.path("doubted"))
+        self.write("doubted/result.json", json.dumps(result))
+        run = self.run_kincal("apply", "doubted", "copy.urdf", "--out", "doubted.urdf")
+        self.assertEqual((run.code, run.err), (0, "kincal: warning: doubted/result.json: its verdict is 'doubts' (chi2/dof 54): converged, but look here\n"))
         # the result's directory or its result.json; for the same copy the same numbers (to the last digits: result.json holds quaternions)
         self.assertEqual(self.run_kincal("apply", "out/result.json", "robot.urdf", "--out", "same.urdf").code, 0)
         b = read_joints(self.read("same.urdf"))

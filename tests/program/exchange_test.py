@@ -9,13 +9,15 @@ programs, calibrated, give the pose that they were made with. Not proved: that e
 import json
 import math
 import os
+import re
 import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
 import yaml
+
+import helpers
 
 SOURCE_DIR = KINCAL = None
 
@@ -95,28 +97,14 @@ def from_quat(xyz, q):
     return t
 
 
-class Case(unittest.TestCase):
+class Case(helpers.Folder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
+        super().setUp()
         self.write("arm.urdf", URDF)
         self.write("rig.yaml", RIG)
 
-    def tearDown(self):
-        self.folder.cleanup()
-
-    def path(self, name):
-        return os.path.join(self.folder.name, name)
-
-    def write(self, name, text):
-        with open(self.path(name), "w", encoding="utf-8") as file:
-            file.write(text)
-
-    def read(self, name):
-        with open(self.path(name), encoding="utf-8") as file:
-            return file.read()
-
     def run_kincal(self, *arguments):
-        return subprocess.run([KINCAL, *arguments], cwd=self.folder.name, capture_output=True, text=True, timeout=120)
+        return subprocess.run([KINCAL, *arguments], cwd=self.dir, capture_output=True, text=True, timeout=120)
 
     def good(self, *arguments):
         run = self.run_kincal(*arguments)
@@ -130,6 +118,17 @@ class Case(unittest.TestCase):
         for word in words:
             self.assertIn(word, run.stderr)
         self.assertEqual(run.stderr.count("\n"), 1, run.stderr)
+
+    def check_numbers(self, text):
+        """Whatever looks like a number in the text must be one for yaml.safe_load."""
+        def texts(node):
+            if isinstance(node, dict):
+                return [t for pair in node.items() for part in pair for t in texts(part)]
+            if isinstance(node, list):
+                return [t for part in node for t in texts(part)]
+            return [node] if isinstance(node, str) else []
+        for one in texts(yaml.safe_load(text)):
+            self.assertIsNone(re.fullmatch(r"[-+]?[0-9.]+[eE][-+]?[0-9]+", one), one)
 
     def exported(self, *arguments):
         return self.good("export", "rig.yaml", "--as", *arguments).stdout
@@ -664,7 +663,8 @@ class HandEye(Case):
             tracking = [self.transform(s) for _, s in pairs]
             self.write("two.samples", yaml.safe_dump({"samples": [{"robot": r, "tracking": t} for r, t in zip(robot, tracking)]}))
             self.write("one.yaml", yaml.safe_dump({"samples": {"hand_world_samples": robot, "camera_marker_samples": tracking}}))
-            for name in ("two.samples", "one.yaml"):
+            self.write("list.samples", yaml.safe_dump([{"robot": r, "tracking": t} for r, t in zip(robot, tracking)]))
+            for name in ("two.samples", "one.yaml", "list.samples"):
                 self.good("import", name, "--setup", setup, "--out", setup, "--force")
                 self.check(setup, pairs, in_hand)
 
@@ -680,14 +680,23 @@ class HandEye(Case):
             self.assertEqual(data["parameters"]["eye_on_hand"], in_hand)
             t = data["transformation"]
             np.testing.assert_allclose(from_quat([t["x"], t["y"], t["z"]], [t["qx"], t["qy"], t["qz"], t["qw"]]), truth, atol=1e-6)
+            for name in ("rig.yaml", "changes.yaml"):
+                self.check_numbers(self.read(setup + "_result/" + name))
             result = self.path(setup + "_result/result.json")
+            sure = self.read(result)
+            doubted = json.loads(sure)
+            doubted.update(chi2=5400, dof=100, verdict={"use": "doubts", "text": "converged, but look here"})
+            self.write(result, json.dumps(doubted))
+            said = self.good("export", setup + "_result", "--as", "easy_handeye").stderr
+            self.assertEqual(said, "kincal: warning: %s_result: its verdict is 'doubts' (chi2/dof 54): converged, but look here\n" % setup)
+            self.write(result, sure)
             self.write(result, self.read(result).replace('"status": "converged"', '"status": "not_converged"'))
             self.fails(["export", setup + "_result", "--as", "easy_handeye"], "not_converged", "--force")
             self.good("export", setup + "_result", "--as", "easy_handeye", "--force")
 
     def test_wrong(self):
         self.write("s.yaml", yaml.safe_dump([{"effector_wrt_world": [1] * 16, "object_wrt_sensor": [1] * 16}]))
-        self.fails(["import", "s.yaml", "--out", "x"], "--setup", "eye_in_hand")
+        self.fails(["import", "s.yaml", "--out", "x"], "--setup is missing", "--setup eye_to_hand", "import s.yaml --setup eye_in_hand --out x")
         self.fails(["import", "s.yaml", "--setup", "eye_in_hand"], "--out")
         self.fails(["import", "s.yaml", "--setup", "in_hand", "--out", "x"], "--setup", "eye_to_hand")
         self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml", "effector_wrt_world", "rigid motion")
@@ -697,6 +706,27 @@ class HandEye(Case):
         self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "s.yaml:2: samples[0].robot.rotation", "length 1")
         self.write("s.yaml", "samples: []\n")
         self.fails(["import", "s.yaml", "--setup", "eye_in_hand", "--out", "x"], "no sample")
+
+
+class Numbers(Case):
+    """Readers of YAML 1.1 (PyYAML, ROS) take 4e-04 for a text: it is written 4.0e-04."""
+
+    def test_rigs(self):
+        run = self.good("init", "arm.urdf", "--sensor", "camera:optical:cam", "--intrinsics", "500,500,320,240", "--image-size", "640x480",
+                        "--target", "chessboard:4x5:0.00002@base:board", "--target", "points:0.00003,1e-7,2e20@tool:ball")
+        self.assertIn("2.0e-05", run.stdout)
+        self.check_numbers(run.stdout)
+
+    def test_exports(self):
+        rig = RIG.replace("500.5, 501.25", "4e-4, 5e+20").replace("0.01, -0.02, 0.003, -0.0004", "1e-5, -0.00002, 3e-7, -4e-9").replace("[0, 0.1, 0]", "[0, 0.00001, 2e-5]")
+        self.write("rig.yaml", rig)
+        for arguments in (["camera_info", "--sensor", "left"], ["kalibr", "--sensor", "right"], ["easy_handeye", "--sensor", "right"], ["easy_handeye2", "--sensor", "right"]):
+            text = self.exported(*arguments)
+            self.assertRegex(text, "[0-9]\\.[0-9]+e-")
+            self.check_numbers(text)
+        self.write("lens.yaml", self.exported("camera_info", "--sensor", "right"))
+        self.good("import", "lens.yaml", "--rig", "rig.yaml", "--sensor", "fixed", "--out", "new.yaml")
+        self.check_numbers(self.read("new.yaml").replace("4e-4", "0").replace("5e+20", "0").replace("2e-5]", "0]").replace("1e-5, -0.00002, 3e-7, -4e-9", "0"))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import unittest
 import xml.etree.ElementTree as xml
 
@@ -107,24 +106,7 @@ def apart(a, b):
 POSTURES = [{"j%d" % k: 0.3 * math.sin(i + k) for k in range(1, 7)} for i in range(5)]
 
 
-class Case(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.dir = folder.name
-
-    def path(self, *names):
-        return os.path.join(self.dir, *names)
-
-    def write(self, name, text):
-        with open(self.path(name), "w", encoding="utf-8") as file:
-            file.write(text)
-        return name
-
-    def read(self, *names):
-        with open(self.path(*names), encoding="utf-8") as file:
-            return file.read()
-
+class Case(helpers.Folder):
     def kincal(self, *arguments, code=0):
         p = subprocess.run([KINCAL, *arguments], capture_output=True, text=True, cwd=self.dir)
         if code is not None:

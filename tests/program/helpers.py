@@ -1,9 +1,35 @@
-"""What several tests of the program share: an arm's URDF, and a process that ends with its test."""
+"""What several tests of the program share: a folder of a test's own, an arm's URDF, and a process that ends with its test."""
 
+import os
+import shutil
 import subprocess
+import tempfile
+import unittest
 
 # Origin and axis of the joints of an arm with six axes.
 ARM = [("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"), ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")]
+
+
+class Folder(unittest.TestCase):
+    """A test with a folder of its own, `dir`."""
+
+    def setUp(self):
+        self.dir = tempfile.mkdtemp(prefix="kincal_test_")
+        self.addCleanup(shutil.rmtree, self.dir, ignore_errors=True)
+
+    def path(self, *names):
+        return os.path.join(self.dir, *names)
+
+    def write(self, name, text):
+        """Writes a text (or bytes) and returns the file's path."""
+        os.makedirs(os.path.dirname(self.path(name)), exist_ok=True)
+        with open(self.path(name), "wb") as file:
+            file.write(text if isinstance(text, bytes) else text.encode("utf-8"))
+        return self.path(name)
+
+    def read(self, *names):
+        with open(self.path(*names), encoding="utf-8") as file:
+            return file.read()
 
 
 def revolute(joints, parent, limit):

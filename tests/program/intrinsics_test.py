@@ -8,14 +8,14 @@ with --force; the same input gives the same bytes. It does not prove the statist
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
 import xml.etree.ElementTree
 
 import numpy
+
+import helpers
 
 SOURCE_DIR = KINCAL = None
 URDF = """<robot name="r"><link name="base"/><link name="head"/>
@@ -73,26 +73,12 @@ def samples(count, tilt=0.6, seed=1, cameras=("left", "right"), bent=0):
     return "".join(lines)
 
 
-class Case(unittest.TestCase):
+class Case(helpers.Folder):
     def setUp(self):
-        self.dir = tempfile.mkdtemp(prefix="kincal_intrinsics_")
+        super().setUp()
         self.write("robot.urdf", URDF)
         self.write("rig.yaml", RIG)
         self.write("samples.jsonl", samples(14))
-
-    def tearDown(self):
-        shutil.rmtree(self.dir)
-
-    def path(self, name):
-        return os.path.join(self.dir, name)
-
-    def write(self, name, text):
-        with open(self.path(name), "w", encoding="utf-8") as file:
-            file.write(text)
-
-    def read(self, name):
-        with open(self.path(name), encoding="utf-8") as file:
-            return file.read()
 
     def run_it(self, *arguments, code=0):
         done = subprocess.run([KINCAL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, cwd=self.dir)
@@ -192,6 +178,109 @@ class Bent(Case):
             _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", code=1)
             self.assertIn("targets.board.warp", errors)
             self.assertIn(words, errors)
+
+
+def changed(text, change):
+    """The samples with every view changed; change(sample index, view)."""
+    lines = [json.loads(line) for line in text.splitlines()]
+    for i, line in enumerate(lines):
+        for view in line["views"]:
+            change(i, view)
+    return "".join(json.dumps(line) + "\n" for line in lines)
+
+
+class Mistakes(Case):
+    """Mistakes of users: each is named, with sample and cure."""
+
+    def setUp(self):
+        super().setUp()
+        self.one = "\n".join(line for line in FREE.split("\n") if "right" not in line and "640, 480], sigma: 0.3}" not in line[:60]) + "\n"
+        self.write("rig.yaml", self.one)
+        self.views = samples(14, cameras=("left",))
+        self.write("samples.jsonl", self.views)
+
+    def lens(self, text, code, *more):
+        self.write("samples.jsonl", text)
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet", "--force", *more, code=code)
+        result = json.loads(self.read("lens/intrinsics.json"))
+        return result, errors.replace("\n", " ")
+
+    def test_nothing_wrong(self):
+        result, errors = self.lens(self.views, 0)
+        self.assertEqual((result["warnings"], errors), ([], ""))
+
+    def test_rows_and_columns(self):
+        self.write("rig.yaml", self.one.replace("rows: 6, columns: 9", "rows: 9, columns: 6"))
+        done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
+        self.assertIn(done.returncode, (3, 5))
+        self.assertIn("'left': rows and columns of board 'board' are exchanged", done.stderr.decode())
+        self.assertIn("Exchange targets.board.rows and .columns", done.stderr.decode())
+        self.assertEqual(json.loads(self.read("lens/intrinsics.json"))["warnings"][0]["id"], "rows_columns")
+
+    def test_columns_counted_as_squares(self):
+        self.write("rig.yaml", self.one.replace("rows: 6, columns: 9", "rows: 7, columns: 10"))
+        done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
+        self.assertIn(done.returncode, (3, 5))
+        self.assertIn("are numbered in rows of 9, the rig has 10 in a row", done.stderr.decode())
+
+    def test_one_corner(self):
+        def far(i, view):
+            if i == 3:
+                view["pixels"][10][0] += 25
+        result, errors = self.lens(changed(self.views, far), 0)
+        self.assertIn("corners far off the others: sample 's3' (id %d, " % json.loads(self.views.splitlines()[3])["views"][0]["ids"][10], errors)
+        self.assertEqual([w["id"] for w in result["warnings"]], ["outlier_point"])
+
+    def test_one_view(self):
+        def shifted(i, view):
+            if i == 5:
+                view["pixels"] = [[u + 12 * numpy.sin(v / 50), v] for u, v in view["pixels"]]
+        result, errors = self.lens(changed(self.views, shifted), 0)
+        self.assertIn("1 view does not belong to the others: sample 's5'", errors)
+        self.assertIn("take the views out of the samples", errors)
+
+    def test_views_in_another_order(self):
+        def turned(i, view):
+            if i in (3, 7):
+                at = sorted(range(len(view["ids"])), key=lambda k: (view["ids"][k] % 9, view["ids"][k] // 9))
+                view["pixels"] = [view["pixels"][k] for k in at]
+        result, errors = self.lens(changed(self.views, turned), 5)
+        self.assertIn("corners of sample 's3' and 's7' are not in the order of board 'board'", errors)
+        self.assertEqual(result["status"], "unexplained")
+        self.assertIn("# kincal: status unexplained", self.read("lens/rig.yaml"))
+
+    def test_mirrored(self):
+        def flipped(_, view):
+            view["pixels"] = [[639 - u, v] for u, v in view["pixels"]]
+        result, errors = self.lens(changed(self.views, flipped), 0)
+        self.assertIn("'left': board 'board' is seen from behind in all views, or nearly: the pixels are mirrored", errors)
+        self.assertIn("take 639 - u for u", errors)
+
+    def test_image_size(self):
+        for size, words in (("[480, 640]", "width and height are exchanged? It would be image_size: [640, 480]"),
+                            ("[320, 240]", "correct image_size, or detect in pictures of that size"),
+                            ("[1280, 960]", "were the corners found in smaller pictures?")):
+            self.write("rig.yaml", self.one.replace("[640, 480]", size))
+            _, errors = self.lens(self.views, 0, "--model", "brown_conrady_2")
+            self.assertIn(words, errors)
+
+    def test_one_view_only(self):
+        for model in ("auto", "rig", "brown_conrady_5"):
+            result, errors = self.lens(samples(1, cameras=("left",)), 2, "--model", model)
+            self.assertIn("'left': the views do not determine fx", errors)
+            self.assertIn("show it at least three times", errors)
+        _, errors = self.run_it("export", "lens", "--as", "opencv", code=1)
+        self.assertIn("its status is 'unobservable', not 'converged': 'left': the views do not determine fx", errors)
+        _, errors = self.run_it("export", "lens", "--as", "opencv", "--force")
+        self.assertIn("kincal: warning: lens: 'left': the views do not determine fx", errors)
+
+    def test_parallel_views(self):
+        self.write("rig.yaml", self.one.replace("model: pinhole", "model: brown_conrady, distortion: [0, 0, 0, 0, 0]"))
+        for tilt in (0, 0.03):
+            result, errors = self.lens(samples(14, tilt=tilt, cameras=("left",)), 2)
+            self.assertEqual(result["cameras"]["left"]["lens"], "brown_conrady_5")  # as in the rig
+            self.assertIn("the views do not determine fx", errors)
+            self.assertIn("tilt the board by 20 to 45 degrees", errors)
 
 
 class WrongInput(Case):

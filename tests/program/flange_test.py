@@ -1,0 +1,112 @@
+"""A robot known by the poses of its flange, and what is said of too little motion and of unstated noise: python3 flange_test.py SOURCE_DIR KINCAL [TEST ...]
+
+Makes poses of a flange and what a camera on it reports of a board (poses). Proves: one and two poses, sliding alone and turns about one
+axis are told in the words of hand-eye calibration, with what to record, in the warning and in the verdict; noise that nobody stated is
+called that, with the entry that states it, which kincal reads; a stated one is compared with what is seen. Not proved: the estimates
+(models/calibration/floating_test.cpp).
+"""
+import json
+import os
+import re
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+
+import helpers
+
+SOURCE_DIR = KINCAL = None
+RIG = """format: kincal/1
+robot: {base: base, flange: tool0}
+%s
+targets:
+  board: {type: points, points: [[0, 0, 0]], mount: {link: base}}
+sensors:
+  cam: {type: pose, link: tool0, sigma: {translation: 0.0005, rotation: 0.001}}
+"""
+
+
+def turned(w):
+    angle = np.linalg.norm(w)
+    k = np.cross(np.eye(3), np.array(w) / (angle or 1))
+    return np.eye(3) - np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def motion(xyz, w):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turned(w), xyz
+    return out
+
+
+def pose(m):
+    """xyz and rotation as 'rpy' of Rz Ry Rx."""
+    r = m[:3, :3]
+    rpy = [np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0])]
+    return {"xyz": [float(v) for v in m[:3, 3]], "rpy": [float(v) for v in rpy]}
+
+
+X, Y = motion([0.05, -0.03, 0.09], [0.1, -0.05, 1.2]), motion([0.5, 0.1, 0.02], [0.3, 0.2, 0.4])
+
+
+def samples(count, turns, slides=0.1, noise=3e-4, seed=1):
+    """Poses around one, turned by up to `turns` about x, y, z."""
+    draws = np.random.RandomState(seed)
+    lines = []
+    for i in range(count):
+        flange = motion([0.4, 0, 0.5], [0.2, 0.4, 0.1]) @ motion(draws.uniform(-slides, slides, 3), draws.uniform(-1, 1, 3) * turns)
+        seen = np.linalg.inv(flange @ X) @ Y @ motion(draws.normal(0, 5e-4, 3), draws.normal(0, 1e-3, 3))
+        read = flange @ motion(draws.normal(0, noise, 3), draws.normal(0, noise, 3))
+        lines.append(json.dumps({"id": "s%d" % i, "joints": {"flange": pose(read)}, "views": [{"sensor": "cam", "target": "board", "pose": pose(seen)}]}) + "\n")
+    return "".join(lines)
+
+
+class Flange(helpers.Folder):
+    def calibrate(self, text, code, entry="", rig=None):
+        self.write("rig.yaml", rig or RIG % entry)
+        self.write("samples.jsonl", text)
+        done = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force"], cwd=self.dir, capture_output=True, text=True)
+        self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+        result = json.loads(self.read("out", "result.json"))
+        return result, {w["id"]: w["text"] for w in result["warnings"]}
+
+    def told(self, text, *words):
+        result, _ = self.calibrate(text, 2)
+        said = result["verdict"]["text"]
+        self.assertEqual(result["verdict"]["use"], "no")
+        for word in words:
+            self.assertIn(word, said)
+        self.assertNotIn("flange.d", said)
+
+    def test_few_poses(self):
+        self.told(samples(1, 0.5), "1 pose of the flange ('tool0') is too few", "take at least 3 poses, better 15", "about at least two axes that are not parallel")
+        self.told(samples(2, 0.5), "2 poses of the flange ('tool0') are too few")
+
+    def test_sliding(self):
+        self.told(samples(15, 0), "the flange ('tool0') hardly turned", "turn it about at least two axes that are not parallel")
+
+    def test_one_axis(self):
+        self.told(samples(15, [0, 0, 0.6]), "the flange ('tool0') turned about one axis only", "turn it about at least two axes that are not parallel")
+
+    def test_noise_that_nobody_stated(self):
+        result, said = self.calibrate(samples(20, 1.2, 0.3, noise=5e-4), 0)
+        self.assertIn("the rig does not state how noisy the robot's poses are", said["noise"])
+        self.assertNotIn("stated 0.0003", said["noise"])
+        self.assertNotIn("stated exact", said["noise"])
+        entry = re.search(r"joints: \{flange: \{sigma: \{translation: [^}]*\}\}\}", said["noise"]).group(0)
+        result, said = self.calibrate(samples(20, 1.2, 0.3, noise=5e-4), 0, entry)
+        self.assertNotIn("noise", said)
+
+    def test_noise_stated_too_small(self):
+        _, said = self.calibrate(samples(20, 0.6, noise=1e-3), 0, "joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}")
+        self.assertIn("with the stated sigmas chi2/dof is", said["noise"])
+        self.assertIn("sensor/cam translation: ", said["noise"])
+        self.assertIn(", stated 0.0005", said["noise"])
+        self.assertNotIn("not stated", said["noise"])
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=[sys.argv[0]] + sys.argv[3:])
