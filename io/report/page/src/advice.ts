@@ -58,9 +58,9 @@ export function nextSteps(result: Result): Advice[] {
   };
   const { why, actions } = splitVerdict(result.verdict?.text ?? '');
   known.push(normal(why));
-  for (const finding of result.findings ?? []) add(finding.text, 'explains the data');
+  for (const finding of result.findings ?? []) add(finding.text ?? '', 'explains the data');
   for (const action of actions) if (!/^see also/.test(action) && !/^nothing, for/.test(action)) add(action);
-  for (const weak of result.weak_directions ?? []) add(weak.cure, weakSentence(weak));
+  for (const weak of result.weak_directions ?? []) add(weak.cure ?? '', weakSentence(weak));
   const weak = (result.weak_directions ?? []).length > 0, found = (result.findings ?? []).length > 0;
   for (const warning of result.warnings ?? []) {
     // What findings and weak directions have said better.
@@ -69,8 +69,8 @@ export function nextSteps(result: Result): Advice[] {
     const small = warning.id === 'chi2' && (chi2PerDof(result) ?? 1) < 1 && !warning.names?.length;
     const cure = small ? 'State the noise that is seen (--estimate-noise): the errors are smaller than stated, and so are the true uncertainties.'
       : cures[warning.id];
-    if (cure) add(cure, splitVerdict(warning.text).why);
-    else add(warning.text);
+    if (cure) add(cure, splitVerdict(warning.text ?? '').why);
+    else add(warning.text ?? '');
   }
   const validation = result.validation ?? {};
   if (result.verdict?.use !== 'no' && !validation.test && !validation.cross_validation)
@@ -81,8 +81,8 @@ export function nextSteps(result: Result): Advice[] {
 }
 
 export function weakSentence(weak: WeakDirection): string {
-  const first = Object.keys(weak.parameters)[0] ?? '';
-  return weak.sigma === null ? `${plainName(first)} is not determined by the data`
+  const first = Object.keys(weak.parameters ?? {})[0] ?? '';
+  return weak.sigma === null || weak.sigma === undefined ? `${plainName(first)} is not determined by the data`
     : `${plainName(first)} is known to ± ${size(weak.sigma, weak.unit)} only`;
 }
 

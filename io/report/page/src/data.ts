@@ -18,7 +18,7 @@ export interface Step {
   unused?: string[]; held_out?: string[];
 }
 export interface Parameter {
-  unit: string[]; initial: number[]; value: number[]; sigma: Maybe[]; step?: string;
+  unit?: string[]; initial?: number[]; value?: number[]; sigma?: Maybe[]; step?: string;
   pose?: { xyz: number[]; quat: number[] };
 }
 export interface Group {
@@ -69,11 +69,13 @@ export interface Link {
   name: string; parent: number; joint: string; type: string; axis: number[]; before: Pose7; after: Pose7;
   limits?: [number, number] | null;
   mimic?: { joint: string; multiplier: number; offset: number };
+  /** Gear [before, after]: position = scale * reading; absent: 1. */
+  scale?: [number, number];
   boxes?: { pose: Pose7; size: number[] }[];
 }
 export interface SceneSensor {
   name: string; type: string; link: number; before: Pose7 | null; after: Pose7 | null;
-  image_size?: [number, number] | null; intrinsics?: number[] | null; baseline?: Maybe; covariance?: number[];
+  image_size?: [number, number] | null; intrinsics?: number[] | null; baseline?: unknown; covariance?: number[];
 }
 export interface SceneTarget {
   name: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
@@ -91,6 +93,7 @@ export interface Result {
   prior_decides?: { parameter: string; unit: string; prior: number; sigma: Maybe }[];
   correlations?: { a: string; b: string; correlation: number }[];
   rejected?: { sample: string; sensor?: string; target?: string; ids?: number[]; reason: string }[];
+  restarts?: { count: number; failed?: number; not_converged?: number; minima?: { cost: number; chi2: number; count: number }[] };
   leverage?: Leverage[]; warnings?: Warning[]; findings?: Finding[]; scene?: Scene;
 }
 
@@ -103,8 +106,10 @@ export interface Samples {
 }
 export interface Report {
   version: number; title?: string; result?: Result; names?: { sensors: string[]; targets: string[] };
-  samples?: Samples; residuals?: Columns | null; loops?: Columns | null;
-  covariance?: { names: string[]; sigma: Maybe[]; correlation: Maybe[][] } | null;
+  samples?: Samples; residuals?: Columns | null;
+  /** `every`: only every so-manieth sample's points are here. */
+  loops?: (Omit<Columns, 'every'> & { every?: number }) | null;
+  covariance?: { names?: string[]; sigma?: Maybe[]; correlation?: Maybe[][] } | null;
 }
 
 export interface OverviewSensor { unit: string; before: Maybe; after: Maybe; from: string }
@@ -180,13 +185,15 @@ export interface Context {
 
 export function context(report: Report): Context {
   const result = report.result ?? {};
+  const sensors = report.names?.sensors ?? Object.keys(result.sensors ?? {});
+  const whole = (columns: Columns | null | undefined, needed: string[]) =>
+    table(columns && needed.every((name) => columns[name]) ? columns : null);
   return {
-    report, result,
-    sensors: report.names?.sensors ?? Object.keys(result.sensors ?? {}),
+    report, result, sensors,
     targets: report.names?.targets ?? [],
-    samples: report.samples ?? { id: [] },
-    residuals: table(report.residuals),
-    loops: table(report.loops),
+    samples: { ...report.samples, id: report.samples?.id ?? [] },
+    residuals: whole(report.residuals, ['sample', 'sensor', 'x', 'y', 'whitened']),
+    loops: whole(report.loops as Columns, ['sample', 'from', 'to', 'x', 'y']),
   };
 }
 
@@ -219,16 +226,16 @@ export function judged(result: Result): BeforeAfter[] {
     const train = errors.train;
     if (errors.test && errors.test.points > 0)
       return {
-        sensor, unit: errors.unit, points: errors.test.points, before: errors.test.rms_before,
+        sensor, unit: errors.unit ?? '', points: errors.test.points, before: errors.test.rms_before,
         after: errors.test.rms_as_read, interval: test?.rms_as_read_95, source: 'test', beforeSource: 'test',
       };
     if (cross && cross.points > 0)
       return {
-        sensor, unit: errors.unit, points: cross.points, before: train?.rms_before ?? null, after: cross.rms_as_read,
+        sensor, unit: errors.unit ?? '', points: cross.points, before: train?.rms_before ?? null, after: cross.rms_as_read,
         interval: cross.rms_as_read_95, source: 'cross_validation', beforeSource: 'train',
       };
     return {
-      sensor, unit: errors.unit, points: train?.points ?? 0, before: train?.rms_before ?? null,
+      sensor, unit: errors.unit ?? '', points: train?.points ?? 0, before: train?.rms_before ?? null,
       after: train?.rms_as_read ?? null, source: 'train', beforeSource: 'train',
     };
   });
@@ -257,8 +264,8 @@ export function componentNames(parameter: string, size: number): string[] {
 
 export function components(result: Result): Component[] {
   return Object.entries(result.parameters ?? {}).flatMap(([parameter, p]) =>
-    componentNames(parameter, p.value.length).map((name, i) => ({
-      name, parameter, unit: p.unit[i] ?? '', initial: p.initial[i] ?? 0, value: p.value[i], sigma: p.sigma?.[i] ?? null,
+    componentNames(parameter, p.value?.length ?? 0).map((name, i) => ({
+      name, parameter, unit: p.unit?.[i] ?? '', initial: p.initial?.[i] ?? 0, value: p.value![i], sigma: p.sigma?.[i] ?? null,
       step: p.step ?? '',
     })));
 }

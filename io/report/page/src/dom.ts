@@ -75,7 +75,16 @@ export function section(id: string, title: string, how: string, body: (host: HTM
   const host = h('div', { class: 'body', style: `min-height:${height}px` });
   const element = h('section', { id, 'aria-labelledby': `${id}-title` },
     h('h2', { id: `${id}-title` }, title), h('p', { class: 'how' }, how), host);
-  lazily(host, () => { host.style.minHeight = ''; body(host); }, margin);
+  lazily(host, () => {
+    host.style.minHeight = '';
+    // What one section cannot show may not take the others away.
+    try {
+      body(host);
+    } catch (error) {
+      console.error(error);
+      host.append(missing(`This section cannot be drawn: ${error instanceof Error ? error.message : error}.`));
+    }
+  }, margin);
   return { id, title, element };
 }
 export function missing(text: string): HTMLElement {

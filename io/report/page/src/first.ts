@@ -19,7 +19,7 @@ export function masthead(context: Context, buttons: Child[]): HTMLElement {
     result.kincal ? `kincal ${result.kincal}` : null,
   ].filter((fact) => fact !== null);
   return h('header', { class: 'masthead' },
-    h('div', {}, h('h1', {}, `Calibration of ${report.title ?? 'a robot'}`), h('p', { class: 'facts' }, facts.join(' · '))),
+    h('div', {}, h('h1', {}, `Calibration of ${report.title || 'a robot'}`), h('p', { class: 'facts' }, facts.join(' · '))),
     h('div', { class: 'buttons' }, ...buttons));
 }
 

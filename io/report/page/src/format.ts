@@ -22,10 +22,10 @@ export function digits(x: Maybe | undefined, significant = 3): string {
 export interface Unit { factor: number; name: string }
 
 /** The unit that a quantity is shown in: mm for m, mrad for rad. */
-export function shown(unit: string): Unit {
+export function shown(unit: string | undefined): Unit {
   if (unit === 'm') return { factor: 1000, name: 'mm' };
   if (unit === 'rad') return { factor: 1000, name: 'mrad' };
-  return { factor: 1, name: unit };
+  return { factor: 1, name: unit ?? '' };
 }
 
 /** Number and unit: "1.2 mm". */
@@ -67,6 +67,7 @@ export function seconds(s: number | undefined): string {
 /** A time as given (ISO text, or seconds since 1970) to the minute, in UTC: the same on every machine. */
 export function time(t: string | number | undefined): string {
   if (t === undefined || t === null || t === '') return none;
+  if (typeof t === 'string' && /^\d{4}-\d\d-\d\d$/.test(t)) return t;
   const date = new Date(typeof t === 'number' ? t * 1000 : t);
   if (Number.isNaN(date.getTime())) return String(t);
   return `${date.toISOString().slice(0, 16).replace('T', ' ')} UTC`;

@@ -9,7 +9,7 @@ import { overviewSections } from './overview';
 import { byJointSection, jointsSection, loopsSection, sampleText, samplesSection, sensorsSection } from './residuals';
 import { sceneSection } from './scene';
 import { choose, chosenSample, isDark, onChoice, onTheme, setTheme } from './state';
-import { errorsSection, groupsSection, influenceSection, licencesSection, originSection, stepsSection, validationSection, weakSection } from './tables';
+import { errorsSection, groupsSection, influenceSection, licencesSection, noiseSection, originSection, stepsSection, validationSection, weakSection } from './tables';
 
 function buttons(): HTMLElement[] {
   const theme = h('button', { type: 'button', id: 'theme', click: () => setTheme(isDark() ? 'light' : 'dark') });
@@ -87,7 +87,7 @@ function lay(head: HTMLElement, sections: Section[], strip: HTMLElement | null):
 
 function reportSections(of: Context): Section[] {
   return [errorsSection(of), validationSection(of), sceneSection(of), loopsSection(of), weakSection(of), sigmasSection(of), changesSection(of),
-    groupsSection(of), samplesSection(of), sensorsSection(of), jointsSection(of), byJointSection(of), coverageSection(of), influenceSection(of),
+    groupsSection(of), samplesSection(of), sensorsSection(of), jointsSection(of), byJointSection(of), coverageSection(of), influenceSection(of), noiseSection(of),
     correlationSection(of), stepsSection(of), originSection(of), licencesSection()].filter((s): s is Section => s !== null);
 }
 
@@ -110,7 +110,7 @@ function start(): void {
     return;
   }
   const of = context(data);
-  document.title = `Calibration of ${data.title ?? 'a robot'}`;
+  document.title = `Calibration of ${data.title || 'a robot'}`;
   const head = h('div', {}, masthead(of, buttons()), firstScreen(of));
   lay(head, reportSections(of), of.samples.id.length ? sampleStrip(of) : null);
 }

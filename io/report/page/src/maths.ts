@@ -101,10 +101,12 @@ export function magnified(after: Pose7, before: Pose7, k: number): Pose7 {
   return [0, 1, 2].map((i) => after[i] + k * (before[i] - after[i])).concat(q);
 }
 
-/** Pose of every link in the base link's frame. Positions are readings by joint name (those missing: 0). */
-export function linkPoses(links: Link[], base: number, position: (joint: string) => number,
+/** Pose of every link in the base link's frame. `reading` by joint name (those missing: 0). */
+export function linkPoses(links: Link[], base: number, reading: (joint: string) => number,
                           which: 'before' | 'after'): Pose7[] {
   const world: Pose7[] = [];
+  const scales = new Map(links.flatMap((l) => (l.scale ? [[l.joint, l.scale[which === 'before' ? 0 : 1]] as const] : [])));
+  const position = (joint: string) => (scales.get(joint) ?? 1) * reading(joint);
   for (const link of links) {
     const q = link.mimic ? link.mimic.multiplier * position(link.mimic.joint) + link.mimic.offset : position(link.joint);
     const turns = link.type === 'revolute' || link.type === 'continuous';

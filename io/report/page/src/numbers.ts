@@ -130,7 +130,7 @@ export function correlationSection(context: Context): Section {
     'Correlations of the estimated numbers: blue together, orange against each other, pale independent. Strong ones between numbers that are known well are no harm, if both are used together; between numbers known badly they say what one could hold.',
     (host) => {
       const covariance = context.report.covariance;
-      if (!covariance?.names.length) return void host.append(missing('The correlations are not in this file.'));
+      if (!covariance?.names?.length || !covariance.correlation) return void host.append(missing('The correlations are not in this file.'));
       const { names, correlation } = covariance;
       const pairs = strongest(correlation, 40);
       const csv = () => [['', ...names], ...names.map((name, i) => [name, ...(correlation[i] ?? []).map((r) => (r === null ? null : r / 1000))])];

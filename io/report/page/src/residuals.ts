@@ -104,7 +104,9 @@ export function loopsSection(context: Context): Section {
         return place;
       }));
       add(cards.slice(0, 6));
-      host.append(h('h3', {}, 'Point by point, the largest errors first'), grid);
+      const every = Number(context.report.loops?.every ?? 1);
+      host.append(h('h3', {}, 'Point by point, the largest errors first'),
+        every > 1 ? h('p', { class: 'small' }, `Points of every ${every === 2 ? 'second' : `${every}th`} sample; the RMS is of all. All points stand in loops.csv.`) : '', grid);
       if (cards.length > 6) {
         const more = h('button', { type: 'button', class: 'more', click: () => { more.remove(); add(cards.slice(6)); } }, `Show all ${cards.length} pairs`);
         host.append(more);

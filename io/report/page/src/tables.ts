@@ -90,7 +90,7 @@ export function validationSection(context: Context): Section | null {
           { title: 'Limit', cell: (row) => quantity(row.limit, row.unit), numeric: true },
           { title: 'Measured', cell: (row) => quantity(row.measured, row.unit), numeric: true },
           { title: 'Met', cell: (row) => (row.met ? '✓ yes' : '✕ no') },
-          { title: 'On', cell: (row) => row.from.replace('_', ' ') },
+          { title: 'On', cell: (row) => (row.from ?? none).replace('_', ' ') },
         ], { caption: 'Tolerances.', file: 'tolerances' }));
       if (validation.baselines)
         host.append(dataTable(validation.baselines.rows, [
@@ -189,10 +189,16 @@ export function stepsSection(context: Context): Section {
       const steps = context.result.steps ?? [];
       if (!steps.length) return void host.append(missing('The result has no steps.'));
       costPlot(host, context);
+      const restarts = context.result.restarts;
+      if (restarts) host.append(dataTable(restarts.minima ?? [], [
+        { title: 'Cost', cell: (row) => digits(row.cost, 5), value: (row) => row.cost, numeric: true },
+        { title: 'chi²', cell: (row) => digits(row.chi2, 5), value: (row) => row.chi2, numeric: true },
+        { title: 'Restarts that ended there', cell: (row) => row.count, numeric: true },
+      ], { caption: `${restarts.count} restarts from other values; the first line is this result. ${restarts.failed ?? 0} failed.`, file: 'restarts' }));
       const total = steps.reduce((sum, step) => sum + (step.seconds ?? 0), 0);
       host.append(dataTable(steps, [
         { title: 'Step', cell: (row) => row.step },
-        { title: 'Ended', cell: (row) => row.status.replace('_', ' ') },
+        { title: 'Ended', cell: (row) => (row.status ?? none).replace('_', ' ') },
         { title: 'Iterations', cell: (row) => row.iterations, numeric: true },
         { title: 'chi² at the start', cell: (row) => digits(row.chi2_initial), value: (row) => row.chi2_initial, numeric: true },
         { title: 'chi² at the end', cell: (row) => digits(row.chi2), value: (row) => row.chi2, numeric: true },
@@ -202,6 +208,27 @@ export function stepsSection(context: Context): Section {
         { title: 'Share of time', cell: (row) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
           svg('rect', { x: 0, y: 1, width: total ? (100 * (row.seconds ?? 0)) / total : 0, height: 8 })), drawing: true },
       ], { caption: `Steps of the fit; ${seconds(total)} of solving in all.`, file: 'steps' }));
+    });
+}
+
+export function noiseSection(context: Context): Section | null {
+  const levels = (context.result.noise_levels ?? []).filter((level) => level.of);
+  if (!levels.length) return null;
+  return section('noise', 'Noise: stated and seen',
+    'What the rig states of each sensor and joint, and what the residuals say. Seen well above stated: it is noisier, or the model lacks something of it (a lens, backlash, a bent link). Well below: state less, and the sigmas shrink.',
+    (host) => {
+      const name = (l: (typeof levels)[0]) => l.of.replace(/^(sensor|joint)\//, '') + (l.part ? `, ${l.part}` : '');
+      const ratio = (l: (typeof levels)[0]) => (l.seen === null || l.seen === undefined || !l.assumed ? NaN : l.seen / l.assumed);
+      const x = (v: number) => 70 + Math.max(-1, Math.min(1, Math.log10(v))) * 64;
+      host.append(dataTable(levels, [
+        { title: 'Sensor or joint', cell: name },
+        { title: 'Stated', cell: (l) => quantity(l.assumed, l.unit), value: (l) => l.assumed, numeric: true },
+        { title: 'Seen', cell: (l) => (l.seen === null ? 'cannot be told' : quantity(l.seen, l.unit)), value: (l) => l.seen, numeric: true },
+        { title: '±', cell: (l) => (l.uncertainty ? `${digits(100 * l.uncertainty, 2)} %` : none), value: (l) => l.uncertainty, numeric: true },
+        { title: 'Seen / stated', cell: (l) => digits(ratio(l), 2), value: ratio, numeric: true },
+        { title: '0.1 … 1 … 10', cell: (l) => svg('svg', { viewBox: '0 0 140 14', class: 'dumbbell', 'aria-hidden': 'true' },
+          svg('line', { x1: 70, x2: 70, y1: 0, y2: 14 }), Number.isNaN(ratio(l)) ? null : svg('circle', { cx: x(ratio(l)), cy: 7, r: 4.5, class: 'after' })), drawing: true },
+      ], { caption: 'Standard deviations.', file: 'noise', most: 12 }));
     });
 }
 
@@ -242,7 +269,7 @@ function markRow(index: Map<string, number>) {
 export function originSection(context: Context): Section {
   const { result } = context;
   const rows: [string, string][] = [
-    ['Robot', context.report.title ?? none], ['Serial number', result.serial ?? 'not given'],
+    ['Robot', context.report.title || none], ['Serial number', result.serial ?? 'not given'],
     ['Date', time(result.time ?? result.input?.date)], ['Program', result.kincal ? `kincal ${result.kincal}` : none],
     ['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'not told'}"`],
     ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)],

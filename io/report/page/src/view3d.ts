@@ -71,7 +71,7 @@ function chainLinks(scene: Scene): Set<number> {
 }
 
 const distance = (a: Pose7, b: Pose7) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
-interface Body { after: Pose7; before: Pose7 }
+interface Body { after: Pose7; before: Pose7; open?: boolean }
 
 /** The pose of everything at a sample's readings. Without a sample: the first one. */
 function poses(options: Options, sample: number) {
@@ -83,7 +83,7 @@ function poses(options: Options, sample: number) {
   const mounted = (s: { link: number; before: Pose7 | null; after: Pose7 | null }): Body | null => {
     if (s.link < 0 || !s.after) return null;
     const b = compose(before[s.link], s.before ?? s.after);
-    return { after: compose(after[s.link], s.after), before: b };
+    return { after: compose(after[s.link], s.after), before: b, open: !s.before };     // open: the rig did not say where
   };
   return {
     links: after.map((pose, i): Body => ({ after: pose, before: before[i] })),
@@ -222,7 +222,7 @@ export function create(host: HTMLElement, options: Options): View3d {
       at(solid, body.after);
       at(ghost, magnified(body.after, body.before, k));
       world.links.add(solid);
-      world.before.add(ghost);
+      if (!body.open) world.before.add(ghost);
       world.axes.add(axes(body.after, size));
       seat(sensor.name, body.after);
       ellipsoid(sensor.covariance, body.after);
@@ -234,7 +234,7 @@ export function create(host: HTMLElement, options: Options): View3d {
       const solid = lines(drawn, materials.target);
       at(solid, body.after);
       world.links.add(solid);
-      if (target.link >= 0) {
+      if (target.link >= 0 && !body.open) {
         const ghost = lines(drawn, materials.before);
         at(ghost, magnified(body.after, body.before, k));
         world.before.add(ghost);

@@ -196,6 +196,7 @@ if (missing) {
     const less = structuredClone(data);
     if (!path.length) for (const key of Object.keys(less)) { if (key !== 'version' && key !== 'overview') delete less[key]; }
     else delete path.slice(0, -1).reduce((o, key) => o[key], less)[path.at(-1)];
+    if (!path.includes('scene') && less.result) delete less.result.scene;              // the 3-D view takes its time
     writeFileSync(copy, `${head}<script type="application/json" id="data">${JSON.stringify(less).replace(/</g, '\\u003c')}</script>${tail}`);
     const before = errors.length;
     await page.goto(pathToFileURL(copy).href);

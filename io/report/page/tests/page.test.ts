@@ -38,6 +38,7 @@ describe('text', () => {
     expect(list(['a', 'b', 'c', 'd', 'e'], 2)).toBe('a, b and 3 more');
     expect(time('2026-01-02T03:04:05Z')).toBe('2026-01-02 03:04 UTC');
     expect(time('last week')).toBe('last week');
+    expect(time('2026-03-01')).toBe('2026-03-01');
   });
 });
 
@@ -79,6 +80,8 @@ describe('mathematics', () => {
     const position = (joint: string) => ({ j: Math.PI / 2, k: 0.5 })[joint] ?? 0;
     near(linkPoses(links, 0, position, 'after')[3], [1, 1.5, 0.1, 0, 0, 0, 1]);
     near(linkPoses(links, 1, position, 'before')[0].slice(0, 3), [0, 1, 0]);
+    links[2].scale = [1, 2];                              // a gear: position = scale * reading
+    near(linkPoses(links, 0, position, 'after')[3].slice(0, 3), [1, 2, 0.1]);
   });
   test('eigenvectors give the matrix again', () => {
     const m = [4, 1, 0.5, 3, -0.2, 2];
@@ -157,6 +160,7 @@ describe('data', () => {
     expect([...t.rowsOf(7)]).toEqual([]);
     expect(Number.isNaN(t.column('x')[1]) && Number.isNaN(t.column('z')[0])).toBe(true);
     expect(table(null).length).toBe(0);
+    expect(context({ version: 1, residuals: { sample: [0], x: [1] } }).residuals.length).toBe(0);
   });
   test('residuals by sensor and sample, against the stated noise', () => {
     const report: Report = {
