@@ -189,7 +189,7 @@ void note_undetermined(const FittedLens& fit, std::vector<IntrinsicsNote>& out) 
     const double sigma = share * lens.sigma[c], focal = std::abs(lens.value[0]);
     if (!std::isfinite(sigma))
       unknown += (unknown.empty() ? "" : ", ") + lens.components[c];
-    else if (sigma > kHardlyKnown * focal || undetermined)
+    else if (sigma > kHardlyKnown * focal || (undetermined && fit.views < 2))
       loose +=
           (loose.empty() ? "" : ", ") + lens.components[c] + text(" +- %.3g px", lens.sigma[c]);
   }

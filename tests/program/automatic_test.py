@@ -81,6 +81,17 @@ class Init(Program):
     def init(self, *args, code=0):
         return self.kincal("init", "arm.urdf", *args, code=code)
 
+    def test_marks_of_a_board(self):
+        """The dictionary of a board, or the family of its tags, is said with it, or guessed; a name stays a name."""
+        self.write("one.urdf", '<robot name="r"><link name="base"/></robot>')
+        for target, words in (("charuco:6x8:0.03:0.0225:DICT_4X4_50@base:b1", ("  b1:", "dictionary: DICT_4X4_50    # only")),
+                              ("charuco:6x8:0.03:0.0225:DICT_5X5_100:b2", ("  b2:", "dictionary: DICT_5X5_100")),
+                              ("charuco:6x8:0.03:0.0225:b3", ("  b3:", "dictionary: DICT_6X6_250    # GUESS")),
+                              ("apriltag_grid:4x5:0.03:0.3:tag25h9@base", ("  board:", "family: tag25h9"))):
+            text = self.kincal("init", "one.urdf", "--sensor", "camera:base", "--image-size", "640x480", "--target", target)[0]
+            for word in words:
+                self.assertIn(word, text)
+
     def test_every_type_is_read_again(self):
         for number, args in enumerate([
                 ["--sensor", "camera:tool", "--image-size", "640x480", "--target", "chessboard:8x11:0.01@base"],
