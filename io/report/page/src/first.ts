@@ -104,9 +104,9 @@ function weakCard(result: Result): HTMLElement {
   const least = leastKnown(result);
   const title = h('h2', {}, 'Weakest direction');
   if (weak) {
-    const names = Object.keys(weak.parameters);
+    const names = Object.keys(weak.parameters ?? {});
     return h('div', { class: 'card' }, title,
-      h('p', { class: 'figure' }, weak.sigma === null ? h('b', {}, 'not determined')
+      h('p', { class: 'figure' }, weak.sigma === null || weak.sigma === undefined ? h('b', {}, 'not determined')
         : h('b', {}, `± ${size(weak.sigma, weak.unit)}`)),
       h('p', { title: names[0] }, plainName(names[0] ?? ''),
         names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),

@@ -123,7 +123,7 @@ export function weakSection(context: Context): Section {
       if (!weak.length)
         return void host.append(missing('No weak direction: everything that was estimated is known to better than 1 cm, 1° or 1 %, or a prior decides it.'));
       host.append(h('div', { class: 'weak' }, ...weak.map((w) => {
-        const parts = Object.entries(w.parameters).slice(0, 10);
+        const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
         const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
         return h('article', { class: 'card' },
           h('h3', {}, weakSentence(w)),
