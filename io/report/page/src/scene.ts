@@ -47,7 +47,8 @@ export function sceneSection(context: Context): Section {
         return h('label', {}, input, label);
       };
       controls.append(slider('Difference', 100, view.start.difference, view.difference));
-      if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, view.start.uncertainty, view.uncertainty));
+      if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, view.start.uncertainty, view.uncertainty),
+        box('uncertainty', true, (on) => view.show('ellipsoids', on)));
       controls.append(box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
         box('axes', false, (on) => view.show('axes', on)));
       if (scene.links.some((l) => l.boxes?.length)) controls.append(box('bodies', true, (on) => view.show('bodies', on)));

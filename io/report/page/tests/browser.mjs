@@ -112,8 +112,7 @@ if (overview) {
       return d.some((v, i) => i % 4 === 3 && v);
     }).length);
     check(await until(async () => (await marked()) >= 2), `and in ${await marked()} plots of its sensor`);
-    await page.locator('h1').first().click();
-    await page.keyboard.press('ArrowRight');
+    await button.press('ArrowRight');
     check((await page.locator('.strip select').evaluate((s) => s.selectedIndex)) === ((chosen + 1) % data.samples.id.length) + 1, 'the arrow key goes to the next sample');
     await reach('samples');
     const canvas = page.locator('#samples .canvas').first();
@@ -159,6 +158,7 @@ await page.emulateMedia({ media: 'print' });
 await page.evaluate(() => dispatchEvent(new Event('beforeprint')));
 await page.waitForTimeout(500);
 check((await page.evaluate(() => [...document.querySelectorAll('.body')].filter((b) => !b.childElementCount).length)) === 0, 'everything is drawn for print');
+check((await page.locator('.table').evaluateAll((all) => all.filter((t) => !t.querySelector('.more').hidden && Number(/\d+/.exec(t.querySelector('.more').textContent)[0]) <= 200).length)) === 0, 'with whole tables');
 if (shots) {
   mkdirSync(shots, { recursive: true });
   await page.pdf({ path: `${shots}/print.pdf`, format: 'A4' });
