@@ -59,7 +59,8 @@ export function nextSteps(result: Result): Advice[] {
   const { why, actions } = splitVerdict(result.verdict?.text ?? '');
   known.push(normal(why));
   for (const finding of result.findings ?? []) add(finding.text ?? '', 'explains the data');
-  for (const action of actions) if (!/^see also/.test(action) && !/^nothing, for/.test(action)) add(action);
+  for (const action of actions) if (!/^see also/.test(action) && !/^nothing, for/.test(action)
+    && !/numbers? (are|is) as the rig has/.test(action)) add(action);
   for (const weak of result.weak_directions ?? []) add(weak.cure ?? '', weakSentence(weak));
   const weak = (result.weak_directions ?? []).length > 0, found = (result.findings ?? []).length > 0;
   for (const warning of result.warnings ?? []) {
@@ -100,6 +101,12 @@ export function leastKnown(result: Result): Component | undefined {
   return candidates.reduce<Component | undefined>((worst, c) => (!worst || rank(c) > rank(worst) ? c : worst), undefined);
 }
 
+/** Numbers that are known to no better than 1 cm, 1 degree, 1 % or 1 px, or not at all. */
+export function badlyKnown(result: Result): Component[] {
+  return components(result).filter((c) => c.sigma !== 0 && !/\/(distortion|intrinsics)\./.test(c.name)
+    && (c.sigma === null || weakness(c.sigma, c.unit) > 1));
+}
+
 /** What was held, and why: one line a reason. */
 export interface HeldLine { text: string; names: string[] }
 export function heldLines(result: Result): HeldLine[] {
@@ -117,7 +124,8 @@ export function heldLines(result: Result): HeldLine[] {
     if (zero.length) lines.push({ text: `${plural(zero.length, 'component')} of what was freed: the last step held them`, names: zero });
     const unused = [...new Set((result.steps ?? []).flatMap((step) => step.unused ?? []))];
     if (unused.length) lines.push({ text: `${plural(unused.length, 'name')} freed in vain: no measurement depends on them`, names: unused });
-    lines.push({ text: 'Everything else that no step of the rig frees: it counts as exact', names: [] });
+    lines.push({ text: lines.length ? 'Everything else that no step of the rig frees: it counts as exact'
+      : 'Everything that no step of the rig frees: it counts as exact', names: [] });
   }
   return lines;
 }

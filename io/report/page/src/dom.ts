@@ -62,7 +62,9 @@ export function lazily(element: Element, draw: () => void, margin = '300px'): vo
   waiting.set(element, draw);
   observer.observe(element);
 }
+let onPaper = false;                                         // tables that are made for print are whole at once
 export function drawAll(): void {
+  onPaper = true;
   while (waiting.size) for (const element of [...waiting.keys()]) drawNow(element);
 }
 
@@ -119,7 +121,8 @@ function compare(a: unknown, b: unknown): number {
 /** A table that sorts by a click on a heading, shows the first rows and all on demand, and gives its CSV. */
 export function dataTable<R>(rows: R[], columns: Column<R>[], options: TableOptions<R>): HTMLElement {
   const most = options.most ?? 25;
-  let all = rows.length <= most + 3;
+  const whole = rows.length <= 200;                          // on paper: longer ones would fill a book
+  let all = rows.length <= most + 3 || (onPaper && whole);
   let order = rows;
   let by = -1, down = true;
   const body = h('tbody');
@@ -159,7 +162,7 @@ export function dataTable<R>(rows: R[], columns: Column<R>[], options: TableOpti
   draw();
   const kept = columns.filter((column) => !column.drawing);
   const everything = () => [kept.map((c) => c.title), ...order.map((row) => kept.map((c) => value(c, row)))] as Rows;
-  addEventListener('beforeprint', () => { if (!all && rows.length <= 200) { all = true; draw(); } });
+  addEventListener('beforeprint', () => { if (!all && whole) { all = true; draw(); } });
   return h('div', { class: 'table' },
     h('div', { class: 'scroll', tabindex: 0, role: 'region', 'aria-label': options.caption },
       h('table', {}, h('caption', {}, options.caption), h('thead', {}, h('tr', {}, ...headings)), body)),

@@ -1,5 +1,5 @@
 // The first screen: the verdict, the three figures that matter, what to do next, what was held.
-import { capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
+import { badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
@@ -104,9 +104,9 @@ function weakCard(result: Result): HTMLElement {
   const least = leastKnown(result);
   const title = h('h2', {}, 'Weakest direction');
   if (weak) {
-    const names = Object.keys(weak.parameters);
+    const names = Object.keys(weak.parameters ?? {});
     return h('div', { class: 'card' }, title,
-      h('p', { class: 'figure' }, weak.sigma === null ? h('b', {}, 'not determined')
+      h('p', { class: 'figure' }, weak.sigma === null || weak.sigma === undefined ? h('b', {}, 'not determined')
         : h('b', {}, `± ${size(weak.sigma, weak.unit)}`)),
       h('p', { title: names[0] }, plainName(names[0] ?? ''),
         names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),
@@ -118,8 +118,8 @@ function weakCard(result: Result): HTMLElement {
     h('p', { class: 'figure' }, h('b', {}, least.sigma === null ? 'not determined' : `± ${size(least.sigma, least.unit)}`)),
     h('p', { title: least.name }, plainName(least.name)),
     h('p', { class: 'small' }, least.sigma === null ? 'The data do not tell this number. '
-      : result.status === 'converged' ? 'The number known worst (one standard deviation). No direction is weak: all are known to 1 cm, 1° or 1 %, or a prior says them. '
-      : 'The number known worst (one standard deviation). ', h('a', { href: '#changes' }, 'All numbers')));
+      : badlyKnown(result).length ? `The number known worst (one standard deviation); ${plural(badlyKnown(result).length, 'number')} known to no better than 1 cm, 1° or 1 %. `
+      : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')));
 }
 
 export function firstScreen(context: Context): HTMLElement {

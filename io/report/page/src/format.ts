@@ -80,7 +80,8 @@ export function list(names: string[], most = 4): string {
   return `${names.slice(0, most).join(', ')} and ${names.length - most} more`;
 }
 
-export function plural(n: number, word: string, words = `${word}s`): string {
+export function plural(n: number | undefined, word: string, words = `${word}s`): string {
+  if (n === undefined) return `${none} ${words}`;
   return `${n.toLocaleString('en-US')} ${n === 1 ? word : words}`;
 }
 

@@ -52,7 +52,7 @@ function sampleStrip(of: Context): HTMLElement {
   });
   addEventListener('keydown', (event) => {
     const at = event.target as HTMLElement;
-    if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA|CANVAS)$/.test(at.tagName) || at.closest?.('.scroll')) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA|CANVAS)$/.test(at.tagName) || at.classList?.contains('scroll')) return;
     if (event.key === 'ArrowRight') step(1);
     else if (event.key === 'ArrowLeft') step(-1);
     else if (event.key === 'Escape') choose(-1, false);

@@ -40,15 +40,15 @@ export function sceneSection(context: Context): Section {
           type: 'range', min: 0, max: 100, value: (100 * Math.log10(start)) / Math.log10(most), 'aria-label': label,
           input: () => { const v = Math.round(most ** (Number(input.value) / 100)); shown.textContent = `× ${v}`; set(v); },
         });
-        set(start);
         return h('label', {}, label, input, shown);
       };
       const box = (label: string, checked: boolean, set: (on: boolean) => void) => {
         const input = h('input', { type: 'checkbox', checked, change: () => set(input.checked) });
         return h('label', {}, input, label);
       };
-      controls.append(slider('Difference', 100, 10, view.difference));
-      if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, 30, view.uncertainty));
+      controls.append(slider('Difference', 100, view.start.difference, view.difference));
+      if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, view.start.uncertainty, view.uncertainty),
+        box('uncertainty', true, (on) => view.show('ellipsoids', on)));
       controls.append(box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
         box('axes', false, (on) => view.show('axes', on)));
       if (scene.links.some((l) => l.boxes?.length)) controls.append(box('bodies', true, (on) => view.show('bodies', on)));

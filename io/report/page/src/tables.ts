@@ -2,7 +2,7 @@
 import { chi2PerDof, components, type Context, type SensorErrors } from './data';
 import { dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
-import { weakSentence } from './advice';
+import { badlyKnown, weakSentence } from './advice';
 import { lineFigure, logAxis } from './lines';
 import { choose } from './state';
 
@@ -121,9 +121,11 @@ export function weakSection(context: Context): Section {
     (host) => {
       const weak = context.result.weak_directions ?? [];
       if (!weak.length)
-        return void host.append(missing('No weak direction: everything that was estimated is known to better than 1 cm, 1° or 1 %, or a prior decides it.'));
+        return void host.append(missing(badlyKnown(context.result).length
+          ? 'The data leave no direction open by themselves; the numbers known to no better than 1 cm, 1° or 1 % stand first in the next section.'
+          : 'No weak direction: everything that was estimated is known to better than 1 cm, 1° or 1 %.'));
       host.append(h('div', { class: 'weak' }, ...weak.map((w) => {
-        const parts = Object.entries(w.parameters).slice(0, 10);
+        const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
         const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
         return h('article', { class: 'card' },
           h('h3', {}, weakSentence(w)),
@@ -152,7 +154,7 @@ export function groupsSection(context: Context): Section | null {
       { title: 'Determined by the data', cell: (row) => digits(row.gamma === null ? null : Math.max(0, row.gamma), 2), value: (row) => row.gamma, numeric: true },
       { title: 'Usual error', cell: (row) => quantity(row.start, row.unit), value: (row) => row.start, numeric: true },
       { title: 'Width found', cell: (row) => quantity(row.width, row.unit), value: (row) => row.width, numeric: true },
-      { title: 'Evidence', cell: (row) => digits(row.gain), value: (row) => row.gain, numeric: true, hint: 'Log of the ratio of probabilities' },
+      { title: 'Evidence', cell: (row) => digits(row.gain !== null && Math.abs(row.gain) < 0.005 ? 0 : row.gain), value: (row) => row.gain, numeric: true, hint: 'Log of the ratio of probabilities' },
     ], { caption: 'Groups of numbers that could be wrong.', file: 'groups' })));
 }
 

@@ -13,8 +13,10 @@ import type { Theme } from './state';
 export interface Options {
   scene: Scene; samples: Samples; colours: Theme; sample: number; choose: (sample: number) => void;
 }
-export type Part = 'before' | 'names' | 'axes' | 'bodies';
+export type Part = 'before' | 'names' | 'axes' | 'bodies' | 'ellipsoids';
 export interface View3d {
+  /** Factors at which the largest difference and the largest uncertainty are well seen, and not larger than the robot. */
+  start: { difference: number; uncertainty: number };
   choose(sample: number): void;
   difference(k: number): void;
   uncertainty(k: number): void;
@@ -368,10 +370,19 @@ export function create(host: HTMLElement, options: Options): View3d {
   canvas.addEventListener('webglcontextrestored', render);
 
   reach = Math.max(0.1, new Box3().setFromPoints(places3d()).getSize(new Vector3()).length());
+  const most = (values: number[]) => Math.max(1e-9, ...values.filter(Number.isFinite));
+  const now = poses(options, sample);
+  const moved = most([...now.sensors, ...now.targets, ...now.links.filter((_, i) => kept.has(i))].map((b) => (b ? distance(b.after, b.before) : 0)));
+  const sigma = most([...scene.sensors, ...scene.targets].map((s) => (s.covariance ? Math.sqrt(Math.max(0, eigen3(s.covariance).values[0])) : 0)));
+  const factor = (size: number, share: number, limit: number) => Math.min(limit, Math.max(1, Math.round((share * reach) / size)));
+  const start = { difference: factor(moved, 0.1, 100), uncertainty: factor(sigma, 0.05, 1000) };
+  k = start.difference;
+  sigmas = start.uncertainty;
   paint(options.colours);
   resize();
   home();
   return {
+    start,
     choose: (s) => { sample = s; build(); },
     difference: (value) => { k = value; build(); },
     uncertainty: (value) => { sigmas = value; build(); },

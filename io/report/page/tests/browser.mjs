@@ -49,10 +49,16 @@ const digits = (x) => page.evaluate((v) => {
   return (s >= 100 ? Math.round(v).toString() : Number(v.toPrecision(3)).toFixed(Math.max(0, 2 - Math.floor(Math.log10(Number(s.toPrecision(3))) + 1e-12)))).replace('-', '−');
 }, x);
 
+/** Waits until something holds (a loaded machine draws late); says at last whether it does. */
+async function until(holds, most = 10000) {
+  for (const end = Date.now() + most; Date.now() < end; await page.waitForTimeout(60)) if (await holds()) return true;
+  return holds();
+}
+
 async function reach(id) {
   await page.locator(`#${id}`).scrollIntoViewIfNeeded();
   await page.evaluate((i) => document.getElementById(i).scrollIntoView(), id);
-  await page.waitForTimeout(250);
+  await until(() => page.locator(`#${id} .body > *`).count());
 }
 
 if (overview) {
@@ -95,20 +101,18 @@ if (overview) {
     const chosen = Number(await button.getAttribute('data-sample'));
     await button.click();
     check((await page.locator('.strip select').evaluate((s) => s.selectedIndex)) === chosen + 1, 'a click on a row chooses its sample');
-    check((await ink('#samples canvas.over')) > 0, 'it is marked in the plot');
+    check(await until(async () => (await ink('#samples canvas.over')) > 0), 'it is marked in the plot');
     const before = await page.locator('#samples tbody tr').first().locator('td').first().evaluate((td) => getComputedStyle(td).backgroundColor);
     check(before !== 'rgba(0, 0, 0, 0)', 'and in the table');
     const sensor = data.residuals.sensor[data.residuals.sample.indexOf(chosen)];
     const holder = page.locator('#residuals .sensor', { has: page.locator('h3').getByText(data.names.sensors[sensor], { exact: true }) });
     await holder.scrollIntoViewIfNeeded();
-    await page.waitForTimeout(600);
-    const marks = await holder.locator('canvas.over').evaluateAll((all) => all.filter((c) => {
+    const marked = () => holder.locator('canvas.over').evaluateAll((all) => all.filter((c) => {
       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
       return d.some((v, i) => i % 4 === 3 && v);
     }).length);
-    check(marks >= 2, `and in ${marks} plots of its sensor`);
-    await page.locator('h1').first().click();
-    await page.keyboard.press('ArrowRight');
+    check(await until(async () => (await marked()) >= 2), `and in ${await marked()} plots of its sensor`);
+    await button.press('ArrowRight');
     check((await page.locator('.strip select').evaluate((s) => s.selectedIndex)) === ((chosen + 1) % data.samples.id.length) + 1, 'the arrow key goes to the next sample');
     await reach('samples');
     const canvas = page.locator('#samples .canvas').first();
@@ -121,7 +125,7 @@ if (overview) {
   }
   if (result.scene?.links?.length) {
     await reach('robot');
-    await page.waitForTimeout(1200);
+    await page.waitForTimeout(1000);
     const view = page.locator('.view3d canvas');
     const one = await view.screenshot();
     const box = await view.boundingBox();
@@ -129,8 +133,8 @@ if (overview) {
     await page.mouse.down();
     await page.mouse.move(box.x + 420, box.y + 230, { steps: 4 });
     await page.mouse.up();
-    await page.waitForTimeout(700);
-    const two = await view.screenshot();
+    let two = one;
+    await until(async () => !(two = await view.screenshot()).equals(one), 5000);
     const many = await view.evaluate((c) => {
       const copy = document.createElement('canvas');
       copy.width = c.width; copy.height = c.height;
@@ -154,6 +158,7 @@ await page.emulateMedia({ media: 'print' });
 await page.evaluate(() => dispatchEvent(new Event('beforeprint')));
 await page.waitForTimeout(500);
 check((await page.evaluate(() => [...document.querySelectorAll('.body')].filter((b) => !b.childElementCount).length)) === 0, 'everything is drawn for print');
+check((await page.locator('.table').evaluateAll((all) => all.filter((t) => !t.querySelector('.more').hidden && Number(/\d+/.exec(t.querySelector('.more').textContent)[0]) <= 200).length)) === 0, 'with whole tables');
 if (shots) {
   mkdirSync(shots, { recursive: true });
   await page.pdf({ path: `${shots}/print.pdf`, format: 'A4' });

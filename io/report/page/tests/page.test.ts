@@ -1,7 +1,7 @@
 // Proves the functions that the page is made of: numbers and names as text, statistics, rigid motions and kinematics,
 // what is told first, the order of an overview. Does not prove what a browser draws: tests/browser.mjs does.
 import { describe, expect, test } from 'vitest';
-import { fitWord, heldLines, leastKnown, nextSteps, splitVerdict } from '../src/advice';
+import { badlyKnown, fitWord, heldLines, leastKnown, nextSteps, splitVerdict } from '../src/advice';
 import { componentNames, components, context, judged, table, type Link, type Report, type Result } from '../src/data';
 import { pooled } from '../src/first';
 import { csv, digits, list, plainName, quantity, size, time } from '../src/format';
@@ -124,6 +124,15 @@ describe('what is told first', () => {
     const p = (sigma: number | null, unit: string) => ({ unit: [unit], initial: [0], value: [0], sigma: [sigma] });
     expect(leastKnown({ parameters: { 'joint/a/offset': p(0.001, 'rad'), 'sensor/b/baseline': p(0.002, 'm') } })!.name).toBe('sensor/b/baseline');
     expect(leastKnown({ parameters: { 'joint/a/offset': p(null, 'rad'), 'sensor/b/baseline': p(0.002, 'm') } })!.name).toBe('joint/a/offset');
+  });
+  test('what is known badly is counted, held numbers and lens coefficients are not', () => {
+    const p = (sigma: number | null, unit: string) => ({ unit: [unit], initial: [0], value: [0], sigma: [sigma] });
+    const parameters = { 'joint/a/offset': p(0.05, 'rad'), 'joint/b/offset': p(0.001, 'rad'), 'joint/c/offset': p(0, 'rad'), 'target/t/square': p(null, 'm') };
+    expect(badlyKnown({ parameters }).map((c) => c.name)).toEqual(['joint/a/offset', 'target/t/square']);
+  });
+  test('what only tells of held numbers is nothing to do', () => {
+    const text = 'converged, but a. What to do: record more varied postures; 36 numbers are as the rig has them, for the data do not tell';
+    expect(nextSteps({ verdict: { use: 'doubts', text }, validation: { test: {} } }).map((s) => s.text)).toEqual(['Record more varied postures']);
   });
   test('held numbers are counted by reason', () => {
     const held = [{ parameter: 'a', reason: 'no_gain', sigma: 0, text: '' }, { parameter: 'b', reason: 'undetermined', sigma: 0, text: '' }];
