@@ -17,8 +17,8 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
       ->type_name("NAME");
   command
       .add_option("--joints", a.joints,
-                  "of images without samples: joint readings, CSV with a header (image or time, "
-                  "then joints) or JSON lines")
+                  "of images without samples: joint readings, a table with a header (image or "
+                  "time, and joints) or JSON lines")
       ->type_name("FILE");
   command
       .add_option("--pose-format", a.pose_format,

@@ -188,9 +188,17 @@ std::string path_for(const std::string& image, const std::string& out) {
   return fs::absolute(image).lexically_normal().lexically_relative(folder).string();
 }
 
+std::vector<std::string> joints_with_readings(const RigFile& rig) {
+  std::vector<std::string> out;
+  for (const Joint& joint : rig.rig.tree.joints)
+    if (joint.has_reading()) out.push_back(joint.name);
+  return out;
+}
+
 std::vector<Json> parse_lines(const std::string& path) {
   std::istringstream in(read_file(path));
   std::vector<Json> samples;
+  std::map<std::string, int> lines;  // of ids
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
@@ -200,6 +208,12 @@ std::vector<Json> parse_lines(const std::string& path) {
       throw InputError(where +
                        ": a sample is expected: {\"id\": ..., \"joints\": {...}, "
                        "\"views\": [...]}");
+    if (!sample.contains("id") || !sample["id"].is_string())
+      throw InputError(where + ": id: a text is expected, as in {\"id\": \"posture_7\", ...}");
+    const auto id = lines.emplace(sample["id"].get<std::string>(), number);
+    if (!id.second)
+      throw InputError(where + ": id '" + id.first->first + "' is that of line " +
+                       std::to_string(id.first->second) + " already; each sample needs its own");
     for (const Json& view : sample["views"])
       for (const char* key : {"sensor", "target", "image"})
         if (!view.is_object() || (view.contains(key) ? !view[key].is_string() : *key != 'i'))
@@ -252,7 +266,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
   const std::vector<JointRow> rows =
       options.joints.empty() ? std::vector<JointRow>()
       : options.pose_format.empty()
-          ? read_joint_table(options.joints)
+          ? read_joint_table(options.joints, joints_with_readings(rig))
           : read_flange_table(options.joints, options.pose_format, options.unit);
   ImageTargets targets;
   add_targets(rig, "", targets);
@@ -260,6 +274,8 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
   std::vector<Json> samples;
   std::vector<ImageTask> tasks;
   std::vector<std::string> without;
+  std::map<std::string, int> stems;
+  for (const std::string& image : images) ++stems[fs::path(image).stem().string()];
   for (const std::string& image : images) {
     Json joints = Json::object();
     if (!rows.empty()) {
@@ -279,7 +295,9 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
       views.push_back(
           {{"sensor", sensor.name}, {"target", name}, {"image", path_for(image, options.out)}});
     }
-    samples.push_back({{"id", fs::path(image).stem().string()}, {"joints", joints}});
+    const fs::path name(image);  // a.png and a.jpg are two samples
+    const bool own = stems[name.stem().string()] == 1;
+    samples.push_back({{"id", (own ? name.stem() : name.filename()).string()}, {"joints", joints}});
     samples.back()["views"] = views;
     tasks.push_back(std::move(task));
   }

@@ -11,16 +11,19 @@
 namespace kincal {
 
 struct JointRow {
-  std::string image;  // file name without folders, or its stem; "": by time only
+  std::string image;  // path with / between folders, file name or its stem; "": by time only
+  std::string where;  // path:line
   std::optional<double> time;
   std::map<std::string, double> joints;
   std::map<std::string, Pose> poses;  // of floating joints
 };
 
-/// Reads a CSV with a header (columns `image`, `file`, `id` or `time`; all others are joints) or
-/// JSON lines ({"image" or "id" or "time", "joints": {...}}, a pose as {"xyz", "quat"}).
-/// @throws InputError
-std::vector<JointRow> read_joint_table(const std::string& path);
+/// Reads a table with a header (columns `image`, `file`, `filename`, `id` or `time`, and joints;
+/// other columns may have text, which is left out), with commas, semicolons or tabs between cells,
+/// or JSON lines ({"image" or "id" or "time", "joints": {...}}, a pose as {"xyz", "quat"}).
+/// `joints`: those of the robot, of which a table must have one. @throws InputError
+std::vector<JointRow> read_joint_table(const std::string& path,
+                                       const std::vector<std::string>& joints);
 
 /// Reads a table of the flange's poses (exchange/poses.h) as readings of the joint `flange`.
 /// @throws InputError
@@ -29,6 +32,9 @@ std::vector<JointRow> read_flange_table(const std::string& path, const std::stri
 
 /// Returns the row of an image: that of its name, else that nearest in time, if the name of the
 /// image is a time (seconds, or nanoseconds as ROS writes them) and the row is within `tolerance`.
+/// A name in the table may have folders, which then decide, no ending or another one, and other
+/// case; the nearest such name counts. @throws InputError where rows of one image contradict
+/// each other.
 const JointRow* row_of_image(const std::vector<JointRow>& rows, const std::string& image,
                              double tolerance);
 

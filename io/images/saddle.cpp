@@ -92,14 +92,19 @@ cv::Matx22d covariance(const std::vector<Seen>& seen, cv::Size size) {
 }  // namespace
 
 bool refine(const cv::Mat& image, Saddle& saddle) {
+  const cv::Point2d at = saddle.pixel;
+  const double room =
+      std::min(std::min(at.x, at.y), std::min(image.cols - 1 - at.x, image.rows - 1 - at.y));
+  const double most = std::min(kMost, room - 1);  // nothing is known beyond the rim of the image
+  if (most < 3) return false;
   Window window;
   window.units = saddle.sides.inv();
   cv::Vec2d half;
   double thin = 1e9;
   for (int k = 0; k < 2; ++k) {
     const double side = cv::norm(saddle.sides.col(k));
-    window.reach[k] = std::min(saddle.reach, kMost / side);
-    window.strip[k] = std::min(saddle.strip, kMost / side);
+    window.reach[k] = std::min(saddle.reach, most / side);
+    window.strip[k] = std::min(saddle.strip, most / side);
     thin = std::min(thin, window.strip[k] * side);
     half += window.reach[k] * cv::Vec2d(std::abs(saddle.sides(0, k)), std::abs(saddle.sides(1, k)));
   }
@@ -139,9 +144,9 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
   for (Saddle& one : saddles) {
     const double across = std::abs(cv::determinant(one.sides)) /
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
-    const double blurs = one.strip * across / std::hypot(out.blur, kSmooth);
-    if (blurs < 1.5 || !refine(image, one)) continue;
-    const double beside = 0.5 * std::exp(-2 * blurs);  // px: what is next to the strip does
+    const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
+    if (blurs < 1.4 || !refine(image, one)) continue;
+    const double beside = 0.12 * std::exp(-1.4 * blurs);  // px: what is next to the strip does
     squares += std::pow(out.noise * one.sigma, 2) + kFloor * kFloor + beside * beside;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);

@@ -157,6 +157,79 @@ class Detect(Case):
         self.detect("rig.yaml", "in.jsonl", "--out", "kept.jsonl", "--sigma")
         self.assertEqual(self.samples("kept.jsonl")[0]["views"][0]["sigma"], 0.5)
 
+    def test_tables_as_people_write_them(self):
+        """Separators, comments, folders, other endings and other case."""
+        want = {"a1": 0.5, "a10": 0.75}
+        for text in ("image;j;comment\r\nC:\\shots\\a1.jpg;0.5;first; \r\n".replace("; \r", "\r") + "a10.pgm;0.75;\r\n", "File\tj\tnote\nshots/a1.pgm\t0.5\tgood\na10.PGM\t0.75\tbad\n",
+                     "\ufeffid,operator,j\nA1,me,0.5\na10,me,0.75\n", "id,image,j\nposture 1,a1.pgm,0.5\nposture 2,a10,0.75\n",
+                     "image,j\na1.png,0.5\na10.pgm,0.75\na1.png,0.5\n"):
+            self.write("joints.csv", text.encode())
+            self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
+            self.assertEqual({s["id"]: s["joints"]["j"] for s in self.samples()}, want, text)
+        self.write("joints.csv", b"image,j\nleft/a1.pgm,1\nimages/a1.pgm,2\n")    # folders decide
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
+        self.assertEqual(self.samples()[0]["joints"], {"j": 2})
+        for text, words in (("image,j\na1.pgm,0.5\na1.pgm,0.6\n", ("joints.csv:3", "images/a1.pgm", "joints.csv:2")),
+                            ("image;j\na1.pgm;0,5\n", ("joints.csv:2: j", "0.25", "'0,5'")),
+                            ("image,j\na1.pgm,\n", ("joints.csv:2: j", "''")),
+                            ("image,j\na1.pgm,1,2\n", ("joints.csv:2: 3 cells, the header has 2",)),
+                            ("a1.pgm,0.5\na2.pgm,0.6\n", ("joints.csv:1", "`image`")),
+                            ("image,joint\na1.pgm,0.5\n", ("joints.csv:1", "the robot has: j")),
+                            ("time,j\nnoon,0.5\n", ("joints.csv:2: time", "'noon'")),
+                            ("\n", ("joints.csv", "no joint readings"))):
+            self.write("joints.csv", text.encode())
+            self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
+            for word in words:
+                self.assertIn(word, self.err, text)
+        self.assertFalse(os.path.exists(os.path.join(self.dir, "wrong.jsonl")))
+
+    def test_tables_of_poses_that_are_wrong(self):
+        self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())
+        head = "image,x,y,z,qx,qy,qz,qw\n"
+        for text, arguments, words in ((head + "a1.pgm,0.1,0.2,0.3,0,0,1\n", ["xyzw"], ("poses.csv:2: 7 cells",)),
+                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0.5,0.5\n", ["xyzw"], ("poses.csv:2", "length 1", "0.707")),
+                                       (head + "a1.pgm,0.1,far,0.3,0,0,0,1\n", ["xyzw"], ("poses.csv:2: y", "'far'")),
+                                       ("a1.pgm,0.1,0.2,0.3,0,0\n", ["xyzw"], ("poses.csv:1", "needs 7 numbers")),
+                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\n", ["xyz_quat"], ("--pose-format", "valid: xyzw")),
+                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\n", ["xyzw", "--unit", "cm"], ("--unit", "'mm'")),
+                                       ("image,x,y,z,rx,ry,rz\na1.pgm,0.1,0.2,0.3,90,0,0\n", ["rotvec"], ("poses.csv:2: rx", "90", "rad")),
+                                       ("x,y,z,qx,qy,qz,qw\n0.1,0.2,0.3,0,0,0,1\n", ["xyzw"], ("`image`", "`time`")),
+                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\na1.pgm,0.1,0.2,0.4,0,0,0,1\n", ["xyzw"], ("pose 2", "images/a1.pgm"))):
+            self.write("poses.csv", text.encode())
+            self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "poses.csv", "--pose-format", *arguments, code=1)
+            for word in words:
+                self.assertIn(word, self.err, text)
+        self.write("joints.csv", b"image,x,y\na1.pgm,1,2\n")
+        self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
+        self.assertIn("--pose-format", self.err)
+
+    def test_ids_are_unique(self):
+        os.rename(os.path.join(self.dir, "images", "a2.pgm"), os.path.join(self.dir, "images", "a1.PGM"))
+        self.detect("rig.yaml", "images", "--out", "out.jsonl")
+        self.assertEqual(sorted(s["id"] for s in self.samples()), ["a1.PGM", "a1.pgm", "a10"])
+        view = {"sensor": "eye", "target": "board", "image": "images/a1.pgm"}
+        for ids, words in (((1, 2), "in.jsonl:1: id"), (("x", "x"), "in.jsonl:2: id 'x' is that of line 1 already")):
+            self.write("in.jsonl", "".join(json.dumps({"id": i, "joints": {}, "views": [view]}) + "\n" for i in ids).encode())
+            self.detect("rig.yaml", "in.jsonl", "--out", "wrong.jsonl", code=1)
+            self.assertIn(words, self.err)
+
+    def test_images_are_found_again_from_another_folder(self):
+        self.write("joints.csv", b"image,j\na1.pgm,0.5\na10.pgm,0.75\n")
+        os.makedirs(os.path.join(self.dir, "results", "today"))
+        self.detect("rig.yaml", "images", "--out", "results/today/out.jsonl", "--joints", "joints.csv")
+        one = self.samples("results/today/out.jsonl")
+        self.assertEqual(one[0]["views"][0]["image"], "../../images/a1.pgm")
+        for s in one:
+            s["views"] = [{k: v for k, v in s["views"][0].items() if k not in ("pixels", "ids")}]
+        self.write("results/today/again.jsonl", "".join(json.dumps(s) + "\n" for s in one).encode())
+        for folder, rig, name, out in ((".", "rig.yaml", "results/today/again.jsonl", "found.jsonl"),
+                                       ("results", "../rig.yaml", "today/again.jsonl", "../found2.jsonl"), ("results/today", "../../rig.yaml", "again.jsonl", "found3.jsonl")):
+            p = subprocess.run([KINCAL, "detect", rig, name, "--out", out], cwd=os.path.join(self.dir, folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            self.assertIn("2 of 2 views found", p.stdout.decode())
+        self.assertEqual(self.samples("found2.jsonl")[0]["views"][0]["image"], "images/a1.pgm")
+        p = subprocess.run([KINCAL, "calibrate", "../rig.yaml", "today/out.jsonl", "--dry-run"], cwd=os.path.join(self.dir, "results"), stdout=subprocess.PIPE)
+        self.assertEqual(p.returncode, 0)
+
     def test_readings_by_time(self):
         for name, new in (("a1", "12.50"), ("a2", "1700000000250000000"), ("a10", "99")):
             os.rename(os.path.join(self.dir, "images", name + ".pgm"), os.path.join(self.dir, "images", new + ".pgm"))
@@ -191,11 +264,17 @@ class Detect(Case):
         self.write("images/small.pgm", pgm(picture(0.1, 60, 60)[:200]))
         self.write("images/grey.pgm", pgm(numpy.full((300, 400), 128)))
         self.write("images/deep.pgm", pgm(picture(*self.truth["a1"]), bits=16))
+        os.mkdir(os.path.join(self.dir, "images", "folder.png"))
+        blurred = picture(*self.truth["a1"])
+        for axis in (0, 1):     # so far that nothing is left of the squares
+            for _ in range(12):
+                blurred = sum(numpy.roll(blurred, k, axis) for k in range(-7, 8)) / 15
+        self.write("images/blurred.pgm", pgm(numpy.round(blurred)))
         self.detect("rig.yaml", "images", "--out", "out.jsonl", "--quiet")
         self.assertEqual([s["id"] for s in self.samples()], ["a1", "a2", "a10", "deep"])
         self.right(self.samples()[3]["views"][0]["pixels"], "a1")
         for words in ("empty.pgm: UNUSABLE: the image is empty", "broken.png: UNUSABLE", "small.pgm: UNUSABLE: the image has 400 x 200 pixels, the rig's image_size is 400 x 300",
-                      "grey.pgm: board: NOT FOUND", "4 of 8 views found, 3 images not usable; 4 samples"):
+                      "grey.pgm: board: NOT FOUND", "blurred.pgm: board: NOT FOUND", "4 of 9 views found, 3 images not usable; 4 samples"):
             self.assertIn(words, self.out)
         self.detect("rig.yaml", "images/grey.pgm", "--out", "none.jsonl", code=1)
         self.assertFalse(os.path.exists(os.path.join(self.dir, "none.jsonl")))
