@@ -259,7 +259,6 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
     if (block < 0 || freed.parameter[block]) continue;
     const std::vector<double> given = *intrinsics_of(rig.sensors[camera.first]);
     Hypothesis h = about(rig, "resolution", {camera.first});
-    h.many = true;
     h.free = {table.all[block].component_name(2), table.all[block].component_name(3)};
     h.undo = [](Rig&, std::vector<Sample>&) {};
     h.told = [given, name = h.where[0]](const std::vector<double>& found) {

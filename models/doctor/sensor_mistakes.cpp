@@ -233,7 +233,6 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
     h.undo = [](Rig&, std::vector<Sample>&) {};
     if (baseline > 0) {
       h.free = {table.all[parameter].name};
-      h.many = true;
       h.told = [baseline, camera = sensor.name](const std::vector<double>& found) {
         const double times = found[0] / baseline;
         const std::string mistake =
