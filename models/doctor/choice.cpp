@@ -114,11 +114,10 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
   const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
   std::vector<std::pair<double, size_t>> order;
   double least = kInfinity;
-  bool explained = false;  // the many of some kinds are not tried where all is clear already
+  bool explained = false;
   for (size_t i = first; i < end; ++i) {
     context.report(static_cast<int>(i - first), static_cast<int>(end - first));
-    const std::string& id = candidates[i].id;
-    if (explained && (id == "wrong-link" || id == "shifted")) continue;
+    if (explained && candidates[i].many) continue;
     const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : 20 * least};
     const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
     const double shrinks = candidates[i].shrinks * candidates[i].shrinks;
@@ -291,10 +290,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
   std::vector<std::pair<double, size_t>> order;
   for (size_t i = 0; i < all.size(); ++i) {
     context.report(static_cast<int>(i), static_cast<int>(all.size()));
-    const std::string& id = all[i].id;
-    if (all[i].shrinks < 1 || all[i].told || all[i].ignored_joint >= 0 || id == "shifted" ||
-        id == "wrong-link")
-      continue;
+    if (all[i].many || all[i].shrinks < 1 || all[i].told || all[i].ignored_joint >= 0) continue;
     const Trial t = try_hypothesis(some, bearing, all[i], now, {10, 1e-2});
     if (const double typical = t.fit.typical(); std::isfinite(typical))
       order.push_back({typical, i});

@@ -146,6 +146,7 @@ bool keeps_views(const Rig& rig, const std::vector<Sample>& samples, const Readi
 Hypothesis shifted(int by, const std::string& what, const std::string& cure) {
   Hypothesis h;
   h.id = "shifted";
+  h.many = true;
   h.mistake = what + (by > 0 ? " belong to the joint readings of the sample after it"
                              : " belong to the joint readings of the sample before it");
   h.cure = cure;
@@ -506,6 +507,7 @@ void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
         continue;
       Hypothesis h;
       h.id = "wrong-link";
+      h.many = true;
       for (int s : seat.sensors) h.where.push_back(rig.sensors[s].name);
       if (seat.target >= 0) h.where.push_back(rig.targets[seat.target].name);
       const std::string& name = rig.tree.links[link];

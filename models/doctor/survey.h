@@ -26,7 +26,8 @@ struct Hypothesis {
   std::vector<std::string> free;  // parameters that are free besides
   bool new_poses =
       false;  // freed poses mean something else now: their values are to be found in closed form
-  bool leaves_out = false;           // undo() leaves out what it cannot put right
+  bool many = false;        // one of a kind that is much: not tried where another explains all
+  bool leaves_out = false;  // undo() leaves out what it cannot put right
   bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An

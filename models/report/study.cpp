@@ -12,6 +12,7 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "../trials/estimate_noise.h"
+#include "input_warnings.h"
 #include "verdict.h"
 #include "warnings.h"
 
@@ -147,6 +148,19 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
   return rig;
 }
 
+/// What the automatic path frees may take a mistake up, or be far away for it: mistakes are looked
+/// for as if nothing but mounts and offsets were wrong, too.
+void look_with_less_free(const Rig& given, const std::vector<Sample>& samples,
+                         const StudyOptions& options, Report& report) {
+  const auto proved = [](const Diagnosis& d) {  // by a fit with the mistake and one without
+    return !d.findings.empty() && d.findings[0].chi2_as_is && d.findings[0].chi2_corrected;
+  };
+  if (proved(*report.diagnosis)) return;
+  Diagnosis first = std::move(*report.diagnosis);
+  add_diagnosis(given, samples, options, report);
+  if (!first.findings.empty() && !proved(*report.diagnosis)) report.diagnosis = std::move(first);
+}
+
 /// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
 /// offsets were wrong; then with all as it was found but for numbers that somebody was mistaken
 /// about.
@@ -154,7 +168,7 @@ void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, R
   const Solution& solution = report.solution;
   add_diagnosis(given, solution.samples(), options, report);
   const std::set<std::string> mistaken = mistaken_numbers(report);
-  if (report.diagnosis->findings.empty() && !mistaken.empty() && solution.rig().steps.size() > 1)
+  if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
     add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
@@ -502,10 +516,8 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
         !report.diagnosis) {
       const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
       add_diagnosis(given->rig, samples, options, report);
-      // What the automatic path frees may take a mistake up: as if nothing but mounts and offsets
-      // were wrong, too.
-      if (recording->rig.steps.empty() && report.diagnosis->findings.empty())
-        add_diagnosis(recording->rig, samples, options, report);
+      if (recording->rig.steps.empty())
+        look_with_less_free(recording->rig, samples, options, report);
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);
     }
