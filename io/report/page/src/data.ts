@@ -66,7 +66,10 @@ export interface Finding { id: string; text: string; where?: string[]; chi2_as_i
 export interface Leverage { sample: string; parameter: string; moved_sigmas: Maybe }
 
 export interface Link {
-  name: string; parent: number; joint: string; type: string; axis: number[]; before: Pose7; after: Pose7;
+  /** Of the root only name and parent are there; of a joint without motion no axis. */
+  name: string; parent: number; joint?: string; type?: string; axis?: number[]; before?: Pose7; after?: Pose7;
+  /** No link of the robot: between the axes that a floating joint was opened into. */
+  between_axes?: boolean;
   limits?: [number, number] | null;
   mimic?: { joint: string; multiplier: number; offset: number };
   /** Gear [before, after]: position = scale * reading; absent: 1. */

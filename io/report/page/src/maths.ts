@@ -105,13 +105,14 @@ export function magnified(after: Pose7, before: Pose7, k: number): Pose7 {
 export function linkPoses(links: Link[], base: number, reading: (joint: string) => number,
                           which: 'before' | 'after'): Pose7[] {
   const world: Pose7[] = [];
-  const scales = new Map(links.flatMap((l) => (l.scale ? [[l.joint, l.scale[which === 'before' ? 0 : 1]] as const] : [])));
+  const scales = new Map(links.flatMap((l) => (l.scale ? [[l.joint ?? '', l.scale[which === 'before' ? 0 : 1]] as const] : [])));
   const position = (joint: string) => (scales.get(joint) ?? 1) * reading(joint);
   for (const link of links) {
-    const q = link.mimic ? link.mimic.multiplier * position(link.mimic.joint) + link.mimic.offset : position(link.joint);
+    const q = link.mimic ? link.mimic.multiplier * position(link.mimic.joint) + link.mimic.offset : position(link.joint ?? '');
+    const axis = link.axis ?? [0, 0, 0];
     const turns = link.type === 'revolute' || link.type === 'continuous';
-    const motion: Pose7 = turns ? [0, 0, 0, ...aboutAxis(link.axis, q)]
-      : link.type === 'prismatic' ? [link.axis[0] * q, link.axis[1] * q, link.axis[2] * q, 0, 0, 0, 1] : identity;
+    const motion: Pose7 = turns ? [0, 0, 0, ...aboutAxis(axis, q)]
+      : link.type === 'prismatic' ? [axis[0] * q, axis[1] * q, axis[2] * q, 0, 0, 0, 1] : identity;
     const parent = link.parent >= 0 ? world[link.parent] : identity;
     world.push(compose(compose(parent, link[which] ?? identity), motion));
   }

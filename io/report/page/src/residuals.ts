@@ -362,14 +362,14 @@ export function jointsSection(context: Context): Section {
       const grid = h('div', { class: 'plots' });
       for (const [joint, given] of errors) {
         const readings = context.samples.joints?.[joint];
-        if (!readings) continue;
         const unit = jointUnit(context, joint);
-        const xs = plain(readings, unit.factor), ys = plain(given, unit.error.factor);
+        // An axis of a floating joint has no reading of its own: its errors stand in the order of the samples.
+        const xs = readings ? plain(readings, unit.factor) : Float64Array.from(given.keys()), ys = plain(given, unit.error.factor);
         const level = context.result.noise_levels?.find((l) => l.of === `joint/${joint}`);
         const sigma = (level?.assumed ?? NaN) * unit.error.factor;
         const range = symmetric([ys, [2 * sigma]].filter((v) => Number.isFinite(v[0]) || v.length > 1));
         grid.append(plotFigure({
-          title: joint, file: `joint_error_${joint}`, height: 190, xLabel: `reading (${unit.name})`, yLabel: `error (${unit.error.name})`,
+          title: joint, file: `joint_error_${joint}`, height: 190, xLabel: readings ? `reading (${unit.name})` : 'sample, in the order of the file', yLabel: `error (${unit.error.name})`,
           x: padded(extent(xs)), y: range,
           draw: (pen) => {
             pen.c.strokeStyle = pen.colour.faint;

@@ -143,13 +143,15 @@ export function create(host: HTMLElement, options: Options): View3d {
     const rods: Matrix4[] = [], rest: number[] = [];
     const up = new Vector3(0, 1, 0);
     scene.links.forEach((link, i) => {
-      if (link.parent < 0) return;
-      const a = new Vector3(...(pick(bodies[link.parent]).slice(0, 3) as [number, number, number]));
+      let parent = link.parent;
+      while (parent >= 0 && scene.links[parent].between_axes) parent = scene.links[parent].parent;
+      if (parent < 0 || link.between_axes) return;
+      const a = new Vector3(...(pick(bodies[parent]).slice(0, 3) as [number, number, number]));
       const b = new Vector3(...(pick(bodies[i]).slice(0, 3) as [number, number, number]));
       const d = b.clone().sub(a);
       const length = d.length();
       if (length < 1e-4) return;
-      if (!thin && distance(pick(bodies[i]), bodies[i].after) < radius / 2 && distance(pick(bodies[link.parent]), bodies[link.parent].after) < radius / 2)
+      if (!thin && distance(pick(bodies[i]), bodies[i].after) < radius / 2 && distance(pick(bodies[parent]), bodies[parent].after) < radius / 2)
         return;                                            // a ghost that lies in its bone would only stain it
       if (!kept.has(i)) { rest.push(...a.toArray(), ...b.toArray()); return; }
       rods.push(new Matrix4().compose(a.add(b).multiplyScalar(0.5), new Quaternion().setFromUnitVectors(up, d.normalize()), new Vector3(radius, length, radius)));
