@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -35,28 +36,41 @@ double homography_rms(const Points2& plane, const Points2& pixels, cv::Point2d c
          scale;
 }
 
-/// The best homography with a radial distortion: golden section over the one number that is left.
+/// The best homography with a radial distortion. The mean square is nearly a parabola in the one
+/// number that is left, so a few steps to the lowest point of one are enough.
 double fit_rms(const cv::Mat& image, const ImageTarget& target, const Detection& found) {
   if (found.ids.size() < 5) return 0;  // four points fit any homography
   Points2 plane;
   for (int id : found.ids) plane.push_back(target.points[id]);
   const cv::Point2d centre(0.5 * (image.cols - 1), 0.5 * (image.rows - 1));
-  const double r = cv::norm(centre), golden = 0.5 * (std::sqrt(5.0) - 1);
-  const auto rms = [&](double k) { return homography_rms(plane, found.pixels, centre, r, k); };
-  if (found.ids.size() < 6) return rms(0);
-  double low = -0.5, high = 1.5;
-  double a = high - golden * (high - low), b = low + golden * (high - low);
-  double at_a = rms(a), at_b = rms(b);
-  for (int i = 0; i < 25; ++i) {
-    if (at_a < at_b) {
-      high = b, b = a, at_b = at_a;
-      a = high - golden * (high - low), at_a = rms(a);
-    } else {
-      low = a, a = b, at_a = at_b;
-      b = low + golden * (high - low), at_b = rms(b);
-    }
+  const double r = cv::norm(centre);
+  std::map<double, double> tried;  // the number, and the mean square
+  const auto square = [&](double k) {
+    const double rms = homography_rms(plane, found.pixels, centre, r, k);
+    return tried[k] = rms * rms;
+  };
+  square(0);
+  if (found.ids.size() < 6) return std::sqrt(tried[0]);
+  square(-0.3), square(0.4);
+  for (int i = 0; i < 6; ++i) {
+    auto best = tried.begin();
+    for (auto one = tried.begin(); one != tried.end(); ++one)
+      if (one->second < best->second) best = one;
+    if (best == tried.begin()) ++best;
+    if (std::next(best) == tried.end()) --best;
+    const auto [x, y] = *best;
+    const auto [x0, y0] = *std::prev(best);
+    const auto [x1, y1] = *std::next(best);
+    const double left = (y - y0) / (x - x0), right = (y1 - y) / (x1 - x);
+    if (!(right > left)) break;
+    const double lowest = 0.5 * (x0 + x) - left * 0.5 * (x1 - x0) / (right - left);
+    const double next = std::clamp(lowest, -0.5, 1.5);
+    if (std::abs(next - x) < 1e-4 || tried.count(next)) break;
+    square(next);
   }
-  return std::min({at_a, at_b, rms(0)});
+  double least = tried[0];
+  for (const auto& one : tried) least = std::min(least, one.second);
+  return std::sqrt(least);
 }
 
 /// Noise of a part of a picture. A fifth of the pixels, those where the smoothed picture is
@@ -96,7 +110,7 @@ void judge(const cv::Mat& image, Detection& found) {
   cv::Sobel(part, dy, CV_32F, 0, 1, 3, 0.125);
   cv::magnitude(dx, dy, slopes);
   std::vector<float> values, steepness;
-  const int step = 1 + part.cols * part.rows / 200000;  // so many are enough
+  const int step = 1 + part.cols * part.rows / 50000;  // so many are enough
   for (int y = 1; y + 1 < part.rows; ++y)
     for (int x = 1 + y % step; x + 1 < part.cols; x += step) {
       values.push_back(part.at<uchar>(y, x));
@@ -112,7 +126,7 @@ void judge(const cv::Mat& image, Detection& found) {
   const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, at(steepness, 0.995)));
   constexpr double kOwn = 5. / 12;  // px^2, of the pixel and of the difference across two of them
   found.blur = std::sqrt(std::max(0.0, width * width - kOwn));
-  constexpr int kEnough = 300;  // px
+  constexpr int kEnough = 180;  // px
   const cv::Point middle(part.cols / 2, part.rows / 2);
   found.noise =
       noise_of(part(cv::Rect(middle.x - kEnough / 2, middle.y - kEnough / 2, kEnough, kEnough) &

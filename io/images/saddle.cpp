@@ -24,7 +24,13 @@ struct Window {
   static double hill(double x) { return std::abs(x) < 1 ? (1 - x * x) * (1 - x * x) : 0; }
   static double slope(double x) { return std::abs(x) < 1 ? -4 * x * (1 - x * x) : 0; }
 
-  /// Returns the weight of a place beside the corner, in units, and its derivative by them.
+  /// Returns the weight of a place beside the corner, in units.
+  double operator()(const cv::Vec2d& at) const {
+    return std::max(hill(at[0] / reach[0]) * hill(at[1] / strip[1]),
+                    hill(at[1] / reach[1]) * hill(at[0] / strip[0]));
+  }
+
+  /// Returns the same and its derivative.
   double operator()(const cv::Vec2d& at, cv::Vec2d& derivative) const {
     const double a = hill(at[0] / reach[0]), b = hill(at[1] / strip[1]), c = hill(at[1] / reach[1]),
                  d = hill(at[0] / strip[0]);
@@ -59,16 +65,29 @@ std::vector<Seen> seen_pixels(const cv::Mat& dx, const cv::Mat& dy, const Window
   return out;
 }
 
-cv::Matx22d gram(const std::vector<Seen>& seen) {
-  cv::Matx22d out = cv::Matx22d::zeros();
-  for (const Seen& one : seen) out += one.w * one.g * one.g.t();
-  return out;
+/// Gram matrix of the gradients, and how far they would move the corner: a step from q, px.
+cv::Vec2d step_from(const cv::Mat& dx, const cv::Mat& dy, const Window& window,
+                    const cv::Point2d& q, cv::Matx22d& gram) {
+  double xx = 0, xy = 0, yy = 0, x0 = 0, y0 = 0;
+  for (int y = kMargin; y < dx.rows - kMargin; ++y) {
+    const float *gx = dx.ptr<float>(y), *gy = dy.ptr<float>(y);
+    for (int x = kMargin; x < dx.cols - kMargin; ++x) {
+      const cv::Vec2d away(x - q.x, y - q.y);
+      const double w = window(window.units * away);
+      if (w == 0) continue;
+      const double r = w * (gx[x] * away[0] + gy[x] * away[1]);
+      xx += w * gx[x] * gx[x], xy += w * gx[x] * gy[x], yy += w * gy[x] * gy[x];
+      x0 += r * gx[x], y0 += r * gy[x];
+    }
+  }
+  gram = cv::Matx22d(xx, xy, xy, yy);
+  return gram.inv() * cv::Vec2d(x0, y0);
 }
 
 /// The covariance of the corner for noise of one grey level in every pixel.
-cv::Matx22d covariance(const std::vector<Seen>& seen, cv::Size size) {
+cv::Matx22d covariance(const std::vector<Seen>& seen, const cv::Matx22d& gram, cv::Size size) {
   cv::Mat a(size, CV_32FC2, cv::Scalar()), b(size, CV_32FC2, cv::Scalar());
-  cv::Matx22d j = gram(seen);
+  cv::Matx22d j = gram;
   for (const Seen& one : seen) {
     const double r = one.g.dot(one.away);
     j += r * one.g * one.dw.t();
@@ -117,19 +136,15 @@ bool refine(const cv::Mat& image, Saddle& saddle) {
   cv::Sobel(smooth, dy, CV_32F, 0, 1, 1, 0.5);
   const cv::Point2d corner = middle - cv::Point(size, size), start = saddle.pixel - corner;
   cv::Point2d q = start;
-  std::vector<Seen> seen;
+  cv::Matx22d gram;
   for (int pass = 0; pass < 30; ++pass) {
-    seen = seen_pixels(dx, dy, window, q);
-    const cv::Matx22d g = gram(seen);
-    if (!(cv::determinant(g) > 1e-3 * g(0, 0) * g(1, 1))) return false;  // one edge, or none
-    cv::Vec2d moved;
-    for (const Seen& one : seen) moved += one.w * one.g.dot(one.away) * one.g;
-    moved = g.inv() * moved;
-    q += cv::Point2d(moved[0], moved[1]);
-    if (cv::norm(q - start) > std::max(1.5, 0.5 * thin)) return false;
-    if (cv::norm(moved) < 1e-3) break;
+    const cv::Vec2d step = step_from(dx, dy, window, q, gram);
+    if (!(cv::determinant(gram) > 1e-3 * gram(0, 0) * gram(1, 1))) return false;  // one edge
+    q += cv::Point2d(step[0], step[1]);
+    if (!(cv::norm(q - start) < std::max(1.5, 0.5 * thin))) return false;
+    if (cv::norm(step) < 1e-3) break;
   }
-  const cv::Matx22d c = covariance(seen, smooth.size());
+  const cv::Matx22d c = covariance(seen_pixels(dx, dy, window, q), gram, smooth.size());
   saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
   saddle.pixel = q + corner;
   return true;

@@ -4,7 +4,11 @@
 #include "../../io/images/detect.h"
 
 #include <cmath>
+#include <ctime>
 #include <opencv2/aruco.hpp>
+#include <opencv2/aruco/charuco.hpp>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "../../io/document/yaml.h"
 #include "../../models/rig/targets.h"
@@ -461,5 +465,85 @@ TEST_CASE("images: table of errors against blur, noise and tilt", "[.table]") {
         std::printf(" %.3f |", e.rms);
     }
     std::printf("\n");
+  }
+}
+
+namespace {
+
+/// CPU seconds of one call, in this thread.
+double seconds(const std::function<void()>& work) {
+  const std::clock_t start = std::clock();
+  work();
+  return static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+}
+
+}  // namespace
+
+// Not run with the others: seconds beside bare OpenCV, in turns (benchmarks/detectors speed).
+TEST_CASE("images: table of speed", "[.speed]") {
+  cv::setNumThreads(1);
+  struct Row {
+    std::string name;
+    ImageTarget target;
+    std::function<double(double, double)> print;
+    cv::Point3d middle;  // and the distance
+    std::function<void(const cv::Mat&)> bare;
+  };
+  const auto dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_5X5_250);
+  const auto board = cv::aruco::CharucoBoard::create(8, 6, 1, 0.7f, dictionary);
+  const std::vector<Row> rows = {
+      {"chessboard 6 x 9: findChessboardCornersSB, cornerSubPix",
+       target_of("{type: chessboard, rows: 6, columns: 9, square: 1}",
+                 {GridLayout::Kind::corners, 6, 9}),
+       [](double x, double y) { return chessboard(x, y, 6, 9); },
+       {4, 2.5, 14},
+       [](const cv::Mat& image) {
+         std::vector<cv::Point2f> found;
+         cv::findChessboardCornersSB(image, {9, 6}, found, cv::CALIB_CB_NORMALIZE_IMAGE);
+         cv::cornerSubPix(image, found, {10, 10}, {-1, -1}, {3, 60, 1e-4});
+       }},
+      {"charuco 6 x 8: detectMarkers, interpolateCornersCharuco",
+       target_of("{type: charuco, rows: 6, columns: 8, square: 1, marker: 0.7, dictionary: "
+                 "DICT_5X5_250}",
+                 {GridLayout::Kind::charuco, 6, 8}),
+       [](double x, double y) { return charuco(x, y, 6, 8, 1); },
+       {4, 3, 12},
+       [&](const cv::Mat& image) {
+         std::vector<std::vector<cv::Point2f>> corners;
+         std::vector<int> ids;
+         cv::Mat found, numbers;
+         cv::aruco::detectMarkers(image, dictionary, corners, ids);
+         cv::aruco::interpolateCornersCharuco(corners, ids, image, board, found, numbers);
+       }},
+      {"circles 5 x 7: findCirclesGrid",
+       target_of("{type: circles, rows: 5, columns: 7, spacing: 1}",
+                 {GridLayout::Kind::circles, 5, 7}),
+       [](double x, double y) {
+         const double dx = x - std::round(x), dy = y - std::round(y);
+         return x > -0.5 && y > -0.5 && x < 6.5 && y < 4.5 && dx * dx + dy * dy < 0.09 ? 0 : 1;
+       },
+       {3, 2, 10},
+       [](const cv::Mat& image) {
+         std::vector<cv::Point2f> found;
+         cv::findCirclesGrid(image, {7, 5}, found);
+       }}};
+  std::printf(
+      "\n| 640 x 480 | OpenCV, images a second | kincal | time |\n| --- | --- | --- | --- |\n");
+  for (const Row& row : rows) {
+    std::vector<double> bare, whole, ratio;
+    for (PictureCamera camera : postures(row.middle.x, row.middle.y, row.middle.z)) {
+      camera.noise = 2;
+      const cv::Mat image = render(camera, row.print);
+      for (int i = 0; i < 8; ++i) {
+        bare.push_back(seconds([&] { row.bare(image); }));
+        whole.push_back(seconds([&] { CHECK(!detect(image, row.target).ids.empty()); }));
+        ratio.push_back(whole.back() / bare.back());
+      }
+    }
+    for (std::vector<double>* all : {&bare, &whole, &ratio}) std::sort(all->begin(), all->end());
+    const size_t m = bare.size() / 2;
+    std::printf("| %s | %.0f | %.0f | %.2f x |\n", row.name.c_str(), 1 / bare[m], 1 / whole[m],
+                ratio[m]);
+    std::fflush(stdout);
   }
 }
