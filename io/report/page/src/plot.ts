@@ -65,7 +65,17 @@ function frame(plot: Plot, pen: Pen): void {
   c.restore();
 }
 function tickText(v: number): string {
-  return digits(Number(v.toPrecision(6)), 6).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '');
+  const short = Number(v.toPrecision(6));
+  if (short !== 0 && (Math.abs(short) < 1e-3 || Math.abs(short) >= 1e6)) return short.toExponential().replace('e+', 'e').replace(/^-/, '−');
+  return digits(short, 6).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '');
+}
+const ruler = () => (measure ??= document.createElement('canvas').getContext('2d')!);
+let measure: CanvasRenderingContext2D | undefined;
+/** Room left of the axis: its widest number and the label. */
+function leftMargin(plot: Plot, height: number): number {
+  if (plot.noYTicks) return 20;
+  ruler().font = font;
+  return 22 + Math.max(12, ...ticks(plot.y[0], plot.y[1], height / 32).map((v) => ruler().measureText(tickText(v)).width));
 }
 export function line(c: CanvasRenderingContext2D, x0: number, y0: number, x1: number, y1: number): void {
   c.beginPath();
@@ -138,7 +148,8 @@ export function plotFigure(plot: Plot): HTMLElement {
   let pen: Pen | undefined;
   const layout = (): Omit<Pen, 'c' | 'colour'> & { total: number; whole: number } => {
     const whole = Math.max(140, holder.clientWidth || 320);
-    const left = plot.noYTicks ? 20 : 48, right = 14, above = 8, below = 36;
+    const right = 14, above = 8, below = 36;
+    const left = leftMargin(plot, plot.aspect ? (whole - 60) * plot.aspect : (plot.height ?? 220) - above - below);
     const width = whole - left - right;
     const height = plot.aspect ? width * plot.aspect : (plot.height ?? 220) - above - below;
     const [x0, x1] = plot.x, [y0, y1] = plot.y;

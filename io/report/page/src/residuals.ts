@@ -61,8 +61,10 @@ function cross(pen: Pen): void {
 }
 
 function loopMatrix(context: Context, pairs: LoopError[]): HTMLElement {
-  const froms = context.sensors.filter((s) => pairs.some((p) => p.from === s));
-  const tos = context.sensors.filter((s) => pairs.some((p) => p.to === s));
+  const names = Object.keys(context.result.sensors ?? {}).filter((s) => context.sensors.includes(s));
+  const sensors = names.length === context.sensors.length ? names : context.sensors;
+  const froms = sensors.filter((s) => pairs.some((p) => p.from === s));
+  const tos = sensors.filter((s) => pairs.some((p) => p.to === s));
   const text = (p: LoopError) => { const u = shown(p.unit); return [digits(p.rms_before === null ? null : p.rms_before * u.factor, 2), digits(p.rms === null ? null : p.rms * u.factor, 2)]; };
   const rows = froms.map((from) => ({ from }));
   return dataTable(rows, [
@@ -243,7 +245,7 @@ function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'r
   const sample = Int32Array.from(sensor.rows, (i) => context.residuals.ints('sample')[i]);
   const [a, b] = sensor.unit === 'px' ? [0, 1] : twoOf(parts);
   // One outlier may not press the rest into a dot: the scale has 99.5 % of the points in it, and says so.
-  const range = symmetric([parts[a], parts[b]], 0.995);
+  const range = symmetric([parts[a], parts[b]], sample.length > 400 ? 0.995 : 1);
   const outside = [...parts[a].keys()].filter((i) => Math.abs(parts[a][i]) > range[1] || Math.abs(parts[b][i]) > range[1]).length;
   return plotFigure({
     title: sensor.unit === 'px' ? 'Residuals after' : `Residuals after, ${kind}`, file: `${sensor.name}_${kind}`, aspect: 1, x: range, y: range,

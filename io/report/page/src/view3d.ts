@@ -306,7 +306,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     const robot = [...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : []));
     const box = new Box3().setFromPoints(robot);
     const size = box.getSize(new Vector3()).length();
-    return [...robot, ...p.targets.flatMap((body) => (body && box.distanceToPoint(vector(body)) < size ? [vector(body)] : []))];
+    return [...robot, ...p.targets.flatMap((body, i) => (body && box.distanceToPoint(vector(body)) < size
+      ? (scene.targets[i].points ?? [[0, 0, 0]]).map((point) => new Vector3(...(compose(body.after, [...point, 0, 0, 0, 1]).slice(0, 3) as [number, number, number]))) : []))];
   }
   /** The camera from the front right, as near as everything is within the picture: at distance D from the centre a point
    *  with z towards the camera, x and y across is seen if |x| <= (D - z) tan(half angle across), and so for y. */

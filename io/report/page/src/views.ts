@@ -71,6 +71,9 @@ export function sensorViews(context: Context): SensorViews[] {
       name, index, rows: rows[index], unit: context.result.sensors?.[name]?.unit ?? '',
       d: dimension(context.residuals, rows[index]), views: viewsOf(context.residuals, rows[index]),
     }));
+    // In the order of the result, which is the rig's; names of a page come as its residuals do.
+    const order = new Map(Object.keys(context.result.sensors ?? {}).map((name, i) => [name, i]));
+    all.sort((a, b) => (order.get(a.name) ?? 0) - (order.get(b.name) ?? 0));
     made.set(context, all);
   }
   return all;
