@@ -244,10 +244,10 @@ OrderedJson overview_entry(const OverviewEntry& e) {
     const OrderedJson split = sensor[held_out ? "test" : "train"];
     OrderedJson one = {{"unit", sensor["unit"]},
                        {"before", split["rms_before"]},
-                       {"after", split["rms"]},
+                       {"after", split["rms_as_read"]},
                        {"from", held_out ? "test" : "train"}};
     if (!held_out && folds.contains(name))
-      one["after"] = folds[name]["rms"], one["from"] = "cross_validation";
+      one["after"] = folds[name]["rms_as_read"], one["from"] = "cross_validation";
     out["sensors"][name] = one;
   }
   out["link"] = e.link.empty() ? OrderedJson(nullptr) : OrderedJson(e.link);

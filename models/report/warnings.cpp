@@ -467,13 +467,24 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     names.push_back(level_name(level));
     all += (all.empty() ? "" : "; ") + level_text(rig, level);
   }
-  if (all.empty()) return "";
+  const std::string begin =
+      text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
+  if (all.empty()) {
+    std::vector<std::string> exact;
+    for (const NoiseLevel& level : report.noise_levels)
+      if (level.unstated)
+        exact.push_back(level_name(level) + text(" (%.3g ", level.used) + level.unit + ")");
+    if (exact.empty()) return "";
+    names.insert(names.end(), exact.begin(), exact.end());
+    return begin + ". Readings that the rig states exact explain the data better as noisy: " +
+           listed(exact, kShown) +
+           ", kincal's own assumption; the rig of the result has them so. State what you know of "
+           "them in the rig: joints";
+  }
   if (!stated)
     return "the rig does not state how noisy the robot's poses are, so that was found from the "
            "data, and the rig of the result has it so: " +
            all + ". Is that plausible? " + flange_entry(rig, unstated);
-  const std::string begin =
-      text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
   if (most < 1 && most < 1.001 * least)
     return begin +
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +

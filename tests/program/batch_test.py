@@ -127,7 +127,7 @@ class Case(unittest.TestCase):
         """Names of the result directories there are; each must be whole."""
         names = []
         for name in sorted(os.listdir(self.path(out))) if os.path.isdir(self.path(out)) else []:
-            if name in (".batch", "summary.csv", "summary.json"):
+            if name in (".batch", "report.html", "summary.csv", "summary.json"):
                 continue
             self.assertEqual(sorted(os.listdir(self.path(out, name))), FILES, name)
             json.loads(read(self.dir, out, name, "result.json"))

@@ -113,7 +113,7 @@ class Warnings(Input):
         self.assertLessEqual(set(before[:before.index("implausible")]), {"not_converged", "unobservable", "unexplained"})
 
     def test_sizes_in_millimetres(self):
-        self.implausible(GIVEN.replace("square: 0.025", "square: 25"), self.seen(), "metres", "0.025", name="board")
+        self.implausible(GIVEN.replace("square: 0.025", "square: 25"), self.seen(), "metres", "25 m", name="board")
 
     def test_measured_in_millimetres(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)

@@ -203,7 +203,7 @@ class Command(Case):
         self.assertIsNone(second["link"])
         for name, sensor in result["sensors"].items():
             split = "test" if sensor["test"]["points"] else "train"
-            self.assertEqual(first["sensors"][name], {"unit": sensor["unit"], "before": sensor[split]["rms_before"], "after": sensor[split]["rms"], "from": split})
+            self.assertEqual(first["sensors"][name], {"unit": sensor["unit"], "before": sensor[split]["rms_before"], "after": sensor[split]["rms_as_read"], "from": split})
 
     def test_batch(self):
         for name in ("arm_1", "arm_2"):

@@ -131,7 +131,7 @@ class Killed(Case):
             raise unittest.SkipTest("sanitizers want to be loaded first")
 
     def killed(self, args, at, **environment):
-        env = dict(os.environ, LD_PRELOAD=self.shim, KILL_AT=str(at), **environment)
+        env = dict(os.environ, LD_PRELOAD=self.shim, KILL_AT=str(at), SOURCE_DATE_EPOCH="0", **environment)   # the same date in all results
         return subprocess.run([KINCAL, *args], cwd=self.dir, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def kill_everywhere(self, args, prepare, out, old, new, **environment):

@@ -71,7 +71,7 @@ export function overviewSections(data: Overview): Section[] {
   const counts = (['no', 'doubts', 'good'] as const).map((use) => rows.filter((row) => row.verdict?.use === use).length);
   const failed = rows.length - counts[0] - counts[1] - counts[2];
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
-    'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration.',
+    'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration, joint readings taken as they come.',
     (host) => host.append(dataTable(rows, [
       { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder); }, value: (row) => row.folder },
       { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
