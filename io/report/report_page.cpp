@@ -226,6 +226,24 @@ OrderedJson member(const OrderedJson& json, const std::string& pointer) {
   return json.value(OrderedJson::json_pointer(pointer), OrderedJson());
 }
 
+/// The component that changed most, as tables weigh changes: a thousandth of a metre, a radian or a
+/// ratio and a tenth of a pixel alike.
+OrderedJson largest_change(const OrderedJson& parameters) {
+  OrderedJson out;
+  double most = 0;
+  for (const auto& [name, p] : parameters.items())
+    for (size_t c = 0; c < p["value"].size(); ++c) {
+      if (p["sigma"][c] == 0 || !p["value"][c].is_number()) continue;  // held
+      const double change = p["value"][c].get<double>() - p["initial"][c].get<double>();
+      const double weight = std::abs(change) * (p["unit"][c] == "px" ? 10 : 1e3);
+      if (weight <= most) continue;
+      most = weight;
+      out = {
+          {"parameter", name}, {"value", change}, {"unit", p["unit"][c]}, {"sigma", p["sigma"][c]}};
+    }
+  return out;
+}
+
 /// What of a result an overview shows: of each sensor the errors on held-out data where there are
 /// some, else on the training's.
 OrderedJson overview_entry(const OverviewEntry& e) {
@@ -233,6 +251,7 @@ OrderedJson overview_entry(const OverviewEntry& e) {
   OrderedJson out = {{"folder", e.folder}, {"title", robot_name(result)}};
   for (const char* key : {"serial", "time", "verdict", "status"})
     if (result.contains(key)) out[key] = result[key];
+  if (!out.contains("time")) out["time"] = member(result, "/input/date");
   const OrderedJson chi2 = member(result, "/chi2_data"), dof = member(result, "/dof_data");
   if (chi2.is_number() && dof.is_number() && dof > 0)
     out["chi2_dof"] = chi2.get<double>() / dof.get<double>();
@@ -250,6 +269,7 @@ OrderedJson overview_entry(const OverviewEntry& e) {
       one["after"] = folds[name]["rms_as_read"], one["from"] = "cross_validation";
     out["sensors"][name] = one;
   }
+  out["largest_change"] = largest_change(member(result, "/parameters"));
   out["link"] = e.link.empty() ? OrderedJson(nullptr) : OrderedJson(e.link);
   return out;
 }

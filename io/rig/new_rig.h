@@ -19,7 +19,7 @@ struct NewTarget {
   int rows = 0, columns = 0;
   double size = 0,
          second = 0;  // square, spacing or tag; marker (charuco) or gap / tag (apriltag_grid)
-  std::string marks;           // dictionary (charuco) or family (apriltag_grid); "": not said
+  std::string marks;  // dictionary (charuco) or family (apriltag_grid); "": not said
   std::vector<double> points;  // x y z of each
 };
 

@@ -60,6 +60,10 @@ AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& op
     drop(g.members);
     drop(g.unseen);
   }
+  out.groups.erase(
+      std::remove_if(out.groups.begin(), out.groups.end(),
+                     [](const WidthGroup& g) { return g.members.empty() && g.unseen.empty(); }),
+      out.groups.end());
   return out;
 }
 

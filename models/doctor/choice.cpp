@@ -67,6 +67,9 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   try {
     t.fit = best_fit(t.recording, context, t.stage, effort);
     t.cost = t.fit.score();
+    // What leaves out most of the data explains nothing: readings of which no other sense can be
+    // made.
+    if (2 * t.fit.dof < now.dof) t.cost = kInfinity;
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
   if (h.leaves_out)

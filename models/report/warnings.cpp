@@ -453,13 +453,12 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
   const Rig& rig = report.solution.rig();
   std::vector<NoiseLevel> unstated;
   std::string all;
-  double least = kInfinity, most = 0;
+  double most = 0;
   bool stated = false;  // one of those that are
   for (const NoiseLevel& level : report.noise_levels) {
     const double factor = level.used / level.assumed;
     const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
                unknown = of_poses && std::isfinite(level.seen);
-    least = std::min(least, factor);
     most = std::max(most, factor);
     if (of_poses) unstated.push_back(level);
     if (factor == 1 && !unknown) continue;
@@ -485,10 +484,10 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     return "the rig does not state how noisy the robot's poses are, so that was found from the "
            "data, and the rig of the result has it so: " +
            all + ". Is that plausible? " + flange_entry(rig, unstated);
-  if (most < 1 && most < 1.001 * least)
+  if (most <= 1)
     return begin +
-           text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
-           all + "); the rig of the result has them so. The estimates are the same with either";
+           ": errors are smaller than stated. Sigmas of sensors were estimated from the data (" +
+           all + "), those of joints stay as stated; the rig of the result has them so";
   return begin +
          ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
          "result has them so. Are they plausible? " +

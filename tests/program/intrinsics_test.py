@@ -133,6 +133,12 @@ class Result(Case):
         self.write("free/rig.yaml", self.read("free/rig.yaml") + "estimate:\n  - {step: all, free: [sensor/right/pose, 'sensor/*/intrinsics']}\n")
         self.run_it("calibrate", "free", "samples.jsonl", "--out", "result", "--quiet")
 
+    def test_settings_of_all_joints_where_there_are_none(self):
+        """As `init` writes them, whatever the robot."""
+        with open(self.path("rig.yaml"), "a") as f:
+            f.write('joints: {"*": {sigma: 0.0001}}\n')
+        self.run_it("check", "rig.yaml", "samples.jsonl")
+
     def test_json_and_same_bytes(self):
         said, _ = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--json")
         self.assertEqual(said, self.read("lens/intrinsics.json"))

@@ -231,9 +231,21 @@ class Words(Case):
         self.write("rig.yaml", TRACKER)
         result, text = self.calibrate(samples)
         found, = self.warnings(result, "noise")
-        self.assertIn("errors are smaller than stated. All sigmas were multiplied by 0.4", found)
-        self.assertIn("sensor/tracker: ", found)
+        self.assertIn("errors are smaller than stated. Sigmas of sensors were estimated from the data (sensor/tracker: ", found)
         self.assertNotIn("exact", found)
+        level, = [l for l in result["noise_levels"] if l["of"] == "sensor/tracker"]
+        self.assertLess(level["used"], 0.7 * level["assumed"])
+        for l in result["noise_levels"]:
+            if l["of"].startswith("joint/"):
+                self.assertEqual(l["used"], l["assumed"])
+
+    def test_a_whole_group_is_held(self):
+        samples = self.simulate(TRACKER, TRACKER_TRUTH)
+        self.write("rig.yaml", TRACKER)
+        for name in ("joint/*/offset", "joint/*/origin"):
+            result, _ = self.calibrate(samples, "--fix", name)
+            self.assertEqual([g for g in result["automatic"] if not g["members"] and not g["unseen"]], [])
+            self.assertEqual([p for p in result["parameters"] if p.endswith(name[7:])], [])
 
     def test_many_rejected_samples_are_a_warning(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)

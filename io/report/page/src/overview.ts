@@ -73,7 +73,7 @@ export function overviewSections(data: Overview): Section[] {
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
     'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration, joint readings taken as they come.',
     (host) => host.append(dataTable(rows, [
-      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.title || row.folder) : row.title || row.folder); }, value: (row) => row.folder },
+      { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.folder || row.title) : row.folder || row.title); }, value: (row) => row.folder },
       { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
       { title: 'Date', cell: (row) => h('span', { class: 'nowrap' }, time(row.time).slice(0, 10)), value: (row) => stamp(row.time) },
       { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')), value: (row) => row.verdict?.use ?? row.status },
@@ -87,13 +87,13 @@ export function overviewSections(data: Overview): Section[] {
   const doubts = rows.filter((row) => row.verdict?.use !== 'good');
   const why = section('why', 'What is wrong where', 'The program’s own words for every result that is not good.',
     (host) => host.append(doubts.length ? dataTable(doubts, [
-      { title: 'Result', cell: (row) => row.title || row.folder },
+      { title: 'Result', cell: (row) => row.folder || row.title },
       { title: 'Verdict', cell: (row) => (row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')) },
       { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
     ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 }) : h('p', {}, 'Every result is good.')));
   const where = section('origins', 'What the errors were measured on', 'Held-out data are the judge; errors on the data of the fit itself are too small.',
     (host) => host.append(dataTable(rows.flatMap((row) => Object.entries(row.sensors ?? {}).map(([sensor, s]) => ({ row, sensor, s }))), [
-      { title: 'Result', cell: (r) => r.row.title || r.row.folder }, { title: 'Sensor', cell: (r) => r.sensor },
+      { title: 'Result', cell: (r) => r.row.folder || r.row.title }, { title: 'Sensor', cell: (r) => r.sensor },
       { title: 'Before', cell: (r) => quantity(r.s.before, r.s.unit), value: (r) => r.s.before, numeric: true },
       { title: 'After', cell: (r) => quantity(r.s.after, r.s.unit), value: (r) => r.s.after, numeric: true },
       { title: 'On', cell: (r) => ({ test: 'held-out samples', cross_validation: 'cross-validated', train: 'the fit’s own data' })[r.s.from] ?? r.s.from },
