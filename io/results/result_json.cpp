@@ -361,7 +361,8 @@ Json result_json(const Report& report) {
   json["noise_levels"] = noise_table(report.noise_levels);
   if (report.noise_estimated)
     json["noise_estimated"] = {{"rounds", report.noise_estimated->count},
-                               {"converged", report.noise_estimated->converged}};
+                               {"converged", report.noise_estimated->converged},
+                               {"stated", number(report.noise_estimated->stated)}};
   json["validation"] = validation_json(report.validation);
   if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
   json["unobservable"] = directions(solution.unobservable);

@@ -59,7 +59,11 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   Samples samples = recording.samples;
   h.undo(rig, samples);
   if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
+  // What leaves out most of the data explains nothing: readings of which no other sense can be
+  // made.
+  const bool emptied = 2 * samples.size() < recording.samples.size();
   Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
+  if (emptied) return t;
   t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
   for (int square : h.squares)
     t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
@@ -67,9 +71,6 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   try {
     t.fit = best_fit(t.recording, context, t.stage, effort);
     t.cost = t.fit.score();
-    // What leaves out most of the data explains nothing: readings of which no other sense can be
-    // made.
-    if (2 * t.fit.dof < now.dof) t.cost = kInfinity;
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
   if (h.leaves_out)

@@ -259,26 +259,17 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
   return true;
 }
 
-/// Whether a level is a sensor's.
-bool is_of_sensor(const Rig&, const NoiseLevel& level) { return level.joint < 0; }
-
-/// What of the noise is estimated, all else stays as it is stated. Residuals larger than stated:
-/// levels of joints and sensors together (else the sensors take up what all corners of a view
-/// share). Smaller: those of the sensors. (Levels of single joints would take what the model lacks
-/// for noise of this or that joint and let go of its readings; and a joint whose noise is stated
-/// too large makes sigmas wide, one whose noise is scaled down with a sensor's makes them small.)
-enum class Levels { unknown_poses, sensors, all };
-
-void find_levels(const StudyOptions& options, const CalibrationOptions& calibration,
-                 NoiseRounds rounds, Levels levels, Report& report) {
+/// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
+/// what all corners of a view share).
+/// `unknown_only`: of poses without a stated noise alone, all else stays.
+void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
+                       NoiseRounds rounds, bool unknown_only, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
-  Rig noisy = levels == Levels::all ? with_noisy_joints(*first) : first->rig;
-  bool (*const which)(const Rig&, const NoiseLevel&) = levels == Levels::unknown_poses ? is_unknown
-                                                       : levels == Levels::sensors ? is_of_sensor
-                                                                                   : nullptr;
+  Rig noisy = unknown_only ? first->rig : with_noisy_joints(*first);
   std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
   for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
-    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration, which);
+    std::optional<NoiseEstimate> estimate =
+        estimate_noise(recording, calibration, unknown_only ? is_unknown : nullptr);
     if (!estimate) throw StudyCancelled();
     if (!estimate->solution.usable()) return;
     rounds.count += estimate->rounds;
@@ -297,6 +288,20 @@ void find_levels(const StudyOptions& options, const CalibrationOptions& calibrat
     report.noise_estimated = rounds;
     recording = report.solution.recording;
   }
+}
+
+/// Residuals smaller than stated: all sigmas by the same factor, which leaves the estimates where
+/// they are. (Levels of their own would take what the model lacks for noise of this or that joint,
+/// and let go of its readings.)
+void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
+  const std::shared_ptr<const Recording> first = report.solution.recording;
+  std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
+  const double factor = std::max(std::sqrt(rounds.stated), 1 / kLargestFactor);
+  for (NoiseLevel& level : levels) level.used = level.assumed * factor;
+  rounds.count = 1;
+  rounds.converged = true;
+  if (calibrate_with(first->rig, first->samples, levels, options, report))
+    report.noise_estimated = rounds;
 }
 
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
@@ -327,12 +332,10 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   }
   NoiseRounds rounds;
   rounds.stated = ratio;
-  const bool smaller = ratio < 1 && reading_errors < kReadingErrors && !unknown;
-  find_levels(options, calibration, rounds,
-              smaller     ? Levels::sensors
-              : as_stated ? Levels::unknown_poses
-                          : Levels::all,
-              report);
+  if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
+    find_smaller_noise(options, rounds, report);
+  else
+    find_larger_noise(options, calibration, rounds, as_stated, report);
 }
 
 /// Groups that were asked for by name and are held, or that are among the usual ones: one message

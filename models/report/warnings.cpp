@@ -448,17 +448,32 @@ std::string flange_entry(const Rig& rig, const std::vector<NoiseLevel>& levels) 
          of.substr(of.find('/') + 1) + ": {sigma: {" + sigmas + "}}}";
 }
 
+/// Joints that the data show to be noisier than one factor for all sigmas makes them: only sensors
+/// have been stated too noisy then, and what the joints decide is known less well than it is said.
+std::string noisier_joints(const Report& report) {
+  constexpr double kNoisier = 2;
+  std::vector<std::string> joints;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.joint >= 0 && level.seen > kNoisier * level.used)
+      joints.push_back(level_name(level) + text(" (%.2g ", level.seen) + level.unit + ")");
+  return joints.empty() ? ""
+                        : ". But joints look noisier than that, so sigmas may be too small: " +
+                              listed(joints, kShown) +
+                              ". State the sensors' sigmas as they are, or --estimate-noise";
+}
+
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
 std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
   const Rig& rig = report.solution.rig();
   std::vector<NoiseLevel> unstated;
   std::string all;
-  double most = 0;
+  double least = kInfinity, most = 0;
   bool stated = false;  // one of those that are
   for (const NoiseLevel& level : report.noise_levels) {
     const double factor = level.used / level.assumed;
     const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
                unknown = of_poses && std::isfinite(level.seen);
+    least = std::min(least, factor);
     most = std::max(most, factor);
     if (of_poses) unstated.push_back(level);
     if (factor == 1 && !unknown) continue;
@@ -484,10 +499,11 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     return "the rig does not state how noisy the robot's poses are, so that was found from the "
            "data, and the rig of the result has it so: " +
            all + ". Is that plausible? " + flange_entry(rig, unstated);
-  if (most <= 1)
+  if (most < 1 && most < 1.001 * least)
     return begin +
-           ": errors are smaller than stated. Sigmas of sensors were estimated from the data (" +
-           all + "), those of joints stay as stated; the rig of the result has them so";
+           text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
+           all + "); the rig of the result has them so. The estimates are the same with either" +
+           noisier_joints(report);
   return begin +
          ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
          "result has them so. Are they plausible? " +

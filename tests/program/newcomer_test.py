@@ -231,13 +231,14 @@ class Words(Case):
         self.write("rig.yaml", TRACKER)
         result, text = self.calibrate(samples)
         found, = self.warnings(result, "noise")
-        self.assertIn("errors are smaller than stated. Sigmas of sensors were estimated from the data (sensor/tracker: ", found)
+        self.assertIn("errors are smaller than stated. All sigmas were multiplied by 0.4", found)
+        self.assertIn("sensor/tracker: ", found)
         self.assertNotIn("exact", found)
-        level, = [l for l in result["noise_levels"] if l["of"] == "sensor/tracker"]
-        self.assertLess(level["used"], 0.7 * level["assumed"])
-        for l in result["noise_levels"]:
-            if l["of"].startswith("joint/"):
-                self.assertEqual(l["used"], l["assumed"])
+        self.assertNotIn("noisier", found)
+        samples = self.simulate(TRACKER.replace("sigma: 5.0e-05", "sigma: 1.0e-05"), TRACKER_TRUTH, samples=30, out="sharp")
+        self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: 1.2e-04"))
+        found, = self.warnings(self.calibrate(samples)[0], "noise")
+        self.assertRegex(found, "But joints look noisier than that, so sigmas may be too small: joint/.*--estimate-noise")
 
     def test_a_whole_group_is_held(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)

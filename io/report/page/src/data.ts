@@ -88,6 +88,8 @@ export interface Scene { base: number; links: Link[]; sensors: SceneSensor[]; ta
 export interface Result {
   verdict?: Verdict; kincal?: string; status?: string; noise?: string; chi2?: Maybe; dof?: number; chi2_data?: Maybe;
   dof_data?: number; cost?: Maybe;
+  /** Only where sigmas were estimated from the data; `stated`: chi2/dof with the rig's own. */
+  noise_estimated?: { rounds?: number; converged?: boolean; stated?: number | null } | null;
   input?: { command?: string; rig?: string; samples?: string; urdf?: string; date?: string };
   serial?: string; time?: string | number;
   steps?: Step[]; parameters?: Record<string, Parameter>; sensors?: Record<string, SensorErrors>;

@@ -92,11 +92,14 @@ function gauge(ratio: number, ok: boolean): SVGElement {
 function fitCard(result: Result): HTMLElement {
   const ratio = chi2PerDof(result);
   const { word, ok } = fitWord(result);
+  const noise = result.noise_estimated;
   return h('div', { class: 'card' },
-    h('h2', {}, 'Residuals against the stated noise'),
+    h('h2', {}, noise ? 'Residuals against the estimated noise' : 'Residuals against the stated noise'),
     h('p', { class: 'figure' }, h('b', {}, digits(ratio)), h('span', {}, ' chi²/dof')),
     ratio !== null ? gauge(ratio, ok) : null,
-    h('p', { class: 'small' }, `1 means: what is left over is as large as the noise that the rig states. Here ${word}.`));
+    h('p', { class: 'small' }, noise
+      ? `1 means: what is left over is as large as the noise. It was estimated from these data, so near 1 proves little${noise.stated == null ? '' : `; with what the rig states chi²/dof is ${digits(noise.stated)}`}.`
+      : `1 means: what is left over is as large as the noise that the rig states. Here ${word}.`));
 }
 
 function weakCard(result: Result): HTMLElement {
