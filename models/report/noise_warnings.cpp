@@ -1,0 +1,159 @@
+#include "noise_warnings.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../rig/numbers.h"
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+/// Joints whose noise may be a gear of another ratio: nothing else was free to take that up.
+std::string doubted_gears(const Report& report) {
+  for (const AutomaticGroup& group : report.automatic)
+    if (group.name == "gears") return "";
+  std::string list;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.joint >= 0 && level.assumed > 0 && level.used >= kNoisy * level.assumed &&
+        report.solution.rig().tree.joints[level.joint].has_reading())
+      list +=
+          (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
+  return list.empty() ? ""
+                      : ". " + list +
+                            " may have another gear ratio than stated, which looks like noise: "
+                            "the group gears estimates it";
+}
+
+std::string level_name(const NoiseLevel& level) {
+  return level.of + (level.part.empty() ? "" : " " + level.part);
+}
+
+/// "joint/elbow: 0.0002 rad, stated 0.0001", or that nobody stated it.
+std::string level_text(const Rig& rig, const NoiseLevel& level) {
+  constexpr double kMostTried = 9.99;
+  const std::string value = level_name(level) + text(": %.3g ", level.used) + level.unit;
+  if (level.unstated && rig.joints[level.joint].noise_unknown) return value + ", not stated";
+  if (level.unstated) return value + ", exact in the rig";
+  return value + text(", stated %.3g", level.assumed) +
+         (std::abs(std::log(level.used / level.assumed)) > std::log(kMostTried)
+              ? " (ten times is the most that is tried: state it nearer to what is true)"
+              : "");
+}
+
+/// Two digits without an exponent, which some readers of YAML take for a text.
+std::string plain_digits(double value) {
+  return text("%.*f", std::max(0, 1 - static_cast<int>(std::floor(std::log10(value)))), value);
+}
+
+/// What to write into a rig for the noise of a flange's poses: that of the first of these levels.
+std::string flange_entry(const Rig& rig, const std::vector<NoiseLevel>& levels) {
+  std::string of, sigmas;
+  for (const NoiseLevel& level : levels) {
+    if (level.joint < 0 || !rig.joints[level.joint].noise_unknown) continue;
+    if (!of.empty() && level.of != of) continue;
+    of = level.of;
+    sigmas += (sigmas.empty() ? "" : ", ") + level.part + ": " + plain_digits(level.used);
+  }
+  return "Where the noise of the poses is known, state it: joints: {" +
+         of.substr(of.find('/') + 1) + ": {sigma: {" + sigmas + "}}}";
+}
+
+/// Joints that the data show to be noisier than one factor for all sigmas makes them: only sensors
+/// have been stated too noisy then, and what the joints decide is known less well than it is said.
+std::string noisier_joints(const Report& report) {
+  constexpr double kNoisier = 2;
+  std::vector<std::string> joints;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.joint >= 0 && level.seen > kNoisier * level.used)
+      joints.push_back(level_name(level) + text(" (%.2g ", level.seen) + level.unit + ")");
+  return joints.empty() ? ""
+                        : ". But joints look noisier than that, so sigmas may be too small: " +
+                              listed(joints, kNamed) +
+                              ". State the sensors' sigmas as they are, or --estimate-noise";
+}
+
+/// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
+std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
+  const Rig& rig = report.solution.rig();
+  std::vector<NoiseLevel> unstated;
+  std::string all;
+  double least = kInfinity, most = 0;
+  bool stated = false;  // one of those that are
+  for (const NoiseLevel& level : report.noise_levels) {
+    const double factor = level.used / level.assumed;
+    const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
+               unknown = of_poses && std::isfinite(level.seen);
+    least = std::min(least, factor);
+    most = std::max(most, factor);
+    if (of_poses) unstated.push_back(level);
+    if (factor == 1 && !unknown) continue;
+    stated = stated || !unknown;
+    names.push_back(level_name(level));
+    all += (all.empty() ? "" : "; ") + level_text(rig, level);
+  }
+  const std::string begin =
+      text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
+  if (all.empty()) {
+    std::vector<std::string> exact;
+    for (const NoiseLevel& level : report.noise_levels)
+      if (level.unstated)
+        exact.push_back(level_name(level) + text(" (%.3g ", level.used) + level.unit + ")");
+    if (exact.empty()) return "";
+    names.insert(names.end(), exact.begin(), exact.end());
+    return begin + ". Readings that the rig states exact explain the data better as noisy: " +
+           listed(exact, kNamed) +
+           ", kincal's own assumption; the rig of the result has them so. State what you know of "
+           "them in the rig: joints";
+  }
+  if (!stated)
+    return "the rig does not state how noisy the robot's poses are, so that was found from the "
+           "data, and the rig of the result has it so: " +
+           all + ". Is that plausible? " + flange_entry(rig, unstated);
+  if (most < 1 && most < 1.001 * least)
+    return begin +
+           text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
+           all + "); the rig of the result has them so. The estimates are the same with either" +
+           noisier_joints(report);
+  return begin +
+         ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
+         "result has them so. Are they plausible? " +
+         all + (unstated.empty() ? "" : ". " + flange_entry(rig, unstated)) + doubted_gears(report);
+}
+
+}  // namespace
+
+void warn_of_noise(const Report& report, Warnings& out) {
+  if (!report.noise_estimated) return;
+  std::vector<std::string> sentences, names;
+  if (std::isfinite(report.noise_estimated->stated))
+    if (std::string stated = stated_noise_text(report, names); !stated.empty())
+      sentences.push_back(std::move(stated));
+  if (!report.noise_estimated->converged)
+    sentences.push_back("the noise was estimated in " +
+                        std::to_string(report.noise_estimated->count) +
+                        " rounds and still moves: what the model lacks is taken for noise, now of "
+                        "this and now of that");
+  std::vector<std::string> kept;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (std::isnan(level.seen) && level.assumed > 0)
+      kept.push_back(level.of + (level.part.empty() ? "" : " " + level.part) +
+                     text(" (%.3g ", level.assumed) + level.unit + ")");
+  if (!kept.empty() && !std::isfinite(report.noise_estimated->stated)) {
+    sentences.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
+                        ": what is stated was kept");
+    names.insert(names.end(), kept.begin(), kept.end());
+  }
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
+      sentences.push_back(level.of + ": " + std::to_string(level.own_views) +
+                          (level.own_views == 1 ? " view has" : " views have") +
+                          " sigmas of their own in the samples file; they were multiplied by "
+                          "the sensor's factor, the file keeps its numbers");
+  if (sentences.empty()) return;
+  std::string all;
+  for (const std::string& sentence : sentences) all += (all.empty() ? "" : ". ") + sentence;
+  out.push_back({"noise", all, names});
+}
+
+}  // namespace kincal
