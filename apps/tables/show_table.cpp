@@ -107,6 +107,8 @@ std::string change_table(const Field& result) {
     static const char *const kPose[] = {"x", "y", "z", "rx", "ry", "rz"}, *const kLens[] = {
                                                                               "fx", "fy", "cx",
                                                                               "cy"};
+    if (before.size() != after.size() || units.size() != after.size())
+      p.fail("unit, initial and value have a number each a component");
     for (size_t c = 0; c < after.size(); ++c) {
       const double sigma = number_or_unknown(p["sigma"].item(c));
       if (sigma == 0) continue;  // held
@@ -154,6 +156,7 @@ std::vector<std::string> weak_lines(const Field& result) {
     const Field w = weak.item(i);
     const Unit unit = shown(w["unit"].string());
     const double sigma = number_or_unknown(w["sigma"]);
+    if (w["parameters"].size() == 0) w["parameters"].fail("at least one is expected");
     out.push_back(w["parameters"].members().front().first + ": " +
                   (std::isfinite(sigma) ? "± " + value(sigma, unit.factor) + " " + unit.name
                                         : "not determined") +

@@ -55,6 +55,13 @@ struct DataColumn {
   std::string list() const { return text.empty() ? "[]" : text + "]"; }
 };
 
+/// Refuses rows that are shorter than what is read of them.
+void expect_fields(const std::vector<std::string>& row, size_t count, const char* file) {
+  if (row.size() < count)
+    throw InputError(std::string(file) + ": a row has " + std::to_string(row.size()) +
+                     " fields, at least " + std::to_string(count) + " are expected");
+}
+
 /// A number of a CSV file with fewer digits; "" stays.
 std::string drawn(const std::string& field, int digits) {
   double value = 0;
@@ -90,10 +97,12 @@ std::string samples_data(const std::string& csv, Index& ids) {
   std::vector<DataColumn> columns;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
     if (head.empty()) {
+      expect_fields(row, 2, "samples.csv");
       head = row;
       columns.resize(head.size());
       return;
     }
+    expect_fields(row, head.size(), "samples.csv");
     ids(row[0]);
     id.add(json_string(row[0]));
     train.add(row[1] == "test" ? "0" : "1");
@@ -142,6 +151,7 @@ std::string residuals_data(const std::string& csv, PageNames& names) {
   const size_t every = line_count(csv) / kMostResiduals + 1;
   size_t line = 0;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
+    expect_fields(row, 16, "residuals.csv");
     if (line++ == 0 || (!row[4].empty() && line % every != 0)) return;  // views of poses: all
     out[0].add(std::to_string(names.samples(row[0])));
     out[1].add(std::to_string(names.sensors(row[2])));
@@ -163,6 +173,7 @@ std::string loops_data(const std::string& csv, PageNames& names) {
       {"sample", "from", "to", "target", "id", "before_x", "before_y", "before_z", "x", "y", "z"});
   bool head = true;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
+    expect_fields(row, 13, "loops.csv");
     if (std::exchange(head, false)) return;
     const int sample = names.samples(row[0]);
     if (static_cast<size_t>(sample) % every != 0) return;
@@ -184,6 +195,7 @@ std::string covariance_data(const std::string& csv) {
       names = row;
       return;
     }
+    expect_fields(row, names.size(), "covariance.csv");
     rows.emplace_back();
     for (const std::string& field : row) {
       double value = 0;
@@ -232,14 +244,16 @@ OrderedJson largest_change(const OrderedJson& parameters) {
   OrderedJson out;
   double most = 0;
   for (const auto& [name, p] : parameters.items())
-    for (size_t c = 0; c < p["value"].size(); ++c) {
-      if (p["sigma"][c] == 0 || !p["value"][c].is_number()) continue;  // held
-      const double change = p["value"][c].get<double>() - p["initial"][c].get<double>();
-      const double weight = std::abs(change) * (p["unit"][c] == "px" ? 10 : 1e3);
+    for (size_t c = 0; c < p.at("value").size(); ++c) {
+      if (p.at("sigma").at(c) == 0 || !p.at("value").at(c).is_number()) continue;  // held
+      const double change = p.at("value").at(c).get<double>() - p.at("initial").at(c).get<double>();
+      const double weight = std::abs(change) * (p.at("unit").at(c) == "px" ? 10 : 1e3);
       if (weight <= most) continue;
       most = weight;
-      out = {
-          {"parameter", name}, {"value", change}, {"unit", p["unit"][c]}, {"sigma", p["sigma"][c]}};
+      out = {{"parameter", name},
+             {"value", change},
+             {"unit", p.at("unit").at(c)},
+             {"sigma", p.at("sigma").at(c)}};
     }
   return out;
 }
@@ -260,13 +274,13 @@ OrderedJson overview_entry(const OverviewEntry& e) {
                     folds = member(result, "/validation/cross_validation/sensors");
   for (const auto& [name, sensor] : sensors.items()) {
     const bool held_out = member(sensor, "/test/points") > 0;
-    const OrderedJson split = sensor[held_out ? "test" : "train"];
-    OrderedJson one = {{"unit", sensor["unit"]},
-                       {"before", split["rms_before"]},
-                       {"after", split["rms_as_read"]},
+    const OrderedJson split = sensor.at(held_out ? "test" : "train");
+    OrderedJson one = {{"unit", sensor.at("unit")},
+                       {"before", split.at("rms_before")},
+                       {"after", split.at("rms_as_read")},
                        {"from", held_out ? "test" : "train"}};
     if (!held_out && folds.contains(name))
-      one["after"] = folds[name]["rms_as_read"], one["from"] = "cross_validation";
+      one["after"] = folds.at(name).at("rms_as_read"), one["from"] = "cross_validation";
     out["sensors"][name] = one;
   }
   out["largest_change"] = largest_change(member(result, "/parameters"));
@@ -320,7 +334,13 @@ std::string failed_result(const std::string& error) {
 
 std::string overview_page(const std::vector<OverviewEntry>& entries) {
   OrderedJson list = OrderedJson::array();
-  for (const OverviewEntry& e : entries) list.push_back(overview_entry(e));
+  for (const OverviewEntry& e : entries) {
+    try {
+      list.push_back(overview_entry(e));
+    } catch (const OrderedJson::exception&) {
+      throw InputError(e.folder + "/result.json: this is no result.json of kincal");
+    }
+  }
   return with_data("{\"version\":1,\"overview\":" + compact(list) + "}");
 }
 
