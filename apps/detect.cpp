@@ -1,4 +1,6 @@
 // The program kincal-detect, which `kincal detect` becomes: from images to samples.
+#include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <iostream>
 #include <thread>
@@ -68,10 +70,13 @@ int detect_all(const DetectArguments& a) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app("kincal-detect finds boards and markers in images and writes them as samples.",
                "kincal detect");
   DetectArguments a;
   add_detect_options(app, a);
   return run_image_program(app, argc, argv, [&a] { return detect_all(a); });
+} catch (const std::exception& error) {  // before the work began; what that throws is said there
+  std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  return kincal::kBadInput;
 }

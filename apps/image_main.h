@@ -6,7 +6,7 @@
 
 namespace kincal {
 
-/// Reads the arguments and does the work; says on stderr what went wrong. Returns the exit code.
+/// As run_program, with OpenCV made quiet and single-threaded.
 int run_image_program(CLI::App& app, int argc, char** argv, const std::function<int()>& work);
 
 }  // namespace kincal

@@ -284,6 +284,7 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
     if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
       report.solution.message = "--reject: " + report.solution.message;
     report.verdict.text = in_program_words(report.verdict.text);
+    for (std::string& step : report.verdict.next) step = in_program_words(step);
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdio>
+#include <exception>
 #include <iostream>
 #include <vector>
 
@@ -53,7 +54,7 @@ int printed(int code) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace kincal;
   keep_standard_descriptors();
   end_on_signals();
@@ -77,7 +78,7 @@ int main(int argc, char** argv) {
       show_command(app),
       report_command(app),
       export_command(app),
-      import_command(app),
+      import_command(app, {argv + std::min(argc, 1), argv + argc}),
       local_command(app, line),
       intrinsics_command(app, line),
       simulate_command(app),
@@ -149,4 +150,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "kincal: error: %s\n", error_text(error).c_str());
   }
   return kBadInput;
+} catch (const std::exception& error) {  // before the work began; what that throws is said there
+  std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  return kincal::kBadInput;
 }

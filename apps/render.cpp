@@ -1,4 +1,6 @@
 // The program kincal-render, which `kincal simulate --render` becomes: pictures of a simulation.
+#include <cstdio>
+#include <exception>
 #include <iostream>
 #include <thread>
 
@@ -39,7 +41,7 @@ int render_all(const Arguments& a) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app("kincal-render takes the pictures of a simulation (kincal simulate --render).",
                "kincal-render");
   Arguments a;
@@ -51,4 +53,7 @@ int main(int argc, char** argv) {
   app.add_flag("--force", a.force, "replace existing pictures");
   app.add_flag("--quiet", a.quiet, "no progress");
   return run_image_program(app, argc, argv, [&a] { return render_all(a); });
+} catch (const std::exception& error) {  // before the work began; what that throws is said there
+  std::fprintf(stderr, "kincal: error: %s\n", error.what());
+  return kincal::kBadInput;
 }

@@ -8,7 +8,7 @@
 The rig's steps are removed, and the poses of sensors and mounted targets where they can be found from the data: `kincal calibrate`
 chooses what to free. (Mistakes of held poses are tried with the rig's poses and one step that frees the targets' and nothing else.) A row
 says how it ended, the first finding and the first warning that the clean set does not have, and one of
-  first      the first finding is this mistake, and names what is wrong
+  first      the first finding is this mistake, and names what is wrong; or there is none, and the first warning is
   named      another finding is
   else       something is said, but not this
   SILENT     exit code 0, no finding, and no warning that the clean set does not have
@@ -36,7 +36,8 @@ SETS = {   # rig, samples, whether poses can be found from the data, what the se
     # (Of pr2 the forearm's camera has cx where fx is, its board of 4 x 5 with a column less is one of 5 x 4, and a sample has one arm:
     # exchanged readings and cameras lack joints, which is an error on reading.)
     "pr2": ("examples/pr2/rig.yaml", "examples/pr2/samples.jsonl", True,
-            ["square 2 %", "rectified", "raw", "order fx cx fy cy", "board-columns -1", "swapped-cameras", "bad-samples"]),
+            ["square 2 %", "rectified", "raw", "order fx cx fy cy", "board-columns -1", "swapped-cameras", "bad-samples",
+             "joint-sign + bad-samples", "board-columns +1 + bad-samples", "degrees + bad-samples"]),
     "aubo": ("aubo-i10/rig_images.yaml", "aubo-i10/samples_images.jsonl", True,
              ["numbering all", "rows backwards", "square 2 %", "rectified", "raw"]),
     "charuco": ("ros-industrial-charuco/rig.yaml", "ros-industrial-charuco/samples.jsonl", True,
@@ -427,6 +428,9 @@ def judge(code, findings, warnings, wanted, clean_warnings):
         return "first"
     if any(right):
         return "named"
+    new = [w for w in warnings if w not in clean_warnings]
+    if not findings and new and any(new[0] in ids for ids, _ in wanted):    # said without the doctor: duplicates
+        return "first"
     return "else" if code or findings or set(warnings) - set(clean_warnings) else "SILENT"
 
 

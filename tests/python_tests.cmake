@@ -44,6 +44,9 @@ foreach(group Result Bent Mistakes WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 
+kincal_python_test(bags.Program bags_test.py cli 300 ${kincal_program} Bags)
+kincal_python_test(bags.Data bags_test.py data 300 ${kincal_program} Data)
+
 foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()

@@ -27,9 +27,12 @@ namespace fs = std::filesystem;
   try {
     Progress silent(true);
     Job job = read_job(set.rig, set.samples, settings.holdout, silent);
-    const Report report = run(job, settings, false, silent);
-    if (report.solution.status == Status::undefined_start)
-      throw std::runtime_error(report.solution.message);
+    const Report report = run(job, settings, true, silent);
+    if (report.solution.status == Status::undefined_start) {
+      const std::vector<Finding>& found = report.diagnosis->findings;
+      throw std::runtime_error(found.empty() ? report.solution.message
+                                             : found[0].id + ": " + found[0].text);
+    }
     ResultFiles files = make_files(job, report, settings);
     BatchRecord record;
     record.version = KINCAL_VERSION;
@@ -37,7 +40,8 @@ namespace fs = std::filesystem;
     record.rig = files.rig_hash;
     record.samples = files.samples_hash;
     record.urdf = files.urdf_hash;
-    record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
+    if (!job.rig_file.flange_only)
+      record.robot = top(job.rig_file.node, job.rig_file.path)["robot"].string();
     record.set = summarize(report);
     for (const std::string& warning : job.rig_file.urdf.warnings)
       record.set.warnings.push_back("urdf: " + warning);

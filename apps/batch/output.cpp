@@ -87,7 +87,8 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output,
     why = "options changed";
   else if (!same(rig, record->rig))
     why = "rig changed";
-  else if (!same((fs::path(rig).parent_path() / record->robot).string(), record->urdf))
+  else if (!record->robot.empty() &&  // a robot that is known by its flange is in the rig
+           !same((fs::path(rig).parent_path() / record->robot).string(), record->urdf))
     why = "robot changed";
   else if (!same(set.samples, record->samples))
     why = "samples changed";

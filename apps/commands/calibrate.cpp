@@ -8,6 +8,7 @@
 #include "../signals.h"
 #include "../tables/plan_table.h"
 #include "../tables/report_table.h"
+#include "../tables/table.h"
 #include "command.h"
 
 namespace kincal {
@@ -16,8 +17,23 @@ namespace {
 struct CalibrateArguments {
   std::string rig, samples, out;
   CalibrateSettings settings;
-  bool force = false, dry_run = false, quiet = false, json = false;
+  bool force = false, dry_run = false, quiet = false, json = false, tables = false;
 };
+
+/// Where the result is, and where more of it is shown; after tables the verdict.
+std::string where_text(const Report& report, const ResultFiles& files,
+                       const CalibrateArguments& a) {
+  std::string out = "Written to " + a.out;
+  if (report.verdict.use != "no")
+    out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
+                                    : ": robot.urdf is the calibrated robot, rig.yaml the rig "
+                                      "that goes with it";
+  if (a.tables) return out + "\n" + report.verdict.use + ": " + report.verdict.text + "\n";
+  return wrapped(out, "", 2) +
+         wrapped((a.settings.no_report ? "" : a.out + "/report.html (a browser), ") +
+                     "kincal show " + a.out + ", or this with --tables",
+                 "More: ", 2);
+}
 
 int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
@@ -52,13 +68,8 @@ int calibrate(const CalibrateArguments& a) {
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)
-    std::cout << report_text(report, files) << "\nWritten to " << a.out
-              << (report.verdict.use == "no" ? ""
-                  : files.robot_urdf.empty() ? ": rig.yaml has what was found"
-                                             : ": robot.urdf is the calibrated robot, rig.yaml the "
-                                               "rig that goes with it")
-              << "\n"
-              << report.verdict.use << ": " << report.verdict.text << "\n";
+    std::cout << (a.tables ? report_text(report, files) : short_text(report, files)) << "\n"
+              << where_text(report, files, a);
   for (const Judgement& j : report.validation.requirements)
     if (!j.met && std::cout.flush())
       std::fprintf(stderr, "kincal: error: not met: %s\n", judgement_text(j).c_str());
@@ -90,7 +101,9 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   command->add_flag("--dry-run", a->dry_run,
                     "only print what each step frees, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");
-  command->add_flag("--json", a->json, "print result.json on standard output instead of tables");
+  command->add_flag("--tables", a->tables,
+                    "print all tables: steps, groups, loops, noise, mounts to be copied, ...");
+  command->add_flag("--json", a->json, "print result.json on standard output instead");
   command->footer(
       "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, "
       "/intrinsics[.fx ...], /distortion, "

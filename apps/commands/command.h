@@ -25,11 +25,11 @@ Command apply_command(CLI::App& app);
 Command show_command(CLI::App& app);
 Command report_command(CLI::App& app);
 Command export_command(CLI::App& app);
-Command import_command(CLI::App& app);
+Command import_command(CLI::App& app, const std::vector<std::string>& arguments);
 Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command intrinsics_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
-Command detect_command(CLI::App& app, std::vector<std::string> arguments);
+Command detect_command(CLI::App& app, const std::vector<std::string>& arguments);
 
 }  // namespace kincal

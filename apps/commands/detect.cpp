@@ -3,18 +3,18 @@
 #include <memory>
 
 #include "../detect_options.h"
-#include "../image_program.h"
+#include "../sibling.h"
 #include "command.h"
 
 namespace kincal {
 
-Command detect_command(CLI::App& app, std::vector<std::string> arguments) {
+Command detect_command(CLI::App& app, const std::vector<std::string>& arguments) {
   auto a = std::make_shared<DetectArguments>();
   CLI::App* command =
       app.add_subcommand("detect", "Find boards and markers in images and write them as samples");
   add_detect_options(*command, *a);
   return {command, [a, arguments]() -> int {
-            become(find_image_program("kincal-detect", "`kincal detect`"), arguments);
+            become(find_sibling("kincal-detect", "`kincal detect`", kBuiltWithImages), arguments);
           }};
 }
 

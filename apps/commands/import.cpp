@@ -8,8 +8,10 @@
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/recordings/bag_files.h"
 #include "../../io/rig/types.h"
 #include "../job.h"
+#include "../sibling.h"
 #include "../signals.h"
 #include "command.h"
 
@@ -17,10 +19,11 @@ namespace kincal {
 namespace {
 
 struct ImportArguments {
+  std::vector<std::string> files;
   std::string file, rig, out, sensor, target;
   std::string pose_format, unit, setup;  // of poses
   LensChoice lens;
-  bool force = false;
+  bool force = false, list = false, quiet = false;
 };
 
 using Notes = std::vector<std::string>;
@@ -158,8 +161,41 @@ int import_hand_eye(const ImportArguments& a) {
   return kConverged;
 }
 
-int import_file(ImportArguments a) {
+/// Recordings are read by a program of its own, which has the libraries for that.
+[[noreturn]] void import_bags(const ImportArguments& a, std::vector<std::string> arguments) {
+  bool others = a.lens.rectified || a.lens.fisheye;
+  for (const std::string* option :
+       {&a.sensor, &a.target, &a.pose_format, &a.unit, &a.setup, &a.lens.camera})
+    others = others || !option->empty();
+  if (others)
+    throw InputError(a.files[0] +
+                     " is a recording: only --rig, --out, --list, --force and --quiet go with it");
+  arguments.erase(arguments.begin() + 1, arguments.end());
+  const auto give = [&](const std::string& option, const std::string& value) {
+    if (!value.empty()) arguments.insert(arguments.end(), {option, value});
+  };
+  give("--rig", a.rig);
+  give("--out", a.out);
+  for (const auto& [option, given] :
+       {std::pair{"--list", a.list}, {"--force", a.force}, {"--quiet", a.quiet}})
+    if (given) arguments.push_back(option);
+  arguments.push_back("--");
+  arguments.insert(arguments.end(), a.files.begin(), a.files.end());
+  become(
+      find_sibling("kincal-bags", "`kincal import` of recordings",
+                   "where SQLite, lz4, zstd, bz2 and zlib are: apt-get install libsqlite3-dev "
+                   "liblz4-dev libzstd-dev libbz2-dev zlib1g-dev, then build kincal again (CMake "
+                   "option KINCAL_BAGS)"),
+      arguments);
+}
+
+int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   a.rig = rig_path(a.rig);
+  if (is_bag(a.files[0])) import_bags(a, arguments);
+  if (a.files.size() > 1)
+    throw InputError(a.files[0] + " is no recording: one such file at a time");
+  if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");
+  a.file = a.files[0];
   const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
   if (hand_eye || !a.pose_format.empty()) {
     if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");
@@ -188,12 +224,14 @@ int import_file(ImportArguments a) {
 
 }  // namespace
 
-Command import_command(CLI::App& app) {
+Command import_command(CLI::App& app, const std::vector<std::string>& arguments) {
   auto a = std::make_shared<ImportArguments>();
   CLI::App* command = app.add_subcommand(
-      "import", "Read a file of another program: ROS, OpenCV, Kalibr, easy_handeye, MoveIt");
+      "import",
+      "Read recordings and files of other programs: ROS, OpenCV, Kalibr, easy_handeye, MoveIt");
   command
-      ->add_option("FILE", a->file,
+      ->add_option("FILE", a->files,
+                   "recordings (ROS 1 bags, MCAP, SQLite files and folders of rosbag2); or one of: "
                    "camera_info YAML or message (ROS), camera YAML or XML (OpenCV), camchain or "
                    "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a table of the "
                    "flange's poses (CSV, with --pose-format)")
@@ -240,6 +278,8 @@ Command import_command(CLI::App& app) {
                       "the rig, or the samples, to write; of samples of poses a new folder for "
                       "both");
   command->add_flag("--force", a->force, "replace an existing file");
+  command->add_flag("--list", a->list, "of recordings: show what they have, and write nothing");
+  command->add_flag("--quiet", a->quiet, "of recordings: no progress");
   command->footer(
       "Examples:\n"
       "  kincal import camera_info.yaml                                   the keys for rig.yaml, "
@@ -251,13 +291,15 @@ Command import_command(CLI::App& app) {
       "  kincal import poses.csv --pose-format kuka --sensor camera --target board --out "
       "samples.jsonl\n"
       "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
+      "  kincal import recording.bag --list                               topics, rates, gaps\n"
+      "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   of calibration_msgs\n"
       "Pose formats (the columns in this order, or as the header names them):" +
       formats +
       "\n"
       "The rig keeps its text and comments but for these keys. `kincal export` writes such files. "
       "Exit codes: 0 written; 1 bad\n"
       "input or usage, nothing written.");
-  return {command, [a] { return import_file(*a); }};
+  return {command, [a, arguments] { return import_file(*a, arguments); }};
 }
 
 }  // namespace kincal

@@ -16,7 +16,7 @@ int show(const std::string& given) {
   const bool folder = std::filesystem::is_directory(given, ignored);
   const std::string path = folder ? given + "/result.json" : given;
   const Node node = parse_json(read_file(path), path);
-  std::cout << show_text(top(node, path));
+  std::cout << show_text(top(node, path), true);
   if (folder && file_exists(given + "/report.html"))
     std::cout << "\nMore: " << given << "/report.html (a browser), result.json\n";
   return kConverged;

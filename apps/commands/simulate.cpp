@@ -11,9 +11,9 @@
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
 #include "../../models/rig/selection.h"
-#include "../image_program.h"
 #include "../job.h"
 #include "../render_options.h"
+#include "../sibling.h"
 #include "../signals.h"
 #include "command.h"
 
@@ -124,7 +124,9 @@ ImageNames name_images(const SimulateArguments& a, const Rig& rig, std::vector<S
 
 int simulate(const SimulateArguments& a) {
   const std::string program =
-      a.render.empty() ? "" : find_image_program("kincal-render", "`kincal simulate --render`");
+      a.render.empty()
+          ? ""
+          : find_sibling("kincal-render", "`kincal simulate --render`", kBuiltWithImages);
   say_cleared(clear_leftovers(a.out));
   check_output(a.out, a.force);
   const RigFile rig_file = read_rig(rig_path(a.rig));

@@ -124,9 +124,13 @@ std::string batch_table(const std::vector<SetSummary>& sets, size_t ignored) {
     out += align(rows, 2);
   }
   out += largest_move(sets);
-  std::vector<std::vector<std::string>> failing;
+  std::vector<std::vector<std::string>> failing, doubtful;
   for (const SetSummary& s : sets)
-    if (s.fails()) failing.push_back({s.name, s.status, s.error});
+    if (s.fails())
+      failing.push_back({s.name, s.status, s.error});
+    else if (s.verdict == "doubts")
+      doubtful.push_back({s.name, s.error});
+  if (!doubtful.empty()) out += "\nWith doubts\n" + align(doubtful, 2);
   if (!failing.empty()) out += "\nNot converged, or not to be relied on\n" + align(failing, 3);
   return out;
 }

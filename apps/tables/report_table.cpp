@@ -5,10 +5,12 @@
 #include <cstdio>
 #include <set>
 
+#include "../../io/document/json.h"
 #include "../../io/document/numbers.h"
 #include "../../models/report/warnings.h"
 #include "../../models/rig/numbers.h"
 #include "plan_table.h"
+#include "show_table.h"
 #include "table.h"
 #include "validation_table.h"
 
@@ -310,6 +312,33 @@ std::string mount_lines(const std::vector<MountText>& mounts, bool has_urdf) {
 }
 
 }  // namespace
+
+std::string short_text(const Report& report, const ResultFiles& files) {
+  constexpr size_t kMost = 3;
+  const std::string place = "result.json";
+  const Node result = parse_json(files.result_json, place);
+  std::string out = show_text(top(result, place), false);
+  if (report.diagnosis && report.diagnosis->findings.empty())
+    out += "\nWhat may be wrong (kincal check)\n" +
+           wrapped(std::string(explained(*report.diagnosis) ? "nothing found; "
+                                                            : "none of the usual mistakes; ") +
+                       report.diagnosis->verdict,
+                   "  ", 2);
+  const Validation& v = report.validation;  // of held-out data the table above has the errors
+  if (v.cross_validation || !v.frames.empty() || !v.requirements.empty())
+    out += validation_table(report);
+  if (report.restarts)
+    out += "\nRestarts from other starting values\n" +
+           restart_table(*report.restarts, report.solution.steps.back().converged);
+  if (!report.rejected.empty()) out += "\n" + rejected_table(report.rejected);
+  const std::vector<std::string>& left = files.not_in_urdf;
+  if (files.robot_urdf.empty() || left.empty()) return out;
+  std::string names;
+  for (size_t i = 0; i < std::min(left.size(), kMost); ++i) names += (i ? ", " : "") + left[i];
+  if (left.size() > kMost) names += text(" and %zu more", left.size() - kMost);
+  return out + "\n" +
+         wrapped(names + " (rig.yaml has them)", "Not in robot.urdf, which cannot express it: ", 2);
+}
 
 std::string report_text(const Report& report, const ResultFiles& files) {
   std::string out;

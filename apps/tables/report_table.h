@@ -18,6 +18,9 @@ bool explained(const Diagnosis& diagnosis);
 std::string diagnosis_text(const Diagnosis& diagnosis);
 /// Returns why a calibration could not start: what the doctor found first, then where it ended.
 std::string no_start_text(const std::string& message, const Diagnosis& diagnosis);
+/// Shows the essentials, in 80 columns: verdict, errors, largest changes, warnings, and what
+/// options asked for (validation, restarts, outliers taken out).
+std::string short_text(const Report& report, const ResultFiles& files);
 /// Shows the whole report: steps, tables, what is not in the URDF, warnings.
 std::string report_text(const Report& report, const ResultFiles& files);
 

@@ -11,30 +11,14 @@
 namespace kincal {
 namespace {
 
-constexpr size_t kColumns = 80, kTrack = 18, kMostChanges = 5, kMostLines = 4;
+constexpr size_t kTrack = 18, kMostChanges = 5, kMostLines = 4;
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-
-/// A paragraph of at most 80 columns, `indent` in front of its lines but for the first.
-std::string wrapped(const std::string& words, const std::string& first, size_t indent) {
-  std::string out, line = first;
-  std::istringstream in(words);
-  for (std::string word; in >> word;) {
-    const bool begins = line.find_first_not_of(' ') == std::string::npos || line == first;
-    if (!begins && line.size() + 1 + word.size() > kColumns) {
-      out += line + "\n";
-      line = std::string(indent, ' ') + word;
-    } else {
-      line += (begins ? "" : " ") + word;
-    }
-  }
-  return out + line + "\n";
-}
 
 double number_or_unknown(const Field& field) {
   return field.node->kind == Node::Kind::null ? kUnknown : field.number();
 }
 
-/// A row of the table of errors.
+/// A row of the table of errors; of a pose's rotation the sensor has no name.
 struct ErrorRow {
   std::string sensor, from;
   Unit unit;
@@ -48,10 +32,15 @@ std::vector<ErrorRow> error_rows(const Field& result) {
     const Field sensor = sensors[name];
     const bool held_out = sensor["test"]["points"].number() > 0;
     const Field split = sensor[held_out ? "test" : "train"];
-    const Unit unit = shown(sensor["unit"].string());
-    const auto rms = [&](const char* key) { return unit.factor * number_or_unknown(split[key]); };
-    out.push_back({name, held_out ? "held out" : "fit", unit, rms("rms_before"), rms("rms"),
-                   rms("rms_as_read")});
+    for (const std::string kind : {"rms", "rms_rotation"}) {
+      if (!split.has(kind)) continue;
+      const Unit unit = shown(kind == "rms" ? sensor["unit"].string() : "rad");
+      const auto rms = [&](const char* when) {
+        return unit.factor * number_or_unknown(split[kind + when]);
+      };
+      out.push_back({kind == "rms" ? name : "", held_out ? "held out" : "fit", unit, rms("_before"),
+                     rms(""), rms("_as_read")});
+    }
   }
   return out;
 }
@@ -73,6 +62,18 @@ std::string track(const ErrorRow& row, std::pair<double, double> range) {
   return out;
 }
 
+/// The table; without its drawing, column 1, where it is too wide for a terminal.
+std::string narrowed(std::vector<std::vector<std::string>> rows) {
+  std::string out = align(rows, 2);
+  std::istringstream lines(out);
+  for (std::string line; std::getline(lines, line);)
+    if (shown_width(line) > kTerminal) {
+      for (auto& row : rows) row.erase(row.begin() + 1);
+      return align(rows, 1);
+    }
+  return out;
+}
+
 std::string error_table(const Field& result) {
   const std::vector<ErrorRow> all = error_rows(result);
   std::map<std::string, std::pair<double, double>> ranges;  // by unit
@@ -90,7 +91,23 @@ std::string error_table(const Field& result) {
   for (auto& row : rows)
     for (std::string& cell : row)
       if (cell == "nan") cell = "-";
-  return "Errors, rms (in use: joint readings taken as they come)\n" + align(rows, 2);
+  return "Errors, rms (in use: joint readings taken as they come)\n" + narrowed(rows);
+}
+
+/// The name of component `c` of a parameter's `size` ones; a result has numbers only.
+std::string part_name(const std::string& parameter, size_t c, size_t size) {
+  static const std::vector<std::string> kPose = {"x", "y", "z", "rx", "ry", "rz"},
+                                        kIntrinsics = {"fx", "fy", "cx", "cy"},
+                                        kFisheye = {"k1", "k2", "k3", "k4"},
+                                        kLens = {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"};
+  const std::string kind = parameter.substr(parameter.rfind('/') + 1);
+  if (size == 1) return "";
+  if (kind == "points") return std::to_string(c / 3) + "." + kPose[c % 3];
+  const std::vector<std::string>& names = kind == "intrinsics"   ? kIntrinsics
+                                          : kind != "distortion" ? kPose
+                                          : size == 4            ? kFisheye
+                                                                 : kLens;
+  return c < names.size() ? names[c] : std::to_string(c + 1);
 }
 
 std::string change_table(const Field& result) {
@@ -104,9 +121,6 @@ std::string change_table(const Field& result) {
     const Field p = parameters[name];
     const std::vector<std::string> units = p["unit"].strings();
     const std::vector<double> before = p["initial"].vector(), after = p["value"].vector();
-    static const char *const kPose[] = {"x", "y", "z", "rx", "ry", "rz"}, *const kLens[] = {
-                                                                              "fx", "fy", "cx",
-                                                                              "cy"};
     if (before.size() != after.size() || units.size() != after.size())
       p.fail("unit, initial and value have a number each a component");
     for (size_t c = 0; c < after.size(); ++c) {
@@ -114,15 +128,11 @@ std::string change_table(const Field& result) {
       if (sigma == 0) continue;  // held
       const Unit unit = shown(units[c]);
       const double change = after[c] - before[c];
-      const bool lens = name.rfind("/intrinsics") != std::string::npos && after.size() == 4;
-      const std::string component = after.size() == 1        ? ""
-                                    : p.has("pose") && c < 6 ? kPose[c]
-                                    : lens                   ? kLens[c]
-                                                             : std::to_string(c + 1);
       changes.push_back(
           {weight_of(change, units[c]),
            std::abs(change),
-           {component_name(name, component), text("%+.4g", change * unit.factor),
+           {component_name(name, part_name(name, c, after.size())),
+            text("%+.4g", change * unit.factor),
             std::isfinite(sigma) ? text("± %.2g", sigma * unit.factor) : "not known", unit.name}});
     }
   }
@@ -137,7 +147,7 @@ std::string change_table(const Field& result) {
     rows.push_back({changes[i].cells[0], bar});
     rows.back().insert(rows.back().end(), changes[i].cells.begin() + 1, changes[i].cells.end());
   }
-  return "\nLargest changes, of " + std::to_string(changes.size()) + "\n" + align(rows, 2);
+  return "\nLargest changes, of " + std::to_string(changes.size()) + "\n" + narrowed(rows);
 }
 
 /// The first lines of a list, and how many more there are.
@@ -165,28 +175,38 @@ std::vector<std::string> weak_lines(const Field& result) {
   return out;
 }
 
-std::vector<std::string> texts(const Field& list, const char* first, const char* second) {
+/// Findings or warnings of a result, but for what its verdict says word by word.
+std::vector<std::string> unsaid(const Field& result, const char* key) {
+  const std::string verdict = result["verdict"]["text"].string();
+  const Field list = result[key];
   std::vector<std::string> out;
-  for (size_t i = 0; i < list.size(); ++i)
-    out.push_back(list.item(i)[first].string() + ": " + list.item(i)[second].string());
+  for (size_t i = 0; i < list.size(); ++i) {
+    const std::string text = list.item(i)["text"].string();
+    if (verdict.find(text) == std::string::npos)
+      out.push_back(list.item(i)["id"].string() + ": " + text);
+  }
   return out;
 }
 
 }  // namespace
 
-std::string show_text(const Field& result) {
-  std::string head = result["scene"]["robot"].string();
-  for (const char* key : {"serial", "time"})
-    if (result.has(key)) head += ", " + result[key].string();
-  const Field input = result["input"], verdict = result["verdict"];
-  head += "; calibrated " + input["date"].string() + ", kincal " + result["kincal"].string();
-  std::string out = wrapped(head, "", 0) +
-                    wrapped(verdict["text"].string(), verdict["use"].string() + ": ", 2) + "\n";
-  out += error_table(result) + change_table(result);
+std::string show_text(const Field& result, bool all) {
+  std::string out;
+  if (all) {
+    out = result["scene"]["robot"].string();
+    for (const char* key : {"serial", "time"})
+      if (result.has(key)) out += ", " + result[key].string();
+    out += "; calibrated " + result["input"]["date"].string() + ", kincal " +
+           result["kincal"].string();
+    out = wrapped(out, "", 0);
+  }
+  const Field verdict = result["verdict"];
+  out += wrapped(verdict["text"].string(), verdict["use"].string() + ": ", 2);
   if (result.has("findings"))
-    out += some_lines("What may be wrong", texts(result["findings"], "id", "text"));
-  out += some_lines("What the data do not tell well", weak_lines(result));
-  return out + some_lines("Warnings", texts(result["warnings"], "id", "text"));
+    out += some_lines("What else may be wrong", unsaid(result, "findings"));
+  out += "\n" + error_table(result) + change_table(result);
+  if (all) out += some_lines("What the data do not tell well", weak_lines(result));
+  return out + some_lines("Warnings", unsaid(result, "warnings"));
 }
 
 }  // namespace kincal

@@ -2,16 +2,29 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 namespace kincal {
-namespace {
 
 size_t shown_width(const std::string& s) {  // UTF-8 continuation bytes take no place
   return static_cast<size_t>(
       std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
 
-}  // namespace
+std::string wrapped(const std::string& words, const std::string& first, size_t indent) {
+  std::string out, line = first;
+  std::istringstream in(words);
+  for (std::string word; in >> word;) {
+    const bool begins = line.find_first_not_of(' ') == std::string::npos || line == first;
+    if (!begins && line.size() + 1 + word.size() > kTerminal) {
+      out += line + "\n";
+      line = std::string(indent, ' ') + word;
+    } else {
+      line += (begins ? "" : " ") + word;
+    }
+  }
+  return out + line + "\n";
+}
 
 std::string align(const std::vector<std::vector<std::string>>& rows, size_t left) {
   std::vector<size_t> width;

@@ -9,6 +9,14 @@
 
 namespace kincal {
 
+constexpr size_t kTerminal = 80;  // columns
+
+/// Returns how many columns of a terminal a text takes.
+size_t shown_width(const std::string& text);
+/// Returns a paragraph no wider than a terminal, that begins with `first`; `indent`: blanks before
+/// its other lines.
+std::string wrapped(const std::string& words, const std::string& first, size_t indent);
+
 /// Pads columns to their widest cell; the first `left` ones to the left, the others to the right.
 std::string align(const std::vector<std::vector<std::string>>& rows, size_t left);
 

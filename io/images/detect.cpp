@@ -1,77 +1,15 @@
 #include "detect.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <map>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "finders.h"
+#include "plane_view.h"
 
 namespace kincal {
 namespace {
-
-using Points2 = std::vector<cv::Point2d>;
-
-/// Distances of a homography fitted to the pixels with the lens undone by one radial number, in
-/// the pixels' own scale. `r` is the radius that `k` belongs to.
-double homography_rms(const Points2& plane, const Points2& pixels, cv::Point2d centre, double r,
-                      double k) {
-  Points2 straight;
-  double scale = 0;
-  for (const cv::Point2d& p : pixels) {
-    const cv::Point2d d = (p - centre) / r;
-    const double factor = 1 + k * d.dot(d);
-    straight.push_back(centre + factor * (p - centre));
-    scale += factor;
-  }
-  const cv::Mat h = cv::findHomography(plane, straight);
-  if (h.empty()) return 1e9;
-  Points2 fitted;
-  cv::perspectiveTransform(plane, fitted, h);
-  double sum = 0;
-  for (size_t i = 0; i < fitted.size(); ++i)
-    sum += (fitted[i] - straight[i]).dot(fitted[i] - straight[i]);
-  return std::sqrt(sum / static_cast<double>(fitted.size())) * static_cast<double>(fitted.size()) /
-         scale;
-}
-
-/// The best homography with a radial distortion. The mean square is nearly a parabola in the one
-/// number that is left, so a few steps to the lowest point of one are enough.
-double fit_rms(const cv::Mat& image, const ImageTarget& target, const Detection& found) {
-  if (found.ids.size() < 5) return 0;  // four points fit any homography
-  Points2 plane;
-  for (int id : found.ids) plane.push_back(target.points[id]);
-  const cv::Point2d centre(0.5 * (image.cols - 1), 0.5 * (image.rows - 1));
-  const double r = cv::norm(centre);
-  std::map<double, double> tried;  // the number, and the mean square
-  const auto square = [&](double k) {
-    const double rms = homography_rms(plane, found.pixels, centre, r, k);
-    return tried[k] = rms * rms;
-  };
-  square(0);
-  if (found.ids.size() < 6) return std::sqrt(tried[0]);
-  square(-0.3), square(0.4);
-  for (int i = 0; i < 6; ++i) {
-    auto best = tried.begin();
-    for (auto one = tried.begin(); one != tried.end(); ++one)
-      if (one->second < best->second) best = one;
-    if (best == tried.begin()) ++best;
-    if (std::next(best) == tried.end()) --best;
-    const auto [x, y] = *best;
-    const auto [x0, y0] = *std::prev(best);
-    const auto [x1, y1] = *std::next(best);
-    const double left = (y - y0) / (x - x0), right = (y1 - y) / (x1 - x);
-    if (!(right > left)) break;
-    const double lowest = 0.5 * (x0 + x) - left * 0.5 * (x1 - x0) / (right - left);
-    const double next = std::clamp(lowest, -0.5, 1.5);
-    if (std::abs(next - x) < 1e-4 || tried.count(next)) break;
-    square(next);
-  }
-  double least = tried[0];
-  for (const auto& one : tried) least = std::min(least, one.second);
-  return std::sqrt(least);
-}
 
 /// Noise of a part of a picture. A fifth of the pixels, those where the smoothed picture is
 /// flattest, are compared with their neighbours by second differences both ways, which see no
@@ -105,25 +43,36 @@ void judge(const cv::Mat& image, Detection& found) {
   const cv::Rect box = cv::boundingRect(pixels) & cv::Rect(0, 0, image.cols, image.rows);
   if (box.width < 5 || box.height < 5) return;
   const cv::Mat part = image(box);
-  cv::Mat dx, dy, slopes;
-  cv::Sobel(part, dx, CV_32F, 1, 0, 3, 0.125);
-  cv::Sobel(part, dy, CV_32F, 0, 1, 3, 0.125);
-  cv::magnitude(dx, dy, slopes);
-  std::vector<float> values, steepness;
-  const int step = 1 + part.cols * part.rows / 50000;  // so many are enough
-  for (int y = 1; y + 1 < part.rows; ++y)
+  std::array<int, 256> levels{};
+  std::vector<float> steepness;
+  const int step = 1 + part.cols * part.rows / 20000;  // so many are enough
+  for (int y = 1; y + 1 < part.rows; ++y) {
+    const uchar *up = part.ptr(y - 1), *here = part.ptr(y), *down = part.ptr(y + 1);
     for (int x = 1 + y % step; x + 1 < part.cols; x += step) {
-      values.push_back(part.at<uchar>(y, x));
-      steepness.push_back(slopes.at<float>(y, x));
+      const int left = up[x - 1] + 2 * here[x - 1] + down[x - 1];
+      const int right = up[x + 1] + 2 * here[x + 1] + down[x + 1];
+      const int above = up[x - 1] + 2 * up[x] + up[x + 1];
+      const int below = down[x - 1] + 2 * down[x] + down[x + 1];
+      ++levels[here[x]];
+      steepness.push_back(
+          0.125f * std::hypot(static_cast<float>(right - left), static_cast<float>(below - above)));
     }
-  const auto at = [](std::vector<float>& all, double share) {
-    const auto place = all.begin() + static_cast<long>(share * static_cast<double>(all.size() - 1));
-    std::nth_element(all.begin(), place, all.end());
-    return static_cast<double>(*place);
+  }
+  if (steepness.empty()) return;
+  const auto place = [&](double share) {
+    return static_cast<long>(share * static_cast<double>(steepness.size() - 1));
   };
-  const double height = at(values, 0.95) - at(values, 0.05);
+  const auto level = [&](double share) {
+    long before = 0;
+    int i = 0;
+    while (i < 255 && (before += levels[i]) <= place(share)) ++i;
+    return i;
+  };
+  const auto steep = steepness.begin() + place(0.995);
+  std::nth_element(steepness.begin(), steep, steepness.end());
+  const double height = level(0.95) - level(0.05);
+  const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, 1. * *steep));
   found.contrast = height / 255;
-  const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, at(steepness, 0.995)));
   constexpr double kOwn = 5. / 12;  // px^2, of the pixel and of the difference across two of them
   found.blur = std::sqrt(std::max(0.0, width * width - kOwn));
   constexpr int kEnough = 180;  // px
@@ -142,7 +91,11 @@ Detection detect(const cv::Mat& image, const ImageTarget& target) {
                                                    : find_chessboard(image, target);
   if (found.ids.empty()) return found;
   if (found.contrast == 0) judge(image, found);
-  found.rms = fit_rms(image, target, found);
+  if (found.ids.size() > 4) {  // four points fit any homography
+    std::vector<cv::Point2d> plane;
+    for (const int id : found.ids) plane.push_back(target.points[id]);
+    found.rms = fit_plane_view(plane, found.pixels, image.size()).rms;
+  }
   return found;
 }
 

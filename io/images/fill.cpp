@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -99,6 +100,55 @@ void work_all(std::vector<ImageTask>& tasks, const FillOptions& options) {
       tasks.size(), options.threads, [&](size_t i) { work(tasks[i], options); }, options.progress);
 }
 
+/// The layout of a ChArUco board that an image was read by (ImageTarget::layout).
+int layout_read(const Detection& found) { return found.layouts[0] > found.layouts[1] ? 0 : 1; }
+
+/// A board of markers has one layout in all images: that with which most markers agree. An image
+/// that shows a part of a board may suit both, one column apart, so images that were read by the
+/// other one are read again. Returns what there is to say.
+std::vector<std::string> agree_on_layouts(ImageTargets& targets, std::vector<ImageTask>& tasks,
+                                          const FillOptions& options) {
+  std::map<const ImageTarget*, std::array<int, 3>> votes;  // markers for each layout, and views
+  for (const ImageTask& task : tasks)
+    for (const ImageTask::Wanted& one : task.wanted)
+      if (one.target->kind == ImageTarget::Kind::charuco && !one.found.ids.empty()) {
+        std::array<int, 3>& all = votes[one.target];
+        for (const int layout : {0, 1}) all[layout] += one.found.layouts[layout];
+        ++all[2];
+      }
+  std::vector<std::string> notes;
+  std::vector<ImageTask> again;
+  std::vector<size_t> places;  // of these in `tasks`
+  for (auto& [name, target] : targets) {
+    if (!votes.count(&target)) continue;
+    const std::array<int, 3>& all = votes.at(&target);
+    target.layout = all[0] > all[1] ? 0 : 1;
+    if (all[0] == all[1])
+      notes.push_back(
+          "target '" + name + "': " +
+          (all[2] == 1 ? "the image suits" : "all " + std::to_string(all[2]) + " images suit") +
+          " both layouts of a ChArUco board, whose corners are one column apart. Taken is that "
+          "with a dark upper left square; an image that shows the board's left or right column "
+          "tells");
+  }
+  for (size_t i = 0; i < tasks.size(); ++i) {
+    const auto other = [](const ImageTask::Wanted& one) {
+      return one.target->layout >= 0 && !one.found.ids.empty() &&
+             layout_read(one.found) != one.target->layout;
+    };
+    if (std::none_of(tasks[i].wanted.begin(), tasks[i].wanted.end(), other)) continue;
+    for (const ImageTask::Wanted& one : tasks[i].wanted)
+      if (other(one))
+        notes.push_back(tasks[i].shown + ": " + one.target->name +
+                        ": read again by the layout that the other images have");
+    again.push_back(tasks[i]);
+    places.push_back(i);
+  }
+  in_parallel(again.size(), options.threads, [&](size_t i) { work(again[i], options); }, {});
+  for (size_t k = 0; k < again.size(); ++k) tasks[places[k]] = std::move(again[k]);
+  return notes;
+}
+
 std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
   std::string line = task.shown + ": " + one.target->name + ": ";
   char text[160];
@@ -134,9 +184,10 @@ void put(const ImageTask::Wanted& one, bool sigma, Json& view) {
 
 /// Looks for everything, writes what was found into the samples and drops what was not.
 Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageTask>& tasks,
-              const FillOptions& options) {
+              ImageTargets& known, const FillOptions& options) {
   work_all(tasks, options);
   Filled out;
+  const std::vector<std::string> layouts = agree_on_layouts(known, tasks, options);
   ImageTargets targets;
   std::set<std::pair<int, int>> found;  // sample and view
   for (ImageTask& task : tasks) {
@@ -177,6 +228,7 @@ Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageT
     kept.push_back(std::move(sample));
   }
   out.notes = renumber(rig, targets, filled, kept);
+  out.notes.insert(out.notes.begin(), layouts.begin(), layouts.end());
   for (const Json& sample : kept) out.text += sample.dump() + "\n";
   out.samples = static_cast<int>(kept.size());
   return out;
@@ -257,7 +309,7 @@ Filled fill_samples(const RigFile& rig, const std::string& path, const FillOptio
     }
   if (tasks.empty())
     throw InputError(path + ": no view of a camera has an `image` and no `pixels`: nothing to do");
-  return finish(rig, samples, tasks, options);
+  return finish(rig, samples, tasks, targets, options);
 }
 
 Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
@@ -301,7 +353,17 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
     samples.back()["views"] = views;
     tasks.push_back(std::move(task));
   }
-  Filled out = finish(rig, samples, tasks, options);
+  Filled out = finish(rig, samples, tasks, targets, options);
+  for (const std::string& joint :
+       rows.empty() ? std::vector<std::string>() : joints_with_readings(rig)) {
+    const auto lacks = [&](const JointRow& row) {
+      return !row.joints.count(joint) && !row.poses.count(joint);
+    };
+    const auto first = std::find_if(rows.begin(), rows.end(), lacks);
+    if (first != rows.end())
+      out.notes.push_back(first->where + ": no reading of joint '" + joint +
+                          "': what depends on it cannot be calibrated from these samples");
+  }
   out.lost.insert(out.lost.begin(), without.begin(), without.end());
   return out;
 }

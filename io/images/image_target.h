@@ -2,6 +2,7 @@
 // the centre of the top-left pixel.
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
@@ -19,6 +20,8 @@ struct ImageTarget {
   bool asymmetric = false;          // circles
   bool large_origin = false;        // circles: the one at point 0 is bigger
   double marker = 0;                // charuco: edge of a marker in squares
+  int layout = -1;                  // charuco: 1, markers in squares whose row + column is odd; 0,
+                                    // even; -1: as the picture has it
   double gap = 0;                   // tags: gap in tags
   int dictionary = -1;              // OpenCV's number
   int marker_id = 0;                // marker
@@ -43,6 +46,7 @@ struct Detection {
   double noise = 0;     // grey levels, sigma from pixel to pixel where nothing else changes
   double sigma = 0;     // px: of a coordinate, predicted from noise and edges; 0: not known
   double rms = 0;       // px: of the best homography with a radial distortion
+  std::array<int, 2> layouts{};  // charuco: markers that agree with each layout
 };
 
 }  // namespace kincal

@@ -53,6 +53,24 @@ bool names_image(const std::string& column) {
   return column == "image" || column == "file" || column == "filename" || column == "id";
 }
 
+bool is_one_of(const std::vector<std::string>& names, const std::string& name) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+/// Of names beside readings: one that is no joint's, while a joint with nearly that name has no
+/// reading, is misspelt. Others may be of the gripper, or no joints.
+void check_spelling(const std::vector<std::string>& names, const std::vector<std::string>& joints,
+                    const std::string& where) {
+  std::vector<std::string> without;
+  for (const std::string& joint : joints)
+    if (!is_one_of(names, joint)) without.push_back(joint);
+  for (const std::string& name : names)
+    if (!is_one_of(joints, name))
+      if (const std::string nearest = nearest_names(name, without); !nearest.empty())
+        throw InputError(where + ": there is no joint '" + name + "'" + nearest +
+                         "; the robot has: " + comma_separated(joints));
+}
+
 /// The columns: lower case where they say which image it is, else as they stand.
 std::vector<std::string> columns_of(const std::string& line, char separator,
                                     const std::vector<std::string>& joints,
@@ -62,7 +80,7 @@ std::vector<std::string> columns_of(const std::string& line, char separator,
   for (std::string& name : names) {
     std::string low = name;
     for (char& c : low) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    const bool joint = std::find(joints.begin(), joints.end(), name) != joints.end();
+    const bool joint = is_one_of(joints, name);
     readings += joint;
     if (!joint && (names_image(low) || low == "time")) name = low, ++images;
   }
@@ -73,6 +91,12 @@ std::vector<std::string> columns_of(const std::string& line, char separator,
                      (joints.empty() ? "the robot has none: is it a table of poses "
                                        "(--pose-format)?"
                                      : "the robot has: " + comma_separated(joints)));
+  for (size_t i = 0; i < names.size(); ++i)
+    if ((is_one_of(joints, names[i]) || names_image(names[i]) || names[i] == "time") &&
+        std::find(names.begin(), names.begin() + static_cast<long>(i), names[i]) !=
+            names.begin() + static_cast<long>(i))
+      throw InputError(where + ": there are two columns '" + names[i] + "'; leave one out");
+  check_spelling(names, joints, where);
   return names;
 }
 
@@ -89,21 +113,22 @@ JointRow row_of_cells(const std::vector<std::string>& names, const std::vector<s
       continue;
     }
     const std::optional<double> value = as_number(cells[i]);
-    const bool joint = std::find(joints.begin(), joints.end(), names[i]) != joints.end();
+    const bool joint = is_one_of(joints, names[i]);
     if (!value && (joint || names[i] == "time"))
       throw InputError(where + ": " + names[i] + ": a number is expected, like 0.25, not '" +
                        cells[i] + "'");
-    if (!value) continue;  // a comment
     if (names[i] == "time")
       row.time = value;
-    else
+    else if (joint)  // all else is a comment
       row.joints[names[i]] = *value;
   }
   return row;
 }
 
-JointRow row_of_json(const std::string& line, const std::string& path, int number) {
+JointRow row_of_json(const std::string& line, const std::vector<std::string>& joints,
+                     const std::string& path, int number) {
   const std::string where = path + ":" + std::to_string(number);
+  parse_json(line, path, number);  // says what is there twice
   const auto json = nlohmann::json::parse(line, nullptr, false);
   if (!json.is_object() || !json.contains("joints") || !json["joints"].is_object())
     throw InputError(where + ": {\"image\" or \"time\", \"joints\": {...}} is expected");
@@ -124,6 +149,9 @@ JointRow row_of_json(const std::string& line, const std::string& path, int numbe
                        ": a number is expected, or a pose {\"xyz\", \"quat\"}");
     }
   }
+  std::vector<std::string> names;
+  for (const auto& [name, value] : json["joints"].items()) names.push_back(name);
+  check_spelling(names, joints, where);
   return row;
 }
 
@@ -171,7 +199,7 @@ std::vector<JointRow> read_joint_table(const std::string& path,
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
     const std::string where = path + ":" + std::to_string(number);
     if (names.empty() && line[line.find_first_not_of(" \t")] == '{') {
-      rows.push_back(row_of_json(line, path, number));
+      rows.push_back(row_of_json(line, joints, path, number));
     } else if (names.empty()) {
       separator = separator_of(line);
       names = columns_of(line, separator, joints, where);

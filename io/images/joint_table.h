@@ -19,9 +19,10 @@ struct JointRow {
 };
 
 /// Reads a table with a header (columns `image`, `file`, `filename`, `id` or `time`, and joints;
-/// other columns may have text, which is left out), with commas, semicolons or tabs between cells,
+/// other columns are left out), with commas, semicolons or tabs between cells,
 /// or JSON lines ({"image" or "id" or "time", "joints": {...}}, a pose as {"xyz", "quat"}).
-/// `joints`: those of the robot, of which a table must have one. @throws InputError
+/// `joints`: those of the robot, of which a table must have one; a name near to one that has no
+/// reading is misspelt, and a column that is there twice an error. @throws InputError
 std::vector<JointRow> read_joint_table(const std::string& path,
                                        const std::vector<std::string>& joints);
 

@@ -8,8 +8,10 @@
 #include <opencv2/aruco.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 #include "finders.h"
+#include "plane_view.h"
 #include "saddle.h"
 
 namespace kincal {
@@ -19,14 +21,21 @@ using Quad = std::array<cv::Point2d, 4>;  // clockwise from the marker's upper l
 using Markers = std::multimap<int, Quad>;
 using Places = std::vector<cv::Point2d>;
 
+/// Widths of the windows (px) whose mean parts ink from paper.
+struct Windows {
+  int least = 3, most = 43;  // wide windows part tags from squares that touch them
+};
+
 /// All that are seen whole. A number may be there twice: what else looks like a code.
 /// `darker`: by how many grey levels than what is around it is ink.
-Markers find_markers(const cv::Mat& image, int dictionary, int border, double darker = 7) {
+Markers find_markers(const cv::Mat& image, int dictionary, int border, double darker = 7,
+                     Windows windows = {}) {
   const auto parameters = cv::aruco::DetectorParameters::create();
   parameters->markerBorderBits = border;
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;
   parameters->minMarkerPerimeterRate = 0.02;
-  parameters->adaptiveThreshWinSizeMax = 43;  // wide windows part tags from squares that touch them
+  parameters->adaptiveThreshWinSizeMin = windows.least;
+  parameters->adaptiveThreshWinSizeMax = windows.most;
   parameters->adaptiveThreshWinSizeStep = 4;
   if (border > 1) parameters->perspectiveRemoveIgnoredMarginPerCell = 0.3;  // blurred by neighbours
   parameters->adaptiveThreshConstant = darker;
@@ -137,24 +146,41 @@ struct Placed {
   Quad quad;
 };
 
-/// `odd`: markers are in squares whose row + column is odd (the upper left square is dark), else
-/// even (OpenCV's boards with an even number of rows before 4.6).
-std::vector<Placed> placed_markers(const Markers& markers, const ImageTarget& target, int odd) {
+/// The squares of a board that have markers, in the order of their numbers. `odd`: those whose row
+/// + column is odd (the upper left square is dark), else even (OpenCV's boards with an even number
+/// of rows before 4.6).
+std::vector<cv::Point> marker_squares(const ImageTarget& target, int odd) {
   std::vector<cv::Point> squares;
   for (int r = 0; r < target.rows; ++r)
     for (int c = 0; c < target.columns; ++c)
       if ((r + c) % 2 == odd) squares.emplace_back(c, r);
+  return squares;
+}
+
+/// The corners of a marker in the plane of the board, in squares, clockwise from the upper left.
+Quad marker_corners(const cv::Point& square, double marker) {
+  const cv::Point2d middle = cv::Point2d(square) + cv::Point2d(0.5, 0.5);
+  const double m = 0.5 * marker;
+  return {middle + cv::Point2d(-m, -m), middle + cv::Point2d(m, -m), middle + cv::Point2d(m, m),
+          middle + cv::Point2d(-m, m)};
+}
+
+/// Whether an inner corner is one of a square's.
+bool touches(const cv::Point& square, const cv::Point& corner) {
+  return (corner.x == square.x || corner.x == square.x + 1) &&
+         (corner.y == square.y || corner.y == square.y + 1);
+}
+
+/// The markers that agree with the layout `odd`.
+std::vector<Placed> placed_markers(const Markers& markers, const ImageTarget& target, int odd) {
+  const std::vector<cv::Point> squares = marker_squares(target, odd);
   std::vector<Placed> all, out;
   Places plane, pixels;
   double edge = 0;
-  const double m = 0.5 * target.marker;
   for (const auto& [id, quad] : markers) {
     if (id >= static_cast<int>(squares.size())) continue;
     all.push_back({squares[id], quad});
-    const cv::Point2d middle = cv::Point2d(squares[id]) + cv::Point2d(0.5, 0.5);
-    for (const cv::Point2d d :
-         {cv::Point2d(-m, -m), cv::Point2d(m, -m), cv::Point2d(m, m), cv::Point2d(-m, m)})
-      plane.push_back(middle + d);
+    for (const cv::Point2d& p : marker_corners(squares[id], target.marker)) plane.push_back(p);
     pixels.insert(pixels.end(), quad.begin(), quad.end());
     edge += edge_length(quad);
   }
@@ -170,56 +196,172 @@ std::vector<Placed> placed_markers(const Markers& markers, const ImageTarget& ta
 }
 
 /// The inner corner at (x, y) as the markers around it have it; false: none touches it.
-bool predict(const std::vector<Placed>& markers, double half, cv::Point2d corner, Saddle& out) {
+bool predict(const std::vector<Placed>& markers, double marker, const cv::Point& corner,
+             Saddle& out) {
   Places plane, pixels;
   for (const Placed& one : markers) {
-    const cv::Point2d middle = cv::Point2d(one.square) + cv::Point2d(0.5, 0.5);
-    if (std::max(std::abs(middle.x - corner.x), std::abs(middle.y - corner.y)) > 0.75) continue;
-    for (const cv::Point2d d : {cv::Point2d(-half, -half), cv::Point2d(half, -half),
-                                cv::Point2d(half, half), cv::Point2d(-half, half)})
-      plane.push_back(middle + d);
+    if (!touches(one.square, corner)) continue;
+    for (const cv::Point2d& p : marker_corners(one.square, marker)) plane.push_back(p);
     pixels.insert(pixels.end(), one.quad.begin(), one.quad.end());
   }
   if (plane.empty()) return false;
   const cv::Mat h = cv::findHomography(plane, pixels);
   if (h.empty()) return false;
-  const cv::Point2d x(0.5, 0), y(0, 0.5);
-  Places at = {corner, corner + x, corner - x, corner + y, corner - y};
-  cv::perspectiveTransform(at, at, h);
-  out.pixel = at[0];
-  out.sides =
-      cv::Matx22d(at[1].x - at[2].x, at[3].x - at[4].x, at[1].y - at[2].y, at[3].y - at[4].y);
+  const cv::Point2d x(0.5, 0), y(0, 0.5), at(corner);
+  Places near = {at, at + x, at - x, at + y, at - y};
+  cv::perspectiveTransform(near, near, h);
+  out.pixel = near[0];
+  out.sides = cv::Matx22d(near[1].x - near[2].x, near[3].x - near[4].x, near[1].y - near[2].y,
+                          near[3].y - near[4].y);
   return true;
 }
 
-}  // namespace
+constexpr int kFirstWindow = 23;  // px
 
-Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
+/// The layout that more markers agree with, if the target says none.
+int layout_of(const ImageTarget& target, const std::array<int, 2>& layouts) {
+  return target.layout >= 0 ? target.layout : layouts[0] > layouts[1] ? 0 : 1;
+}
+
+/// A look at a board: in which layout its markers lie, and where its corners should be.
+struct BoardLook {
+  std::array<int, 2> layouts{};  // markers that agree with each
+  std::vector<Saddle> corners;
+  bool complete = false;  // nothing more can be in the picture
+};
+
+/// Numbers a corner, if it is in the image.
+void add_corner(const ImageTarget& target, const cv::Point& corner, cv::Size image, Saddle one,
+                std::vector<Saddle>& out) {
+  if (!cv::Rect(3, 3, image.width - 6, image.height - 6).contains(cv::Point(one.pixel))) return;
+  one.id = (corner.y - 1) * (target.columns - 1) + corner.x - 1;
+  one.reach = 0.45;
+  one.strip = 0.9 * 0.5 * (1 - target.marker);  // the markers are beside it
+  out.push_back(one);
+}
+
+/// All markers in their squares of a layout, if one view of a plane explains them: no number was
+/// misread, and the lens is not too much for the view. Contours run inside of the ink, so a
+/// marker's corners may be a pixel or two off, its middle not.
+std::vector<Placed> in_one_view(const Markers& markers, const ImageTarget& target, int odd,
+                                cv::Size image, PlaneView& view) {
+  const std::vector<cv::Point> squares = marker_squares(target, odd);
+  std::vector<Placed> placed;
+  Places plane, pixels;
+  for (const auto& [id, quad] : markers) {
+    if (id >= static_cast<int>(squares.size())) continue;
+    placed.push_back({squares[id], quad});
+    for (const cv::Point2d& p : marker_corners(squares[id], target.marker)) plane.push_back(p);
+    pixels.insert(pixels.end(), quad.begin(), quad.end());
+  }
+  if (placed.size() < 4) return {};
+  view = fit_plane_view(plane, pixels, image);
+  for (size_t i = 0; i < placed.size(); ++i) {
+    cv::Point2d off;
+    double most = 0;
+    for (size_t k = 4 * i; k < 4 * i + 4; ++k) {
+      const cv::Point2d d = pixels[k] - view(plane[k]);
+      off += 0.25 * d;
+      most = std::max(most, cv::norm(d));
+    }
+    if (!(cv::norm(off) < 1.2 && most < 2 + 0.1 * edge_length(placed[i].quad))) return {};
+  }
+  return placed;
+}
+
+/// Whether the picture has no marker but these that could be read: every corner of the board is at
+/// one of them, or all markers around it reach out of the image.
+bool nothing_missing(const std::vector<Placed>& placed, const ImageTarget& target, int odd,
+                     const PlaneView& view, cv::Size image) {
+  const cv::Rect inside(8, 8, image.width - 16, image.height - 16);
+  std::set<std::pair<int, int>> at;
+  for (const Placed& one : placed)
+    for (const int dx : {0, 1})
+      for (const int dy : {0, 1}) at.emplace(one.square.x + dx, one.square.y + dy);
+  for (const cv::Point& square : marker_squares(target, odd)) {
+    const Quad corners = marker_corners(square, target.marker);
+    if (!std::all_of(corners.begin(), corners.end(),
+                     [&](const cv::Point2d& p) { return inside.contains(cv::Point(view(p))); }))
+      continue;
+    for (const int x : {square.x, square.x + 1})
+      for (const int y : {square.y, square.y + 1})
+        if (x > 0 && y > 0 && x < target.columns && y < target.rows && !at.count({x, y}))
+          return false;
+  }
+  return true;
+}
+
+/// The markers that one threshold finds: an eighth of the time, and enough for most pictures.
+BoardLook first_look(const cv::Mat& image, const ImageTarget& target) {
+  BoardLook out;
+  const Markers markers =
+      find_markers(image, target.dictionary, 1, 7, {kFirstWindow, kFirstWindow});
+  std::array<std::vector<Placed>, 2> placed;
+  std::array<PlaneView, 2> views;
+  for (const int odd : {0, 1}) {
+    placed[odd] = in_one_view(markers, target, odd, image.size(), views[odd]);
+    out.layouts[odd] = static_cast<int>(placed[odd].size());
+  }
+  const int odd = layout_of(target, out.layouts);
+  const PlaneView& view = views[odd];
+  if (placed[odd].empty() || !nothing_missing(placed[odd], target, odd, view, image.size()))
+    return out;
+  for (int r = 1; r < target.rows; ++r)
+    for (int c = 1; c < target.columns; ++c) {
+      const cv::Point corner(c, r);
+      if (std::none_of(placed[odd].begin(), placed[odd].end(),
+                       [&](const Placed& one) { return touches(one.square, corner); }))
+        continue;
+      Saddle one;
+      const cv::Point2d at(corner), x(0.5, 0), y(0, 0.5);
+      const cv::Point2d across = view(at + x) - view(at - x), down = view(at + y) - view(at - y);
+      one.pixel = view(at);
+      one.sides = cv::Matx22d(across.x, down.x, across.y, down.y);
+      add_corner(target, corner, image.size(), one, out.corners);
+    }
+  out.complete = true;
+  return out;
+}
+
+/// The same with all thresholds: whatever markers agree.
+BoardLook second_look(const cv::Mat& image, const ImageTarget& target, std::string& reason) {
+  BoardLook out;
   Markers markers = find_markers(image, target.dictionary, 1);
-  if (markers.empty()) return missing("no marker of its dictionary");
   for (auto& one : markers) {
     const double reach =
         std::clamp(0.6 * edge_length(one.second) / (bits_of(target.dictionary) + 2), 1.5, 5.0);
     one.second = refine_quad(image, one.second, reach);
   }
-  std::vector<Placed> placed = placed_markers(markers, target, 1);
-  const std::vector<Placed> other = placed_markers(markers, target, 0);
-  if (other.size() > placed.size()) placed = other;
-  if (placed.size() < std::min<size_t>(2, markers.size()))
-    return missing("the markers do not lie as on this board");
-  std::vector<Saddle> saddles;
-  for (int r = 0; r + 1 < target.rows; ++r)
-    for (int c = 0; c + 1 < target.columns; ++c) {
+  std::array<std::vector<Placed>, 2> placed;
+  for (const int odd : {0, 1}) {
+    placed[odd] = placed_markers(markers, target, odd);
+    out.layouts[odd] = static_cast<int>(placed[odd].size());
+  }
+  const std::vector<Placed>& best = placed[layout_of(target, out.layouts)];
+  if (markers.empty())
+    reason = "no marker of its dictionary";
+  else if (best.size() < std::min<size_t>(2, markers.size()))
+    reason = "the markers do not lie as on this board";
+  if (!reason.empty()) return out;
+  for (int r = 1; r < target.rows; ++r)
+    for (int c = 1; c < target.columns; ++c) {
       Saddle one;
-      if (!predict(placed, 0.5 * target.marker, cv::Point2d(c + 1, r + 1), one)) continue;
-      if (!cv::Rect(3, 3, image.cols - 6, image.rows - 6).contains(cv::Point(one.pixel))) continue;
-      one.id = r * (target.columns - 1) + c;
-      one.reach = 0.45;
-      one.strip = 0.9 * 0.5 * (1 - target.marker);  // the markers are beside it
-      saddles.push_back(one);
+      if (predict(best, target.marker, {c, r}, one))
+        add_corner(target, {c, r}, image.size(), one, out.corners);
     }
-  const Detection out = refined(image, saddles);
-  if (out.ids.empty() && !saddles.empty())
+  return out;
+}
+
+}  // namespace
+
+Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
+  std::string reason;
+  BoardLook look = first_look(image, target);
+  if (!look.complete) look = second_look(image, target, reason);
+  if (!reason.empty()) return missing(reason);
+  Detection out = refined(image, look.corners);
+  out.layouts = look.layouts;
+  if (out.ids.empty() && !look.corners.empty())
     return missing("what is free beside its markers is too narrow for the blur");
   if (out.ids.size() < 4 || on_one_line(out.pixels))
     return missing(std::to_string(out.ids.size()) + " corners: too few, or on a line");

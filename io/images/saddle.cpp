@@ -24,14 +24,22 @@ struct Window {
   static double hill(double x) { return std::abs(x) < 1 ? (1 - x * x) * (1 - x * x) : 0; }
   static double slope(double x) { return std::abs(x) < 1 ? -4 * x * (1 - x * x) : 0; }
 
+  /// Returns whether a place is beside the cross, where the weight is 0.
+  bool beside(const cv::Vec2d& at) const {
+    const double x = std::abs(at[0]), y = std::abs(at[1]);
+    return x >= reach[0] || y >= reach[1] || (x >= strip[0] && y >= strip[1]);
+  }
+
   /// Returns the weight of a place beside the corner, in units.
   double operator()(const cv::Vec2d& at) const {
+    if (beside(at)) return 0;
     return std::max(hill(at[0] / reach[0]) * hill(at[1] / strip[1]),
                     hill(at[1] / reach[1]) * hill(at[0] / strip[0]));
   }
 
   /// Returns the same and its derivative.
   double operator()(const cv::Vec2d& at, cv::Vec2d& derivative) const {
+    if (beside(at)) return 0;
     const double a = hill(at[0] / reach[0]), b = hill(at[1] / strip[1]), c = hill(at[1] / reach[1]),
                  d = hill(at[0] / strip[0]);
     derivative = a * b > c * d ? cv::Vec2d(slope(at[0] / reach[0]) / reach[0] * b,

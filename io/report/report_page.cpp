@@ -146,8 +146,11 @@ std::string with_every(size_t every, const DataColumns& columns) {
 }
 
 std::string residuals_data(const std::string& csv, PageNames& names) {
-  DataColumns out({"sample", "sensor", "target", "id", "x", "y", "z", "rx", "ry", "rz", "before_x",
-                   "before_y", "before_z", "whitened", "measured_1", "measured_2", "measured_3"});
+  DataColumns out({"sample",     "sensor",     "target",     "id",         "x",
+                   "y",          "z",          "rx",         "ry",         "rz",
+                   "before_x",   "before_y",   "before_z",   "whitened",   "measured_1",
+                   "measured_2", "measured_3", "whitened_1", "whitened_2", "whitened_3",
+                   "whitened_4", "whitened_5", "whitened_6"});
   const size_t every = line_count(csv) / kMostResiduals + 1;
   size_t line = 0;
   for_each_csv_row(csv, [&](const std::vector<std::string>& row) {
@@ -157,17 +160,20 @@ std::string residuals_data(const std::string& csv, PageNames& names) {
     out[1].add(std::to_string(names.sensors(row[2])));
     out[2].add(std::to_string(names.targets(row[3])));
     out[3].add(row[4]);
-    for (size_t i = 4; i < out.size();
-         ++i) {  // x is field 6; files of old have no measured numbers
+    for (size_t i = 4; i < out.size(); ++i) {  // x is field 6; files of old have fewer columns
       const size_t field = i + 2;
-      out[i].add(field < row.size() ? drawn(row[field], field < 16 ? kDrawnDigits : 6) : "");
+      out[i].add(field < row.size() ? drawn(row[field], field < 16   ? kDrawnDigits
+                                                        : field < 19 ? 6
+                                                                     : 4)
+                                    : "");
     }
   });
   return with_every(every, out);
 }
 
-std::string loops_data(const std::string& csv, PageNames& names) {
-  const size_t rows = line_count(csv), every = rows / kMostLoops + 1;
+/// `written`: loops.csv has the points of every so-manieth sample only.
+std::string loops_data(const std::string& csv, size_t written, PageNames& names) {
+  const size_t rows = line_count(csv), every = written * (rows / kMostLoops + 1);
   if (rows < 2) return "null";
   DataColumns out(
       {"sample", "from", "to", "target", "id", "before_x", "before_y", "before_z", "x", "y", "z"});
@@ -236,6 +242,12 @@ std::string robot_name(const OrderedJson& result) {
 /// A member of a member ..., null where there is none.
 OrderedJson member(const OrderedJson& json, const std::string& pointer) {
   return json.value(OrderedJson::json_pointer(pointer), OrderedJson());
+}
+
+/// loops.csv has the points of every so-manieth sample: 1 in results of before that was said.
+size_t loops_written(const OrderedJson& result) {
+  const OrderedJson every = member(result, "/loops_csv/every");
+  return every.is_number_unsigned() && every > 0 ? every.get<size_t>() : 1;
 }
 
 /// The component that changed most, as tables weigh changes: a thousandth of a metre, a radian or a
@@ -319,7 +331,7 @@ std::string report_page(const ResultTexts& texts) {
   PageNames names;
   const std::string samples = samples_data(texts.samples_csv, names.samples),
                     residuals = residuals_data(texts.residuals_csv, names),
-                    loops = loops_data(texts.loops_csv, names),
+                    loops = loops_data(texts.loops_csv, loops_written(result), names),
                     covariance = covariance_data(texts.covariance_csv);
   return with_data("{\"version\":1,\"title\":" + json_string(robot_name(result)) + ",\"result\":" +
                    compact(result) + ",\"names\":{\"sensors\":" + name_list(names.sensors.names) +

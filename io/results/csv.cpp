@@ -22,6 +22,8 @@ void add_numbers(std::string& out, const double* values, int known, int count, i
   }
 }
 
+constexpr size_t kMostLoopRows = 100000;
+
 const char* split_name(const Sample& sample) { return sample.train ? "train" : "test"; }
 
 }  // namespace
@@ -29,7 +31,8 @@ const char* split_name(const Sample& sample) { return sample.train ? "train" : "
 std::string residuals_csv(const Report& report) {
   std::string out =
       "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened,"
-      "measured_1,measured_2,measured_3\n";
+      "measured_1,measured_2,measured_3,whitened_1,whitened_2,whitened_3,whitened_4,whitened_5,"
+      "whitened_6\n";
   std::map<const View*, const ViewResiduals*> before;
   for (const ViewResiduals& r : report.residuals.before) before[r.view] = &r;
   const Rig& rig = report.solution.rig();
@@ -53,6 +56,7 @@ std::string residuals_csv(const Report& report) {
                   found == before.end() ? 0 : rows, 3);
       out += "," + shortest(r.whitened.segment(b * white, white).norm());
       add_numbers(out, r.view->z.data() + b * numbers, numbers, 3);
+      add_numbers(out, r.whitened.data() + b * white, static_cast<int>(white), 6, 6);
       out += "\n";
     }
   }
@@ -100,10 +104,19 @@ std::string samples_csv(const Solution& solution) {
   return out;
 }
 
+size_t loops_every(const Report& report) {
+  size_t rows = 0;
+  for (const LoopView& v : report.loop_views) rows += static_cast<size_t>(v.after.cols());
+  const size_t every = rows / kMostLoopRows + 1;
+  return every % 2 ? every : every + 1;  // odd: samples that alternate between two arms show both
+}
+
 std::string loops_csv(const Report& report) {
   std::string out = "sample,split,from,to,target,id,unit,before_x,before_y,before_z,x,y,z\n";
   const Rig& rig = report.solution.rig();
+  const size_t every = loops_every(report);
   for (const LoopView& v : report.loop_views) {
+    if (static_cast<size_t>(v.sample) % every != 0) continue;
     const Sample& sample = report.solution.samples()[v.sample];
     const Sensor& to = rig.sensors[v.to->sensor];
     const std::string head = csv_field(sample.id) + "," + split_name(sample) + "," +

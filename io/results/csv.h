@@ -12,7 +12,11 @@ namespace kincal {
 std::string residuals_csv(const Report& report);
 /// Readings of the joints, their estimated errors and the poses of free targets, one line a sample.
 std::string samples_csv(const Solution& solution);
-/// Residuals of every point carried from one sensor into another, one line each.
+/// Returns 1 where loops.csv has the points of every sample; of thousands of samples, which would
+/// make it larger than all else together, every so-manieth (by its place in the file) of them.
+size_t loops_every(const Report& report);
+/// Residuals of every point carried from one sensor into another, one line each, of the samples
+/// that loops_every() says.
 std::string loops_csv(const Report& report);
 /// Rows and columns of what the data do not determine are empty: a covariance of it there is none.
 std::string covariance_csv(const Solution& solution);

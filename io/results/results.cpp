@@ -273,20 +273,24 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;
   out.urdf_hash = sha256(rig_file.urdf.text);
-  Json json = {{"verdict", {{"use", report.verdict.use}, {"text", report.verdict.text}}},
-               {"kincal", options.version},
-               {"input",
-                {{"command", options.command},
-                 {"date", options.date},
-                 {"rig", out.rig_hash},
-                 {"samples", out.samples_hash},
-                 {"urdf", out.urdf_hash}}}};
+  Json json = {
+      {"verdict",
+       {{"use", report.verdict.use}, {"text", report.verdict.text}, {"next", report.verdict.next}}},
+      {"kincal", options.version},
+      {"input",
+       {{"command", options.command},
+        {"date", options.date},
+        {"rig", out.rig_hash},
+        {"samples", out.samples_hash},
+        {"urdf", out.urdf_hash}}}};
   if (!rig_file.serial.empty()) json["serial"] = rig_file.serial;
   if (!rig_file.time.empty()) json["time"] = rig_file.time;
   json.update(result_json(report));
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
   if (rig_file.flange_only) json["robot"]["urdf"] = false;
-  json["scene"] = scene_json(report, rig_file.urdf.robot);
+  json["scene"] = scene_json(report, rig_file.urdf);
+  if (options.residuals && !report.loop_views.empty())
+    json["loops_csv"] = {{"every", loops_every(report)}};
   out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);

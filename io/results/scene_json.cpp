@@ -1,11 +1,13 @@
 #include "scene_json.h"
 
 #include <algorithm>
+#include <map>
 
 #include "../../kinematics/floating.h"
 #include "../../models/rig/selection.h"
+#include "../../models/rig/targets.h"
 #include "../document/numbers.h"
-#include "../urdf/urdf.h"
+#include "../urdf/boxes.h"
 
 namespace kincal {
 namespace {
@@ -78,7 +80,7 @@ Json mount_json(const Report& report, int link_index, int parameter) {
 
 }  // namespace
 
-Json scene_json(const Report& report, const std::string& robot) {
+Json scene_json(const Report& report, const Urdf& urdf) {
   const Solution& solution = report.solution;
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
@@ -89,6 +91,9 @@ Json scene_json(const Report& report, const std::string& robot) {
 
   const std::vector<Pose> before = origins_at(solution, solution.initial),
                           after = origins_at(solution, estimated);
+  const LinkBoxes boxes = link_boxes(urdf);
+  std::map<std::string, size_t> written;  // index of a link in the URDF, where none is opened
+  for (size_t i = 0; i < urdf.tree.links.size(); ++i) written[urdf.tree.links[i]] = i;
   Json links = Json::array(), sensors = Json::array(), targets = Json::array();
   for (const int l : order) {
     const int j = rig.tree.joint_above[l];
@@ -100,6 +105,9 @@ Json scene_json(const Report& report, const std::string& robot) {
       one["before"] = seven(before[j]);
       one["after"] = seven(after[j]);
     }
+    if (const auto at = written.find(rig.tree.links[l]); at != written.end())
+      for (const LinkBox& box : boxes.of[at->second])
+        one["boxes"].push_back({{"pose", seven(box.link_T_box)}, {"size", vector3(box.size)}});
     links.push_back(one);
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
@@ -131,11 +139,13 @@ Json scene_json(const Report& report, const std::string& robot) {
       one["points"].push_back(vector3(points.col(i)));
     targets.push_back(one);
   }
-  return {{"robot", robot},
-          {"base", place[rig.base]},
-          {"links", links},
-          {"sensors", sensors},
-          {"targets", targets}};
+  Json out = {{"robot", urdf.robot},
+              {"base", place[rig.base]},
+              {"links", links},
+              {"sensors", sensors},
+              {"targets", targets}};
+  if (boxes.left_out > 0) out["meshes_left_out"] = boxes.left_out;
+  return out;
 }
 
 }  // namespace kincal

@@ -3,12 +3,13 @@
 #pragma once
 
 #include "../../models/report/report.h"
+#include "../urdf/urdf.h"
 #include "json_values.h"
 
 namespace kincal {
 
-/// Returns `scene` of result.json (docs/formats.md) of a robot of this name. Parents come before
-/// their children.
-Json scene_json(const Report& report, const std::string& robot);
+/// Returns `scene` of result.json (docs/formats.md), with what the URDF draws of each link as
+/// boxes. Parents come before their children.
+Json scene_json(const Report& report, const Urdf& urdf);
 
 }  // namespace kincal

@@ -18,7 +18,10 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 double number_or_none(const Json& json) { return json.is_null() ? kNone : json.get<double>(); }
 
 Json set_json(const SetSummary& set) {
-  Json out = {{"status", set.status}, {"exit_code", set.exit_code}, {"error", set.error}};
+  Json out = {{"status", set.status},
+              {"exit_code", set.exit_code},
+              {"verdict", set.verdict},
+              {"error", set.error}};
   if (set.status != "failed") {
     out["chi2"] = number(set.chi2);
     out["dof"] = set.dof;
@@ -49,6 +52,7 @@ SetSummary read_set(const Json& json) {
   SetSummary set;
   set.status = json.at("status").get<std::string>();
   set.exit_code = json.at("exit_code").get<int>();
+  set.verdict = json.at("verdict").get<std::string>();
   set.error = json.at("error").get<std::string>();
   set.chi2 = number_or_none(json.at("chi2"));
   set.dof = json.at("dof").get<long>();
@@ -121,12 +125,12 @@ SetSummary summarize(const Report& report) {
   set.dof = solution.dof;
   set.chi2_data = solution.chi2_data;
   set.dof_data = solution.dof_data;
-  for (const Warning& w : report.warnings) {
-    if (set.error.empty() && w.id == set.status) set.error = w.text;
-    set.warnings.push_back(w.id + ": " + w.text);
-  }
+  set.verdict = report.verdict.use;
+  if (set.verdict == "no") set.error = report.verdict.text;
+  for (const Warning& w : report.warnings) set.warnings.push_back(w.id + ": " + w.text);
   for (const Judgement& j : report.validation.requirements)
     if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
+  if (set.error.empty() && set.verdict == "doubts") set.error = report.verdict.text;
   for (const SensorResult& s : report.residuals.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
     if (s.measures_pose)
@@ -175,12 +179,12 @@ std::string summary_csv(const std::vector<SetSummary>& sets) {
       for (const auto& e : entries(set, kind))
         if (index.emplace(e.first, columns.size()).second) columns.push_back(e.first);
 
-  std::string out = "name,status,exit_code,error,chi2,dof,chi2_per_dof,warnings";
+  std::string out = "name,status,exit_code,verdict,error,chi2,dof,chi2_per_dof,warnings";
   for (const std::string& name : columns) out += "," + csv_field(name);
   out += "\n";
   for (const SetSummary& set : sets) {
     out += csv_field(set.name) + "," + set.status + "," + std::to_string(set.exit_code) + "," +
-           csv_field(set.error) + ",";
+           set.verdict + "," + csv_field(set.error) + ",";
     if (set.status == "failed") {
       out += ",,,";
     } else {

@@ -34,9 +34,10 @@ struct AbsolutePose {
 /// A SetSummary is one set of a batch.
 struct SetSummary {
   std::string name;
-  std::string status;  // as in result.json, or `failed`: there is no result
-  int exit_code = 0;   // as of `kincal calibrate`; killed by a signal: 128 + its number
-  std::string error;   // why it is not converged, or which tolerance it does not meet
+  std::string status;   // as in result.json, or `failed`: there is no result
+  int exit_code = 0;    // as of `kincal calibrate`; killed by a signal: 128 + its number
+  std::string verdict;  // good, doubts, no; empty: there is no result
+  std::string error;  // what is wrong where the verdict is not good, or which tolerance is not met
   double chi2 = 0, seconds = 0;
   long dof = 0;
   double chi2_data = 0, dof_data = 0;  // as of the solution

@@ -272,7 +272,8 @@ void read_scanning_joint(const Field& field, const Tree& tree, const Path& path,
 Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree, int base) {
   Sensor sensor;
   sensor.name = name;
-  const SensorKeys& keys = read_keys(field, sensor_types(), {"type", "link"}, {"pose", "mount"});
+  const SensorKeys& keys =
+      read_keys(field, sensor_types(), {"type", "link"}, {"pose", "mount", "topic"});
   sensor.type = keys.name;
   sensor.model = keys.make();
   sensor.link = read_link(field["link"], tree);

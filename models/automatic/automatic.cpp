@@ -236,7 +236,8 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
                    VectorXd::Zero(n),
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
-                   static_cast<int>(groups.groups.size())};
+                   static_cast<int>(groups.groups.size()),
+                   {}};
   for (const WidthGroup& group : groups.groups)
     out.odds.push_back(group.of_lens ? kNominalLens : kNominal);
   const std::vector<int> exact = exact_joints(recording, columns);

@@ -139,6 +139,18 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
       anchor = anchor || !open;
     }
     if (anchor) continue;
+    if (components.size() == 1 && names.size() > 1) {
+      out.push_back(disconnected(
+          names,
+          "Where " + joined(names) +
+              " are together is a choice: they are tied to each other, but all that they see is "
+              "free, and " +
+              joined(parameters) + " are freed.",
+          "Hold one of these, as " + parameters[0] +
+              ": the others are found from it. Cameras and boards without a robot are calibrated "
+              "by kincal intrinsics."));
+      continue;
+    }
     const std::string first = component.second.size() == 1 && component.second[0] < sensors
                                   ? mount_first(rig, recording.samples, component.second[0])
                                   : "";

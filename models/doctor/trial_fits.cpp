@@ -114,7 +114,8 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
   std::sort(unknown.begin(), unknown.end());
   unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
   if (!unknown.empty())
-    start_unknown_poses(recording, indices(recording.samples.size()), unknown, values);
+    start_unknown_poses(recording, indices(recording.samples.size()), unknown, values,
+                        options.target_starts);
   for (const StandIn& mount : mounts) move_origin(table, mount, table.initial, values.shared);
   return values.shared;
 }
@@ -128,11 +129,11 @@ struct Startable {
 
 /// Starts the free targets of all samples, in `values`, and returns which samples have finite
 /// residuals there.
-Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup, bool refine,
-                              Values& values) {
+Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup,
+                              StartEffort effort, Values& values) {
   Startable out;
   for (int s : indices(recording.samples.size())) try {
-      start_targets(recording, {s}, setup.sensors, setup.loss, values, refine);
+      start_targets(recording, {s}, setup.sensors, setup.loss, values, effort);
       out.samples.push_back(s);
     } catch (const std::runtime_error&) {
       out.undefined.push_back(s);
@@ -174,7 +175,9 @@ TrialMinimum minimise(Estimation& problem, const TrialContext& context, const Tr
   solver_options.second_derivatives = false;  // what explains the data has small residuals
   solver_options.progress = [&](int iteration, double chi2, double) {
     if (context.progress && !context.progress(-1, 0)) return false;
-    out.gave_up = iteration >= 5 && chi2 > options.give_up;
+    // What leads there has done so after five; before, it may gain some factor in each.
+    constexpr double gain = 30;
+    out.gave_up = chi2 > options.give_up * std::pow(gain, std::max(0, 5 - iteration));
     return !out.gave_up;
   };
   out.state = problem.pack(values);
@@ -380,11 +383,14 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     setup.free = resolved.free[i];
     setup.initial = initial;
     setup.priors = resolved.priors[i];
-    const Startable startable = leave_out_undefined(recording, setup, options.refine, values);
+    const Startable startable =
+        leave_out_undefined(recording, setup, options.target_starts, values);
     Estimation problem(recording, startable.samples, setup);
     if (last) out.undefined = startable.undefined;
     if (problem.empty()) continue;
-    const TrialMinimum minimum = minimise(problem, context, options, values);
+    TrialOptions way = options;  // what a stage before the last finds is where the next starts
+    if (!last) way.relative_decrease = std::max(way.relative_decrease, 1e-3);
+    const TrialMinimum minimum = minimise(problem, context, way, values);
     if (!last) continue;
     problem.renew(minimum.state);
     out.chi2 = minimum.cost.chi2;
@@ -405,7 +411,7 @@ TrialFit best_fit(const Recording& recording, const TrialContext& context, const
                   const Effort& effort) {
   TrialOptions o;
   o.give_up = effort.give_up;
-  o.refine = effort.decrease < 1e-3;
+  o.target_starts = effort.decrease < 1e-3 ? StartEffort::refined : StartEffort::proposed;
   o.iterations = effort.iterations;
   o.relative_decrease = effort.decrease;
   TrialFit out = trial_fit(recording, context, {stage}, o);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "../estimation/estimation.h"
+#include "../fitting/free_targets.h"
 #include "../rig/numbers.h"
 #include "survey.h"
 
@@ -91,7 +92,7 @@ struct TrialOptions {
   bool closed_form = false;  // for given poses too that are freed wholly
   const Values* start = nullptr;
   std::optional<Loss> loss;
-  bool refine = true;          // starts of free targets
+  StartEffort target_starts = StartEffort::refined;
   double give_up = kInfinity;  // chi2 that after some iterations is not worth more
 };
 

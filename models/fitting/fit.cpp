@@ -52,7 +52,7 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording,
                                             Fit& out) {
   const Loss loss = options.start_loss.value_or(setup.loss);
   const auto start = [&](const std::vector<int>& some) {
-    start_targets(recording, some, setup.sensors, loss, out.values, options.refine);
+    start_targets(recording, some, setup.sensors, loss, out.values);
   };
   if (!options.leave_out_undefined) {
     auto problem = std::make_unique<Estimation>(recording, samples, setup);
@@ -142,7 +142,7 @@ Fit fit(const Recording& recording, const std::vector<int>& samples, const Estim
   if (!out.defined() && options.trust_start && !options.leave_out_undefined) {
     out.values.targets.clear();
     start_targets(recording, samples, setup.sensors, options.start_loss.value_or(setup.loss),
-                  out.values, options.refine);
+                  out.values);
     minimise(recording, options, out);
   }
   if (out.defined()) out.problem->unpack(out.state, out.values);

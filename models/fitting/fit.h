@@ -22,7 +22,6 @@ namespace kincal {
 struct FitOptions {
   SolverOptions solver;
   std::optional<Loss> start_loss;  // of the fits that start single targets; absent: the setup's
-  bool refine = true;              // false: a target starts at its best proposal as it is (cheap)
   /// True: poses of targets in the start are not checked; all are found anew if they lead nowhere.
   /// It has no effect if samples may be left out.
   bool trust_start = false;

@@ -48,10 +48,12 @@ bool no_view_tells_a_pose(const Rig& rig, const Sample& sample, int target,
 }
 
 /// The better of the two best proposals, with residuals minimised. `order`: cost and index of each
-/// proposal, ascending; `trial`: what else the problem depends on.
+/// proposal, ascending; `trial`: what else the problem depends on; `relative_decrease`: where it
+/// stops (SolverOptions).
 Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
                       const std::vector<Pose>& found,
-                      const std::vector<std::pair<double, size_t>>& order, Values& trial) {
+                      const std::vector<std::pair<double, size_t>>& order, Values& trial,
+                      double relative_decrease) {
   double least = kInfinity;
   Pose best = found[order[0].second];
   for (size_t i = 0; i < order.size() && i < 2; ++i) {
@@ -59,6 +61,7 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
     VectorXd state = problem.pack(trial);
     SolverOptions options;
     options.max_iterations = 60;
+    options.relative_decrease = relative_decrease;
     const SolveSummary summary = LevenbergMarquardt(problem, options).solve(state);
     if (summary.outcome != Outcome::undefined_start && summary.cost.doubled < least * (1 - 1e-9)) {
       least = summary.cost.doubled;
@@ -73,7 +76,7 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
 
 void start_targets(const Recording& recording, const std::vector<int>& samples,
                    const std::vector<int>& sensors, const Loss& loss, Values& values,
-                   bool refined) {
+                   StartEffort effort) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<char> used(rig.sensors.size(), 0);
@@ -117,13 +120,14 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
             rig.targets[target].name +
             "': at every pose that its views propose some point lies behind a camera");
       std::sort(order.begin(), order.end());
-      if (!refined) {
+      if (effort == StartEffort::proposed) {
         values.targets[key] = found[order[0].second];
         continue;
       }
       setup.loss = loss;
       Estimation problem(recording, {index}, setup);
-      values.targets[key] = refined_proposal(problem, key, found, order, trial);
+      values.targets[key] = refined_proposal(problem, key, found, order, trial,
+                                             effort == StartEffort::converged ? 0 : 1e-6);
     }
   }
 }
@@ -174,7 +178,7 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
   copy(small.target_warp[0], table.target_warp[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {
-    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result);
+    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result, StartEffort::converged);
   } catch (const std::runtime_error&) {  // at every pose some point lies behind the camera
     return std::nullopt;
   }

@@ -10,13 +10,16 @@
 
 namespace kincal {
 
+/// How far the start of a free target's pose goes: the best proposal as it is (cheap), refined
+/// until what follows converges from there, or to the minimum.
+enum class StartEffort { proposed, refined, converged };
+
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A
-/// pose that is there already stays if it can be evaluated. `refined`: false leaves the best
-/// proposal as it is (cheap).
+/// pose that is there already stays if it can be evaluated.
 /// @throws std::runtime_error naming sample and target where no proposal can be evaluated.
 void start_targets(const Recording& recording, const std::vector<int>& samples,
                    const std::vector<int>& sensors, const Loss& loss, Values& values,
-                   bool refined = true);
+                   StartEffort effort = StartEffort::refined);
 
 /// Returns whether some sensor of the rig tells no pose by its views alone (MeasurementKind::none):
 /// a reason why a free target may have no start.

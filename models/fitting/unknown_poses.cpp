@@ -40,6 +40,13 @@ struct Proposal {
   Pose pose;
 };
 
+/// Free targets of a sample as sensors with known poses see them. It stays until more of them are
+/// known.
+struct SeenTargets {
+  std::vector<int> sensors;
+  std::map<std::pair<int, int>, Pose> poses;  // as Values::targets
+};
+
 /// Relations A X = Y B of two unknown poses.
 struct PairOfUnknowns {
   std::vector<Pose> a, b;
@@ -51,7 +58,7 @@ using Pairs = std::map<std::pair<int, int>, PairOfUnknowns>;  // by the paramete
 class PoseGraph {
  public:
   PoseGraph(const Recording& recording, const std::vector<int>& samples,
-            const std::vector<int>& unknown, Values& values);
+            const std::vector<int>& unknown, Values& values, StartEffort effort);
 
   const std::vector<int>& open() const { return open_; }
   bool settle_one();
@@ -68,7 +75,7 @@ class PoseGraph {
     return Configuration(rig_, table_, values_.shared, readings_[sample]);
   }
   bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
-  TargetPoses known_targets() const;
+  TargetPoses known_targets();
   PoseEvidence evidence_for(int parameter, const TargetPoses& targets) const;
   void add_for_sensor(const Relation& relation, const Pose& base_T_target,
                       PoseEvidence& evidence) const;
@@ -88,46 +95,60 @@ class PoseGraph {
   const std::vector<int>& samples_;
   std::vector<std::vector<double>> readings_;  // by sample; where absent anything: it cancels
   Values& values_;
+  StartEffort effort_;
   std::vector<char> known_;  // by parameter
   std::vector<int> open_;    // parameters that are not known, in the order in which they were given
-  std::vector<Relation> relations_;
+  std::vector<Relation> relations_;  // of what was not known at first
+  std::map<int, SeenTargets> seen_;  // by sample
 };
 
 PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples,
-                     const std::vector<int>& unknown, Values& values)
+                     const std::vector<int>& unknown, Values& values, StartEffort effort)
     : recording_(recording),
       rig_(recording.rig),
       table_(recording.table),
       samples_(samples),
       values_(values),
+      effort_(effort),
       known_(recording.table.all.size(), 1),
       open_(unknown) {
   for (int p : unknown) known_[p] = 0;
   for (const Sample& sample : recording.samples) readings_.push_back(completed(sample.readings));
   for (int index : samples)
     for (const View& v : recording.samples[index].views)
-      relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
+      if (!known_sensor(v) ||
+          (rig_.targets[v.target].link >= 0 && !known_[table_.target_pose[v.target]]))
+        relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
 }
 
-/// base_T_target where sensors with known poses see a free target, or where a mounted one's pose is
-/// known.
-TargetPoses PoseGraph::known_targets() const {
-  std::vector<int> known_sensors;
-  for (int s = 0; s < static_cast<int>(rig_.sensors.size()); ++s)
-    if (known_[table_.sensor_pose[s]]) known_sensors.push_back(s);
-  Values with;
-  with.shared = values_.shared;
+/// base_T_target where sensors with known poses see a free target that another one sees as well, or
+/// where a mounted one's pose is known.
+TargetPoses PoseGraph::known_targets() {
   TargetPoses out;
   for (int index : samples_) {
-    try {
-      start_targets(recording_, {index}, known_sensors, {LossKind::soft_l1, 3}, with);
-    } catch (const std::runtime_error&) {  // it stays unknown
-    }
-    for (const View& v : recording_.samples[index].views)
-      if (rig_.targets[v.target].link >= 0 && known_[table_.target_pose[v.target]])
+    std::vector<int> known;
+    bool asked = false;
+    for (const View& v : recording_.samples[index].views) {
+      const bool free = rig_.targets[v.target].link < 0;
+      if (free && known_sensor(v)) known.push_back(v.sensor);
+      if (free && !known_sensor(v)) asked = true;
+      if (!free && known_[table_.target_pose[v.target]])
         out[{index, v.target}] = robot(index).base_T_target(v.target);
+    }
+    if (!asked || known.empty()) continue;
+    SeenTargets& seen = seen_[index];
+    if (seen.sensors != known) {
+      seen.sensors = known;
+      Values with;
+      with.shared = values_.shared;
+      try {
+        start_targets(recording_, {index}, known, {LossKind::soft_l1, 3}, with, effort_);
+      } catch (const std::runtime_error&) {  // it stays unknown
+      }
+      seen.poses = std::move(with.targets);
+    }
+    out.insert(seen.poses.begin(), seen.poses.end());
   }
-  for (const auto& t : with.targets) out[t.first] = t.second;
   return out;
 }
 
@@ -411,8 +432,9 @@ bool PoseGraph::settle_on_line() {
 }  // namespace
 
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
-                                  const std::vector<int>& unknown, Values& values) {
-  PoseGraph graph(recording, samples, unknown, values);
+                                  const std::vector<int>& unknown, Values& values,
+                                  StartEffort effort) {
+  PoseGraph graph(recording, samples, unknown, values, effort);
   UnknownStarts out;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two(out.ambiguous) ||

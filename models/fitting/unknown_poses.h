@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "../estimation/estimation.h"
+#include "free_targets.h"
 
 namespace kincal {
 
@@ -29,9 +30,10 @@ struct UnknownStarts {
 };
 
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in
-/// values.shared.
+/// values.shared. `effort`: of the free targets' poses that lead there.
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
-                                  const std::vector<int>& unknown, Values& values);
+                                  const std::vector<int>& unknown, Values& values,
+                                  StartEffort effort = StartEffort::refined);
 
 /// A StandIn is the pose of a sensor or mounted target, `body`, behind a fixed joint with nothing
 /// but fixed joints between: where it is found, the joint's origin is.

@@ -131,4 +131,54 @@ JudgedSigma judged_sigma(const std::vector<FreeZero>& zeros, const ParameterEsti
   return out;
 }
 
+namespace {
+
+/// How the frame of a link is turned in the root's, all joints at zero.
+Matrix3d turned_at_zero(const Tree& tree, int link) {
+  Matrix3d out = Matrix3d::Identity();
+  for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
+    out = tree.joints[j].parent_T_joint.rotation * out;
+  return out;
+}
+
+/// The direction of all turning axes; nothing: there are none, or they are not parallel.
+std::optional<Vector3d> one_direction(const Tree& tree) {
+  constexpr double kParallel = 0.999;
+  std::optional<Vector3d> out;
+  for (const Joint& joint : tree.joints) {
+    if (joint.type == JointType::floating || joint.type == JointType::planar) return {};
+    if (!joint.moves() || joint.type == JointType::prismatic) continue;
+    const Vector3d axis = turned_at_zero(tree, joint.child) * joint.axis;
+    if (out && std::abs(out->dot(axis)) < kParallel) return {};
+    out = axis;
+  }
+  return out;
+}
+
+}  // namespace
+
+std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c) {
+  constexpr double kAlong = 0.3;  // a length whose share along the axes is as large
+  const Solution& solution = report.solution;
+  const Rig& rig = solution.rig();
+  const std::optional<Vector3d> up = one_direction(rig.tree);
+  if (!up || c > 2) return "";
+  const auto along = [&](const ParameterEstimate& pose, size_t component) {
+    const Parameter& p = solution.table().all[pose.parameter];
+    const bool sensor = p.kind == ParameterKind::sensor_pose;
+    if (!pose.pose || (!sensor && p.kind != ParameterKind::target_pose)) return 0.0;
+    const int link = sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link;
+    if (link < 0) return 0.0;
+    return std::abs(up->dot((turned_at_zero(rig.tree, link) * pose.pose->rotation).col(component)));
+  };
+  if (along(e, c) < kAlong) return "";
+  std::string hold;
+  double most = 0;
+  for (const ParameterEstimate& pose : solution.parameters)
+    for (size_t i = 0; i < 3 && i < pose.sigma.size(); ++i)
+      if (const double now = along(pose, i); pose.freed[i] && now > most + 1e-3)
+        most = now, hold = pose.component_name(i);
+  return hold;
+}
+
 }  // namespace kincal

@@ -39,4 +39,9 @@ struct JudgedSigma {
 };
 JudgedSigma judged_sigma(const std::vector<FreeZero>& zeros, const ParameterEstimate& e, size_t c);
 
+/// Returns the number of a pose to hold where all turning axes are parallel (of a SCARA) and the
+/// given one, known badly, is a length along them: then the heights of what is mounted at both ends
+/// are one number. "": something else.
+std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c);
+
 }  // namespace kincal

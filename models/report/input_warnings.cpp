@@ -213,6 +213,7 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
                      std::abs(std::log(factor))});
   };
   for (const ParameterEstimate& e : solution.parameters) {
+    if (e.value.empty()) continue;  // a later step could not start
     const ParameterKind kind = solution.table().all[e.parameter].kind;
     const auto length = [](const std::vector<double>& v) {
       double sum = 0;

@@ -2,12 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
 namespace kincal {
 namespace {
+
+constexpr double kOneFactor = 1.001;  // shares of what was stated that differ by less are the same
 
 /// Joints whose noise may be a gear of another ratio: nothing else was free to take that up.
 std::string doubted_gears(const Report& report) {
@@ -73,19 +77,27 @@ std::string noisier_joints(const Report& report) {
                               ". State the sensors' sigmas as they are, or --estimate-noise";
 }
 
+/// How much of what was stated is used, of the levels of a report: the least and the most.
+std::pair<double, double> used_shares(const Report& report) {
+  std::pair<double, double> out{kInfinity, 0};
+  for (const NoiseLevel& level : report.noise_levels) {
+    const double share = level.used / level.assumed;
+    out = {std::min(out.first, share), std::max(out.second, share)};
+  }
+  return out;
+}
+
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
 std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
   const Rig& rig = report.solution.rig();
   std::vector<NoiseLevel> unstated;
   std::string all;
-  double least = kInfinity, most = 0;
+  const auto [least, most] = used_shares(report);
   bool stated = false;  // one of those that are
   for (const NoiseLevel& level : report.noise_levels) {
     const double factor = level.used / level.assumed;
     const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
                unknown = of_poses && std::isfinite(level.seen);
-    least = std::min(least, factor);
-    most = std::max(most, factor);
     if (of_poses) unstated.push_back(level);
     if (factor == 1 && !unknown) continue;
     stated = stated || !unknown;
@@ -110,11 +122,16 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     return "the rig does not state how noisy the robot's poses are, so that was found from the "
            "data, and the rig of the result has it so: " +
            all + ". Is that plausible? " + flange_entry(rig, unstated);
-  if (most < 1 && most < 1.001 * least)
+  if (most < 1 && most < kOneFactor * least)
     return begin +
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
            all + "); the rig of the result has them so. The estimates are the same with either" +
-           noisier_joints(report);
+           noisier_joints(report) +
+           (all_sigmas_lowered(report)
+                ? text(". If only some were stated too large, the sigmas of the result are up to "
+                       "%.2g times too small",
+                       1 / most)
+                : "");
   return begin +
          ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
          "result has them so. Are they plausible? " +
@@ -122,6 +139,31 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
 }
 
 }  // namespace
+
+bool all_sigmas_lowered(const Report& report) {
+  constexpr double kLowered = 0.5;
+  if (!report.noise_estimated || !std::isfinite(report.noise_estimated->stated)) return false;
+  std::set<std::string> kinds;  // that are stated apart: of joints, of sensors by their unit
+  for (const NoiseLevel& level : report.noise_levels)
+    kinds.insert(level.joint >= 0 ? "joints" : level.unit);
+  const auto [least, most] = used_shares(report);
+  return kinds.size() > 1 && most < kLowered && most < kOneFactor * least;
+}
+
+std::string sensors_as_seen(const Report& report) {
+  std::map<std::string, std::string> sigmas;  // of a sensor
+  for (const NoiseLevel& level : report.noise_levels) {
+    if (level.sensor < 0) continue;
+    std::string& sigma = sigmas[level.of.substr(level.of.find('/') + 1)];
+    sigma += (sigma.empty() ? "" : ", ") + (level.part.empty() ? "" : level.part + ": ") +
+             plain_digits(std::isfinite(level.seen) ? level.seen : level.used);
+  }
+  std::string out;
+  for (const auto& [sensor, sigma] : sigmas)
+    out += (out.empty() ? "" : ", ") + sensor +
+           ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
+  return "sensors: {" + out + "}";
+}
 
 void warn_of_noise(const Report& report, Warnings& out) {
   if (!report.noise_estimated) return;

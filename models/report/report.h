@@ -36,6 +36,7 @@ struct Warning {
 /// A Verdict says whether to use a result: `use` is good, doubts or no; why, and what to do next.
 struct Verdict {
   std::string use, text;
+  std::vector<std::string> next = {};  // what to do, where it is not what findings ask for
 };
 
 /// NoiseRounds are how the estimation of the noise went.

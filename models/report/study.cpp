@@ -12,6 +12,7 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "../trials/estimate_noise.h"
+#include "exchanged.h"
 #include "input_warnings.h"
 #include "verdict.h"
 #include "warnings.h"
@@ -92,8 +93,9 @@ double mistaken_beyond(const Rig& rig, const Parameter& p) {
   }
 }
 
-/// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken.
-std::set<std::string> mistaken_numbers(const Report& report) {
+/// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken, or
+/// by this share of that.
+std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
   std::map<std::string, std::pair<double, std::string>> limits;
   for (const Parameter& p : report.solution.table().all)
     for (size_t c = 0; c < p.components.size(); ++c)
@@ -103,15 +105,17 @@ std::set<std::string> mistaken_numbers(const Report& report) {
   for (const AutomaticGroup& g : report.automatic)
     for (const AutomaticNumber& n : g.numbers)
       if (const auto limit = limits.find(n.name);
-          !g.held && limit != limits.end() && std::abs(n.value) > limit->second.first)
+          !g.held && limit != limits.end() && std::abs(n.value) > share * limit->second.first)
         out.insert(limit->second.second);
   return out;
 }
 
+constexpr double kUnusualGears = 100;  // log evidence for gears of another ratio
+
 /// Whether a group came out so much worse than usual that it may take a mistake up, or a number so
 /// far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  return !mistaken_numbers(report).empty() ||
+  return !mistaken_numbers(report).empty() || report.gears_gain > kUnusualGears ||
          std::any_of(report.automatic.begin(), report.automatic.end(),
                      [](const AutomaticGroup& g) { return !g.held && g.factor > kUnusualWidth; });
 }
@@ -148,17 +152,31 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
   return rig;
 }
 
-/// What the automatic path frees may take a mistake up, or be far away for it: mistakes are looked
-/// for as if nothing but mounts and offsets were wrong, too.
-void look_with_less_free(const Rig& given, const std::vector<Sample>& samples,
-                         const StudyOptions& options, Report& report) {
+/// Whether a mistake explains the data, but for noise.
+bool explains_all(const Diagnosis& diagnosis) {
+  constexpr double kNoise = 3;  // chi2/dof
+  return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Finding& f) {
+    return f.id != "sigma" && f.chi2_corrected &&
+           *f.chi2_corrected < kNoise * static_cast<double>(diagnosis.dof);
+  });
+}
+
+/// What the automatic path frees may take a mistake up, or part of another: mistakes are looked for
+/// as `check` does, as if nothing but mounts and offsets were wrong, and where none explains the
+/// data with all that was free.
+void look_with_less_free_first(const Rig& given, const Rig& freed,
+                               const std::vector<Sample>& samples, const StudyOptions& options,
+                               Report& report) {
   const auto proved = [](const Diagnosis& d) {  // by a fit with the mistake and one without
     return !d.findings.empty() && d.findings[0].chi2_as_is && d.findings[0].chi2_corrected;
   };
-  if (proved(*report.diagnosis)) return;
-  Diagnosis first = std::move(*report.diagnosis);
   add_diagnosis(given, samples, options, report);
-  if (!first.findings.empty() && !proved(*report.diagnosis)) report.diagnosis = std::move(first);
+  if (explains_all(*report.diagnosis)) return;
+  Diagnosis less = std::move(*report.diagnosis);
+  add_diagnosis(freed, samples, options, report);
+  if (!proved(*report.diagnosis) && (proved(less) || report.diagnosis->findings.empty()) &&
+      !less.findings.empty())
+    report.diagnosis = std::move(less);
 }
 
 /// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
@@ -171,6 +189,74 @@ void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, R
   if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
     add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
+}
+
+/// The one length of the arm that is far off while those of other joints are near, in a calibration
+/// that holds what the first one changed; null: there is none.
+const AutomaticNumber* lone_length(const AutomaticCalibration& found) {
+  constexpr double kLone = 4, kLeast = 0.003;  // times the next joint's; m
+  const auto joint = [](const AutomaticNumber& n) { return n.name.substr(0, n.name.rfind('/')); };
+  std::vector<const AutomaticNumber*> lengths;
+  for (const AutomaticGroup& g : found.groups)
+    for (const AutomaticNumber& n : g.numbers)
+      if (!g.held && n.unit == "m" && n.name.find("/origin.") != std::string::npos)
+        lengths.push_back(&n);
+  std::sort(lengths.begin(), lengths.end(), [](const AutomaticNumber* a, const AutomaticNumber* b) {
+    return std::abs(a->value) > std::abs(b->value);
+  });
+  if (lengths.empty() || std::abs(lengths[0]->value) < kLeast) return nullptr;
+  for (const AutomaticNumber* n : lengths)
+    if (joint(*n) != joint(*lengths[0]) && kLone * std::abs(n->value) > std::abs(lengths[0]->value))
+      return nullptr;
+  return lengths[0];
+}
+
+/// A size that came out as another and the lengths of an arm have one scale: a length of the URDF
+/// that is wrong looks like a board that is. With the size held, that one length sticks out.
+void look_for_a_wrong_length(const Rig& given, const StudyOptions& options, Report& report) {
+  constexpr double kLooksResized = 0.5, kAsWell = 1.2;
+  const Solution& solution = report.solution;
+  const std::set<std::string> sizes = mistaken_numbers(report, kLooksResized);
+  const bool lengths = std::any_of(
+      report.automatic.begin(), report.automatic.end(),
+      [](const AutomaticGroup& g) { return !g.held && g.name.rfind("lengths", 0) == 0; });
+  if (sizes.empty() || !lengths || !given.nominal.empty()) return;
+  AutomaticOptions held = automatic_options(options);
+  held.fix.insert(held.fix.end(), sizes.begin(), sizes.end());
+  Rig rig = given;  // with the noise of the result
+  for (size_t i = 0; i < rig.sensors.size(); ++i)
+    rig.sensors[i].sigma = solution.rig().sensors[i].sigma;
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    rig.joints[j].sigma = solution.rig().joints[j].sigma;
+  const AutomaticCalibration found =
+      calibrate_automatically(Recording(std::move(rig), solution.samples()), held);
+  if (found.solution.status == Status::cancelled) throw StudyCancelled();
+  const double first = solution.chi2_per_dof(), second = found.solution.chi2_per_dof();
+  const AutomaticNumber* length = lone_length(found);
+  if (found.solution.status != Status::converged || !(second < kAsWell * first) || !length) return;
+  const std::string joint = length->name.substr(6, length->name.find("/origin.") - 6);
+  if (!report.diagnosis) report.diagnosis.emplace();
+  std::vector<Finding>& findings = report.diagnosis->findings;
+  Finding both{"link-length", "", {joint}, {}, found.solution.chi2_data};
+  for (const std::string& size : sizes) both.where.push_back(size.substr(size.find('/') + 1));
+  for (auto f = findings.begin(); f != findings.end();)
+    if (f->id == "square" || f->id == "baseline" || f->id == "intrinsics") {
+      both.chi2_as_is = f->chi2_as_is;
+      f = findings.erase(f);
+    } else {
+      ++f;
+    }
+  both.text =
+      "Either " + length->name + text(" is off by %.1f mm in the URDF", 1e3 * length->value) +
+      ", alone among the lengths of the arm, or " + listed({sizes.begin(), sizes.end()}) +
+      text(
+          " is wrong in the rig: both explain the data alike (chi2/dof %.3g and %.3g), for "
+          "board and arm have one scale. ",
+          second, first) +
+      "Measure the board over several squares with a ruler, and how far joint " + quoted(joint) +
+      " is from the joint before it; correct the one that is wrong, in the " +
+      "URDF or in the rig. Where the board is right, hold " + *sizes.begin() + ".";
+  findings.insert(findings.begin(), std::move(both));
 }
 
 /// The rig with joints that are stated exact taken for noisy.
@@ -515,11 +601,18 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                           : whole && solution.usable() && data_misfit(report) > kMistaken) &&
         !report.diagnosis) {
       const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
-      add_diagnosis(given->rig, samples, options, report);
       if (recording->rig.steps.empty())
-        look_with_less_free(recording->rig, samples, options, report);
+        look_with_less_free_first(recording->rig, given->rig, samples, options, report);
+      else
+        add_diagnosis(given->rig, samples, options, report);
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);
+    }
+    if (options.diagnose && solution.status == Status::converged && !report.automatic.empty())
+      look_for_a_wrong_length(recording->rig, options, report);
+    if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
+      std::vector<Finding> exchanged = exchanged_cameras(solution);
+      if (!exchanged.empty()) report.diagnosis.emplace().findings = std::move(exchanged);
     }
   } catch (const StudyCancelled&) {
     return std::nullopt;

@@ -8,6 +8,7 @@
 #include "../rig/words.h"
 #include "free_zeros.h"
 #include "input_warnings.h"
+#include "noise_warnings.h"
 
 namespace kincal {
 namespace {
@@ -16,6 +17,7 @@ constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas:
 constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
 constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
+constexpr char kFreeLess[] = "record more varied postures, or free less";
 constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
@@ -99,19 +101,50 @@ std::string sigmas_seen(const Report& report, double misfit) {
   return levels.empty() ? text("sigmas %.2g times as large", std::sqrt(misfit)) : listed(levels, 5);
 }
 
+/// Whether a size or lens that came out as another did so on the automatic path, where nobody said
+/// how well it is known.
+bool nobody_freed(const Report& report, const std::string& number) {
+  const Solution& solution = report.solution;
+  if (report.automatic.empty()) return false;
+  for (const PriorSetting& prior : solution.rig().priors)
+    for (const Freed& f : solution.table().select(prior.pattern))
+      if (number.rfind(solution.table().all[f.parameter].name, 0) == 0) return false;
+  return true;
+}
+
 /// Everything that a verdict is about, of a result that converged and is explained; `width` too,
 /// before all of these.
-bool is_doubt(const std::string& id) {
+bool is_doubt(const Report& report, const Warning& w) {
+  const std::string& id = w.id;
+  if (id == "noise") return all_sigmas_lowered(report);
+  if (id == "rescaled")
+    return std::any_of(w.names.begin(), w.names.end(),
+                       [&](const std::string& name) { return nobody_freed(report, name); });
+  if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "chi2" || id == "unexplained" || id == "joint_error" ||
          id == "prior" || id == "sigma" || starts_with(id, "outlier_");
 }
 
-const char* what_to_do(const Report& report, const std::string& id) {
+/// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
+bool goes_before(const std::string& id, const Warning* other) {
+  return !other || id == "width" || id == "identity" ||
+         (id == "noise" && other->id == "joint_error");
+}
+
+std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "chi2" && report.solution.chi2_per_dof() < 1)
     return "nothing, for the errors are smaller than the sigmas say; or state the sigmas that are "
            "seen";
   if (id == "chi2" || id == "unexplained")
     return "look for what is wrong, or state the sigmas that are seen";
+  if (id == "noise")
+    return "state in the rig what you know of the noise; if that of the joints is right: " +
+           sensors_as_seen(report);
+  if (id == "rescaled")
+    return "measure what came out as another (a length of the robot that is wrong looks the same), "
+           "and correct the rig, or state how well it is known: priors";
+  if (id == "identity")
+    return "give the pose in the rig, then hold of it what the data do not tell";
   if (id == "joint_error") return "look at these samples, or state the noise of these joints";
   if (id == "implausible") return "correct that, and calibrate again";
   if (id == "width")
@@ -200,17 +233,40 @@ LooseNumber loosest(const Report& report) {
   return out;
 }
 
+/// What to do where one length is a choice.
+std::string hold_words(const std::string& number) {
+  return "Hold " + number + " (`fix`) at what is measured there, which the rig's pose gives";
+}
+
 }  // namespace
 
 std::string loose_mount(const Report& report) {
   const LooseNumber loose = loosest(report);
   if (!loose.pose) return "";
   const double sigma = loose.pose->sigma[loose.component];
+  const std::string hold = height_to_hold(report, *loose.pose, loose.component);
+  if (!hold.empty())
+    return loose.pose->component_name(loose.component) + text(" is known to %.3g m only", sigma) +
+           ": all axes that turn are parallel, so along them the places of what is mounted at the "
+           "base and at the other end are one number, which no posture tells. " +
+           hold_words(hold);
   return loose.pose->name + " is known to " +
          (loose.pose->units[loose.component] == "rad" ? text("%.3g degrees", sigma * 180 / kPi)
                                                       : text("%.3g m", sigma)) +
          " only: record more varied postures, or give it a prior";
 }
+
+namespace {
+
+std::vector<std::string> next_for_loose(const Report& report) {
+  const LooseNumber loose = loosest(report);
+  if (!loose.pose) return {};
+  if (const std::string hold = height_to_hold(report, *loose.pose, loose.component); !hold.empty())
+    return {hold_words(hold)};
+  return {"record more varied postures, or give " + loose.pose->name + " a prior"};
+}
+
+}  // namespace
 
 bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
 
@@ -266,8 +322,9 @@ Verdict verdict(const Report& report) {
   if (!loose.empty() && !cause.empty() &&
       (solution.status == Status::converged || solution.message == loose))
     return {"no", cause + ". Only then does it count that " + loose};
-  if (solution.status != Status::converged) return {"no", solution.message};
-  if (!loose.empty()) return {"no", loose};
+  if (solution.status != Status::converged && solution.message != loose)
+    return {"no", solution.message};
+  if (!loose.empty()) return {"no", loose, next_for_loose(report)};
 
   std::string found;
   if (report.diagnosis && !report.diagnosis->findings.empty()) {
@@ -281,7 +338,7 @@ Verdict verdict(const Report& report) {
   std::vector<std::string> others;
   const Warning* doubt = nullptr;
   for (const Warning& w : report.warnings)
-    if (w.id == "width" || (is_doubt(w.id) && !doubt)) doubt = &w;
+    if (w.id == "width" || (is_doubt(report, w) && goes_before(w.id, doubt))) doubt = &w;
   for (const Warning& w : report.warnings)
     if (&w != doubt) others.push_back(w.id);
   const std::string more = others.empty() ? ""
@@ -291,12 +348,15 @@ Verdict verdict(const Report& report) {
   const std::vector<std::string> open = undetermined(report);
   if (!found.empty()) return {"doubts", found + more + held_words(report.automatic) + unmet};
   if (doubt)
-    return {"doubts", "converged, but " + doubt->text +
-                          ". What to do: " + what_to_do(report, doubt->id) + more +
-                          held_words(report.automatic) + unmet};
+    return {"doubts",
+            "converged, but " + doubt->text + ". What to do: " + what_to_do(report, doubt->id) +
+                more + held_words(report.automatic) + unmet,
+            {what_to_do(report, doubt->id)}};
   if (!open.empty())
-    return {"doubts", size_words(solution) + ", but not determined: " + listed(open) +
-                          ". What to do: record more varied postures, or free less" + more + unmet};
+    return {"doubts",
+            size_words(solution) + ", but not determined: " + listed(open) +
+                ". What to do: " + kFreeLess + more + unmet,
+            {kFreeLess}};
   return {"good", size_words(solution) + held_words(report.automatic) + more + unmet};
 }
 

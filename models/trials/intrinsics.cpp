@@ -499,6 +499,10 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
     const std::vector<IntrinsicsNote> wrong = wrong_views(camera.rig, camera.samples, 0);
     mistaken[s] = !wrong.empty();
     result.notes.insert(result.notes.end(), wrong.begin(), wrong.end());
+    for (const IntrinsicsNote& note : wrong)
+      if (note.spoils) result.status = graver(result.status, Status::unexplained);
+    const std::vector<IntrinsicsNote> copies = copied_views(camera.rig, camera.samples, 0);
+    result.notes.insert(result.notes.end(), copies.begin(), copies.end());
     const size_t said = result.notes.size();
     const std::optional<Sensor> start = find_camera(options, camera, result, found[s]);
     if (!start) return false;

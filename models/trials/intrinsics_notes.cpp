@@ -73,6 +73,11 @@ int corners_in_row(const Target& target) {
   return columns;
 }
 
+/// Views and corners that stick out.
+struct FarCorners {
+  std::vector<std::string> views, corners;
+};
+
 /// A view of a board, for its homography.
 struct BoardView {
   std::string sample;
@@ -146,13 +151,56 @@ std::string numbering_text(const Target& target, const std::vector<BoardView>& v
          board + ".columns: of a chessboard inner corners count, of a charuco board squares";
 }
 
-/// The views that are unlike their board while the others are like it.
-std::vector<std::string> strange_views(const std::vector<BoardView>& views) {
+/// The corner without which a view is like its board; -1: there is no such corner.
+int spoiling_corner(const BoardView& view) {
+  const Eigen::Index n = view.points.cols();
+  for (Eigen::Index k = 0; n > kCornersToJudge && k < n; ++k) {
+    Points2 points(2, n - 1), pixels(2, n - 1);
+    points << view.points.leftCols(k), view.points.rightCols(n - 1 - k);
+    pixels << view.pixels.leftCols(k), view.pixels.rightCols(n - 1 - k);
+    if (homography_misfit(points, pixels) < kBetterNumbered * view.misfit) return view.ids[k];
+  }
+  return -1;
+}
+
+/// Views, or single corners of them, that are unlike their board while the other views are like it.
+FarCorners strange_corners(const std::vector<BoardView>& views) {
   const double usual = middle_misfit(views);
-  std::vector<std::string> out;
-  for (const BoardView& view : views)
-    if (view.misfit > kUnlikeBoard && view.misfit > 4 * usual) out.push_back(quoted(view.sample));
+  FarCorners out;
+  for (const BoardView& view : views) {
+    if (!(view.misfit > kUnlikeBoard && view.misfit > 4 * usual)) continue;
+    const int corner = spoiling_corner(view);
+    if (corner >= 0)
+      out.corners.push_back(quoted(view.sample) + " (id " + std::to_string(corner) + ")");
+    else
+      out.views.push_back(quoted(view.sample));
+  }
   return out;
+}
+
+/// What to say of pixels that are [v, u]: the board is mirrored in all views, and the corners are
+/// those of an image that is as high as the rig's is wide; "": nothing.
+std::string exchanged_text(const Sensor& camera, const Target& target,
+                           const std::vector<BoardView>& views) {
+  long mirrored = 0;
+  double right = 0, bottom = 0, size = 0;
+  for (const BoardView& view : views) {
+    const Eigen::Matrix2d turn =
+        centred(view.pixels, size) * centred(view.points, size).transpose();
+    mirrored += (turn.determinant() < 0) != target.y_up;
+    right = std::max(right, view.pixels.row(0).maxCoeff());
+    bottom = std::max(bottom, view.pixels.row(1).maxCoeff());
+  }
+  const double width = camera.image_width - 0.5, height = camera.image_height - 0.5;
+  const bool inside = right <= width && bottom <= height,
+             turned = right <= height && bottom <= width;
+  if (10 * mirrored < 9 * static_cast<long>(views.size()) || width <= 0 || inside || !turned)
+    return "";
+  return text(
+      "u and v of the pixels are exchanged: board '%s' is mirrored in its views, and "
+      "corners reach to (%.0f, %.0f) in an image of %d x %d px. Write pixels as [u, v], u "
+      "to the right and v down",
+      target.name.c_str(), right, bottom, camera.image_width, camera.image_height);
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -201,11 +249,6 @@ void note_undetermined(const FittedLens& fit, std::vector<IntrinsicsNote>& out) 
     out.push_back({"weak", name + "hardly determined: " + loose + ". " + recording_advice(fit)});
   }
 }
-
-/// Views and corners of a fit that stick out.
-struct FarCorners {
-  std::vector<std::string> views, corners;
-};
 
 /// Sorts a view that sticks out: a few of its corners that are far off move its board a little, so
 /// that only what is far off the others of the view counts; where many are, it is the view.
@@ -358,21 +401,47 @@ std::vector<IntrinsicsNote> wrong_views(const Rig& rig, const std::vector<Sample
   for (const auto& [t, views] : board_views(rig, samples, sensor)) {
     const Target& target = rig.targets[t];
     const std::string numbering = numbering_text(target, views);
-    const std::vector<std::string> strange = strange_views(views);
+    const std::string exchanged = exchanged_text(rig.sensors[sensor], target, views);
+    const FarCorners strange = strange_corners(views);
+    if (!exchanged.empty()) out.push_back({"exchanged", name + exchanged, true});
     if (!numbering.empty())
       out.push_back({"rows_columns", name + numbering});
     else if (middle_misfit(views) > kUnlikeBoard)
       out.push_back({"board", name + "what it sees is not board '" + target.name +
                                   "' as the rig has it: see to its rows and columns, and to the "
                                   "order of the corners (row by row)"});
-    else if (!strange.empty())
+    else if (!strange.corners.empty())
+      out.push_back(
+          {"outlier_point", name + "a corner far off the others of its view: sample " +
+                                listed(strange.corners, kNamedViews) +
+                                ". Take these corners out of the samples, and calibrate again"});
+    if (numbering.empty() && !strange.views.empty())
       out.push_back({"outlier_view",
-                     name + "corners of sample " + listed(strange, kNamedViews) +
+                     name + "corners of sample " + listed(strange.views, kNamedViews) +
                          " are not in the order of board '" + target.name +
                          "', or not its corners: look at these pictures, take the views out of the "
                          "samples, and calibrate again"});
   }
   return out;
+}
+
+std::vector<IntrinsicsNote> copied_views(const Rig& rig, const std::vector<Sample>& samples,
+                                         int sensor) {
+  std::map<std::pair<int, std::vector<double>>, std::string> first;  // target, pixels: its sample
+  std::vector<std::string> copies;
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views) {
+      if (view.sensor != sensor) continue;
+      const auto seen = first.emplace(std::make_pair(view.target, view.z), sample.id);
+      if (!seen.second)
+        copies.push_back(quoted(sample.id) + " (as " + quoted(seen.first->second) + ")");
+    }
+  if (copies.empty()) return {};
+  return {{"copied", "'" + rig.sensors[sensor].name +
+                         "': views that are the same as another one to the last digit: sample " +
+                         listed(copies, kNamedViews) +
+                         ". A copy tells nothing new but counts, so that sigmas are too small: "
+                         "take copies out of the samples"}};
 }
 
 double looseness(const ParameterEstimate& intrinsics, double noise, double counted) {

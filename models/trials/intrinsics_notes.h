@@ -24,12 +24,17 @@ namespace kincal {
 /// An IntrinsicsNote is something that whoever uses the result should know.
 struct IntrinsicsNote {
   std::string id, text;
+  bool spoils = false;  // the lens is wrong, however well it suits the views
 };
 
 /// Says of each board that a camera sees whether its corners are numbered as the rig has it, and
 /// which views do not show it. `samples` are of the rig. One sentence each, with the cure.
 std::vector<IntrinsicsNote> wrong_views(const Rig& rig, const std::vector<Sample>& samples,
                                         int sensor);
+
+/// Says which views of a camera are copies of others, with the cure.
+std::vector<IntrinsicsNote> copied_views(const Rig& rig, const std::vector<Sample>& samples,
+                                         int sensor);
 
 /// A FittedLens is what is judged: a camera of a group's solution.
 struct FittedLens {

@@ -136,7 +136,7 @@ class Init(Program):
             lines += [dict(s, id="h%d" % i, split="test") for i, s in enumerate(sum((parts[n] for n in held_out), []))]
             return self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in lines))
         def result(*options, rig="open.yaml", code=0):
-            out, _ = self.kincal("calibrate", rig, "samples.jsonl", "--out", "out", "--force", *options, code=code)
+            out, _ = self.kincal("calibrate", rig, "samples.jsonl", "--out", "out", "--force", "--tables", *options, code=code)
             found = json.loads(self.read("out", "result.json"))
             return out, found["validation"].get("baselines"), [w["text"] for w in found["warnings"] if w["id"] == "held_out"]
 
@@ -186,7 +186,7 @@ class Init(Program):
         out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--dry-run")
         self.assertIn("everything below is free", out)
         self.assertIn("angles/j1..s3", out)
-        out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "out")
+        out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "out", "--tables")
         self.assertIn("What could be wrong", out)
         result = json.loads(self.read("out", "result.json"))
         self.assertLess(abs(result["sensors"]["pose"]["train"]["rms"]), 0.002)

@@ -1055,7 +1055,7 @@ class Results(Case):
         r = self.result()
         with open(self.path("out", "residuals.csv"), newline="") as f:
             rows = list(csv.DictReader(f))
-        self.assertEqual(list(rows[0]), "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened,measured_1,measured_2,measured_3".split(","))
+        self.assertEqual(list(rows[0]), "sample,split,sensor,target,id,unit,x,y,z,rx,ry,rz,before_x,before_y,before_z,whitened,measured_1,measured_2,measured_3,whitened_1,whitened_2,whitened_3,whitened_4,whitened_5,whitened_6".split(","))
         self.assertEqual(len(rows), sum(s[k]["points"] for s in r["sensors"].values() for k in ("train", "test")))
         for name, s in r["sensors"].items():
             for split in ("train", "test"):
@@ -1345,7 +1345,7 @@ class Results(Case):
         self.fails(self.run_kincal("apply", "out", "none.urdf", "--out", "new.urdf"), "none.urdf")
 
     def test_write_reduction(self):
-        run = self.calibrate()
+        run = self.calibrate("--tables")
         self.assertEqual(run.code, 0)
         scale = self.result()["parameters"]["joint/turn/scale"]["value"][0]
         reduction = -120.5 / scale
@@ -1378,7 +1378,7 @@ class Results(Case):
         self.assertEqual(sorted(os.listdir(self.path("silent"))), FILES)
 
     def test_tables(self):
-        run = self.calibrate()
+        run = self.calibrate("--tables")
         self.assertEqual(run.code, 0)
         for word in ("eyes", "all", "tracker", "mocap", "eye", "px", "mm", "mrad", "before", "after", "train", "held out", "sigma", "chi2/dof",
                      "joint/turn/scale", "sensor/tracker/pose", "out"):
@@ -1387,7 +1387,7 @@ class Results(Case):
         self.assertNotIn("\r", run.out + run.err)
 
     def test_loops(self):
-        run = self.calibrate()
+        run = self.calibrate("--tables")
         self.assertIn("Loops", run.out)
         sensors = self.result()["sensors"]
         loops = self.result()["loops"]
@@ -1610,7 +1610,7 @@ class ExitCodes(Case):
         """Noise that is absurd (a radian a reading) and renewed at every turn: some of these do not settle in the iterations allowed."""
         for sigma, mode in (("1", "marginal"), ("0.3", "point"), ("100", "marginal"), ("30", "marginal"), ("0.5", "point")):
             self.write("rig.yaml", RIG.replace('"*": {sigma: 0.0005}', '"*": {sigma: %s}' % sigma).replace("slide: {sigma: 0.0002}", "slide: {sigma: %s}" % sigma))
-            run = self.calibrate("--noise", mode, "--force")
+            run = self.calibrate("--noise", mode, "--force", "--tables")
             self.assertIn(run.code, (0, 2, 3))
             if run.code == 3:
                 break

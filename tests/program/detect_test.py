@@ -176,12 +176,35 @@ class Detect(Case):
                             ("a1.pgm,0.5\na2.pgm,0.6\n", ("joints.csv:1", "`image`")),
                             ("image,joint\na1.pgm,0.5\n", ("joints.csv:1", "the robot has: j")),
                             ("time,j\nnoon,0.5\n", ("joints.csv:2: time", "'noon'")),
+                            ("image,j,j\na1.pgm,0.5,0.6\n", ("joints.csv:1", "two columns 'j'")),
+                            ("image,image,j\na1.pgm,a2.pgm,0.6\n", ("joints.csv:1", "two columns 'image'")),
+                            ("image,j,note\na1.pgm,0.5\n", ("joints.csv:2: 2 cells, the header has 3",)),
+                            ('{"image": "a1.pgm", "joints": {"j": 1, "j": 2}}\n', ("joints.csv:1", "j")),
                             ("\n", ("joints.csv", "no joint readings"))):
             self.write("joints.csv", text.encode())
             self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
             for word in words:
                 self.assertIn(word, self.err, text)
         self.assertFalse(os.path.exists(os.path.join(self.dir, "wrong.jsonl")))
+
+    def test_names_in_tables(self):
+        """A joint that is missing is named, one that is misspelt refused, and what is no joint left out."""
+        joint = '<joint name="%s" type="revolute"><parent link="%s"/><child link="%s"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        self.write("robot.urdf", ('<robot name="r"><link name="base"/><link name="arm"/><link name="tip"/>' + joint % ("shoulder", "base", "arm") +
+                                  joint % ("elbow", "arm", "tip") + "</robot>").encode())
+        for text, words in (("image,shoulder,elbw\na1.pgm,0.5,0.25\n", ("joints.csv:1", "'elbw'", "nearest: elbow")),
+                            ('{"image": "a1.pgm", "joints": {"shoulder": 0.5, "elbw": 0.25}}\n', ("joints.csv:1", "'elbw'", "nearest: elbow"))):
+            self.write("joints.csv", text.encode())
+            self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
+            for word in words:
+                self.assertIn(word, self.err, text)
+        self.write("joints.csv", b"image,shoulder,elbow,temperature\na1.pgm,0.5,0.25,36.5\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv")
+        self.assertEqual(self.samples()[0]["joints"], {"shoulder": 0.5, "elbow": 0.25})
+        self.assertNotIn("no reading of joint", self.out)
+        self.write("joints.csv", b"image,shoulder\na1.pgm,0.5\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
+        self.assertIn("joints.csv:2: no reading of joint 'elbow'", self.out)
 
     def test_tables_of_poses_that_are_wrong(self):
         self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())

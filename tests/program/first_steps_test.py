@@ -122,7 +122,7 @@ class Case(helpers.Folder):
 
     def calibrate(self, rig, *options, code=0, out="out", samples="sim/samples.jsonl"):
         self.write(out + ".yaml", rig)
-        self.printed = self.kincal("calibrate", out + ".yaml", samples, "--out", out, "--force", *options, code=code)
+        self.printed = self.kincal("calibrate", out + ".yaml", samples, "--out", out, "--force", "--tables", *options, code=code)
         return json.loads(self.read(out, "result.json"))
 
     def camera(self, result, out="out"):

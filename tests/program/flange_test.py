@@ -104,6 +104,27 @@ class Flange(helpers.Folder):
         self.assertIn(", stated 0.0005", said["noise"])
         self.assertNotIn("not stated", said["noise"])
 
+    def test_batch(self):
+        """A fleet of such robots: what is done is done, and a mistake is named as calibrate names it."""
+        entry = "joints: {flange: {sigma: {translation: 0.0003, rotation: 0.0003}}}"
+        text = samples(20, 0.6)
+        lines = [json.loads(line) for line in text.splitlines()]
+        for line in lines:
+            line["joints"]["flange"]["xyz"] = [1000 * v for v in line["joints"]["flange"]["xyz"]]
+        for name, these in (("good", text), ("mm", "".join(json.dumps(line) + "\n" for line in lines))):
+            self.write("fleet/%s/rig.yaml" % name, RIG % entry)
+            self.write("fleet/%s/samples.jsonl" % name, these)
+        for again in (False, True):
+            done = subprocess.run([KINCAL, "batch", "fleet", "--out", "out", "--jobs", "2"], cwd=self.dir, capture_output=True, text=True)
+            self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+            sets = json.loads(self.read("out", "summary.json"))["results"]
+            self.assertEqual((sets["good"]["status"], sets["good"]["exit_code"]), ("converged", 0))
+            self.assertIn("first look at units", sets["mm"]["error"])
+            self.assertIn("millimetres", sets["mm"]["error"])
+            if again:
+                self.assertEqual(os.stat(self.path("out", "good", "result.json")).st_mtime_ns, before)
+            before = os.stat(self.path("out", "good", "result.json")).st_mtime_ns
+
 
 if __name__ == "__main__":
     if len(sys.argv) < 3:

@@ -237,6 +237,31 @@ class Mistakes(Case):
         self.assertIn("corners far off the others: sample 's3' (id %d, " % json.loads(self.views.splitlines()[3])["views"][0]["ids"][10], errors)
         self.assertEqual([w["id"] for w in result["warnings"]], ["outlier_point"])
 
+    def test_one_corner_so_far_that_its_view_is_none(self):
+        def far(i, view):
+            if i == 3:
+                view["pixels"][10] = [5, 470]
+        self.write("samples.jsonl", changed(self.views, far))
+        done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
+        self.assertIn(done.returncode, (0, 5))
+        corner = json.loads(self.views.splitlines()[3])["views"][0]["ids"][10]
+        self.assertIn("sample 's3' (id %d)" % corner, done.stderr.decode().replace("\n", " "))
+
+    def test_u_and_v_exchanged(self):
+        def turned(_, view):
+            view["pixels"] = [[v, u] for u, v in view["pixels"]]
+        result, errors = self.lens(changed(self.views, turned), 5)
+        self.assertIn("'left': u and v of the pixels are exchanged", errors)
+        self.assertIn("Write pixels as [u, v]", errors)
+        self.assertEqual((result["status"], result["warnings"][0]["id"]), ("unexplained", "exchanged"))
+
+    def test_copies_of_a_view(self):
+        lines = [json.loads(line) for line in self.views.splitlines()]
+        lines += [{**lines[3], "id": "again"}, {**lines[5], "id": "and again"}]
+        result, errors = self.lens("".join(json.dumps(line) + "\n" for line in lines), 0)
+        self.assertIn("sample 'again' (as 's3') and 'and again' (as 's5')", errors)
+        self.assertEqual([w["id"] for w in result["warnings"]], ["copied"])
+
     def test_one_view(self):
         def shifted(i, view):
             if i == 5:

@@ -9,6 +9,7 @@ import json
 import math
 import os
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -215,6 +216,8 @@ class Words(Case):
         found, = self.warnings(result, "identity")
         self.assertIn("target/board/pose is absent from the rig, and its z is held: that counts from the identity", found)
         self.assertIn("Give it a pose in the rig", found)
+        self.assertEqual(result["verdict"]["use"], "doubts")
+        self.assertIn("give the pose in the rig", result["verdict"]["text"])
         # one joint far off among good ones
         truth = {"joint/j%d/offset" % k: 0.0003 * (-1) ** k for k in range(2, 7)}
         truth["joint/j4/origin"] = [0.02, 0, 0, 0, 0, 0]
@@ -239,6 +242,23 @@ class Words(Case):
         self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: 1.2e-04"))
         found, = self.warnings(self.calibrate(samples)[0], "noise")
         self.assertRegex(found, "But joints look noisier than that, so sigmas may be too small: joint/.*--estimate-noise")
+
+    def test_sensors_stated_too_noisy_beside_right_joints_are_a_doubt(self):
+        """One factor for all sigmas makes those of the joints too small: the verdict says so, and what to state makes it good."""
+        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
+        for factor in (4, 10):
+            self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: %g" % (5e-5 * factor)))
+            result, text = self.calibrate(samples)
+            self.assertEqual(result["verdict"]["use"], "doubts", text)
+            self.assertIn("All sigmas were multiplied by 0.", result["verdict"]["text"])
+            stated = re.search(r"if that of the joints is right: sensors: {tracker: {sigma: (0\.0000\d+)}}", *result["verdict"]["next"])
+            self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: " + stated.group(1)))
+            result, text = self.calibrate(samples)
+            self.assertEqual(result["verdict"]["use"], "good", text)
+        # A little too much of both is none.
+        self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: 8.0e-05").replace("sigma: 0.0002", "sigma: 0.00032"))
+        result, text = self.calibrate(samples)
+        self.assertEqual(result["verdict"]["use"], "good", text)
 
     def test_a_whole_group_is_held(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH)
@@ -276,6 +296,48 @@ class Words(Case):
         self.assertNotEqual(p.returncode, 0)
         self.assertIn(found[0]["text"][:60], p.stdout + p.stderr)
 
+    def test_calibrate_finds_a_gear_that_the_geometry_takes_up(self):
+        """With all free that may be wrong the noise looks a little larger, and that is all; with mounts and offsets alone it is proved."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        for s in samples:
+            s["joints"]["j3"] *= 1.01
+        self.write("rig.yaml", CAMERA)
+        result, text = self.calibrate(samples, "--no-report")
+        self.assertEqual([(f["id"], f["where"]) for f in result.get("findings", [])], [("gear", ["j3"])], text)
+        self.assertEqual(result["verdict"]["use"], "doubts", text)
+
+    def test_heights_of_parallel_axes_are_held_not_searched_for(self):
+        """No posture of a SCARA tells how high tracker and tool are, each by itself."""
+        joints = [("j1", "l1", "0 0 0.3", "0 0 1"), ("j2", "l2", "0.3 0 0.02", "0 0 1"), ("j3", "l3", "0.25 0 0", "0 0 1")]
+        self.write("scara.urdf", "\n".join(['<robot name="scara"><link name="base"/>', *helpers.revolute(joints, "base", 2.2), "</robot>"]))
+        rig = TRACKER.replace("arm.urdf", "scara.urdf").replace("l6", "l3").replace(
+            "  r1: {type: points, points: [[0, 0, 0]], mount: {link: l3}}\n  r2: {type: points, points: [[0, 0, 0]], mount: {link: l3}}\n", "").replace(
+            "points: [[0, 0, 0]]", "points: [[0, 0, 0.05], [0.04, 0, 0.05], [0, 0.05, 0.03], [0.03, 0.03, 0]]")
+        samples = self.simulate(rig, {"sensor/tracker/pose": [2, 0.5, 0.3, 0, 0, 2], "target/r0/pose": [0.1, 0.05, 0.02, 0, 0, 0],
+                                      "joint/j2/origin": [0, 0, 0, 0.002, 0.001, 0], "joint/j3/origin": [0, 0, 0, -0.001, 0.002, 0]}, samples=20, out="scara")
+        result, text = self.calibrate(samples, "--no-report")
+        for words in ("all axes that turn are parallel", "which no posture tells", "pose.z (--fix)"):
+            self.assertIn(words, result["verdict"]["text"])
+        self.assertNotIn("more varied", result["verdict"]["text"] + " ".join(result["verdict"]["next"]))
+        result, text = self.calibrate(samples, "--no-report", "--fix", "sensor/tracker/pose.z")
+        self.assertNotEqual(result["verdict"]["use"], "no", text)
+
+    def test_cameras_without_a_robot_are_told_to_hold_one(self):
+        """They do see the same board: what no sample tells is where both are, and with one held all is found."""
+        self.write("bench.urdf", '<robot name="bench"><link name="base"/></robot>')
+        camera = "{type: camera, model: pinhole, link: base, pose: {xyz: [%g, 0, 0]}, image_size: [1280, 960], intrinsics: [1000, 1000, 640, 480], sigma: 0.2}"
+        bench = ("format: kincal/1\nrobot: bench.urdf\nbase: base\ntargets:\n  board: {type: chessboard, rows: 6, columns: 9, square: 0.025, mount: free}\n"
+                 "sensors:\n  left: %s\n  right: %s\n" % (camera % 0, camera % 0.12))
+        self.simulate(bench, {}, samples=12, out="bench")
+        found, = json.loads(self.kincal("check", "rig.yaml", "bench/samples.jsonl", "--json", code=0))["findings"]
+        self.assertEqual(found["id"], "disconnected")
+        self.assertNotIn("no other sensor", found["text"])
+        self.assertIn("Hold one of these, as sensor/left/pose:", found["text"])
+        self.kincal("calibrate", "rig.yaml", "bench/samples.jsonl", "--out", "held", "--fix", "sensor/left/pose")
+
     def test_a_board_in_millimetres_is_calibrated_and_named(self):
         true = CAMERA
         for old, new in CAMERA_POSES:
@@ -288,6 +350,32 @@ class Words(Case):
         for kind in ("implausible", "rescaled"):
             self.assertEqual(len(self.warnings(result, kind)), 1, text)
             self.assertIn("board", self.warnings(result, kind)[0])
+
+    def test_a_length_that_is_wrong_in_the_urdf_is_not_blamed_on_the_board_alone(self):
+        """Board and arm have one scale: both are named, and what to measure. A board that is wrong is named alone."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        truth = dict(CAMERA_TRUTH, **{"joint/j3/origin": [0.03, 0, 0, 0, 0, 0]})
+        samples = self.simulate(true, truth, samples=20, seed=4)
+        self.write("open.yaml", CAMERA)
+        result, text = self.calibrate(samples, rig="open.yaml")
+        self.assertEqual(result["verdict"]["use"], "doubts", text)
+        self.assertEqual([f["id"] for f in result["findings"]], ["link-length"], text)
+        for words in ("joint/j3/origin.", "target/board/square", "with a ruler", "alike"):
+            self.assertIn(words, result["findings"][0]["text"])
+        # less than what is looked for: the size that came out as another is a doubt all the same, but not where it was said how well it is known
+        self.write("less.yaml", CAMERA.replace("square: 0.025", "square: 0.0255"))
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=4, out="less")
+        result, text = self.calibrate(samples, rig="less.yaml")
+        self.assertEqual((result["verdict"]["use"], len(self.warnings(result, "rescaled"))), ("doubts", 1), text)
+        self.assertIn("target/board/square is 0.0", result["verdict"]["text"])
+        self.write("known.yaml", CAMERA.replace("square: 0.025", "square: 0.0255") + "priors: {target/board/square: 0.001}\n")
+        result, text = self.calibrate(samples, rig="known.yaml")
+        self.assertEqual((result["verdict"]["use"], len(self.warnings(result, "rescaled"))), ("good", 1), text)
+        self.write("wrong.yaml", CAMERA.replace("square: 0.025", "square: 0.0265"))
+        result, text = self.calibrate(samples, rig="wrong.yaml")
+        self.assertEqual([f["id"] for f in result["findings"]], ["square"], text)
 
     def test_a_pose_that_nothing_tells_is_no_result(self):
         """Readings that hardly change: exit code 2, and the files say so, too. Of steps the same is the user's own choice."""

@@ -93,6 +93,62 @@ class Data(Case):
                 else:
                     self.assertEqual(row[key], "")
 
+    def test_whitened(self):
+        """Their components make up the norm, of every kind of sensor."""
+        self.calibrated()
+        for row in rows_of(self.dir, "out", "residuals.csv"):
+            parts = [float(row["whitened_%d" % k]) for k in range(1, 7) if row["whitened_%d" % k]]
+            self.assertIn(len(parts), (2, 3, 6))
+            self.assertAlmostEqual(math.hypot(*parts), float(row["whitened"]), delta=1e-4 * float(row["whitened"]) + 1e-9)
+
+    def test_boxes(self):
+        """What the URDF draws of a link is a box in the scene; meshes that cannot be read are counted."""
+        self.example()
+        with open(self.path("robot", "robot.urdf")) as f:
+            urdf = re.sub(r"<(visual|collision)>.*?</\1>", "", f.read(), flags=re.S)
+        names = re.findall(r'<link name="([^"]+)"', urdf)[:5]
+        shapes = ['<box size="0.1 0.2 0.3"/>', '<cylinder radius="0.1" length="0.5"/>', '<mesh filename="a.stl" scale="2 1 1"/>',
+                  '<mesh filename="package://robot/a.stl"/>', '<box size="a b c"/>']
+        for name, shape in zip(names, shapes):
+            drawn = '<visual><origin xyz="1 2 3"/><geometry>%s</geometry></visual>' % shape
+            urdf = re.sub(r'<link name="%s"\s*(/>|>)' % re.escape(name),
+                          lambda m: '<link name="%s">%s%s' % (name, drawn, "</link>" if m.group(1) == "/>" else ""), urdf, count=1)
+        with open(self.path("robot", "robot.urdf"), "w") as f:
+            f.write(urdf)
+        with open(self.path("robot", "a.stl"), "w") as f:
+            f.write("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0.5 0 0\nvertex 0 0.25 0.125\nendloop\nendfacet\nendsolid a\n")
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--quiet")
+        with open(self.path("out", "result.json")) as f:
+            scene = json.load(f)["scene"]
+        boxes = {link["name"]: link.get("boxes") for link in scene["links"]}
+        self.assertEqual([boxes[name] and boxes[name][0]["size"] for name in names], [[0.1, 0.2, 0.3], [0.2, 0.2, 0.5], [1, 0.25, 0.125], None, None])
+        self.assertEqual(boxes[names[0]][0]["pose"], [1, 2, 3, 0, 0, 0, 1])
+        self.assertEqual(boxes[names[2]][0]["pose"][:3], [1.5, 2.125, 3.0625])
+        self.assertEqual(scene["meshes_left_out"], 1)
+
+    def test_many_loops(self):
+        """Of so many samples that loops.csv would be the largest file it has every so-manieth, and result.json says which."""
+        self.example(samples=64)
+        with open(self.path("robot", "samples.jsonl")) as f:
+            lines = [json.loads(line) for line in f]
+        with open(self.path("robot", "samples.jsonl"), "w") as f:
+            for copy in range(4):
+                for sample in lines:
+                    f.write(json.dumps({**sample, "id": "%s_%d" % (sample["id"], copy)}) + "\n")
+        self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--quiet", code=None)
+        with open(self.path("out", "result.json")) as f:
+            result = json.load(f)
+        every = result["loops_csv"]["every"]
+        self.assertEqual(every, 3)                  # the least odd number
+        order = {row["sample"]: i for i, row in enumerate(rows_of(self.dir, "out", "samples.csv"))}
+        rows = rows_of(self.dir, "out", "loops.csv")
+        self.assertLess(len(rows), 100000)
+        self.assertEqual({order[row["sample"]] % every for row in rows}, {0})
+        drawn = data_of(self.path("out", "report.html"))["loops"]
+        self.assertEqual(drawn["every"] % every, 0)
+        self.assertEqual({s % drawn["every"] for s in drawn["sample"]}, {0})
+        self.assertGreater(sum(l["points"] for l in result["loops"]), 2 * len(rows))
+
     def test_samples(self):
         data = self.calibrated()
         rows, s = rows_of(self.dir, "out", "samples.csv"), data["samples"]
@@ -259,7 +315,44 @@ class Show(Case):
         largest = max(abs(v - i) for p in result["parameters"].values() for i, v in zip(p["initial"], p["value"]))
         self.assertIn("%.4g" % (1e3 * largest), shown.split("Largest changes")[1].split("\n")[1])
         self.assertIn("More: out/report.html", shown)
+        result["parameters"]["sensor/wide_left/distortion"] = {"unit": [""] * 5, "initial": [0] * 5, "value": [0, 0, 9, 0, 0], "sigma": [1] * 5, "step": "all"}
+        with open(self.path("lens.json"), "w") as f:
+            json.dump(result, f)
+        self.assertIn("sensor/wide_left/distortion.p1 ", self.kincal("show", "lens.json"))
         self.assertEqual(self.kincal("show", "out/result.json") + "\nMore: out/report.html (a browser), result.json\n", shown)
+
+    def test_calibrate_prints(self):
+        """Verdict, errors, five largest changes, warnings in 80 columns; what options ask for; where the rest is; all of it with --tables."""
+        self.example()
+        args = ("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--force")
+        printed = self.kincal(*args)
+        with open(self.path("out", "result.json")) as f:
+            result = json.load(f)
+        self.assertEqual([line for line in printed.split("\n") if len(line) > 80], [])
+        self.assertLess(len(printed.split("\n")), 45)
+        self.assertTrue(printed.startswith("%(use)s: %(text)s" % result["verdict"]), printed)
+        self.assertEqual(len(printed.split("Largest changes")[1].split("\n\n")[0].split("\n")) - 1, 5)
+        shown = self.kincal("show", "out")
+        for part in printed.split("\n\n")[1:3]:     # as show tells them
+            self.assertIn(part, shown)
+        left = re.search(r"Not in robot.urdf, which cannot express it: .*?sensor/narrow_right/baseline.* and 2\s+more", printed, re.S)
+        self.assertTrue(left, printed)
+        self.assertIn("More: out/report.html (a browser), kincal show out, or this with --tables\n", printed)
+        self.assertNotIn("report.html", self.kincal(*args, "--no-report"))
+        tables = self.kincal(*args, "--tables")
+        for heading in ("Residuals (rms)", "Loops (rms", "Parameters that changed most", "Mounts that no joint"):
+            self.assertIn("\n" + heading, tables)
+            self.assertNotIn(heading, printed)
+        asked = self.kincal(*args, "--holdout", "4", "--restarts", "1", "--require", "chi2/dof<2", "--no-report")
+        for words in ("held out", "Restarts from other starting values", "chi2/dof<2"):
+            self.assertIn(words, asked)
+
+    def test_narrow(self):
+        """Names too long for a drawing beside them: the table goes without."""
+        self.calibrated(rename=("wide_left", "the_camera_on_the_left_side_of_the_head"))
+        for text in (self.kincal("show", "out"), self.kincal("calibrate", "robot/rig.yaml", "robot/samples.jsonl", "--out", "out", "--force")):
+            self.assertNotIn("□", text)
+            self.assertEqual([line for line in text.split("\n") if len(line) > 80 and not re.match(" +(joint|sensor)/", line)], [])
 
     def test_wrong(self):
         self.assertRegex(self.kincal("show", "nowhere", code=1), "nowhere: cannot be read")

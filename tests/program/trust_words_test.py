@@ -36,7 +36,7 @@ class Case(unittest.TestCase):
 
     def calibrate(self, rig, samples, *options, code=0, out="out"):
         out = os.path.join(self.dir, out)
-        text = self.kincal("calibrate", rig, samples, "--out", out, "--force", *options, code=code)
+        text = self.kincal("calibrate", rig, samples, "--out", out, "--force", "--tables", *options, code=code)
         with open(os.path.join(out, "result.json"), encoding="utf-8") as file:
             return json.load(file), text
 

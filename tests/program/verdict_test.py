@@ -55,7 +55,12 @@ class Case(unittest.TestCase):
         with open(os.path.join(self.out, "result.json"), encoding="utf-8") as file:
             result = json.load(file)
         self.assertEqual(list(result)[0], "verdict")
-        self.assertEqual(printed.splitlines()[-1], "%(use)s: %(text)s" % result["verdict"])
+        said = ("%(use)s: %(text)s" % result["verdict"]).split()
+        if "--tables" in options:
+            self.assertEqual(printed.splitlines()[-1].split(), said)
+        else:                                       # first, and no line is wider than a terminal
+            self.assertEqual(printed.split()[:len(said)], said)
+            self.assertEqual([line for line in printed.split("\n\n")[0].split("\n") if len(line) > 80], [])
         ids = [w["id"] for w in result["warnings"]]
         self.assertEqual(len(ids), len(set(ids)), "one warning a kind")
         self.assertEqual(code in (2, 3, 5), result["verdict"]["use"] == "no" and result["status"] != "converged")
@@ -186,7 +191,7 @@ class Words(Case):
             self.assertTrue(w["text"].startswith(what % (len(w["names"]), w["names"][0])), w["text"])
             self.assertTrue(w["text"].endswith("; then %s and %d more" % (", ".join(w["names"][1:4]), len(w["names"]) - 4)), w["text"])
         self.assertEqual(list(warnings), ["chi2", "joint_error", "joint_noise", "prior"])
-        printed, _ = self.kincal("calibrate", tight, self.samples, "--out", self.out, "--force", "--no-report")
+        printed, _ = self.kincal("calibrate", tight, self.samples, "--out", self.out, "--force", "--no-report", "--tables")
         lines = printed[printed.index("\nWarnings\n"):].splitlines()
         self.assertEqual(len([line for line in lines if line.startswith("  prior: ") and line.endswith("(all in result.json)")]), 1)
 

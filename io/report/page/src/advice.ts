@@ -12,14 +12,13 @@ export function splitVerdict(text: string): { why: string; actions: string[] } {
   return { why: text.slice(0, at), actions: actions.split(/;\s+/).map((s) => s.trim()).filter(Boolean) };
 }
 
+const outliers = 'Look at what is named: an image of another posture, a board seen from the wrong corner, a wrong point; --reject takes it out.';
 /** A short cure for each kind of warning, where its own text says only what is the case. */
 const cures: Record<string, string> = {
   chi2: 'Look at the sensor that fits worst (Errors of each sensor, column "Against stated noise"): wrong intrinsics, board size, time shift or outliers; else state the noise that is seen.',
   joint_error: 'Look at the sample that is named: its joint readings may belong to another posture. Many samples of one joint: its zero, its gear or a link near it is wrong, or its stated noise is too small.',
   joint_noise: 'State the joint noise that is seen (--estimate-noise), or look for what the model lacks: backlash, a wrong gear, a bent link.',
-  outlier_sample: 'Look at these samples; calibrate again with --reject.',
-  outlier_view: 'Look at these views: a board seen from the wrong corner, or an image of another posture; --reject takes them out.',
-  outlier_point: 'Look at these points; --reject takes them out.',
+  outlier_sample: outliers, outlier_view: outliers, outlier_point: outliers,
   sigma: 'Record more varied postures, above all ones that move what is named.',
   moved: 'Ask of each pose that is named: can it have been that far off? If not, something else is wrong.',
   prior: 'Data and prior contradict each other: check which of the two is wrong.',
@@ -30,6 +29,7 @@ const cures: Record<string, string> = {
   outside_image: 'Check image_size and the detector.',
   implausible: 'Correct the numbers that are named first; everything else may follow from them.',
   rejected: 'Look at what was taken out: a fifth of the samples is too many for chance.',
+  unexplained: 'Look at the sensor and the samples that fit worst, and run kincal check: something is wrong that no number of the rig can take up.',
   not_converged: 'Mend what the first finding names, then calibrate again.',
   minima: 'Give better starting values for what is named, or record more varied postures.',
   width: 'Look for a mistake that these numbers take up: a board size, a wrong link, the sign of a joint.',
@@ -44,40 +44,73 @@ export function capital(text: string): string {
   return /^[a-z]+([ ,;:']|$)/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
 }
 
+/** With one full stop at its end. */
+export function sentence(text: string): string {
+  return /[.?!]$/.test(text) ? text : `${text}.`;
+}
+
 const normal = (text: string) => text.toLowerCase().replace(/[^a-z0-9]+/g, ' ').trim();
 
+/** A direction that the data leave open but a prior, or the usual error of a group, closes: where the base frame is, how
+ *  a camera is turned about the last axis. It is a choice that somebody made, and nothing has to be done about it. */
+export function isChosen(weak: WeakDirection): boolean {
+  const sigma = weak.sigma_with_priors;
+  return typeof sigma === 'number' && sigma !== weak.sigma && weakness(sigma, weak.unit) <= 1;
+}
+/** Weak directions that something can be done about, the worst first. */
+export function openDirections(result: Result): WeakDirection[] {
+  return (result.weak_directions ?? []).filter((weak) => !isChosen(weak));
+}
+
+/** One source, in one order: what the verdict says is next, what was found, the cure of each warning; each cure once.
+ *  Nothing else is advice, so that this never says other than the verdict. */
 export function nextSteps(result: Result): Advice[] {
   const steps: Advice[] = [];
   const known: string[] = [];
-  // What is contained in something said before, or contains a whole sentence of it, is not said again.
+  const { why: shown, actions } = splitVerdict(result.verdict?.text ?? '');
+  const said = (text: string) => text.length > 20 && normal(shown).includes(normal(text));
   const add = (text: string, why?: string) => {
     const key = normal(text);
     if (!key || known.some((k) => k.includes(key) || (k.length > 20 && key.includes(k)))) return;
     known.push(key);
     steps.push({ text: capital(text), why });
   };
-  const { why, actions } = splitVerdict(result.verdict?.text ?? '');
-  known.push(normal(why));
-  for (const finding of result.findings ?? []) add(finding.text ?? '', 'explains the data');
-  for (const action of actions) if (!/^see also/.test(action) && !/^nothing, for/.test(action)
-    && !/numbers? (are|is) as the rig has/.test(action)) add(action);
-  for (const weak of result.weak_directions ?? []) add(weak.cure ?? '', weakSentence(weak));
-  const weak = (result.weak_directions ?? []).length > 0, found = (result.findings ?? []).length > 0;
+  const findings = result.findings ?? [];
+  const next = result.verdict?.next ?? (findings.length ? [] : actions.filter((action) => !/^see also/.test(action)
+    && !/numbers? (are|is) as the rig has/.test(action)));
+  for (const step of next) add(step);
+  // What the verdict has in full is named here only.
+  for (const { id, text } of findings)
+    if (said(text ?? '')) add(`Undo what the verdict names (${id}), then calibrate again.`);
+    else add(text ?? '', 'found by kincal check');
   for (const warning of result.warnings ?? []) {
-    // What findings and weak directions have said better.
-    if (found && ['not_converged', 'unexplained'].includes(warning.id)) continue;
-    if (weak && ['sigma', 'unobservable'].includes(warning.id)) continue;
+    // The verdict decides by this one and has said what to do about it, or a finding explains it.
+    if (said(splitVerdict(warning.text ?? '').why) && steps.length) continue;
+    if (findings.length && ['not_converged', 'unexplained'].includes(warning.id)) continue;
+    const open = openDirections(result);
+    if (['sigma', 'unobservable'].includes(warning.id) && open.length) {
+      // Several directions with one cure differ in what could be held only.
+      const told = new Set<string>();
+      for (const weak of open) {
+        const [cure, hold] = (weak.cure ?? '').split('; or hold ');
+        add(hold && told.has(cure) ? `Or hold ${hold}` : weak.cure ?? '', weakSentence(weak));
+        told.add(cure);
+      }
+      continue;
+    }
     const small = warning.id === 'chi2' && (chi2PerDof(result) ?? 1) < 1 && !warning.names?.length;
     const cure = small ? 'State the noise that is seen (--estimate-noise): the errors are smaller than stated, and so are the true uncertainties.'
       : cures[warning.id];
-    if (cure) add(cure, splitVerdict(warning.text ?? '').why);
+    // What stands in the verdict already is not said again behind its cure.
+    const why = splitVerdict(warning.text ?? '').why;
+    if (cure) add(cure, said(why) ? undefined : why);
     else add(warning.text ?? '');
   }
-  const validation = result.validation ?? {};
-  if (result.verdict?.use !== 'no' && !validation.test && !validation.cross_validation)
-    add('Check it on data that the fit has not seen: --holdout 4 or --cross-validate 5. So far nothing is held out.');
   if (result.verdict?.use === 'good')
     add('Use it: copy robot.urdf to the robot; changes.yaml has the same numbers for a robot from xacro.');
+  const validation = result.validation ?? {};
+  if (!result.kind && result.verdict?.use !== 'no' && !validation.test && !validation.cross_validation)
+    add('Check it on data that the fit has not seen: --holdout 4 or --cross-validate 5. So far nothing is held out.');
   return steps;
 }
 
@@ -93,18 +126,21 @@ export function weakness(sigma: number, unit: string): number {
   return sigma / (yardstick[unit] ?? 1);
 }
 
+function judgedComponents(result: Result): Component[] {
+  const chosen = new Set((result.weak_directions ?? []).filter(isChosen).flatMap((weak) => Object.keys(weak.parameters ?? {})));
+  return components(result).filter((c) => c.sigma !== 0 && !/\/(distortion|intrinsics)\./.test(c.name) && !chosen.has(c.name));
+}
 /** The estimated number that is known worst; one that the data do not determine before all others. */
 export function leastKnown(result: Result): Component | undefined {
   // Lens coefficients and image points have no yardstick of their own; a pose, an angle or a size has.
-  const candidates = components(result).filter((c) => c.sigma !== 0 && !/\/(distortion|intrinsics)\./.test(c.name));
+  const candidates = judgedComponents(result);
   const rank = (c: Component) => (c.sigma === null ? Infinity : weakness(c.sigma, c.unit));
   return candidates.reduce<Component | undefined>((worst, c) => (!worst || rank(c) > rank(worst) ? c : worst), undefined);
 }
 
 /** Numbers that are known to no better than 1 cm, 1 degree, 1 % or 1 px, or not at all. */
 export function badlyKnown(result: Result): Component[] {
-  return components(result).filter((c) => c.sigma !== 0 && !/\/(distortion|intrinsics)\./.test(c.name)
-    && (c.sigma === null || weakness(c.sigma, c.unit) > 1));
+  return judgedComponents(result).filter((c) => c.sigma === null || weakness(c.sigma, c.unit) > 1);
 }
 
 /** What was held, and why: one line a reason. */

@@ -5,7 +5,7 @@
 export type Pose7 = number[];
 export type Maybe = number | null;
 
-export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string }
+export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string; next?: string[] }
 export interface SplitErrors {
   points: number;
   rms_before: Maybe; rms: Maybe; rms_as_read: Maybe;
@@ -83,9 +83,15 @@ export interface SceneSensor {
 export interface SceneTarget {
   name: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
 }
-export interface Scene { base: number; links: Link[]; sensors: SceneSensor[]; targets: SceneTarget[] }
+export interface Scene {
+  base: number; links: Link[]; sensors: SceneSensor[]; targets: SceneTarget[];
+  /** Links that the URDF draws by meshes alone that cannot be read here. */
+  meshes_left_out?: number;
+}
 
 export interface Result {
+  /** Absent: a calibration. The others have `kind`, and of a check what was looked for and said. */
+  kind?: 'evaluation' | 'check'; tested?: string[]; said?: string; explained?: boolean;
   verdict?: Verdict; kincal?: string; status?: string; noise?: string; chi2?: Maybe; dof?: number; chi2_data?: Maybe;
   dof_data?: number; cost?: Maybe;
   /** Only where sigmas were estimated from the data; `stated`: chi2/dof with the rig's own. */
@@ -100,6 +106,8 @@ export interface Result {
   rejected?: { sample: string; sensor?: string; target?: string; ids?: number[]; reason: string }[];
   restarts?: { count: number; failed?: number; not_converged?: number; minima?: { cost: number; chi2: number; count: number }[] };
   leverage?: Leverage[]; warnings?: Warning[]; findings?: Finding[]; scene?: Scene;
+  /** loops.csv has the points of one sample in `every`. */
+  loops_csv?: { every?: number };
 }
 
 /** Columns of equal length; a column of only nulls may be missing. */
@@ -112,7 +120,7 @@ export interface Samples {
 export interface Report {
   version: number; title?: string; result?: Result; names?: { sensors: string[]; targets: string[] };
   samples?: Samples; residuals?: Columns | null;
-  /** `every`: only every so-manieth sample's points are here. */
+  /** `every`: only the points of one sample in so many are here. */
   loops?: (Omit<Columns, 'every'> & { every?: number }) | null;
   covariance?: { names?: string[]; sigma?: Maybe[]; correlation?: Maybe[][] } | null;
 }
@@ -197,7 +205,8 @@ export function context(report: Report): Context {
     report, result, sensors,
     targets: report.names?.targets ?? [],
     samples: { ...report.samples, id: report.samples?.id ?? [] },
-    residuals: whole(report.residuals, ['sample', 'sensor', 'x', 'y', 'whitened']),
+    // A check predicts nothing: its rows say where something was seen.
+    residuals: whole(report.residuals, result.kind === 'check' ? ['sample', 'sensor'] : ['sample', 'sensor', 'x', 'y', 'whitened']),
     loops: whole(report.loops as Columns, ['sample', 'from', 'to', 'x', 'y']),
   };
 }
@@ -220,6 +229,8 @@ export function chi2PerDof(result: Result): Maybe {
 export type Source = 'test' | 'cross_validation' | 'train';
 export interface BeforeAfter {
   sensor: string; unit: string; points: number; before: Maybe; after: Maybe; interval?: [number, number] | null;
+  /** All errors on these data; of cross-validation there are none. */
+  errors?: SplitErrors;
   source: Source; beforeSource: Source;
 }
 
@@ -232,7 +243,7 @@ export function judged(result: Result): BeforeAfter[] {
     if (errors.test && errors.test.points > 0)
       return {
         sensor, unit: errors.unit ?? '', points: errors.test.points, before: errors.test.rms_before,
-        after: errors.test.rms_as_read, interval: test?.rms_as_read_95, source: 'test', beforeSource: 'test',
+        after: errors.test.rms_as_read, interval: test?.rms_as_read_95, source: 'test', beforeSource: 'test', errors: errors.test,
       };
     if (cross && cross.points > 0)
       return {
@@ -241,7 +252,7 @@ export function judged(result: Result): BeforeAfter[] {
       };
     return {
       sensor, unit: errors.unit ?? '', points: train?.points ?? 0, before: train?.rms_before ?? null,
-      after: train?.rms_as_read ?? null, source: 'train', beforeSource: 'train',
+      after: train?.rms_as_read ?? null, source: 'train', beforeSource: 'train', errors: train,
     };
   });
 }

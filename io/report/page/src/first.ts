@@ -1,17 +1,22 @@
 // The first screen: the verdict, the three figures that matter, what to do next, what was held.
-import { badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, splitVerdict } from './advice';
+import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
 
+const titles = { evaluation: 'Residuals of', check: 'Check of' };
 const words = {
   good: { sign: '✓', word: 'Good', say: 'Use this calibration.' },
   doubts: { sign: '?', word: 'Usable, with doubts', say: 'Read the doubts before you use it.' },
   no: { sign: '✕', word: 'Do not use', say: 'Mend what is named, then calibrate again.' },
 };
 
+export function titleOf({ result, report }: Context): string {
+  return `${result.kind ? titles[result.kind] : 'Calibration of'} ${report.title || 'a robot'}`;
+}
+
 export function masthead(context: Context, buttons: Child[]): HTMLElement {
-  const { result, report } = context;
+  const { result } = context;
   const facts = [
     result.serial ? `Serial ${result.serial}` : 'no serial number given',
     time(result.time ?? result.input?.date) === none ? 'no date given' : time(result.time ?? result.input?.date),
@@ -19,7 +24,7 @@ export function masthead(context: Context, buttons: Child[]): HTMLElement {
     result.kincal ? `kincal ${result.kincal}` : null,
   ].filter((fact) => fact !== null);
   return h('header', { class: 'masthead' },
-    h('div', {}, h('h1', {}, `Calibration of ${report.title || 'a robot'}`), h('p', { class: 'facts' }, facts.join(' · '))),
+    h('div', {}, h('h1', {}, titleOf(context)), h('p', { class: 'facts' }, facts.join(' · '))),
     h('div', { class: 'buttons' }, ...buttons));
 }
 
@@ -59,24 +64,37 @@ const sources = {
   train: 'on the data of the fit itself; nothing was held out',
 };
 
-function errorCard(context: Context): HTMLElement {
-  const rows = judged(context.result);
+/** Sensors pooled, with the two errors of each that `of` chooses. */
+export function pooledErrors(context: Context, of: (row: BeforeAfter) => (number | null | undefined)[]): Line[] {
   const types = new Map((context.result.scene?.sensors ?? []).map((s) => [s.name, s.type]));
-  const lines = pooled(rows, (sensor) => types.get(sensor));
-  const kinds = [...new Set(rows.map((row) => row.source))];
+  const rows = judged(context.result).map((row) => { const [before, after] = of(row); return { ...row, before: before ?? null, after: after ?? null }; });
+  return pooled(rows, (sensor) => types.get(sensor));
+}
+
+/** A name that may be broken behind its underscores. */
+function breakable(name: string): Child[] {
+  return name.split(/(?<=_)/).flatMap((part, i) => (i ? [h('wbr'), part] : [part]));
+}
+
+export function errorCard(title: string, heads: [string, string], lines: Line[], small: string): HTMLElement {
   return h('div', { class: 'card errors' },
-    h('h2', {}, 'Error before and after'),
-    rows.length === 0 ? h('p', {}, 'No sensor saw anything.') : h('table', { class: 'big' },
-      h('thead', {}, h('tr', {}, h('th', {}, ''), h('th', { class: 'n' }, 'before'), h('th', { class: 'n' }, 'after'))),
+    h('h2', {}, title),
+    lines.length === 0 ? h('p', {}, 'No sensor saw anything.') : h('table', { class: 'big' },
+      h('thead', {}, h('tr', {}, h('th', {}, ''), ...heads.map((head) => h('th', { class: 'n' }, head)))),
       h('tbody', {}, ...lines.map((line) => {
         const unit = shown(line.unit);
         const text = (v: number | null) => (v === null ? none : digits(v * unit.factor));
-        return h('tr', {}, h('th', { scope: 'row' }, line.count > 1 ? `${line.name} (${line.count})` : line.name),
+        return h('tr', {}, h('th', { scope: 'row' }, ...breakable(line.count > 1 ? `${line.name} (${line.count})` : line.name)),
           h('td', { class: 'n before' }, text(line.before)),
           h('td', { class: 'n after' }, h('b', {}, text(line.after)), ` ${unit.name}`));
       }))),
-    h('p', { class: 'small' }, 'RMS, joint readings taken as they come; ',
-      kinds.length ? kinds.map((kind) => sources[kind]).join('; ') : '', '.'));
+    h('p', { class: 'small' }, small));
+}
+
+function beforeAfterCard(context: Context): HTMLElement {
+  const kinds = [...new Set(judged(context.result).map((row) => row.source))];
+  return errorCard('Error before and after', ['before', 'after'], pooledErrors(context, (row) => [row.before, row.after]),
+    `RMS, joint readings taken as they come; ${kinds.map((kind) => sources[kind]).join('; ')}.`);
 }
 
 /** chi2/dof on a logarithmic line; the band is what the stated noise allows. */
@@ -89,7 +107,7 @@ function gauge(ratio: number, ok: boolean): SVGElement {
     svg('path', { d: `M${x(ratio)} 22 l-6 -16 h12 z`, class: ok ? 'needle ok' : 'needle' }));
 }
 
-function fitCard(result: Result): HTMLElement {
+export function fitCard(result: Result): HTMLElement {
   const ratio = chi2PerDof(result);
   const { word, ok } = fitWord(result);
   const noise = result.noise_estimated;
@@ -103,7 +121,7 @@ function fitCard(result: Result): HTMLElement {
 }
 
 function weakCard(result: Result): HTMLElement {
-  const weak = result.weak_directions?.[0];
+  const weak = openDirections(result)[0];
   const least = leastKnown(result);
   const title = h('h2', {}, 'Weakest direction');
   if (weak) {
@@ -125,27 +143,36 @@ function weakCard(result: Result): HTMLElement {
       : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')));
 }
 
+/** The sentence that says it all, in its colour. */
+export interface Look { use: 'good' | 'doubts' | 'no' | 'unknown'; sign: string; word: string; say: string }
+export function judgement(look: Look, why: string): HTMLElement {
+  return h('div', { class: `verdict ${look.use}`, role: 'status' },
+    h('span', { class: 'sign', 'aria-hidden': 'true' }, look.sign),
+    h('div', {}, h('p', { class: 'word' }, h('b', {}, look.word), look.say ? ` ${look.say}` : ''), h('p', { class: 'why' }, why)));
+}
+
+/** What to do next, `nothing` where there are no steps; and what was held, if anything is said of it. */
+export function actions(steps: Advice[], held: HeldLine[], nothing: string): HTMLElement {
+  return h('div', { class: 'two' },
+    h('div', {}, h('h2', {}, 'What to do next'),
+      steps.length ? h('ol', { class: 'todo' }, ...steps.slice(0, 6).map((step) =>
+        h('li', {}, step.text, step.why ? h('span', { class: 'small' }, ` (${step.why})`) : null)))
+        : h('p', {}, nothing)),
+    held.length ? h('div', {}, h('h2', {}, 'What was held, and why'),
+      h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
+        line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them'),
+          h('p', { class: 'names' }, line.names.join(', '))) : null)))) : null);
+}
+
 export function firstScreen(context: Context): HTMLElement {
   const { result } = context;
   const verdict = result.verdict;
-  const look = verdict ? words[verdict.use] : undefined;
   const { why } = splitVerdict(verdict?.text ?? '');
-  const steps = nextSteps(result);
   const held = heldLines(result);
   return h('div', { class: 'first', id: 'verdict' },
-    h('div', { class: `verdict ${verdict?.use ?? 'unknown'}`, role: 'status' },
-      h('span', { class: 'sign', 'aria-hidden': 'true' }, look?.sign ?? '…'),
-      h('div', {}, h('p', { class: 'word' }, h('b', {}, look?.word ?? 'No verdict'), look ? ` ${look.say}` : ''),
-        h('p', { class: 'why' }, why ? `${capital(why)}.` : `Status: ${result.status ?? 'not told'}.`))),
-    h('div', { class: 'cards' }, errorCard(context), fitCard(result), weakCard(result)),
-    h('div', { class: 'two' },
-      h('div', {}, h('h2', {}, 'What to do next'),
-        steps.length ? h('ol', { class: 'todo' }, ...steps.slice(0, 6).map((step) =>
-          h('li', {}, step.text, step.why ? h('span', { class: 'small' }, ` (${step.why})`) : null)))
-          : h('p', {}, 'Nothing.')),
-      h('div', {}, h('h2', {}, 'What was held, and why'),
-        held.length ? h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
-          line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them'),
-            h('p', { class: 'names' }, line.names.join(', '))) : null)))
-          : h('p', {}, 'Nothing was held.'))));
+    judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict', say: '' },
+      why ? sentence(capital(why)) : `Status: ${result.status ?? 'not told'}.`),
+    h('div', { class: 'cards' }, beforeAfterCard(context), fitCard(result), weakCard(result)),
+    actions(nextSteps(result), held.length ? held : [{ text: 'Nothing was held', names: [] }],
+      verdict && verdict.use !== 'good' ? 'What the verdict says.' : 'Nothing.'));
 }

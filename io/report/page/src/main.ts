@@ -3,12 +3,13 @@ import './style.css';
 import 'uplot/dist/uPlot.min.css';
 import { context, isEmpty, isOverview, type Context, type PageData } from './data';
 import { drawAll, h, missing, type Section } from './dom';
-import { firstScreen, masthead } from './first';
+import { firstScreen, masthead, titleOf } from './first';
+import { inputScreen, inputSections } from './inputs';
 import { changesSection, correlationSection, coverageSection, sigmasSection } from './numbers';
 import { overviewSections } from './overview';
 import { byJointSection, jointsSection, loopsSection, sampleText, samplesSection, sensorsSection } from './residuals';
 import { sceneSection } from './scene';
-import { choose, chosenSample, isDark, onChoice, onTheme, setTheme } from './state';
+import { choose, choosePart, chosenSample, isDark, onChoice, onPart, onTheme, setTheme } from './state';
 import { errorsSection, groupsSection, influenceSection, licencesSection, noiseSection, originSection, stepsSection, validationSection, weakSection } from './tables';
 
 function buttons(): HTMLElement[] {
@@ -34,6 +35,13 @@ function follow(nav: HTMLElement, elements: HTMLElement[]): void {
   for (const element of elements) observer.observe(element);
 }
 
+function showSensor(name: string): void {
+  document.getElementById('residuals')?.scrollIntoView();
+  // The section is made when it comes near; its parts are there a moment later.
+  setTimeout(() => [...document.querySelectorAll<HTMLElement>('#residuals .sensor')]
+    .find((part) => part.dataset.part === `sensor/${name}`)?.scrollIntoView({ block: 'start' }), 300);
+}
+
 /** The strip that says which sample is chosen, and chooses another. */
 function sampleStrip(of: Context): HTMLElement {
   const ids = of.samples.id;
@@ -41,8 +49,8 @@ function sampleStrip(of: Context): HTMLElement {
     h('option', {}, 'no sample chosen'), ...ids.map((id) => h('option', {}, id)));
   const text = h('span', { class: 'numbers', 'aria-live': 'polite' });
   const step = (by: number) => choose((Math.max(chosenSample(), by > 0 ? -1 : ids.length) + by + ids.length) % ids.length, false);
-  const marks = h('style');
-  document.head.append(marks);
+  const marks = h('style'), partMarks = h('style');
+  document.head.append(marks, partMarks);
   onChoice((sample) => {
     select.selectedIndex = sample + 1;
     text.textContent = sample >= 0 ? sampleText(of, sample) : '';
@@ -50,16 +58,27 @@ function sampleStrip(of: Context): HTMLElement {
     marks.textContent = sample >= 0 ? `tr[data-row="${sample}"] > * { background: var(--mark) !important }` : '';
     document.body.classList.toggle('has-sample', sample >= 0);
   });
+  const about = h('span', { class: 'about' });
+  onPart((part, point) => {
+    // Rows of what belongs to it, in every table; and where its residuals are drawn.
+    partMarks.textContent = part ? `[data-part="${CSS.escape(part)}"] > *, [data-part="${CSS.escape(part)}"] > h3 { background: var(--mark) }` : '';
+    const [kind, name] = [part.split('/')[0], part.slice(part.indexOf('/') + 1)];
+    about.replaceChildren(...(part ? [h('b', {}, `${kind} ${name}`), point >= 0 ? ` point ${point} ` : ' ',
+      kind === 'sensor' ? h('a', { href: '#residuals', click: (event) => { event.preventDefault(); showSensor(name); } }, 'its residuals')
+        : h('a', { href: '#changes' }, 'what changed of it'), ' ',
+      h('button', { type: 'button', 'aria-label': 'Let it go', click: () => choosePart('') }, '×')] : []));
+    document.body.classList.toggle('has-part', part !== '');
+  });
   addEventListener('keydown', (event) => {
     const at = event.target as HTMLElement;
     if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA|CANVAS)$/.test(at.tagName) || at.classList?.contains('scroll')) return;
     if (event.key === 'ArrowRight') step(1);
     else if (event.key === 'ArrowLeft') step(-1);
-    else if (event.key === 'Escape') choose(-1, false);
+    else if (event.key === 'Escape') { choose(-1, false); choosePart(''); }
   });
   return h('div', { class: 'strip', role: 'region', 'aria-label': 'Chosen sample' },
     h('button', { type: 'button', 'aria-label': 'Sample before', click: () => step(-1) }, '←'), select,
-    h('button', { type: 'button', 'aria-label': 'Next sample', click: () => step(1) }, '→'), text);
+    h('button', { type: 'button', 'aria-label': 'Next sample', click: () => step(1) }, '→'), text, about);
 }
 
 /** On paper everything is drawn, in light colours. */
@@ -110,8 +129,8 @@ function start(): void {
     return;
   }
   const of = context(data);
-  document.title = `Calibration of ${data.title || 'a robot'}`;
-  const head = h('div', {}, masthead(of, buttons()), firstScreen(of));
-  lay(head, reportSections(of), of.samples.id.length ? sampleStrip(of) : null);
+  document.title = titleOf(of);
+  const head = h('div', {}, masthead(of, buttons()), of.result.kind ? inputScreen(of) : firstScreen(of));
+  lay(head, of.result.kind ? inputSections(of) : reportSections(of), of.samples.id.length ? sampleStrip(of) : null);
 }
 start();

@@ -37,6 +37,10 @@ export function histogram(values: ArrayLike<number>, low: number, high: number, 
   return counts;
 }
 
+/** Density of the standard normal distribution. */
+export function normalDensity(x: number): number {
+  return Math.exp((-x * x) / 2) / Math.sqrt(2 * Math.PI);
+}
 /** Density of the norm of k independent standard normal numbers (chi distribution). */
 export function chiDensity(x: number, k: number): number {
   if (x < 0) return 0;

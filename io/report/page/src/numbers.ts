@@ -24,6 +24,9 @@ export function changesSection(context: Context): Section {
     }, 400);
 }
 
+/** Rows know their sensor or target, so that they are marked with it. */
+const markPart = (element: HTMLElement, c: Component) => { element.dataset.part = c.parameter.slice(0, c.parameter.lastIndexOf('/')); };
+
 function changeTable(rows: Component[], unit: string): HTMLElement {
   const u = shown(unit);
   const change = (c: Component) => (c.value - c.initial) * u.factor;
@@ -47,7 +50,7 @@ function changeTable(rows: Component[], unit: string): HTMLElement {
     { title: '± sigma', cell: (c) => (c.sigma === null ? 'not determined' : digits(c.sigma * u.factor, 2)), value: (c) => c.sigma === null ? null : c.sigma * u.factor, numeric: true },
     { title: 'Change in sigmas', cell: (c) => digits(significance(c), 2), value: significance, numeric: true },
     { title: `−${digits(most, 2)} … 0 … ${digits(most, 2)} ${u.name}`, cell: drawing, drawing: true },
-  ], { caption: `${unitTitles[unit] ?? unit}, the largest change first. A mount counts as a move from where the rig has it, in its own axes.`, file: `changes_${unit || 'other'}`, most: 16 });
+  ], { caption: `${unitTitles[unit] ?? unit}, the largest change first. A mount counts as a move from where the rig has it, in its own axes.`, file: `changes_${unit || 'other'}`, most: 16, row: markPart });
 }
 
 export function sigmasSection(context: Context): Section {
@@ -64,7 +67,7 @@ export function sigmasSection(context: Context): Section {
         { title: 'Share of what counts as weak', cell: (c) => (c.sigma === null ? none : `${digits(100 * rank(c), 2)} %`), value: rank, numeric: true },
         { title: '', cell: (c) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
           svg('rect', { x: 0, y: 1, width: Math.min(100, 100 * rank(c)), height: 8 })), drawing: true },
-      ], { caption: 'Standard deviations, the weakest first.', file: 'sigmas', most: 12 }));
+      ], { caption: 'Standard deviations, the weakest first.', file: 'sigmas', most: 12, row: markPart }));
     }, 300);
 }
 

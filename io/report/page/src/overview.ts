@@ -4,12 +4,13 @@ import { dataTable, h, section, svg, type Section } from './dom';
 import { digits, none, plainName, plural, quantity, shown, time } from './format';
 import { lineFigure, logAxis } from './lines';
 
+const mostLines = 5;
 const rank = { no: 0, doubts: 1, good: 2 };
 const words = { good: '✓ good', doubts: '? doubts', no: '✕ do not use' };
 
 /** Failed first, then by verdict, then by how far chi2/dof is above 1. */
 export function worstFirst(rows: OverviewRow[]): OverviewRow[] {
-  const key = (row: OverviewRow) => (row.verdict ? rank[row.verdict.use] : -1);
+  const key = (row: OverviewRow) => (row.verdict && row.status !== 'failed' ? rank[row.verdict.use] : -1);
   return [...rows].sort((a, b) => key(a) - key(b) || Math.abs(Math.log(b.chi2_dof || 1)) - Math.abs(Math.log(a.chi2_dof || 1))
     || a.folder.localeCompare(b.folder, 'en'));
 }
@@ -31,24 +32,27 @@ function bar(value: number | null, most: number, kind: string) {
 }
 
 /** One line a robot (serial number, else folder); what it was before as open points. */
-function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[]): void {
+function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[], wide: boolean): void {
   const points = rows.flatMap((row) => { const t = stamp(row.time), s = row.sensors?.[sensor]; return t !== null && s ? [{ t, s, row }] : []; })
     .sort((a, b) => a.t - b.t);
   if (points.length < 2) return;
   const unit = shown(points[0].s.unit);
-  const robots = [...new Set(points.map((p) => p.row.serial ?? ''))];
+  // A line for each of a few robots; of a whole fleet points, for nobody could tell their colours.
+  const serials = [...new Set(points.map((p) => p.row.serial ?? ''))];
+  const few = serials.length <= mostLines;
+  const robots = few ? serials : [''];
   const value = (v: number | null) => (v !== null && v > 0 ? v * unit.factor : null);
   lineFigure(host, {
-    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 210, live: false,
+    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 210, wide, live: false,
     csv: () => [['folder', 'serial', 'time', `before [${unit.name}]`, `after [${unit.name}]`], ...points.map((p) => [p.row.folder, p.row.serial, time(p.row.time), value(p.s.before), value(p.s.after)])],
-    data: [points.map((p) => p.t), points.map((p) => value(p.s.before)), ...robots.map((robot) => points.map((p) => ((p.row.serial ?? '') === robot ? value(p.s.after) : null)))],
+    data: [points.map((p) => p.t), points.map((p) => value(p.s.before)), ...robots.map((robot) => points.map((p) => (!few || (p.row.serial ?? '') === robot ? value(p.s.after) : null)))],
     options: (c) => {
       const tones = [c.after, c.good, c.other, c.chosen, c.faint];
       return {
         scales: { y: { distr: 3 } }, axes: [{}, logAxis()],
         series: [{ value: (_, t) => (t === null ? none : time(t)) }, { label: 'before', stroke: c.before, paths: () => null, points: { show: true, size: 6, fill: c.panel }, value: (_, v) => digits(v) },
           ...robots.map((robot, i) => ({
-            label: robot || 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, dash: i >= tones.length ? [4, 3] : undefined,
+            label: robot || 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, ...(few ? {} : { paths: () => null }),
             points: { show: true, size: 7, fill: tones[i % tones.length] }, value: (_: unknown, v: number | null) => digits(v),
           }))],
       };
@@ -68,7 +72,9 @@ export function overviewSections(data: Overview): Section[] {
   const after = (row: OverviewRow, sensor: string) => { const s = row.sensors?.[sensor]; return s?.after == null ? null : s.after * shown(s.unit).factor; };
   const most = new Map(sensors.map((sensor) => [sensor, Math.max(...rows.map((row) => after(row, sensor) ?? 0))]));
   const unitOf = (sensor: string) => shown(rows.find((row) => row.sensors?.[sensor])!.sensors![sensor].unit).name;
-  const counts = (['no', 'doubts', 'good'] as const).map((use) => rows.filter((row) => row.verdict?.use === use).length);
+  const useOf = (row: OverviewRow) => (row.status === 'failed' ? undefined : row.verdict?.use);
+  const word = (row: OverviewRow) => { const use = useOf(row); return use ? words[use] : '✕ no result'; };
+  const counts = (['no', 'doubts', 'good'] as const).map((use) => rows.filter((row) => useOf(row) === use).length);
   const failed = rows.length - counts[0] - counts[1] - counts[2];
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
     'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration, joint readings taken as they come.',
@@ -76,7 +82,7 @@ export function overviewSections(data: Overview): Section[] {
       { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.folder || row.title) : row.folder || row.title); }, value: (row) => row.folder },
       { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
       { title: 'Date', cell: (row) => h('span', { class: 'nowrap' }, time(row.time).slice(0, 10)), value: (row) => stamp(row.time) },
-      { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')), value: (row) => row.verdict?.use ?? row.status },
+      { title: 'Verdict', cell: (row) => h('span', { class: `chip ${row.verdict?.use ?? 'unknown'}`, title: row.verdict?.text ?? '' }, word(row)), value: word },
       { title: 'chi²/dof', cell: (row) => digits(row.chi2_dof), value: (row) => row.chi2_dof, numeric: true },
       ...sensors.map((sensor) => ({
         title: `${sensor} (${unitOf(sensor)})`, numeric: true, value: (row: OverviewRow) => after(row, sensor),
@@ -88,7 +94,7 @@ export function overviewSections(data: Overview): Section[] {
   const why = section('why', 'What is wrong where', 'The program’s own words for every result that is not good.',
     (host) => host.append(doubts.length ? dataTable(doubts, [
       { title: 'Result', cell: (row) => row.folder || row.title },
-      { title: 'Verdict', cell: (row) => (row.verdict ? words[row.verdict.use] : (row.status ?? 'no result')) },
+      { title: 'Verdict', cell: word },
       { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
     ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 }) : h('p', {}, 'Every result is good.')));
   const where = section('origins', 'What the errors were measured on', 'Held-out data are the judge; errors on the data of the fit itself are too small.',
@@ -100,7 +106,7 @@ export function overviewSections(data: Overview): Section[] {
     ], { caption: 'Errors before and after.', file: 'overview_errors' })));
   const sections = [head];
   if (rows.filter((row) => stamp(row.time) !== null).length > 1)
-    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot, and of the robot as it was found (open orange points); the scale is logarithmic. Orange that rises from one calibration to the next: the robot drifts or wears.',
-      (host) => { const grid = h('div', { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows); }, 300));
+    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot (points, of more than five), and of the robot as it was found (open orange points); the scale is logarithmic. Orange that rises from one calibration to the next: the robot drifts or wears.',
+      (host) => { const grid = h('div', sensors.length === 1 ? {} : { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows, sensors.length === 1); }, 300));
   return [...sections, why, where];
 }

@@ -1,11 +1,11 @@
 // Sections of residuals: loops between sensors, each sensor by itself, samples, joints.
-import { sampleLines, sensorViews, taken, type SensorViews, type View } from './views';
-import type { Context, LoopError, SceneSensor } from './data';
+import { residualParts, sampleLines, sensorViews, taken, type SensorViews } from './views';
+import type { Context, LoopError, Result, SceneSensor } from './data';
 import { dataTable, h, lazily, missing, section, type Section } from './dom';
 import { digits, none, plural, quantity, shown, type Rows } from './format';
-import { chiDensity, extent, histogram, quantile } from './maths';
+import { chiDensity, extent, histogram, normalDensity, quantile } from './maths';
 import { line, mostPoints, padded, plotFigure, points, rings, type Pen } from './plot';
-import { choose } from './state';
+import { choose, onPart } from './state';
 
 const thinned = (n: number) => (n > mostPoints ? `${plural(n, 'point')}; every ${Math.ceil(n / mostPoints)}th is drawn, CSV has all.` : undefined);
 /** Round symmetric range that has all but the outermost of the values in it. */
@@ -80,6 +80,8 @@ function loopMatrix(context: Context, pairs: LoopError[]): HTMLElement {
   ], { caption: 'Loop errors, RMS before (grey) and after (bold). A row and column that stand out: that sensor is wrong, not the others.', file: 'loops' });
 }
 
+const everyWritten = (result: Result) => result.loops_csv?.every ?? 1;
+
 export function loopsSection(context: Context): Section {
   return section('loops', 'Do the sensors agree?',
     'A point that one sensor sees is carried through the robot into another sensor and compared with what that one sees. Nothing is fitted in between, so this is what a task feels that looks with one and acts with the other. Before: open orange squares; after: blue. Click a point to see its sample everywhere.',
@@ -108,7 +110,7 @@ export function loopsSection(context: Context): Section {
       add(cards.slice(0, 6));
       const every = Number(context.report.loops?.every ?? 1);
       host.append(h('h3', {}, 'Point by point, the largest errors first'),
-        every > 1 ? h('p', { class: 'small' }, `Points of every ${every === 2 ? 'second' : `${every}th`} sample; the RMS is of all. All points stand in loops.csv.`) : '', grid);
+        every > 1 ? h('p', { class: 'small' }, `Points of one sample in ${every}; the RMS is of all. ${everyWritten(context.result) > 1 ? `Those of one in ${everyWritten(context.result)} stand` : 'All points stand'} in loops.csv.`) : '', grid);
       if (cards.length > 6) {
         const more = h('button', { type: 'button', class: 'more', click: () => { more.remove(); add(cards.slice(6)); } }, `Show all ${cards.length} pairs`);
         host.append(more);
@@ -136,37 +138,73 @@ function bySample(context: Context, sensor: SensorViews): HTMLElement {
   });
 }
 
-function againstNoise(context: Context, sensor: SensorViews): HTMLElement {
-  const w = taken(context.residuals.column('whitened'), sensor.rows).filter((v) => !Number.isNaN(v));
-  const far = Math.sqrt(sensor.d) + 4;
-  const most = Math.max(far, Math.min(quantile(w, 0.995) * 1.1 || far, 12 * far));
-  const bins = 40, step = most / bins;
-  const counts = histogram(w, 0, most, bins).map((n) => n / (w.length * step));
-  const densities = Float64Array.from({ length: bins * 4 + 1 }, (_, i) => chiDensity((i * step) / 4, sensor.d));
+/** A histogram of whitened residuals and the density that they have if the stated noise is right. */
+function whitenedPlot(context: Context, sensor: SensorViews, column: string, of: {
+  title: string; xLabel: string; file: string; range: [number, number]; bins: number; density: (v: number) => number; expected: string; note?: string;
+}): HTMLElement {
+  const w = taken(context.residuals.column(column), sensor.rows).filter((v) => !Number.isNaN(v));
+  const [from, to] = of.range;
+  const step = (to - from) / of.bins;
+  const counts = histogram(w, from, to, of.bins).map((n) => n / (w.length * step));
+  const densities = Float64Array.from({ length: of.bins * 4 + 1 }, (_, i) => of.density(from + (i * step) / 4));
   return plotFigure({
-    title: 'Against the stated noise', file: `${sensor.name}_noise`, xLabel: 'length of the residual, in sigmas', yLabel: 'share per sigma',
-    x: [0, most], y: [0, Math.max(...counts, ...densities) * 1.08],
+    title: of.title, file: `${sensor.name}_${of.file}`, xLabel: of.xLabel, yLabel: 'share per sigma',
+    x: of.range, y: [0, Math.max(...counts, ...densities) * 1.08],
     draw: (pen) => {
       const { c } = pen;
       c.fillStyle = pen.colour.after;
       c.globalAlpha = 0.6;
-      counts.forEach((v, i) => c.fillRect(pen.x(i * step), pen.y(v), pen.x(step) - pen.x(0) - 1, pen.y(0) - pen.y(v)));
+      counts.forEach((v, i) => c.fillRect(pen.x(from + i * step), pen.y(v), pen.x(step) - pen.x(0) - 1, pen.y(0) - pen.y(v)));
       c.globalAlpha = 1;
       c.strokeStyle = pen.colour.text;
       c.lineWidth = 2;
       c.beginPath();
-      densities.forEach((v, i) => c.lineTo(pen.x((i * step) / 4), pen.y(v)));
+      densities.forEach((v, i) => c.lineTo(pen.x(from + (i * step) / 4), pen.y(v)));
       c.stroke();
     },
     over: (pen, s) => {
-      const all = context.residuals.column('whitened');
+      const all = context.residuals.column(column);
       pen.c.strokeStyle = pen.colour.chosen;
       pen.c.lineWidth = 1.5;
       for (const i of context.residuals.rowsOf(s))
         if (context.residuals.ints('sensor')[i] === sensor.index) line(pen.c, pen.x(all[i]), pen.y(0), pen.x(all[i]), pen.y(0) - 12);
     },
-    csv: () => [['from', 'to', 'share per sigma', `expected (chi, ${sensor.d})`], ...Array.from(counts, (v, i) => [i * step, (i + 1) * step, v, chiDensity((i + 0.5) * step, sensor.d)])],
-    note: `Bars right of the curve: more noise than stated. Far left of it: less, or the fit takes it up.`,
+    csv: () => [['from', 'to', 'share per sigma', `expected (${of.expected})`], ...Array.from(counts, (v, i) => [from + i * step, from + (i + 1) * step, v, of.density(from + (i + 0.5) * step)])],
+    note: of.note,
+  });
+}
+/** How far a histogram reaches: all but the outermost, and no further than `times` what noise alone would reach. */
+const reachOf = (values: Float64Array, usual: number, times: number) => Math.max(usual, Math.min(quantile(values, 0.995) * 1.1 || usual, times * usual));
+
+function againstNoise(context: Context, sensor: SensorViews): HTMLElement {
+  const w = taken(context.residuals.column('whitened'), sensor.rows).filter((v) => !Number.isNaN(v));
+  return whitenedPlot(context, sensor, 'whitened', {
+    title: 'Against the stated noise', xLabel: 'length of the residual, in sigmas', file: 'noise', range: [0, reachOf(w, Math.sqrt(sensor.d) + 4, 12)],
+    bins: 40, density: (v) => chiDensity(v, sensor.d), expected: `chi, ${sensor.d}`,
+    note: 'Bars right of the curve: more noise than stated. Far left of it: less, or the fit takes it up.',
+  });
+}
+
+/** What the components of a sensor's whitened residuals are called. */
+function componentTitles(context: Context, sensor: SensorViews): string[] {
+  const parts = (context.result.noise_levels ?? []).filter((level) => level.of === `sensor/${sensor.name}`).map((level) => level.part);
+  if (parts.length === sensor.d && parts.every(Boolean)) return parts;
+  return sensor.unit === 'px' ? ['x', 'y', 'x in the right image'] : ['x', 'y', 'z', 'rotation about x', 'rotation about y', 'rotation about z'];
+}
+function componentHistograms(context: Context, sensor: SensorViews): HTMLElement[] {
+  const titles = componentTitles(context, sensor);
+  return titles.flatMap((title, k) => {
+    const column = `whitened_${k + 1}`;
+    if (!context.residuals.has(column)) return [];
+    const w = taken(context.residuals.column(column), sensor.rows).filter((v) => !Number.isNaN(v));
+    if (!w.length) return [];
+    const far = reachOf(w.map(Math.abs), 4, 6);
+    const mean = w.reduce((sum, v) => sum + v, 0) / w.length;
+    const spread = Math.sqrt(w.reduce((sum, v) => sum + (v - mean) ** 2, 0) / w.length);
+    return [whitenedPlot(context, sensor, column, {
+      title: `Noise of ${title}`, xLabel: 'residual, in sigmas', file: `noise_${title}`, range: [-far, far], bins: w.length < 200 ? 20 : 40,
+      density: normalDensity, expected: 'standard normal', note: `Mean ${digits(mean, 2)}, spread ${digits(spread, 2)} sigmas; expected 0 and 1.`,
+    })];
   });
 }
 
@@ -238,7 +276,7 @@ function overPlace(context: Context, sensor: SensorViews, scene: SceneSensor | u
 }
 
 function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'rotation'): HTMLElement {
-  const rotation = kind === 'rotation';
+  const rotation = kind === 'rotation', after = context.result.kind ? '' : ' after';
   const unit = shown(rotation ? 'rad' : sensor.unit);
   const names = rotation ? ['rx', 'ry', 'rz'] : ['x', 'y', 'z'];
   const parts = names.map((c) => taken(context.residuals.column(c), sensor.rows, unit.factor));
@@ -248,7 +286,7 @@ function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'r
   const range = symmetric([parts[a], parts[b]], sample.length > 400 ? 0.995 : 1);
   const outside = [...parts[a].keys()].filter((i) => Math.abs(parts[a][i]) > range[1] || Math.abs(parts[b][i]) > range[1]).length;
   return plotFigure({
-    title: sensor.unit === 'px' ? 'Residuals after' : `Residuals after, ${kind}`, file: `${sensor.name}_${kind}`, aspect: 1, x: range, y: range,
+    title: sensor.unit === 'px' ? `Residuals${after}` : `Residuals${after}, ${kind}`, file: `${sensor.name}_${kind}`, aspect: 1, x: range, y: range,
     xLabel: `${names[a]} (${unit.name})`, yLabel: `${names[b]} (${unit.name})`,
     draw: (pen) => { cross(pen); points(pen, parts[a], parts[b], pen.colour.after, 1.5); },
     over: (pen, s) => rings(pen, parts[a], parts[b], [...sample.keys()].filter((i) => sample[i] === s)),
@@ -275,17 +313,18 @@ function scatterBefore(context: Context, sensor: SensorViews): HTMLElement {
 
 export function sensorsSection(context: Context): Section {
   return section('residuals', 'Residuals of each sensor',
-    'What is left after the fit, predicted minus measured. Good: a round cloud without a pattern over the image, over range or over samples, and bars that follow the curve of the stated noise.',
+    `${context.result.kind ? 'What is' : 'What is left after the fit,'} predicted minus measured. Good: a round cloud without a pattern over the image, over range or over samples, and bars that follow the curve of the stated noise.`,
     (host) => {
       const all = sensorViews(context).filter((sensor) => sensor.rows.length);
       if (!all.length) return void host.append(missing('The residuals are not in this file (calibrated with --no-report?).'));
       const scenes = new Map((context.result.scene?.sensors ?? []).map((s) => [s.name, s]));
       host.append(...all.map((sensor) => {
         const scene = scenes.get(sensor.name);
-        const errors = context.result.sensors?.[sensor.name]?.train;
+        const of = context.result.sensors?.[sensor.name];
+        const errors = of?.train?.points ? of.train : of?.test;
         const grid = h('div', { class: 'plots' });
-        const part = h('div', { class: 'sensor' }, h('h3', {}, sensor.name),
-          h('p', { class: 'small' }, `${scene?.type.replace('_', ' ') ?? ''}${scene ? ', ' : ''}${plural(sensor.rows.length, sensor.d === 6 ? 'view' : 'point')} in ${plural(sensor.views.length, 'sample')}; RMS ${quantity(errors?.rms_before, sensor.unit)} before, ${quantity(errors?.rms, sensor.unit)} after`), grid);
+        const part = h('div', { class: 'sensor', 'data-part': `sensor/${sensor.name}` }, h('h3', {}, sensor.name),
+          h('p', { class: 'small' }, `${scene?.type.replace('_', ' ') ?? ''}${scene ? ', ' : ''}${plural(sensor.rows.length, sensor.d === 6 ? 'view' : 'point')} in ${plural(sensor.views.length, 'sample')}; RMS ${typeof errors?.rms_before === 'number' ? `${quantity(errors.rms_before, sensor.unit)} before, ${quantity(errors.rms, sensor.unit)} after` : quantity(errors?.rms, sensor.unit)}`), grid);
         grid.style.minHeight = '250px';
         lazily(grid, () => {
           grid.style.minHeight = '';
@@ -298,7 +337,7 @@ export function sensorsSection(context: Context): Section {
           if (sensor.unit === 'px' && context.residuals.has('before_x')) grid.append(scatterBefore(context, sensor));
           grid.append(scatter(context, sensor, 'translation'));
           if (sensor.d === 6) grid.append(scatter(context, sensor, 'rotation'));
-          grid.append(againstNoise(context, sensor), bySample(context, sensor));
+          grid.append(againstNoise(context, sensor), ...componentHistograms(context, sensor), bySample(context, sensor));
         });
         return part;
       }));
@@ -345,7 +384,7 @@ export function sampleText(context: Context, sample: number): string {
     const view = sensor.views.find((v) => v.sample === sample);
     return view ? [`${sensor.name} ${quantity(view.rms, sensor.unit)}`] : [];
   });
-  return parts.length ? `RMS after: ${parts.join(', ')}` : 'no residuals of this sample';
+  return parts.length ? `RMS: ${parts.join(', ')}` : 'no residuals of this sample';
 }
 
 // ---- joints
@@ -398,12 +437,17 @@ export function byJointSection(context: Context): Section | null {
     'The mean residual of a sensor in each sample, over the reading of each joint. A slope, a wave or two levels at one joint say which joint the rest comes from.',
     (host) => {
       const all = sensorViews(context).filter((sensor) => sensor.rows.length);
+      // A pose has two choices: where it is, and how it is turned.
+      const choices = all.flatMap((sensor) => [{ sensor, name: sensor.name, first: 0, unit: sensor.unit },
+        ...(sensor.d === 6 ? [{ sensor, name: `${sensor.name} (rotation)`, first: 3, unit: 'rad' }] : [])]);
       const grid = h('div', { class: 'plots' });
-      const draw = (sensor: SensorViews) => {
-        const unit = shown(sensor.unit);
-        const of = (pick: (v: View) => number) => Float64Array.from(sensor.views, (v) => pick(v) * unit.factor);
-        const mx = of((v) => v.meanX), my = of((v) => v.meanY);
-        const range = symmetric([mx, my]);
+      const legend = h('span', {});
+      const draw = ({ sensor, name, first, unit: base }: (typeof choices)[0]) => {
+        const unit = shown(base);
+        const parts = residualParts.slice(first, first + 3).map((part, k) => ({ part, mean: Float64Array.from(sensor.views, (v) => v.mean[first + k] * unit.factor) }))
+          .filter(({ mean }) => mean.some((v) => Number.isFinite(v)));
+        legend.textContent = parts.map(({ part }, k) => `${['Filled blue', 'open orange', 'filled green'][k]}: ${part}`).join('; ');
+        const range = symmetric(parts.map(({ mean }) => mean));
         const sample = sensor.views.map((v) => v.sample);
         grid.replaceChildren(...joints.flatMap((joint) => {
           const u = jointUnit(context, joint);
@@ -412,23 +456,25 @@ export function byJointSection(context: Context): Section | null {
           const [low, high] = extent(xs);
           if (!(high - low > 1e-9)) return [];                       // a joint that did not move tells nothing
           return [plotFigure({
-            title: joint, file: `${sensor.name}_over_${joint}`, height: 180, xLabel: `reading (${u.name})`, yLabel: `mean (${unit.name})`,
+            title: joint, file: `${name}_over_${joint}`, height: 180, xLabel: `reading (${u.name})`, yLabel: `mean (${unit.name})`,
             x: padded([low, high]), y: range,
             draw: (pen) => {
               pen.c.strokeStyle = pen.colour.faint;
               line(pen.c, pen.left, pen.y(0), pen.left + pen.width, pen.y(0));
-              points(pen, xs, mx, pen.colour.after, 2);
-              points(pen, xs, my, pen.colour.before, 2, true);
+              parts.forEach(({ mean }, k) => points(pen, xs, mean, [pen.colour.after, pen.colour.before, pen.colour.good][k], 2, k === 1));
             },
-            over: (pen, s) => { const i = sample.indexOf(s); if (i >= 0) { rings(pen, xs, mx, [i]); rings(pen, xs, my, [i]); } },
-            pick: { x: xs, y: mx, sample, text: (i) => `${context.samples.id[sample[i]]}: ${digits(mx[i])}, ${digits(my[i])} ${unit.name}` },
-            csv: () => [['sample', `reading [${u.name}]`, `mean x [${unit.name}]`, `mean y [${unit.name}]`], ...sample.map((s, i) => [context.samples.id[s], xs[i], mx[i], my[i]])],
+            over: (pen, s) => { const i = sample.indexOf(s); if (i >= 0) for (const { mean } of parts) rings(pen, xs, mean, [i]); },
+            pick: { x: xs, y: parts[0]?.mean ?? xs, sample, text: (i) => `${context.samples.id[sample[i]]}: ${parts.map(({ mean }) => digits(mean[i])).join(', ')} ${unit.name}` },
+            csv: () => [['sample', `reading [${u.name}]`, ...parts.map(({ part }) => `mean ${part} [${unit.name}]`)], ...sample.map((s, i) => [context.samples.id[s], xs[i], ...parts.map(({ mean }) => mean[i])])],
           })];
         }));
       };
-      const select = h('select', { change: () => draw(all[select.selectedIndex]) }, ...all.map((s) => h('option', {}, s.name)));
-      host.append(h('p', { class: 'small' }, h('label', {}, 'Sensor: ', select), ' Filled blue: x; open orange: y.'), grid);
-      draw(all[0]);
+      const select = h('select', { change: () => draw(choices[select.selectedIndex]) }, ...choices.map(({ name }) => h('option', {}, name)));
+      host.append(h('p', { class: 'small' }, h('label', {}, 'Sensor: ', select), ' ', legend), grid);
+      if (choices.length) draw(choices[0]);
+      onPart((part) => {
+        const i = choices.findIndex(({ sensor }) => part === `sensor/${sensor.name}`);
+        if (i >= 0) { select.selectedIndex = i; draw(choices[i]); }
+      });
     }, 300);
 }
-

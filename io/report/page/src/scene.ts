@@ -1,8 +1,9 @@
 // The section of the 3-D view: its controls, and the code of the view, which is started when the reader comes to it.
 import type { Context } from './data';
 import { h, missing, section, type Section } from './dom';
-import { choose, chosenSample, colours, onChoice, onTheme } from './state';
-import type { Options, View3d } from './view3d';
+import { plural } from './format';
+import { choose, choosePart, chosenSample, colours, onChoice, onPart, onTheme } from './state';
+import type { Options, Residual, View3d } from './view3d';
 
 interface Module { create(host: HTMLElement, options: Options): View3d }
 
@@ -14,9 +15,19 @@ function module(): Module {
   return page.kincalView3d;
 }
 
+function residualsOf(context: Context, sample: number): Residual[] {
+  const { residuals, sensors, targets } = context;
+  const [x, y, z] = ['x', 'y', 'z'].map((name) => residuals.column(name));
+  const id = residuals.ints('id'), sensor = residuals.ints('sensor'), target = residuals.ints('target');
+  return Array.from(residuals.rowsOf(sample), (i) => ({
+    sensor: sensors[sensor[i]], target: targets[target[i]], id: id[i], r: [x[i], y[i], z[i] || 0],
+    px: context.result.sensors?.[sensors[sensor[i]]]?.unit === 'px',
+  }));
+}
+
 export function sceneSection(context: Context): Section {
   return section('robot', 'The robot, before and after',
-    'Solid: after the calibration. Orange: where the same part was before, with the difference magnified. Ellipsoids: how far each sensor or target can be off (one standard deviation, magnified). Drag to turn, scroll to come nearer; small dots are the targets of all samples: click one to choose its sample.',
+    'Solid: after the calibration. Orange: where the same part was before, with the difference magnified. Ellipsoids: how far each sensor or target can be off (one standard deviation, magnified). Drag to turn, scroll to come nearer; small dots are the targets of all samples: click one to choose its sample. Arrows in it: from each point of the chosen sample towards where each sensor saw it, magnified. Click a sensor or a target to find it in the rest of the page.',
     (host) => {
       const scene = context.result.scene;
       if (!scene?.links.length) return void host.append(missing('The robot’s links are not in this file.'));
@@ -26,7 +37,8 @@ export function sceneSection(context: Context): Section {
       let view: View3d;
       try {
         view = module().create(place, {
-          scene, samples: context.samples, colours: colours(), sample: chosenSample(), choose: (sample) => choose(sample, false),
+          scene, samples: context.samples, colours: colours(), sample: chosenSample(), choose: (sample) => choose(sample, false), choosePart,
+          residuals: (sample) => residualsOf(context, sample),
         });
       } catch (error) {
         place.replaceChildren(missing(`This browser shows no 3-D graphics (${error instanceof Error ? error.message : error}).`));
@@ -49,11 +61,16 @@ export function sceneSection(context: Context): Section {
       controls.append(slider('Difference', 100, view.start.difference, view.difference));
       if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, view.start.uncertainty, view.uncertainty),
         box('uncertainty', true, (on) => view.show('ellipsoids', on)));
+      if (context.residuals.length) controls.append(slider('Residuals', 10000, view.start.residuals, view.residuals),
+        box('residuals of the chosen sample', true, (on) => view.show('arrows', on)));
       controls.append(box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
         box('axes', false, (on) => view.show('axes', on)));
       if (scene.links.some((l) => l.boxes?.length)) controls.append(box('bodies', true, (on) => view.show('bodies', on)));
       controls.append(h('button', { type: 'button', click: () => view.home() }, 'Whole robot'));
+      if (scene.meshes_left_out) host.append(h('p', { class: 'small' },
+        `${plural(scene.meshes_left_out, 'link')} without a body: the URDF names their meshes by package://, or they are Collada or OBJ.`));
       onChoice(view.choose);
+      onPart((part) => view.mark(part));
       onTheme(() => view.paint(colours()));
     }, 560, '0px');
 }

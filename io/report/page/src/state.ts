@@ -18,6 +18,18 @@ export function onChoice(tell: (sample: number) => void): void {
   choosers.add(tell);
 }
 
+// The chosen part of the robot: "sensor/NAME" or "target/NAME", ''; it lives beside the chosen sample.
+let part = '';
+const partChoosers = new Set<(part: string, point: number) => void>();
+/** Chooses a part, and a point of a target (-1: none); the same part again lets it go. */
+export function choosePart(name: string, point = -1): void {
+  part = name === part && point < 0 ? '' : name;
+  for (const tell of partChoosers) tell(part, point);
+}
+export function onPart(tell: (part: string, point: number) => void): void {
+  partChoosers.add(tell);
+}
+
 export interface Theme {
   text: string; faint: string; line: string; ground: string; panel: string; before: string; after: string;
   chosen: string; good: string; other: string; held: string;

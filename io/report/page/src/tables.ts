@@ -1,10 +1,11 @@
 // Sections that are mostly tables: errors a sensor, validation, weak directions, groups, steps, where it comes from.
-import { chi2PerDof, components, type Context, type SensorErrors } from './data';
+import { chi2PerDof, components, type Context, type SensorErrors, type WeakDirection } from './data';
 import { dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
-import { badlyKnown, weakSentence } from './advice';
+import { badlyKnown, isChosen, openDirections, weakSentence } from './advice';
 import { lineFigure, logAxis } from './lines';
 import { choose } from './state';
+import { sensorViews } from './views';
 
 interface ErrorRow { sensor: string; unit: string; errors: SensorErrors; rotation: boolean }
 type Split = 'train' | 'test';
@@ -27,12 +28,17 @@ function noiseRatio(context: Context, sensor: string): number | null {
   const ratios = (context.result.noise_levels ?? [])
     .filter((level) => level.of === `sensor/${sensor}` && level.seen !== null && level.assumed)
     .map((level) => level.seen! / level.assumed!);
-  return ratios.length ? Math.max(...ratios) : null;
+  if (ratios.length || !context.result.kind) return ratios.length ? Math.max(...ratios) : null;
+  // Of an evaluation nobody estimated noise: the size of its residuals in stated sigmas.
+  const views = sensorViews(context).find((of) => of.name === sensor)?.views ?? [];
+  const points = views.reduce((sum, view) => sum + view.n, 0);
+  return points ? Math.sqrt(views.reduce((sum, view) => sum + view.n * view.ratio ** 2, 0) / points) : null;
 }
 
 export function errorsSection(context: Context): Section {
   return section('errors', 'Errors of each sensor',
-    'Read it across: "before" is the robot as it was, "explained" what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word. Held-out figures well above those of the fit mean too many numbers for these data.',
+    (context.result.kind ? 'At the rig’s own values. "Explained" is' : 'Read it across: "before" is the robot as it was, "explained"') +
+    ' what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word. Held-out figures well above those of the fit mean too many numbers for these data.',
     (host) => {
       const rows = errorRows(context);
       if (!rows.length) return void host.append(missing('The result has no errors of sensors.'));
@@ -51,6 +57,8 @@ export function errorsSection(context: Context): Section {
       const cell = (split: Split, kind: 'rms_before' | 'rms' | 'rms_as_read') => ({
         cell: (row: ErrorRow) => digits(error(row, split, kind)), value: (row: ErrorRow) => error(row, split, kind), numeric: true,
       });
+      const anyBefore = rows.some((row) => error(row, 'train', 'rms_before') !== null || error(row, 'test', 'rms_before') !== null);
+      const anyNoise = rows.some((row) => noiseRatio(context, row.sensor) !== null);
       const anyTest = rows.some((row) => row.errors.test?.points);
       const cross = context.result.validation?.cross_validation?.sensors;
       const crossed = (row: ErrorRow) => {
@@ -62,19 +70,19 @@ export function errorsSection(context: Context): Section {
         { title: 'Sensor', cell: (row) => (row.rotation ? `${row.sensor} (rotation)` : row.sensor) },
         { title: 'Unit', cell: (row) => shown(row.unit).name },
         { title: 'Points', cell: (row) => row.errors.train?.points ?? 0, numeric: true, hint: 'Points in the fit' },
-        { title: 'Before', ...cell('train', 'rms_before') },
+        ...(anyBefore ? [{ title: 'Before', ...cell('train', 'rms_before') }] : []),
         { title: 'Explained', ...cell('train', 'rms') },
         { title: 'In use', ...cell('train', 'rms_as_read') },
         ...(anyTest ? [
           { title: 'Held out: points', cell: (row: ErrorRow) => row.errors.test?.points ?? 0, numeric: true },
-          { title: 'before', ...cell('test', 'rms_before') },
+          ...(anyBefore ? [{ title: 'before', ...cell('test', 'rms_before') }] : []),
           { title: 'explained', ...cell('test', 'rms') },
           { title: 'in use', ...cell('test', 'rms_as_read') },
         ] : []),
         ...(cross ? [{ title: 'Cross-validated, in use', cell: (row: ErrorRow) => digits(crossed(row)), value: crossed, numeric: true }] : []),
-        { title: 'Against stated noise', cell: (row) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' },
-        { title: 'Before ■ to in use ● (logarithmic)', cell: drawing, drawing: true },
-      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'on the data of the fit, then on held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors' }));
+        ...(anyNoise ? [{ title: 'Against stated noise', cell: (row: ErrorRow) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row: ErrorRow) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' }] : []),
+        ...(anyBefore ? [{ title: 'Before ■ to in use ● (logarithmic)', cell: drawing, drawing: true }] : []),
+      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'on the data of the fit, then on held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors', row: (element, row) => { element.dataset.part = `sensor/${row.sensor}`; } }));
     });
 }
 
@@ -119,27 +127,34 @@ export function weakSection(context: Context): Section {
   return section('weak', 'What the data do not tell well',
     'Each card is a motion that changes hardly any measurement: these numbers can be off together as far as it says, and nobody would see it in the residuals.',
     (host) => {
-      const weak = context.result.weak_directions ?? [];
-      if (!weak.length)
-        return void host.append(missing(badlyKnown(context.result).length
+      const open = openDirections(context.result);
+      const chosen = (context.result.weak_directions ?? []).filter(isChosen);
+      if (!open.length)
+        host.append(missing(badlyKnown(context.result).length
           ? 'The data leave no direction open by themselves; the numbers known to no better than 1 cm, 1° or 1 % stand first in the next section.'
-          : 'No weak direction: everything that was estimated is known to better than 1 cm, 1° or 1 %.'));
-      host.append(h('div', { class: 'weak' }, ...weak.map((w) => {
-        const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
-        const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
-        return h('article', { class: 'card' },
-          h('h3', {}, weakSentence(w)),
-          h('p', {}, h('b', {}, 'Why: '), w.why), h('p', {}, h('b', {}, 'What helps: '), w.cure),
-          h('table', { class: 'plain' }, h('caption', {}, 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
-            h('tr', {}, h('th', { scope: 'row', title: name }, plainName(name)),
-              h('td', { class: 'n' }, digits(v, 2)),
-              h('td', {}, svg('svg', { viewBox: '-50 0 100 10', class: 'coefficient', 'aria-hidden': 'true' },
-                svg('line', { x1: 0, x2: 0, y1: 0, y2: 10 }),
-                svg('rect', { x: Math.min(0, (v / most) * 48), y: 2, width: Math.abs(v / most) * 48, height: 6 }))))))),
-          w.sigma_with_priors !== undefined && w.sigma_with_priors !== null && w.sigma_with_priors !== w.sigma
-            ? h('p', { class: 'small' }, `With the priors: ± ${size(w.sigma_with_priors, w.unit)}.`) : null);
-      })));
+          : `No weak direction${chosen.length ? ' but those that are chosen, below' : ''}: everything that was estimated is known to better than 1 cm, 1° or 1 %.`));
+      host.append(h('div', { class: 'weak' }, ...open.map(weakCard)));
+      if (chosen.length) host.append(h('h3', {}, 'Chosen, not measured'),
+        h('p', { class: 'small' }, 'No data can tell these apart, as where the base frame is or how a part is turned about the last axis. A prior, or what such numbers are usually off, makes the choice; nothing has to be done.'),
+        h('div', { class: 'weak' }, ...chosen.map(weakCard)));
     });
+}
+function weakCard(w: WeakDirection): HTMLElement {
+  const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
+  const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
+  const priors = w.sigma_with_priors !== undefined && w.sigma_with_priors !== null && w.sigma_with_priors !== w.sigma;
+  const chosen = isChosen(w);
+  return h('article', { class: 'card' },
+    h('h3', {}, chosen ? `${plainName(Object.keys(w.parameters ?? {})[0] ?? '')}: chosen to ± ${size(w.sigma_with_priors!, w.unit)}` : weakSentence(w)),
+    h('p', {}, h('b', {}, 'Why: '), w.why),
+    h('p', {}, h('b', {}, chosen ? 'To choose otherwise: ' : 'What helps: '), w.cure),
+    h('table', { class: 'plain' }, h('caption', {}, 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
+      h('tr', {}, h('th', { scope: 'row', title: name }, plainName(name)),
+        h('td', { class: 'n' }, digits(v, 2)),
+        h('td', {}, svg('svg', { viewBox: '-50 0 100 10', class: 'coefficient', 'aria-hidden': 'true' },
+          svg('line', { x1: 0, x2: 0, y1: 0, y2: 10 }),
+          svg('rect', { x: Math.min(0, (v / most) * 48), y: 2, width: Math.abs(v / most) * 48, height: 6 }))))))),
+    priors && !chosen ? h('p', { class: 'small' }, `With the priors: ± ${size(w.sigma_with_priors!, w.unit)}.`) : null);
 }
 
 export function groupsSection(context: Context): Section | null {
@@ -230,7 +245,7 @@ export function noiseSection(context: Context): Section | null {
         { title: 'Seen / stated', cell: (l) => digits(ratio(l), 2), value: ratio, numeric: true },
         { title: '0.1 … 1 … 10', cell: (l) => svg('svg', { viewBox: '0 0 140 14', class: 'dumbbell', 'aria-hidden': 'true' },
           svg('line', { x1: 70, x2: 70, y1: 0, y2: 14 }), Number.isNaN(ratio(l)) ? null : svg('circle', { cx: x(ratio(l)), cy: 7, r: 4.5, class: 'after' })), drawing: true },
-      ], { caption: 'Standard deviations.', file: 'noise', most: 12 }));
+      ], { caption: 'Standard deviations.', file: 'noise', most: 12, row: (element, l) => { element.dataset.part = l.of; } }));
     });
 }
 
@@ -273,8 +288,8 @@ export function originSection(context: Context): Section {
   const rows: [string, string][] = [
     ['Robot', context.report.title || none], ['Serial number', result.serial ?? 'not given'],
     ['Date', time(result.time ?? result.input?.date)], ['Program', result.kincal ? `kincal ${result.kincal}` : none],
-    ['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'not told'}"`],
-    ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)],
+    ...(result.kind ? [] : [['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'not told'}"`],
+      ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)]] as [string, string][]),
     ['Command', result.input?.command ?? none], ['rig.yaml (SHA-256)', result.input?.rig ?? none],
     ['Samples (SHA-256)', result.input?.samples ?? none], ['URDF (SHA-256)', result.input?.urdf ?? none],
   ];

@@ -3,23 +3,30 @@
 import {
   AmbientLight, Box3, BoxGeometry, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight,
   EdgesGeometry, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshLambertMaterial, Object3D,
-  PerspectiveCamera, Points, PointsMaterial, Quaternion, Raycaster, Scene as Stage, SphereGeometry, Vector2, Vector3, WebGLRenderer,
+  PerspectiveCamera, Points, PointsMaterial, Quaternion, Scene as Stage, SphereGeometry, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import type { Pose7, Samples, Scene, SceneSensor, SceneTarget } from './data';
-import { compose, eigen3, identity, linkPoses, magnified } from './maths';
+import { compose, eigen3, identity, inverse, linkPoses, magnified, quantile, rotate } from './maths';
 import type { Theme } from './state';
 
 export interface Options {
   scene: Scene; samples: Samples; colours: Theme; sample: number; choose: (sample: number) => void;
+  /** A sensor or target was clicked ("sensor/NAME", "target/NAME"), and a point of the target, or -1. */
+  choosePart: (part: string, point: number) => void;
+  residuals: (sample: number) => Residual[];
 }
-export type Part = 'before' | 'names' | 'axes' | 'bodies' | 'ellipsoids';
+/** What one sensor sees of one point: predicted minus measured, in m or px; of a pose the part of its place. */
+export interface Residual { sensor: string; target: string; id: number; r: number[]; px: boolean }
+export type Part = 'before' | 'names' | 'axes' | 'bodies' | 'ellipsoids' | 'arrows';
 export interface View3d {
   /** Factors at which the largest difference and the largest uncertainty are well seen, and not larger than the robot. */
-  start: { difference: number; uncertainty: number };
+  start: { difference: number; uncertainty: number; residuals: number };
   choose(sample: number): void;
   difference(k: number): void;
   uncertainty(k: number): void;
+  residuals(k: number): void;
+  mark(part: string): void;
   show(part: Part, on: boolean): void;
   paint(colours: Theme): void;
   home(): void;
@@ -98,6 +105,30 @@ function poses(options: Options, sample: number) {
   };
 }
 
+/** Where a point of a target is, and from there the way to where the sensor saw it: minus the residual. Pixels become
+ *  lengths across at the point's distance; of a tilting laser it is the part along the ray, for each ray has its own tilt. */
+function arrowOf(options: Options, of: ReturnType<typeof poses>, given: Residual): { at: number[]; way: number[] } | null {
+  const s = options.scene.sensors.findIndex((one) => one.name === given.sensor);
+  const t = options.scene.targets.findIndex((one) => one.name === given.target);
+  const target = of.targets[t]?.after, sensor = of.sensors[s]?.after;
+  if (!target) return null;
+  const point = given.id >= 0 ? options.scene.targets[t].points?.[given.id] : [0, 0, 0];
+  if (!point) return null;
+  const at = compose(target, [...point, 0, 0, 0, 1]).slice(0, 3);
+  if (given.id < 0) return { at, way: rotate(target.slice(3), given.r.map((v) => -v)) };
+  if (!sensor) return null;
+  const seen = compose(inverse(sensor), [...at, 0, 0, 0, 1]);
+  const { intrinsics, type } = options.scene.sensors[s];
+  if (given.px) {
+    if (!intrinsics) return null;
+    return { at, way: rotate(sensor.slice(3), [-given.r[0] / intrinsics[0] * seen[2], -given.r[1] / intrinsics[1] * seen[2], 0]) };
+  }
+  if (type !== 'tilting_laser') return { at, way: rotate(sensor.slice(3), given.r.map((v) => -v)) };
+  const ray = [0, 1, 2].map((i) => at[i] - sensor[i]), far = Math.hypot(...ray) || 1;
+  const along = Math.hypot(...given.r) * Math.sign(given.r[0] || 1);
+  return { at, way: ray.map((v) => (-v / far) * along) };
+}
+
 export function create(host: HTMLElement, options: Options): View3d {
   const { scene } = options;
   const renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
@@ -124,12 +155,15 @@ export function create(host: HTMLElement, options: Options): View3d {
     ellipsoid: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
     body: new LineBasicMaterial({ transparent: true, opacity: 0.5 }),
     dots: new PointsMaterial({ size: 4, sizeAttenuation: false }), chosen: new PointsMaterial({ size: 10, sizeAttenuation: false, depthTest: false }),
+    marked: new LineBasicMaterial(), arrow: new LineBasicMaterial({ depthTest: false }),
   };
-  const world = { links: new Group(), before: new Group(), axes: new Group(), bodies: new Group(), ellipsoids: new Group(), dots: new Group() };
+  const world = { links: new Group(), before: new Group(), axes: new Group(), bodies: new Group(), ellipsoids: new Group(), dots: new Group(), arrows: new Group() };
   stage.add(...Object.values(world));
   world.axes.visible = false;
 
-  let sample = options.sample, k = 10, sigmas = 30, reach = 1;
+  let sample = options.sample, k = 10, sigmas = 30, times = 1, reach = 1, marked = '';
+  /** What a click finds: dots of samples, sensors, points of targets. */
+  let found: { at: Vector3; sample?: number; part?: string; point?: number }[] = [];
   const kept = chainLinks(scene);
   const clear = (group: Group) => {
     for (const child of [...group.children]) {
@@ -204,6 +238,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     for (const group of Object.values(world)) clear(group);
     for (const { element } of names) element.remove();
     names = [];
+    found = [];
     const p = poses(options, sample);
     const size = reach * 0.05;
     bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin);
@@ -222,7 +257,9 @@ export function create(host: HTMLElement, options: Options): View3d {
       if (!body) return;
       const camera = sensor.image_size && sensor.intrinsics?.length === 4;
       const drawn = camera ? frustum(sensor, size * 1.6) : octahedron(size * 0.4);
-      const solid = lines(drawn, materials.sensor), ghost = lines(drawn, materials.before);
+      const part = `sensor/${sensor.name}`;
+      found.push({ at: new Vector3(...(body.after.slice(0, 3) as [number, number, number])), part });
+      const solid = lines(drawn, part === marked ? materials.marked : materials.sensor), ghost = lines(drawn, materials.before);
       at(solid, body.after);
       at(ghost, magnified(body.after, body.before, k));
       world.links.add(solid);
@@ -235,7 +272,10 @@ export function create(host: HTMLElement, options: Options): View3d {
       const body = p.targets[i];
       if (!body) return;
       const drawn = targetLines(target, reach * 0.003);
-      const solid = lines(drawn, materials.target);
+      const part = `target/${target.name}`;
+      const solid = lines(drawn, part === marked ? materials.marked : materials.target);
+      (target.points?.length ? target.points.slice(0, 400) : [[0, 0, 0]]).forEach((point, id) =>
+        found.push({ at: new Vector3(...(compose(body.after, [...point, 0, 0, 0, 1]).slice(0, 3) as [number, number, number])), part, point: id }));
       at(solid, body.after);
       world.links.add(solid);
       if (target.link >= 0 && !body.open) {
@@ -254,7 +294,23 @@ export function create(host: HTMLElement, options: Options): View3d {
       world.bodies.add(drawn);
     }));
     dots();
+    arrows(p);
     render();
+  }
+  /** From each point of the chosen sample towards where each sensor saw it, magnified. */
+  function arrows(p: ReturnType<typeof poses>): void {
+    if (sample < 0) return;
+    const made: number[] = [];
+    for (const given of options.residuals(sample)) {
+      const arrow = arrowOf(options, p, given);
+      if (!arrow || !arrow.way.every(Number.isFinite)) continue;
+      const a = new Vector3(...(arrow.at as [number, number, number]));
+      const way = new Vector3(...(arrow.way as [number, number, number])).multiplyScalar(times);
+      const b = a.clone().add(way), across = way.clone().cross(new Vector3(0.3, 0.5, 0.8)).setLength(way.length() * 0.12);
+      made.push(...a.toArray(), ...b.toArray());
+      for (const side of [-1, 1]) made.push(...b.toArray(), ...b.clone().addScaledVector(way, -0.25).addScaledVector(across, side).toArray());
+    }
+    if (made.length) world.arrows.add(lines(made, materials.arrow));
   }
   function ellipsoid(covariance: number[] | undefined, pose: Pose7): void {
     if (!covariance || covariance.some((v) => !Number.isFinite(v))) return;
@@ -268,21 +324,19 @@ export function create(host: HTMLElement, options: Options): View3d {
   }
   /** Where free targets were in all samples; each point knows its sample. */
   function dots(): void {
-    const all: number[] = [], chosen: number[] = [], of: number[] = [];
+    const all: number[] = [], chosen: number[] = [];
     for (const given of Object.values(options.samples.targets ?? {}))
       given.forEach((pose, s) => {
         if (!pose) return;
         all.push(pose[0], pose[1], pose[2]);
-        of.push(s);
+        if (s !== sample) found.push({ at: new Vector3(pose[0], pose[1], pose[2]), sample: s });
         if (s === sample) chosen.push(pose[0], pose[1], pose[2]);
       });
     for (const [places, material] of [[all, materials.dots], [chosen, materials.chosen]] as const) {
       if (!places.length) continue;
       const geometry = new BufferGeometry();
       geometry.setAttribute('position', new BufferAttribute(Float32Array.from(places), 3));
-      const points = new Points(geometry, material);
-      points.userData.samples = of;
-      world.dots.add(points);
+      world.dots.add(new Points(geometry, material));
     }
   }
   function paint(colours: Theme): void {
@@ -296,7 +350,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     materials.ellipsoid.color.set(colours.other);
     materials.body.color.set(colours.faint);
     materials.dots.color.set(colours.good);
-    materials.chosen.color.set(colours.chosen);
+    for (const material of [materials.chosen, materials.marked, materials.arrow]) material.color.set(colours.chosen);
     build();
   }
   /** Places of what matters: chains, sensors, targets at the chosen sample unless they are far from the robot. */
@@ -340,19 +394,20 @@ export function create(host: HTMLElement, options: Options): View3d {
   };
   new ResizeObserver(resize).observe(host);
 
-  // A click (not a drag) near a dot chooses its sample.
+  // A click (not a drag) chooses what is nearest on the screen: a dot its sample, else a sensor or a target's point.
   let down = [0, 0];
   canvas.addEventListener('pointerdown', (event) => { down = [event.clientX, event.clientY]; });
   canvas.addEventListener('click', (event) => {
     if (Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 4) return;
     const box = canvas.getBoundingClientRect();
-    const ray = new Raycaster();
-    ray.params.Points.threshold = camera.position.distanceTo(controls.target) * 0.012;
-    ray.setFromCamera(new Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2), camera);
-    const hits = ray.intersectObjects(world.dots.children).filter((hit) => (hit.object as Points).material === materials.dots)
-      .sort((a, b) => (a.distanceToRay ?? 0) - (b.distanceToRay ?? 0));
-    const index = hits[0]?.index;
-    if (index !== undefined) options.choose(hits[0].object.userData.samples[index]);
+    let best: (typeof found)[0] | undefined, least = 14;
+    for (const one of found) {
+      const p = one.at.clone().project(camera);
+      const away = Math.hypot(((p.x + 1) / 2) * box.width + box.left - event.clientX, ((1 - p.y) / 2) * box.height + box.top - event.clientY);
+      if (p.z < 1 && away < least) { best = one; least = away; }
+    }
+    if (best?.sample !== undefined) options.choose(best.sample);
+    else if (best?.part) options.choosePart(best.part, best.point ?? -1);
   });
   canvas.addEventListener('keydown', (event) => {
     const turns: Record<string, [number, number, number]> = {
@@ -378,7 +433,14 @@ export function create(host: HTMLElement, options: Options): View3d {
   const moved = most([...now.sensors, ...now.targets, ...now.links.filter((_, i) => kept.has(i))].map((b) => (b ? distance(b.after, b.before) : 0)));
   const sigma = most([...scene.sensors, ...scene.targets].map((s) => (s.covariance ? Math.sqrt(Math.max(0, eigen3(s.covariance).values[0])) : 0)));
   const factor = (size: number, share: number, limit: number) => Math.min(limit, Math.max(1, Math.round((share * reach) / size)));
-  const start = { difference: factor(moved, 0.1, 100), uncertainty: factor(sigma, 0.05, 1000) };
+  // Arrows are well seen if the larger ones of a few samples are a thirtieth of the robot.
+  const count = options.samples.id.length;
+  const lengths = [...new Set([0, 0.3, 0.6, 0.9].map((share) => Math.floor(share * count)))].flatMap((s) => {
+    const of = poses(options, s);
+    return options.residuals(s).flatMap((given) => { const arrow = arrowOf(options, of, given); return arrow ? [Math.hypot(...arrow.way)] : []; });
+  });
+  times = factor(Math.max(1e-9, quantile(lengths.filter(Number.isFinite), 0.9) || 1e-9), 0.03, 10000);
+  const start = { residuals: times, difference: factor(moved, 0.1, 100), uncertainty: factor(sigma, 0.05, 1000) };
   k = start.difference;
   sigmas = start.uncertainty;
   paint(options.colours);
@@ -388,6 +450,8 @@ export function create(host: HTMLElement, options: Options): View3d {
     start,
     choose: (s) => { sample = s; build(); },
     difference: (value) => { k = value; build(); },
+    residuals: (value) => { times = value; build(); },
+    mark: (part) => { marked = part; build(); },
     uncertainty: (value) => { sigmas = value; build(); },
     show: (part, on) => { if (part === 'names') named = on; else world[part].visible = on; render(); },
     paint, home,

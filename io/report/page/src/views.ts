@@ -32,30 +32,31 @@ export function dimension(residuals: Table, rows: Int32Array): number {
 }
 
 /** What one sensor sees in one sample: number of rows, root mean square of the residual's length (base unit), its mean
- *  along x and y, and its size against the stated noise: 1 is as large as expected. */
-export interface View { sample: number; n: number; rms: number; meanX: number; meanY: number; ratio: number }
+ *  along each component (x, y, z, rx, ry, rz; NaN: it has none), and its size against the stated noise: 1 is as large as expected. */
+export interface View { sample: number; n: number; rms: number; mean: number[]; ratio: number }
 
+export const residualParts = ['x', 'y', 'z', 'rx', 'ry', 'rz'];
 export function viewsOf(residuals: Table, rows: Int32Array): View[] {
-  const [x, y, z, w] = ['x', 'y', 'z', 'whitened'].map((name) => residuals.column(name));
+  const parts = residualParts.map((name) => residuals.column(name));
+  const [[x, y, z], w] = [parts, residuals.column('whitened')];
   const sample = residuals.ints('sample');
   const d = dimension(residuals, rows);
   const views = new Map<number, View & { squares: number; whitened: number }>();
   for (const i of rows) {
     let view = views.get(sample[i]);
     if (!view) {
-      view = { sample: sample[i], n: 0, rms: 0, meanX: 0, meanY: 0, ratio: 0, squares: 0, whitened: 0 };
+      view = { sample: sample[i], n: 0, rms: 0, mean: residualParts.map(() => 0), ratio: 0, squares: 0, whitened: 0 };
       views.set(sample[i], view);
     }
     if (Number.isNaN(x[i])) continue;
     view.n++;
     view.squares += x[i] * x[i] + (Number.isNaN(y[i]) ? 0 : y[i] * y[i]) + (Number.isNaN(z[i]) ? 0 : z[i] * z[i]);
-    view.meanX += x[i];
-    view.meanY += y[i];
+    for (let k = 0; k < parts.length; k++) view.mean[k] += parts[k][i];
     view.whitened += w[i] * w[i];
   }
   return [...views.values()].filter((view) => view.n).sort((a, b) => a.sample - b.sample).map((view) => ({
-    sample: view.sample, n: view.n, rms: Math.sqrt(view.squares / view.n), meanX: view.meanX / view.n,
-    meanY: view.meanY / view.n, ratio: Math.sqrt(view.whitened / view.n / d),
+    sample: view.sample, n: view.n, rms: Math.sqrt(view.squares / view.n), mean: view.mean.map((sum) => sum / view.n),
+    ratio: Math.sqrt(view.whitened / view.n / d),
   }));
 }
 

@@ -72,13 +72,15 @@ if (overview) {
   const ratio = (result.chi2_data ?? result.chi2) / (result.dof_data ?? result.dof);
   if (Number.isFinite(ratio)) check((await text('#verdict')).includes(await digits(ratio)), `chi2/dof ${await digits(ratio)}`);
   const sections = await page.locator('main > section').evaluateAll((all) => all.map((s) => s.id));
-  const wanted = ['errors', 'robot', 'loops', 'weak', 'sigmas', 'changes', 'samples', 'residuals', 'joints', 'coverage', 'influence', 'correlation', 'steps', 'origin', 'licences'];
+  const wanted = result.kind === 'check' ? ['findings', 'tested', 'coverage', 'origin', 'licences']
+    : result.kind ? ['errors', 'samples', 'residuals', 'byjoint', 'coverage', 'origin', 'licences'] : ['errors', 'robot', 'loops', 'weak', 'sigmas', 'changes', 'samples', 'residuals', 'joints', 'coverage', 'influence', 'correlation', 'steps', 'origin', 'licences'];
   check(wanted.every((id) => sections.includes(id)), `sections: ${sections.join(' ')}`);
   for (const id of sections) {
     await reach(id);
     check((await page.locator(`#${id} .body > *`).count()) > 0 && (await text(`#${id} h2`)).length > 3, `section ${id} has content`);
   }
-  const errorsText = await text('#errors');
+  const errorsText = sections.includes('errors') ? await text('#errors') : '';
+  for (const finding of result.findings ?? []) check((await text('#verdict')).includes(finding.text.slice(1, 40)), `finding ${finding.id} on the first screen`);
   for (const [name, sensor] of Object.entries(result.sensors ?? {})) {
     const v = sensor.train?.rms_as_read;
     if (v) check(errorsText.includes(name) && errorsText.includes(await digits(v * (sensor.unit === 'px' ? 1 : 1000))), `error of ${name}: ${await digits(v * (sensor.unit === 'px' ? 1 : 1000))}`);
@@ -87,7 +89,7 @@ if (overview) {
   if (result.input?.rig) check((await text('#origin')).includes(result.input.rig), 'hash of the rig');
   for (const weak of (result.weak_directions ?? []).slice(0, 2)) check((await text('#weak')).includes(weak.why.slice(0, 60)), 'why a direction is weak');
 
-  if (data.samples?.id.length && data.residuals?.sample?.length) {
+  if (sections.includes('samples') && data.samples?.id.length && data.residuals?.sample?.length) {
     // Ink of the chosen sample on the layer above a plot.
     const ink = (selector) => page.locator(selector).first().evaluate((c) => {
       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
@@ -123,7 +125,7 @@ if (overview) {
         await canvas.click({ position: { x, y } });
     check((await page.locator('.strip select').evaluate((s) => s.selectedIndex)) > 0, 'a click in a plot chooses a sample');
   }
-  if (result.scene?.links?.length) {
+  if (sections.includes('robot') && result.scene?.links?.length) {
     await reach('robot');
     await page.waitForTimeout(1000);
     const view = page.locator('.view3d canvas');

@@ -1,7 +1,7 @@
 // Proves the functions that the page is made of: numbers and names as text, statistics, rigid motions and kinematics,
 // what is told first, the order of an overview. Does not prove what a browser draws: tests/browser.mjs does.
 import { describe, expect, test } from 'vitest';
-import { badlyKnown, fitWord, heldLines, leastKnown, nextSteps, splitVerdict } from '../src/advice';
+import { badlyKnown, fitWord, heldLines, leastKnown, nextSteps, openDirections, sentence, splitVerdict } from '../src/advice';
 import { componentNames, components, context, judged, table, type Link, type Report, type Result } from '../src/data';
 import { pooled } from '../src/first';
 import { csv, digits, list, plainName, quantity, size, time } from '../src/format';
@@ -111,6 +111,30 @@ describe('what is told first', () => {
     expect(texts.slice(0, 2)).toEqual(['The board of the hand is mirrored', 'Hold it']);
     expect(texts.length).toBe(2);                        // the warning sigma says what the weak direction says better
   });
+  test('one source: the verdict first, then what was found, then the cure of each warning, each once', () => {
+    const result: Result = {
+      verdict: { use: 'doubts', text: 'converged, but 3 samples are far off. What to do: look at these, or leave them out; see also the warnings chi2 and sigma', next: ['look at these, or leave them out'] },
+      warnings: [{ id: 'outlier_sample', text: '3 samples are far off' }, { id: 'outlier_view', text: 'two views' }, { id: 'outlier_point', text: 'one point' }, { id: 'joint_noise', text: 'joint a is noisier' }],
+      validation: { test: {} },
+    };
+    const texts = nextSteps(result).map((s) => s.text);
+    expect(texts[0]).toBe('Look at these, or leave them out');
+    expect(texts.filter((text) => /--reject/.test(text)).length).toBe(1);
+    expect(texts.length).toBe(3);
+  });
+  test('a finding that the verdict has in full is not said twice', () => {
+    const text = 'The joint elbow turns the other way. chi2 is 12 without.';
+    const steps = nextSteps({ verdict: { use: 'doubts', text: `converged, but a mistake was found: joint-sign: ${text}`, next: [] }, findings: [{ id: 'joint-sign', text }], validation: { test: {} } });
+    expect(steps.map((s) => s.text)).toEqual(['Undo what the verdict names (joint-sign), then calibrate again.']);
+  });
+  test('a direction that a prior closes is a choice, not advice, and not the weakest', () => {
+    const weak = (name: string, withPriors: number | null) => ({ parameters: { [name]: 1, 'target/t/pose.rz': -1 }, unit: 'rad', sigma: null, sigma_with_priors: withPriors, reason: 'same_axis', why: '', cure: `Hold ${name}` });
+    const result: Result = { verdict: { use: 'good', text: 'converged', next: [] }, weak_directions: [weak('joint/turn/offset', 0.0005), weak('joint/b/offset', null)], validation: { test: {} } };
+    expect(openDirections(result).map((w) => Object.keys(w.parameters)[0])).toEqual(['joint/b/offset']);
+    expect(nextSteps(result).map((s) => s.text).join()).not.toMatch(/Hold/);
+    const p = (sigma: number | null, unit: string) => ({ unit: [unit], initial: [0], value: [0], sigma: [sigma] });
+    expect(leastKnown({ ...result, parameters: { 'joint/turn/offset': p(0.0005, 'rad'), 'joint/c/offset': p(0.0001, 'rad') } })!.name).toBe('joint/c/offset');
+  });
   test('a good result without held-out data is asked for them', () => {
     expect(nextSteps({ verdict: { use: 'good', text: 'converged' } }).map((s) => s.text).join()).toMatch(/--holdout/);
   });
@@ -133,6 +157,16 @@ describe('what is told first', () => {
   test('what only tells of held numbers is nothing to do', () => {
     const text = 'converged, but a. What to do: record more varied postures; 36 numbers are as the rig has them, for the data do not tell';
     expect(nextSteps({ verdict: { use: 'doubts', text }, validation: { test: {} } }).map((s) => s.text)).toEqual(['Record more varied postures']);
+  });
+  test('a cure of several directions is said once, then only what could be held', () => {
+    const weak = (name: string) => ({ parameters: { [name]: 1 }, unit: 'm', sigma: 0.1, reason: '', why: '', cure: `more samples; or hold ${name}` });
+    const texts = nextSteps({ verdict: { use: 'no', text: 'x' }, weak_directions: [weak('a'), weak('b')], warnings: [{ id: 'sigma', text: 'far' }] }).map((s) => s.text);
+    expect(texts).toEqual(['More samples; or hold a', 'Or hold b']);
+  });
+  test('what the verdict says does not stand behind its cure again', () => {
+    const why = 'the model does not explain the data at all';
+    expect(nextSteps({ verdict: { use: 'no', text: why }, warnings: [{ id: 'unexplained', text: why }] })[0].why).toBeUndefined();
+    expect([sentence('one'), sentence('one.'), sentence('is it?')]).toEqual(['one.', 'one.', 'is it?']);
   });
   test('held numbers are counted by reason', () => {
     const held = [{ parameter: 'a', reason: 'no_gain', sigma: 0, text: '' }, { parameter: 'b', reason: 'undetermined', sigma: 0, text: '' }];
@@ -185,7 +219,7 @@ describe('data', () => {
   });
   test('an overview shows the worst first and follows no link to elsewhere', () => {
     const row = (folder: string, use: 'good' | 'doubts' | 'no', chi2_dof: number) => ({ folder, verdict: { use, text: '' }, chi2_dof });
-    expect(worstFirst([row('a', 'good', 1), row('b', 'no', 5), row('c', 'doubts', 2), row('d', 'doubts', 9), { folder: 'e', status: 'failed' }]).map((r) => r.folder))
+    expect(worstFirst([row('a', 'good', 1), row('b', 'no', 5), row('c', 'doubts', 2), row('d', 'doubts', 9), { ...row('e', 'no', 1), status: 'failed' }]).map((r) => r.folder))
       .toEqual(['e', 'b', 'd', 'c', 'a']);
     expect(['javascript:alert(1)', ' https://x', '//x/y', '', null].map(safeLink)).toEqual([null, null, null, null, null]);
     expect(safeLink('a b/report.html')).toBe('a%20b/report.html');

@@ -1,4 +1,4 @@
-#include "image_program.h"
+#include "sibling.h"
 
 #include <unistd.h>
 
@@ -12,7 +12,8 @@
 
 namespace kincal {
 
-std::string find_image_program(const std::string& name, const std::string& what) {
+std::string find_sibling(const std::string& name, const std::string& what,
+                         const std::string& built) {
   namespace fs = std::filesystem;
   std::vector<fs::path> folders;
   std::error_code status;
@@ -25,9 +26,7 @@ std::string find_image_program(const std::string& name, const std::string& what)
   for (const fs::path& folder : folders)
     if (access((folder / name).c_str(), X_OK) == 0) return (folder / name).string();
   throw InputError(what + " is the program " + name +
-                   ", which is neither beside kincal nor in the PATH. It is built where OpenCV is: "
-                   "apt-get install libopencv-contrib-dev, then build kincal again (CMake option "
-                   "KINCAL_IMAGES)");
+                   ", which is neither beside kincal nor in the PATH. It is built " + built);
 }
 
 void become(const std::string& path, std::vector<std::string> arguments) {

@@ -1,0 +1,204 @@
+#include "robot_measurement.h"
+
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <set>
+
+#include "../../models/rig/numbers.h"
+#include "../document/error.h"
+#include "../document/names.h"
+#include "bytes.h"
+#include "message.h"
+
+namespace kincal {
+
+namespace {
+
+/// What stands in a rig for the ids of messages.
+class RigIds {
+ public:
+  explicit RigIds(const RigFile& rig) : rig_(rig) {}
+
+  /// The sensor that an id means: of this name, of this `topic`, or the only one of the type. -1:
+  /// none, which is noted once.
+  int sensor(const std::string& id, const std::string& type, std::set<std::string>& notes) const {
+    int only = -1, of_type = 0;
+    std::vector<std::string> valid;
+    for (size_t s = 0; s < rig_.rig.sensors.size(); ++s) {
+      const Sensor& one = rig_.rig.sensors[s];
+      if (one.type != type) continue;
+      if (one.name == id || topic_of(one.name) == id) return static_cast<int>(s);
+      valid.push_back(one.name);
+      only = static_cast<int>(s);
+      ++of_type;
+    }
+    if (of_type == 1 && topic_of(rig_.rig.sensors[only].name).empty()) return only;
+    if (!of_type) return -1;  // the rig wants nothing of this kind
+    notes.insert(type + " '" + id + "' of the recording is no sensor of the rig (" +
+                 comma_separated(valid) + "): write `topic: " + id +
+                 "` into the entry of the one that it is");
+    return -1;
+  }
+
+  int target(const std::string& id, std::set<std::string>& notes) const {
+    const std::vector<Target>& all = rig_.rig.targets;
+    std::vector<std::string> valid;
+    for (size_t t = 0; t < all.size(); ++t) {
+      if (all[t].name == id) return static_cast<int>(t);
+      valid.push_back(all[t].name);
+    }
+    if (all.size() == 1) return 0;
+    notes.insert("target '" + id + "' of the recording is not in the rig (" +
+                 comma_separated(valid) + "): give one of them this name");
+    return -1;
+  }
+
+ private:
+  std::string topic_of(const std::string& sensor) const {
+    const Node* entry = rig_.node.find("sensors")->find(sensor);
+    const Node* topic = entry ? entry->find("topic") : nullptr;
+    return topic ? topic->text : "";
+  }
+
+  const RigFile& rig_;
+};
+
+struct MeasurementReader {
+  const RigFile& rig;
+  RigIds ids;
+  ImportedSamples out;
+  std::set<std::string> notes;
+  std::map<const Topic*, MessageTypes> types;
+
+  explicit MeasurementReader(const RigFile& of) : rig(of), ids(of) {}
+
+  void readings(const MessageValue& chain, Sample& sample) {
+    const auto& names = list_of(field(chain, "chain_state.name"));
+    const NumberArray positions = numbers_of(field(chain, "chain_state.position"));
+    if (names.size() != positions.size())
+      throw Damage("chain '" + std::string(text_of(field(chain, "chain_id"))) + "' has " +
+                   std::to_string(names.size()) + " names and " + std::to_string(positions.size()) +
+                   " positions");
+    for (size_t i = 0; i < names.size(); ++i) {
+      const std::string name(text_of(names[i]));
+      const int joint = rig.rig.tree.find_joint(name);
+      if (joint < 0)
+        notes.insert("joint '" + name + "' of the recording is not in the robot: left out");
+      else
+        sample.readings[joint] = positions[i];
+    }
+  }
+
+  /// A view of `count` points, all that the target has. Where it has another number, it is noted
+  /// and left out.
+  View* add_view(Sample& sample, int sensor, int target, size_t count) {
+    const auto points = static_cast<size_t>(rig.rig.targets[target].count());
+    if (count != points) {
+      notes.insert("sample '" + sample.id + "': '" + rig.rig.sensors[sensor].name + "' has " +
+                   std::to_string(count) + " points, target '" + rig.rig.targets[target].name +
+                   "' has " + std::to_string(points) + ": left out");
+      return nullptr;
+    }
+    View view;
+    view.sensor = sensor;
+    view.target = target;
+    view.ids.resize(count);
+    std::iota(view.ids.begin(), view.ids.end(), 0);
+    view.sigma = rig.rig.sensors[sensor].sigma;
+    sample.views.push_back(view);
+    return &sample.views.back();
+  }
+
+  void cameras(const MessageValue& message, int target, Sample& sample) {
+    for (const MessageValue& one : list_of(field(message, "M_cam"))) {
+      const std::int64_t stamp = nanoseconds_of(field(one, "header.stamp"));
+      if (!sample.time && stamp != 0) sample.time = static_cast<double>(stamp) * 1e-9;
+      const int sensor = ids.sensor(std::string(text_of(field(one, "camera_id"))), "camera", notes);
+      const auto& points = list_of(field(one, "image_points"));
+      if (sensor < 0 || points.empty()) continue;
+      View* view = add_view(sample, sensor, target, points.size());
+      if (!view) continue;
+      for (const MessageValue& p : points) {
+        view->z.push_back(number_of(field(p, "x")));
+        view->z.push_back(number_of(field(p, "y")));
+      }
+    }
+  }
+
+  void lasers(const MessageValue& message, int target, Sample& sample) {
+    for (const MessageValue& one : list_of(field(message, "M_laser"))) {
+      const int sensor =
+          ids.sensor(std::string(text_of(field(one, "laser_id"))), "tilting_laser", notes);
+      const auto& points = list_of(field(one, "joint_points"));
+      if (sensor < 0 || points.empty()) continue;
+      View* view = add_view(sample, sensor, target, points.size());
+      if (!view) continue;
+      for (const MessageValue& p : points) {  // tilt, bearing, range
+        const NumberArray position = numbers_of(field(p, "position"));
+        if (position.size() != 3) throw Damage("a laser's point has not three numbers");
+        for (size_t i = 0; i < 3; ++i) view->z.push_back(position[i]);
+      }
+    }
+  }
+
+  void message(const BagMessage& raw) {
+    if (!types.count(raw.topic))
+      types[raw.topic] = read_definition(raw.topic->type, raw.topic->definition);
+    const MessageValue value = decode_message(
+        types[raw.topic], raw.topic->encoding == "cdr" ? Wire::cdr : Wire::ros1, raw.data);
+    Sample sample;
+    sample.id = std::string(text_of(field(value, "sample_id")));
+    sample.readings.assign(rig.rig.tree.joints.size(), kNan);
+    const int target = ids.target(std::string(text_of(field(value, "target_id"))), notes);
+    for (const MessageValue& chain : list_of(field(value, "M_chain"))) readings(chain, sample);
+    if (target >= 0) {
+      cameras(value, target, sample);
+      lasers(value, target, sample);
+      const std::string arm(text_of(field(value, "chain_id")));
+      const int chain = arm.empty() ? -1 : ids.sensor(arm, "chain", notes);
+      if (chain >= 0) {
+        View view;
+        view.sensor = chain;
+        view.target = target;
+        view.sigma = rig.rig.sensors[chain].sigma;
+        sample.views.push_back(view);
+      }
+    }
+    if (!sample.time) sample.time = static_cast<double>(raw.received) * 1e-9;
+    out.samples.push_back(std::move(sample));
+  }
+};
+
+}  // namespace
+
+ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, const RigFile& rig,
+                                        std::vector<std::string>& losses,
+                                        const BagProgress& progress) {
+  MeasurementReader reader(rig);
+  for (const std::string& bag : bags) {
+    const auto visit = [&](const BagMessage& raw) {
+      if (raw.topic->type == kRobotMeasurement) try {
+          reader.message(raw);
+        } catch (const Damage& damage) {
+          losses.push_back(bag + ": a message of " + raw.topic->name + ": " + damage.what());
+        }
+      return true;
+    };
+    const BagContents contents = read_bag(bag, visit, progress);
+    losses.insert(losses.end(), contents.losses.begin(), contents.losses.end());
+    if (contents.more_losses > 0)
+      losses.push_back(bag + ": and " + std::to_string(contents.more_losses) + " more");
+  }
+  std::map<std::string, int> seen;
+  for (Sample& sample : reader.out.samples)
+    if (const int again = seen[sample.id]++) {
+      reader.notes.insert("sample '" + sample.id + "' is there several times: later ones are '" +
+                          sample.id + "_2' and so on");
+      sample.id += "_" + std::to_string(again + 1);
+    }
+  reader.out.notes.assign(reader.notes.begin(), reader.notes.end());
+  return std::move(reader.out);
+}
+
+}  // namespace kincal

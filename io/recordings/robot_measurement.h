@@ -1,0 +1,28 @@
+// calibration_msgs/RobotMeasurement, what the capture tools of ROS's `calibration` packages write
+// (the paper's own): joints, corners and rays of one posture in one message.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/rig/samples.h"
+#include "../rig/rig_file.h"
+#include "bag.h"
+
+namespace kincal {
+
+constexpr const char* kRobotMeasurement = "calibration_msgs/RobotMeasurement";
+
+struct ImportedSamples {
+  std::vector<Sample> samples;
+  std::vector<std::string> notes;  // what was left out, and why
+};
+
+/// Samples of all such messages of some bags. An id of a message is the name of the rig's sensor or
+/// target, or its `topic`, or there is only one of the kind. Sets `losses` to what the bags lost.
+/// @throws InputError where none of the bags has one, or a bag is none
+ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, const RigFile& rig,
+                                        std::vector<std::string>& losses,
+                                        const BagProgress& progress = nullptr);
+
+}  // namespace kincal

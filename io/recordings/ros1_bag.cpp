@@ -1,0 +1,216 @@
+// ROS 1's bags (wiki.ros.org/Bags/Format/2.0). After a line "#ROSBAG V2.0" come records: a header
+// (uint32 length; fields of uint32 length, "name=value") and data (uint32 length). Chunks hold
+// records of messages and connections; an index follows at the end, which tells where chunks start
+// and how many messages of which connection they have: it is not needed to read a whole bag, and
+// finds what comes after a damaged part of another.
+#include <algorithm>
+#include <optional>
+
+#include "../document/error.h"
+#include "bytes.h"
+#include "containers.h"
+#include "decompress.h"
+
+namespace kincal {
+
+namespace {
+
+enum Operation : unsigned char {
+  kMessage = 2,
+  kBagHeader = 3,
+  kIndex = 4,
+  kChunk = 5,
+  kChunkInfo = 6,
+  kConnection = 7
+};
+
+constexpr std::uint32_t kLargestHeader = 1 << 20;
+constexpr std::uint32_t kHeaderPart = 4096;  // the first record is filled up to this
+
+struct Fields {
+  std::map<std::string_view, std::string_view> values;
+
+  std::string_view text(std::string_view name) const {
+    const auto found = values.find(name);
+    if (found == values.end()) throw Damage("a record has no field '" + std::string(name) + "'");
+    return found->second;
+  }
+  template <class Number>
+  Number number(std::string_view name) const {
+    return Bytes{text(name)}.number<Number>();
+  }
+  unsigned char operation() const { return number<unsigned char>("op"); }
+};
+
+Fields fields_of(std::string_view header) {
+  Fields out;
+  for (Bytes bytes{header}; !bytes.left.empty();) {
+    const std::string_view one = bytes.text();
+    const size_t equals = one.find('=');
+    if (equals == std::string_view::npos) throw Damage("a field of a record has no name");
+    out.values[one.substr(0, equals)] = one.substr(equals + 1);
+  }
+  return out;
+}
+
+struct Ros1Reader {
+  BagFile file;
+  BagReading& reading;
+  std::map<std::uint32_t, std::shared_ptr<const Topic>> connections;
+  std::map<std::uint32_t, std::uint64_t> read, indexed;  // messages by connection
+  std::vector<std::uint64_t> chunks;                     // where they start, by the index
+  std::string header, data, unpacked;
+
+  void connection(const Fields& fields, std::string_view about) {
+    const auto id = fields.number<std::uint32_t>("conn");
+    if (connections.count(id)) return;
+    const Fields more = fields_of(about);
+    auto topic = std::make_shared<Topic>();
+    topic->name = std::string(fields.text("topic"));
+    topic->type = std::string(more.text("type"));
+    topic->definition = std::string(more.text("message_definition"));
+    topic->encoding = "ros1";
+    reading.contents.topics.push_back(topic);
+    connections[id] = topic;
+  }
+
+  void message(const Fields& fields, std::string_view text) {
+    const auto id = fields.number<std::uint32_t>("conn");
+    const auto found = connections.find(id);
+    if (found == connections.end())
+      throw Damage("a message is of connection " + std::to_string(id) + ", which is not there");
+    Bytes time{fields.text("time")};
+    const auto s = time.number<std::uint32_t>(), ns = time.number<std::uint32_t>();
+    ++read[id];
+    if (!reading.visit({found->second.get(), std::int64_t{s} * 1000000000 + ns, text}))
+      reading.ended = true;
+  }
+
+  /// The records of a chunk.
+  void records(std::string_view text) {
+    for (Bytes bytes{text}; !bytes.left.empty() && !reading.ended;) {
+      const Fields fields = fields_of(bytes.text());
+      const std::string_view about = bytes.text();
+      if (fields.operation() == kMessage) message(fields, about);
+      if (fields.operation() == kConnection) connection(fields, about);
+    }
+  }
+
+  void chunk(const Fields& fields, std::uint64_t start) {
+    std::string_view text = data;
+    const std::string how(fields.text("compression"));
+    try {
+      if (how != "none") {
+        reading.compressed(how);
+        decompress(how, data, fields.number<std::uint32_t>("size"), unpacked);
+        text = unpacked;
+      }
+      records(text);
+    } catch (const Damage& damage) {
+      reading.lost("the chunk at byte " + std::to_string(start) + ": " + damage.what());
+    }
+  }
+
+  /// One record of the file. False at its end.
+  bool next() {
+    const std::uint64_t start = file.position();
+    if (start == file.size()) return false;
+    const auto length = Bytes{file.read(4, header)}.number<std::uint32_t>();
+    if (length > kLargestHeader) throw Damage("the header of a record is larger than 1 MB");
+    const Fields fields = fields_of(file.read(length, header));
+    const auto size = Bytes{file.read(4, data)}.number<std::uint32_t>();
+    const unsigned char operation = fields.operation();
+    if (operation == kIndex || operation == kChunkInfo || operation == kBagHeader) {
+      if (file.position() + size > file.size()) throw Damage("it ends too early");
+      file.seek(file.position() + size);
+      return true;
+    }
+    if (size > kLargestPart) throw Damage("a part is larger than 512 MB");
+    data.assign(file.read(size, data));
+    if (operation == kChunk)
+      chunk(fields, start);
+    else if (operation == kConnection)
+      connection(fields, data);
+    else if (operation == kMessage)
+      message(fields, data);
+    else
+      throw Damage("a record of kind " + std::to_string(operation) + " is not known");
+    return true;
+  }
+
+  /// Chunks and numbers of messages, as the index at the end says. What is damaged there is no
+  /// loss.
+  void read_index(std::uint64_t first) {
+    try {
+      const auto length = Bytes{file.read(4, header)}.number<std::uint32_t>();
+      if (length > kLargestHeader) return;
+      const auto index = fields_of(file.read(length, header)).number<std::uint64_t>("index_pos");
+      if (index > first && index < file.size()) {
+        file.seek(index);
+        index_records();
+      }
+    } catch (const Damage&) {
+    }
+    chunks.push_back(first + kHeaderPart);
+    std::sort(chunks.begin(), chunks.end());
+    file.seek(first);
+  }
+
+  void index_records() {
+    while (file.position() < file.size()) {
+      const auto length = Bytes{file.read(4, header)}.number<std::uint32_t>();
+      if (length > kLargestHeader) return;
+      const Fields fields = fields_of(file.read(length, header));
+      const auto size = Bytes{file.read(4, data)}.number<std::uint32_t>();
+      if (size > kLargestPart) return;
+      const std::string_view text = file.read(size, data);
+      if (fields.operation() == kConnection) connection(fields, text);
+      if (fields.operation() != kChunkInfo) continue;
+      chunks.push_back(fields.number<std::uint64_t>("chunk_pos"));
+      Bytes counts{text};
+      for (auto n = fields.number<std::uint32_t>("count"); n > 0; --n) {
+        const auto id = counts.number<std::uint32_t>();
+        indexed[id] += counts.number<std::uint32_t>();
+      }
+    }
+  }
+
+  /// Says which messages the index has that were not found.
+  void compare() {
+    std::uint64_t missing = 0;
+    std::string where;
+    for (const auto& [id, count] : indexed)
+      if (count > read[id] && connections.count(id)) {
+        missing += count - read[id];
+        where += (where.empty() ? "" : ", ") + std::to_string(count - read[id]) + " of " +
+                 connections[id]->name;
+      }
+    if (missing > 0) reading.lost(std::to_string(missing) + " messages: " + where);
+  }
+};
+
+}  // namespace
+
+void read_ros1_bag(const std::string& path, BagReading& reading) {
+  reading.contents.container = "ROS 1 bag";
+  Ros1Reader reader{BagFile(path), reading, {}, {}, {}, {}, {}, {}, {}};
+  const std::string_view first =
+      reader.file.read(std::min<std::uint64_t>(13, reader.file.size()), reader.header);
+  if (first != "#ROSBAG V2.0\n")
+    throw InputError(path +
+                     ": a bag of another version than ROS 1's 2.0: convert it by `rosbag "
+                     "migrate`");
+  reader.read_index(reader.file.position());
+  while (!reading.ended) {
+    const std::uint64_t start = reader.file.position();
+    if (reading.progress) reading.progress(start, reader.file.size());
+    try {
+      if (!reader.next()) break;
+    } catch (const Damage& damage) {
+      go_on_behind(damage, start, reader.chunks, reader.file, reading);
+    }
+  }
+  if (!reading.ended) reader.compare();
+}
+
+}  // namespace kincal

@@ -1,0 +1,98 @@
+// Proves what only all images of a set tell: a ChArUco board with an odd number of columns that is
+// seen in part suits both of OpenCV's layouts, and is read by the one that the other images have;
+// where no image tells, that is said. Not proved: other files and tables (program/detect_test.py).
+#include "../../io/images/fill.h"
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "../../io/images/print.h"
+#include "../fixtures/render.h"
+#include "catch2/catch.hpp"
+
+using namespace kincal;
+using namespace fixtures;
+
+namespace {
+
+constexpr int kRows = 6, kColumns = 7;
+
+ImageTarget board_of(int rows) {
+  ImageTarget out;
+  out.kind = ImageTarget::Kind::charuco;
+  out.rows = rows, out.columns = kColumns, out.marker = 0.7;
+  out.dictionary = 6;  // DICT_5X5_250
+  return out;
+}
+
+/// The print with a bright upper left square: marker k is in square 2 k, where that with a dark one
+/// has it in square 2 k + 1, both counted by rows.
+double bright_first(double x, double y) {
+  static const Print print = print_of(board_of(kRows + 1));
+  const int c = static_cast<int>(std::floor(x)), r = static_cast<int>(std::floor(y));
+  if (c < 0 || r < 0 || c >= kColumns || r >= kRows) return 1;
+  const int next = r * kColumns + c + 1;
+  return print.brightness(next % kColumns + x - c, next / kColumns + y - r);
+}
+
+/// A folder with a rig and two images, that goes with its test.
+struct Folder {
+  std::filesystem::path path;
+  PictureCamera whole, part;
+  Folder() {
+    std::string name = (std::filesystem::temp_directory_path() / "kincal-fill-XXXXXX").string();
+    path = mkdtemp(name.data());
+    std::ofstream(path / "rig.yaml")
+        << "format: kincal/1\nrobot: {base: base, flange: hand}\ntargets:\n"
+           "  board: {type: charuco, rows: 6, columns: 7, square: 0.03, marker: 0.021, "
+           "dictionary: DICT_5X5_250, mount: {link: base}}\nsensors:\n"
+           "  eye: {type: camera, link: hand, model: pinhole, intrinsics: [600, 600, 320, 240], "
+           "image_size: [640, 480], sigma: 0.2}\n";
+    whole.rotation = turned(0.2, 0.1, 0.1);
+    aim(whole, 3.5, 3, 11);
+    part.rotation = turned(0.1, 0, 0.03);
+    aim(part, 3.5, 3, 5);  // neither the left nor the right column is in it
+    cv::imwrite((path / "part.png").string(), render(part, bright_first));
+  }
+  ~Folder() { std::filesystem::remove_all(path); }
+  Filled fill() const {
+    FillOptions options;
+    options.out = (path / "out.jsonl").string();
+    return fill_images(read_rig((path / "rig.yaml").string()), image_files(path.string()), options);
+  }
+};
+
+/// The largest distance of what a line of samples has from where the corners are, px.
+double worst_of(const std::string& line, const PictureCamera& camera) {
+  const auto view = nlohmann::json::parse(line)["views"][0];
+  double worst = 0;
+  for (size_t i = 0; i < view["pixels"].size(); ++i) {
+    const int id = view.contains("ids") ? view["ids"][i].get<int>() : static_cast<int>(i);
+    const cv::Point2d p =
+        project(camera, id % (kColumns - 1) + 1., static_cast<double>(id / (kColumns - 1)) + 1);
+    worst = std::max(worst, cv::norm(p - cv::Point2d(view["pixels"][i][0], view["pixels"][i][1])));
+  }
+  return worst;
+}
+
+}  // namespace
+
+TEST_CASE("images: which layout a ChArUco board has is told by all images together") {
+  const Folder folder;
+  const Filled alone = folder.fill();
+  REQUIRE(alone.found == 1);
+  REQUIRE(alone.notes.size() >= 1);
+  CHECK(alone.notes[0].find("target 'board': the image suits both layouts") == 0);
+  cv::imwrite((folder.path / "whole.png").string(), render(folder.whole, bright_first));
+  const Filled both = folder.fill();
+  REQUIRE(both.found == 2);
+  const size_t end = both.text.find('\n');
+  CHECK(worst_of(both.text.substr(0, end), folder.part) < 0.2);  // in the order of the names
+  CHECK(worst_of(both.text.substr(end + 1), folder.whole) < 0.2);
+  bool said = false;
+  for (const std::string& note : both.notes)
+    said = said || note.find("part.png: board: read again") != std::string::npos;
+  CHECK(said);
+}
