@@ -6,6 +6,7 @@
 
 #include "../io/document/error.h"
 #include "../io/images/render_samples.h"
+#include "../io/recordings/simulated_bag.h"
 #include "image_main.h"
 #include "progress.h"
 #include "render_options.h"
@@ -16,11 +17,40 @@ namespace {
 using namespace kincal;
 
 struct Arguments {
-  std::string rig, samples, truth;
+  std::string rig, samples, truth, bag;
   std::uint64_t seed = 1;
   bool force = false, quiet = false;
   RenderArguments look;
+  JourneyArguments journey;
 };
+
+int threads_of(const Arguments& a) {
+  return a.look.threads > 0 ? a.look.threads
+                            : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+int record_bag(const Arguments& a) {
+  BagOptions options;
+  options.journey = {a.journey.rest, a.journey.move, a.journey.scatter};
+  options.joint_rate = a.journey.joint_rate;
+  options.frame_rate = a.journey.frame_rate;
+  options.camera_delay = a.journey.camera_delay;
+  options.look = {a.look.blur, a.look.noise, a.look.vignetting, a.look.background};
+  options.seed = a.seed;
+  options.force = a.force;
+  options.threads = threads_of(a);
+  Progress progress(a.quiet);
+  options.progress = [&](double share) { progress.stage("recording", share); };
+  options.go_on = not_interrupted;
+  const RigFile rig = read_rig(a.rig);
+  begin_writing();
+  const RecordedBag bag = render_bag(rig, a.samples, a.truth, a.bag, options);
+  progress.clear();
+  if (!bag.written) return say_interrupted();
+  std::printf("%d images and %d readings of the joints in %.1f s\nWritten to %s\n", bag.images,
+              bag.readings, bag.duration, a.bag.c_str());
+  return kConverged;
+}
 
 int render_all(const Arguments& a) {
   const RigFile rig = read_rig(a.rig);
@@ -28,9 +58,7 @@ int render_all(const Arguments& a) {
   options.look = {a.look.blur, a.look.noise, a.look.vignetting, a.look.background};
   options.seed = a.seed;
   options.force = a.force;
-  options.threads = a.look.threads > 0
-                        ? a.look.threads
-                        : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  options.threads = threads_of(a);
   Progress progress(a.quiet);
   options.progress = [&](double share) { progress.stage("taking pictures", share); };
   const int count = render_samples(rig, a.samples, a.truth, options);
@@ -49,10 +77,13 @@ int main(int argc, char** argv) try {
   app.add_option("SAMPLES", a.samples, "samples.jsonl whose views have an `image`")->required();
   app.add_option("TRUTH", a.truth, "truth.json of the simulation")->required();
   app.add_option("--seed", a.seed, "the same seed makes the same pictures");
+  app.add_option("--bag", a.bag, "write a bag in place of pictures");
   add_render_options(app, a.look);
+  add_journey_options(app, a.journey);
   app.add_flag("--force", a.force, "replace existing pictures");
   app.add_flag("--quiet", a.quiet, "no progress");
-  return run_image_program(app, argc, argv, [&a] { return render_all(a); });
+  return run_image_program(app, argc, argv,
+                           [&a] { return a.bag.empty() ? render_all(a) : record_bag(a); });
 } catch (const std::exception& error) {  // before the work began; what that throws is said there
   std::fprintf(stderr, "kincal: error: %s\n", error.what());
   return kincal::kBadInput;

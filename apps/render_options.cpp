@@ -34,4 +34,39 @@ std::vector<std::string> words_of(const RenderArguments& a) {
           "--threads",    std::to_string(a.threads)};
 }
 
+std::vector<CLI::Option*> add_journey_options(CLI::App& command, JourneyArguments& a) {
+  const auto add = [&](const char* name, double& number, double low, double high,
+                       const char* what) {
+    return command.add_option(name, number, what)
+        ->check(CLI::Range(low, high))
+        ->capture_default_str();
+  };
+  return {add("--rest", a.rest, 0.1, 3600, "with --bag: how long the robot rests in a posture, s"),
+          add("--move", a.move, 0.1, 3600, "with --bag: how long it moves to the next, s"),
+          add("--scatter", a.scatter, 0, 1000,
+              "with --bag: scatter of single readings of a joint, in its sigmas, besides the error "
+              "that stays while the robot rests"),
+          add("--joint-rate", a.joint_rate, 1, 10000, "with --bag: readings of the joints, Hz"),
+          add("--frame-rate", a.frame_rate, 0.1, 1000, "with --bag: images of each camera, Hz"),
+          add("--camera-delay", a.camera_delay, -1, 1,
+              "with --bag: by how much images are stamped later than readings, s")};
+}
+
+std::vector<std::string> words_of(const JourneyArguments& a, const std::string& bag) {
+  return {"--bag",          bag,
+          "--rest",         shortest(a.rest),
+          "--move",         shortest(a.move),
+          "--scatter",      shortest(a.scatter),
+          "--joint-rate",   shortest(a.joint_rate),
+          "--frame-rate",   shortest(a.frame_rate),
+          "--camera-delay", shortest(a.camera_delay)};
+}
+
+std::string ends_as_a_bag(const std::string& path) {
+  for (const std::string end : {".bag", ".mcap"})
+    if (path.size() > end.size() && path.compare(path.size() - end.size(), end.size(), end) == 0)
+      return "";
+  return "NAME.bag (ROS 1) or NAME.mcap (ROS 2) is expected, not '" + path + "'";
+}
+
 }  // namespace kincal

@@ -51,7 +51,7 @@ foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Pictures Files Calibrated Numbering Missing)
+foreach(group Pictures Files Calibrated Numbering Bags Missing)
   kincal_python_test(render.${group} render_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 

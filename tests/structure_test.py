@@ -2,7 +2,8 @@
 
 Proves, by reading the product's sources: every #include goes where the table below allows it; no two files need each other, straight or
 in a circle; no file of models/ and no function is longer than the table says, and no function takes more parameters than that without
-saying why; no two sources of one library have the same name in their anonymous namespaces, which are one where they are compiled as one.
+saying why; no two sources of one library have the same name in their anonymous namespaces, which are one where they are compiled as one; no two
+headers define types of one name, which would be one to the linker.
 It tests its own readers first.
 Does not prove: that names are used where they should be (a file that includes nothing can still know too much), nor anything about
 benchmarks and tests. The reader of functions counts braces: the code of a macro, a lambda by itself and a function that a macro begins
@@ -42,7 +43,7 @@ MAY_INCLUDE = {
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "io/report": ["io/document", "io/results"],
     "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
-    "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/rig"],
+    "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/rig", "io/images"],
     "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/exchange"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
     "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common
@@ -303,6 +304,12 @@ def violations(source):
         paths, another_word = list(meanings), None not in meanings.values() and len(set(meanings.values())) == 1
         if len(paths) > 1 and not another_word:
             found.append(f"{paths[-1]}: {name} in an anonymous namespace is also in {paths[0]}: a unity build has it twice")
+    types = {}
+    for path, text in sorted(files.items()):
+        if path.endswith(".h"):
+            for name in re.findall(r"^(?:class|struct|union|enum(?: class)?) (\w+)[^;{]*\{", without_comments(text), re.MULTILINE):
+                types.setdefault(name, []).append(path)
+    found += [f"{paths[-1]}: type {name} is also in {paths[0]}: the linker takes them for one" for name, paths in types.items() if len(paths) > 1]
     many, excused = set(), set()
     for path, text in sorted(files.items()):
         lines = text.split("\n")

@@ -21,9 +21,10 @@ namespace kincal {
 namespace {
 
 struct SimulateArguments {
-  std::string rig, out, truth, postures, render;
+  std::string rig, out, truth, postures, render, bag;
   std::vector<std::string> spread;
   RenderArguments look;
+  JourneyArguments journey;
   int samples = 0;
   unsigned long long seed = 0;
   bool pixels = false, force = false, quiet = false;
@@ -110,12 +111,14 @@ ImageNames name_images(const SimulateArguments& a, const Rig& rig, std::vector<S
   return out;
 }
 
-/// Becomes the program that takes the pictures.
+/// Becomes the program that takes the pictures, for a folder or a bag.
 [[noreturn]] void take_pictures(const std::string& program, const SimulateArguments& a) {
   std::vector<std::string> words = {
       "kincal-render",       rig_path(a.rig), a.out + "/samples.jsonl",
       a.out + "/truth.json", "--seed",        std::to_string(a.seed)};
   for (const std::string& word : words_of(a.look)) words.push_back(word);
+  if (!a.bag.empty())
+    for (const std::string& word : words_of(a.journey, a.bag)) words.push_back(word);
   if (a.force) words.emplace_back("--force");
   if (a.quiet) words.emplace_back("--quiet");
   std::fflush(stdout);
@@ -123,12 +126,19 @@ ImageNames name_images(const SimulateArguments& a, const Rig& rig, std::vector<S
 }
 
 int simulate(const SimulateArguments& a) {
+  const bool pictures = !a.render.empty();
   const std::string program =
-      a.render.empty()
-          ? ""
-          : find_sibling("kincal-render", "`kincal simulate --render`", kBuiltWithImages);
+      pictures || !a.bag.empty()
+          ? find_sibling("kincal-render",
+                         pictures ? "`kincal simulate --render`" : "`kincal simulate --bag`",
+                         kBuiltWithImages)
+          : "";
   say_cleared(clear_leftovers(a.out));
   check_output(a.out, a.force);
+  if (!a.bag.empty()) {
+    say_cleared(clear_leftovers(a.bag));
+    check_output_file(a.bag, a.force);
+  }
   const RigFile rig_file = read_rig(rig_path(a.rig));
   const ParameterTable table(rig_file.rig);
   SimulationOptions options;
@@ -181,11 +191,11 @@ int simulate(const SimulateArguments& a) {
     for (const View& view : sample.views) ++views[view.sensor];
   std::vector<std::pair<std::string, std::string>> files;
   ImageNames images;
-  if (!program.empty()) images = name_images(a, rig_file.rig, simulation.samples);
+  if (pictures) images = name_images(a, rig_file.rig, simulation.samples);
   const std::vector<Joint>& joints = rig_file.rig.tree.joints;
   const bool poses = std::any_of(joints.begin(), joints.end(),  // they are no columns of numbers
                                  [](const Joint& joint) { return joint.first_axis >= 0; });
-  if (!program.empty() && !poses) files.emplace_back("joints.csv", images.table);
+  if (pictures && !poses) files.emplace_back("joints.csv", images.table);
   files.emplace_back("samples.jsonl", samples_text(rig_file.rig, simulation.samples, images.paths));
   files.emplace_back("truth.json", truth_text(rig_file.rig, table, simulation));
   begin_writing();
@@ -194,7 +204,7 @@ int simulate(const SimulateArguments& a) {
   for (const auto& v : views)
     std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
   std::printf("\nWritten to %s: samples.jsonl, truth.json%s\n", a.out.c_str(),
-              program.empty() || poses ? "" : ", joints.csv");
+              !pictures || poses ? "" : ", joints.csv");
   if (!program.empty()) take_pictures(program, a);
   return kConverged;
 }
@@ -233,15 +243,27 @@ Command simulate_command(CLI::App& app) {
       "take pictures of boards and markers too, into this folder; views get an `image` and no "
       "pixels, for `kincal detect`");
   render->type_name("DIR");
-  std::vector<CLI::Option*> of_pictures = add_render_options(*command, a->look);
-  of_pictures.push_back(command->add_flag("--pixels", a->pixels, "with --render: pixels as well"));
-  for (CLI::Option* option : of_pictures) option->needs(render);
+  const std::vector<CLI::Option*> of_pictures = add_render_options(*command, a->look);
+  command->add_flag("--pixels", a->pixels, "with --render: pixels as well")->needs(render);
+  CLI::Option* bag = command->add_option(
+      "--bag", a->bag,
+      "record what joints and cameras log while the robot goes from posture to posture and rests "
+      "in each: a bag of ROS 1 (NAME.bag) or ROS 2 (NAME.mcap)");
+  bag->type_name("FILE")->excludes(render)->check(ends_as_a_bag);
+  for (CLI::Option* option : add_journey_options(*command, a->journey)) option->needs(bag);
   command->add_flag("--force", a->force, "replace an existing simulation");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "Exit codes: 0 written; 1 bad input or usage, nothing written; 130 interrupted, nothing "
       "written.");
-  return {command, [a] { return simulate(*a); }};
+  return {command, [a, of_pictures] {
+            for (const CLI::Option* option : of_pictures)
+              if (option->count() > 0 && a->render.empty() && a->bag.empty())
+                throw InputError(option->get_name() +
+                                 ": is of pictures: --render or --bag takes "
+                                 "them");
+            return simulate(*a);
+          }};
 }
 
 }  // namespace kincal

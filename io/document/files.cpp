@@ -85,7 +85,7 @@ int open_folder(const std::string& path) {
   return open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
 }
 
-void write_all(int file, const std::string& text, const std::string& path) {
+void write_all(int file, std::string_view text, const std::string& path) {
   for (size_t at = 0; at < text.size();) {
     const ssize_t written = write(file, text.data() + at, text.size() - at);
     if (written < 0 && errno != EINTR) throw not_written(path);
@@ -320,14 +320,27 @@ bool write_directory(const std::string& directory,
   return true;
 }
 
-void write_file(const std::string& path, const std::string& text, bool force) {
+bool write_file(const std::string& path, const std::string& text, bool force, bool (*go_on)()) {
+  return write_file_in_pieces(
+      path, [&](const PutBytes& put) { put(0, text); }, force, go_on);
+}
+
+bool write_file_in_pieces(const std::string& path, const std::function<void(const PutBytes&)>& fill,
+                          bool force, bool (*go_on)()) {
   check_output_file(path, force);
   const std::string name = output_name(path);
   std::string work;
   const Descriptor file(make_work(name, work, open_new));
   try {
-    write_all(file.number, text, work);
+    fill([&](std::uint64_t at, std::string_view bytes) {
+      if (lseek(file.number, static_cast<off_t>(at), SEEK_SET) < 0) throw not_written(work);
+      write_all(file.number, bytes, work);
+    });
     sync_to_disk(file.number, work);
+    if (go_on && !go_on()) {
+      unlink(work.c_str());
+      return false;
+    }
     if (!place_file(work, name, force))
       throw errno == EEXIST ? exists_already(path) : not_written(path);
   } catch (...) {
@@ -335,6 +348,7 @@ void write_file(const std::string& path, const std::string& text, bool force) {
     throw;
   }
   sync_names(name);
+  return true;
 }
 
 std::string sha256(const std::string& text) {

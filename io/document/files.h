@@ -1,7 +1,10 @@
 // Files and directories: read whole, written whole or not at all.
 #pragma once
 
+#include <cstdint>
+#include <functional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -22,8 +25,16 @@ std::vector<std::string> clear_leftovers(const std::string& path);
 void check_output_file(const std::string& path, bool force);
 
 /// Writes one file whole or not at all: under a temporary name beside it, to the disk, then a
-/// rename. A symbolic link stays, what it leads to is written. @throws InputError
-void write_file(const std::string& path, const std::string& text, bool force);
+/// rename. A symbolic link stays, what it leads to is written. `go_on` is asked before the rename;
+/// false leaves nothing. Returns false if it did. @throws InputError
+bool write_file(const std::string& path, const std::string& text, bool force,
+                bool (*go_on)() = nullptr);
+
+/// Puts bytes at a place of a file.
+using PutBytes = std::function<void(std::uint64_t at, std::string_view bytes)>;
+/// The same for a file that `fill` puts together piece by piece; what it throws leaves nothing.
+bool write_file_in_pieces(const std::string& path, const std::function<void(const PutBytes&)>& fill,
+                          bool force, bool (*go_on)() = nullptr);
 
 /// Refuses an existing path unless `force` and it is empty or a directory that holds no file but
 /// kincal's; and, as for a file, where nothing can be written. @throws InputError

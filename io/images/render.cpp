@@ -139,23 +139,19 @@ std::array<double, kFine * kFine> parts_of(const std::vector<const Plane*>& plan
   return out;
 }
 
-/// Blur, pixels out of their parts, darker corners and noise, and 8 bits.
-cv::Mat developed(const cv::Mat& fine, const Look& look, Draws& draws) {
+/// Blur, pixels out of their parts, and darker corners.
+cv::Mat gathered(const cv::Mat& fine, const Look& look) {
   cv::Mat picture;
   if (look.blur > 0) cv::GaussianBlur(fine, fine, {0, 0}, kFine * look.blur);
   cv::resize(fine, picture, {fine.cols / kFine, fine.rows / kFine}, 0, 0, cv::INTER_AREA);
-  cv::Mat out(picture.size(), CV_8U);
   const double middle_x = 0.5 * (picture.cols - 1), middle_y = 0.5 * (picture.rows - 1);
   const double corner = std::max(1.0, middle_x * middle_x + middle_y * middle_y);
   for (int row = 0; row < picture.rows; ++row)
     for (int column = 0; column < picture.cols; ++column) {
       const double x = column - middle_x, y = row - middle_y;
-      const double light = 1 - look.vignetting * (x * x + y * y) / corner;
-      double grey = light * picture.at<double>(row, column);
-      if (look.noise > 0) grey += look.noise * draws.normal();
-      out.at<uchar>(row, column) = cv::saturate_cast<uchar>(grey);
+      picture.at<double>(row, column) *= 1 - look.vignetting * (x * x + y * y) / corner;
     }
-  return out;
+  return picture;
 }
 
 }  // namespace
@@ -187,8 +183,8 @@ CameraRays camera_rays(const Rig& rig, const ParameterTable& table, const Vector
   return out;
 }
 
-cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
-                     Draws draws) {
+cv::Mat expose(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
+               Draws& draws) {
   std::vector<Plane> planes;
   for (const Sheet& sheet : sheets) planes.push_back(plane_of(sheet, rays.eye));
   const std::uint64_t seed = draws.bits();
@@ -220,7 +216,24 @@ cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, c
       for (int i = 0; i < kFine * kFine; ++i)
         parts.at<double>(i / kFine, i % kFine) = kInk + (kPaper - kInk) * shares[i];
     }
-  return developed(fine, look, draws);
+  return gathered(fine, look);
+}
+
+cv::Mat develop(const cv::Mat& light, double noise, Draws& draws) {
+  cv::Mat out(light.size(), CV_8U);
+  for (int row = 0; row < light.rows; ++row)
+    for (int column = 0; column < light.cols; ++column) {
+      double grey = light.at<double>(row, column);
+      if (noise > 0) grey += noise * draws.normal();
+      out.at<uchar>(row, column) = cv::saturate_cast<uchar>(grey);
+    }
+  return out;
+}
+
+cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
+                     Draws draws) {
+  const cv::Mat light = expose(rays, sheets, look, draws);
+  return develop(light, look.noise, draws);
 }
 
 }  // namespace kincal

@@ -50,8 +50,13 @@ struct Look {
   std::string background = "texture";  // or `grey`, `gradient`
 };
 
-/// Takes a picture, 8 bits grey. The nearest sheet is seen, the back of one is grey. What is random
-/// comes from `draws`.
+/// Exposes a picture: grey levels without noise, rows x columns (CV_64F). The nearest sheet is
+/// seen, the back of one is grey. What is random comes from `draws`.
+cv::Mat expose(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
+               Draws& draws);
+/// Adds noise (grey levels, sigma) to an exposed picture and makes it 8 bits grey.
+cv::Mat develop(const cv::Mat& light, double noise, Draws& draws);
+/// Takes a picture, 8 bits grey: both.
 cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
                      Draws draws);
 

@@ -8,6 +8,7 @@
 #include "../../kinematics/floating.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/recording.h"
 #include "../../models/rig/targets.h"
 #include "../../models/rig/words.h"
 #include "../document/files.h"
@@ -240,8 +241,44 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   return view;
 }
 
+/// Reads sigmas of readings, in place of the rig's, as ratios to those.
+std::vector<double> read_joint_noise(const Field& field, const Field& readings,
+                                     const Lookup& look) {
+  if (field.node->kind != Node::Kind::mapping)
+    field.fail("a mapping of joint names to sigmas is expected");
+  const Rig& rig = look.rig;
+  std::vector<double> noise(rig.tree.joints.size(), 1);
+  const auto set = [&](const Field& sigma, int joint) {
+    const double number = sigma.number_at_least(0);
+    if (!(number > 0)) sigma.fail("a sigma above 0 is expected");
+    if (!(rig.joints[joint].sigma > 0))
+      sigma.fail("the rig takes the readings of joint '" + read_name(rig.tree, joint) +
+                 "' for exact: state its sigma there (joints: {" + read_name(rig.tree, joint) +
+                 ": {sigma: ...}})");
+    noise[joint] = number / rig.joints[joint].sigma;
+  };
+  for (const auto& [name, node] : field.node->members) {
+    const Field sigma{&node, field.path, field.name + "." + name};
+    const auto found = look.joints.find(name);
+    if (found == look.joints.end() && readings.has(name.c_str())) continue;  // as its reading is
+    if (found == look.joints.end())
+      sigma.fail("unknown joint '" + name + "'" +
+                 nearest_or_all(name, names_of(rig.tree.joints), "the robot has"));
+    const int first = rig.tree.joints[found->second].first_axis;
+    if (first < 0) {
+      set(sigma, found->second);
+      continue;
+    }
+    sigma.check_keys({"translation", "rotation"});
+    for (int k = 0; k < kPoseAxes; ++k)
+      set(sigma[k < 3 ? "translation" : "rotation"], first + kPoseAxes + k);
+  }
+  return noise;
+}
+
 Sample read_sample(const Field& field, const Lookup& look) {
-  static const Names required = {"id", "joints", "views"}, optional = {"time", "split"};
+  static const Names required = {"id", "joints", "views"},
+                     optional = {"time", "split", "joint_sigma"};
   field.check_keys(required, optional);
   Sample sample;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
@@ -255,6 +292,7 @@ Sample read_sample(const Field& field, const Lookup& look) {
   }
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
+  if (field.has("joint_sigma")) sample.noise = read_joint_noise(field["joint_sigma"], joints, look);
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
   for (size_t i = 0; i < views.size(); ++i)
     sample.views.push_back(read_view(views.item(i), {joints, sample.readings}, look));
@@ -317,6 +355,25 @@ std::string json_view(const Rig& rig, const View& view, const std::string& image
   return out + "}";
 }
 
+/// Inverse of read_joint_noise: those that are not the rig's.
+std::string json_joint_sigma(const Rig& rig, const Sample& sample) {
+  std::string out;
+  for (size_t j = 0; j < sample.noise.size(); ++j) {
+    const Joint& joint = rig.tree.joints[j];
+    if (joint.floating >= 0) continue;  // written with the joint that it is an axis of
+    const int error = joint.first_axis >= 0 ? joint.first_axis + kPoseAxes : static_cast<int>(j);
+    const auto sigma = [&](int k) { return shortest(joint_sigma(rig, sample, error + k)); };
+    if (joint.first_axis < 0 ? sample.noise[error] == 1
+                             : sample.noise[error] == 1 && sample.noise[error + 3] == 1)
+      continue;
+    out += (out.empty() ? "" : ", ") + json_string(joint.name) + ": " +
+           (joint.first_axis < 0
+                ? sigma(0)
+                : "{\"translation\": " + sigma(0) + ", \"rotation\": " + sigma(3) + "}");
+  }
+  return out.empty() ? out : ", \"joint_sigma\": {" + out + "}";
+}
+
 std::string json_sample(const Rig& rig, const Sample& sample,
                         const std::vector<std::string>& images) {
   std::string out = "{\"id\": " + json_string(sample.id);
@@ -326,8 +383,9 @@ std::string json_sample(const Rig& rig, const Sample& sample,
     views += (v ? ", " : "") +
              json_view(rig, sample.views[v], v < images.size() ? images[v] : std::string());
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
-  return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) + ", \"views\": [" +
-         views + "], \"split\": " + split + "}\n";
+  return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) +
+         json_joint_sigma(rig, sample) + ", \"views\": [" + views + "], \"split\": " + split +
+         "}\n";
 }
 
 }  // namespace

@@ -25,7 +25,8 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
   }
   std::map<int, Mean> joints;  // by sample: errors in sigmas
   for (const auto& e : solution.values.errors) {
-    joints[e.first.first].sum += std::pow(e.second / rig.joints[e.first.second].sigma, 2);
+    joints[e.first.first].sum +=
+        std::pow(e.second / joint_sigma(rig, solution.samples()[e.first.first], e.first.second), 2);
     ++joints[e.first.first].count;
   }
   std::vector<double> joint_means;

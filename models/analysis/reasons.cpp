@@ -59,7 +59,8 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
     double worst = 0;
     for (double sign : {-1.0, 1.0}) {
       const double by = sign * (slides(scene, j) ? 0.1 : 0.4);
-      const std::vector<Motion> first = motions(scene, a, j, by), second = motions(scene, b, j, by);
+      const std::vector<ViewMotion> first = motions(scene, a, j, by),
+                                    second = motions(scene, b, j, by);
       const double parts =
           squared_lengths(scene, first).first + squared_lengths(scene, second).first;
       if (parts > 0)
@@ -77,7 +78,7 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
 enum class Kind { turn, shift, screw };
 
 /// Whether motions are turns about an axis or shifts; felt at the target.
-Kind kind_of(const Scene& scene, const std::vector<Motion>& motion) {
+Kind kind_of(const Scene& scene, const std::vector<ViewMotion>& motion) {
   double turning = 0, shifting = 0, along = 0;
   for (size_t v = 0; v < motion.size(); ++v) {
     const Vector3d w = motion[v].twist.tail<3>();
@@ -226,7 +227,7 @@ class ReasonFinder {
   int first_parameter() const { return scene_.columns()[columns_[0]].parameter; }
 
   void nothing() {
-    const std::vector<Motion> motion = motions(scene_, d_);
+    const std::vector<ViewMotion> motion = motions(scene_, d_);
     if (squared_lengths(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
       out_.kind = "on_axis";
       out_.why = "all that is seen lies on the axis about which " + names() +
@@ -262,7 +263,7 @@ class ReasonFinder {
       a(columns_[0]) = d_(columns_[0]);
       b = d_ - a;
     }
-    const std::vector<Motion> left = motions(scene_, a), right = motions(scene_, b);
+    const std::vector<ViewMotion> left = motions(scene_, a), right = motions(scene_, b);
     const auto l = squared_lengths(scene_, left), r = squared_lengths(scene_, right),
                sum = squared_lengths(scene_, left, &right);
     const double whole = std::sqrt(sum.second / std::max(1e-300, l.second + r.second));

@@ -119,14 +119,14 @@ VectorXd Scene::after(const VectorXd& step) const {
   return moved.head(solution().size());
 }
 
-std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved, double by) {
+std::vector<ViewMotion> motions(const Scene& scene, const VectorXd& step, int moved, double by) {
   const double h = 1e-5 / std::max(1e-12, step.cwiseAbs().maxCoeff());
   const VectorXd up = scene.after(h * step), down = scene.after(-h * step);
-  std::vector<Motion> out;
+  std::vector<ViewMotion> out;
   for (const Scene::Seen& s : scene.seen()) {
     const Pose high = scene.sensor_T_target(up, s, moved, by),
                low = scene.sensor_T_target(down, s, moved, by);
-    Motion m;
+    ViewMotion m;
     m.twist = log_se3(high * inverse(low)) / (2 * h);
     const bool rays =
         scene.rig().sensors[s.view->sensor].model->measurement_kind() == MeasurementKind::rays;
@@ -141,8 +141,8 @@ std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved,
   return out;
 }
 
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a,
-                                          const std::vector<Motion>* b) {
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<ViewMotion>& a,
+                                          const std::vector<ViewMotion>* b) {
   std::pair<double, double> sum = {0, 0};
   for (size_t v = 0; v < a.size(); ++v) {
     for (size_t i = 0; i < a[v].points.size(); ++i)

@@ -69,8 +69,8 @@ class Scene {
   std::vector<Seen> seen_;
 };
 
-/// A Motion is what a step of the unknowns does to one view.
-struct Motion {
+/// A ViewMotion is what a step of the unknowns does to one view.
+struct ViewMotion {
   Vector6d twist;  // of the target as seen from the sensor
   std::vector<Vector3d>
       points;  // of its points, as far as the sensor sees it (a camera: across the line of sight)
@@ -78,12 +78,12 @@ struct Motion {
 
 /// Returns the motions of all views of a scene per unit of `step`, with joint `moved` (-1: none)
 /// standing `by` further than in the samples.
-std::vector<Motion> motions(const Scene& scene, const VectorXd& step, int moved = -1,
-                            double by = 0);
+std::vector<ViewMotion> motions(const Scene& scene, const VectorXd& step, int moved = -1,
+                                double by = 0);
 
 /// Returns squared lengths over all views, of the seen points (first) and of the whole motion, felt
 /// at 0.2 m around the target (second): of `a`, or of `a` and `b` together.
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<Motion>& a,
-                                          const std::vector<Motion>* b = nullptr);
+std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<ViewMotion>& a,
+                                          const std::vector<ViewMotion>* b = nullptr);
 
 }  // namespace kincal

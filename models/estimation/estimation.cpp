@@ -158,9 +158,10 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   for (const PlacedView& v : s.views)
     if (!whitened.view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.errors();
+  const Sample& sample = layout.recorded[s.index];
   for (size_t i = 0; i < s.layout->noisy.size(); ++i) {
     const double e =
-        state(errors + static_cast<int>(i)) / layout.rig.joints[s.layout->noisy[i]].sigma;
+        state(errors + static_cast<int>(i)) / joint_sigma(layout.rig, sample, s.layout->noisy[i]);
     cost.doubled += e * e;
     cost.chi2 += e * e;
   }
@@ -201,8 +202,9 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
            scratch.expand, to);
   }
   const int errors = s.errors();
+  const Sample& sample = layout.recorded[s.index];
   for (size_t i = 0; i < s.layout->noisy.size(); ++i) {
-    const double w = 1 / layout.rig.joints[s.layout->noisy[i]].sigma,
+    const double w = 1 / joint_sigma(layout.rig, sample, s.layout->noisy[i]),
                  e = state(errors + static_cast<int>(i)) * w;
     const size_t at = 6 * s.layout->targets.size() + i;
     to.rows[at * to.stride + at] += w * w;
@@ -288,8 +290,9 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     used += view.rows();
   }
   const int errors = s.errors();
+  const Sample& sample = layout.recorded[s.index];
   for (size_t i = 0; i < s.layout->noisy.size(); ++i, ++used) {
-    const double w = 1 / layout.rig.joints[s.layout->noisy[i]].sigma;
+    const double w = 1 / joint_sigma(layout.rig, sample, s.layout->noisy[i]);
     if (kinds) kinds->push_back({nullptr, 0, s.layout->noisy[i], static_cast<int>(used), 1});
     rows(used, static_cast<Eigen::Index>(6 * s.layout->targets.size() + i)) = w;
     rows(used, size) = w * state(errors + static_cast<int>(i));

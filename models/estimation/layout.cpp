@@ -191,7 +191,7 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
   path.motion.clear();
   path.places.clear();
   path.noise.clear();
-  path.noise_sigma.clear();
+  path.noisy.clear();
   const auto add =
       [&](MotionColumns m,
           int place) {  // a column, or several that follow each other; what comes twice shares them
@@ -227,8 +227,8 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
     } else if (setup.noise != NoiseMode::none) {
       const auto it = std::find_if(path.noise.begin(), path.noise.end(),
                                    [&](const MotionColumns& n) { return n.joint == drv.joint; });
-      m.first = it == path.noise.end() ? static_cast<int>(path.noise_sigma.size()) : it->first;
-      if (it == path.noise.end()) path.noise_sigma.push_back(rig.joints[drv.joint].sigma);
+      m.first = it == path.noise.end() ? static_cast<int>(path.noisy.size()) : it->first;
+      if (it == path.noise.end()) path.noisy.push_back(drv.joint);
       path.noise.push_back(m);
     }
   }

@@ -41,7 +41,7 @@ struct SensorPath {
   std::vector<MotionColumns> motion;  // M's columns of joints
   std::vector<int> places;            // place in the group of each of these columns
   std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
-  std::vector<double> noise_sigma;
+  std::vector<int> noisy;             // whose columns these are: the joints, once each
 
   int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
 };

@@ -13,8 +13,8 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     for (const SensorPath& path : sample.paths) {
       steps = std::max(steps, path.steps.size());
       depth = std::max(depth, static_cast<size_t>(path.rows()));
-      path_columns = std::max({path_columns, path.places.size(), path.noise_sigma.size()});
-      noisy = std::max(noisy, path.noise_sigma.size());
+      path_columns = std::max({path_columns, path.places.size(), path.noisy.size()});
+      noisy = std::max(noisy, path.noisy.size());
     }
     for (const ViewLayout& v : sample.views) {
       rows = std::max(rows, static_cast<size_t>(v.padded_rows()));

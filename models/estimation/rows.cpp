@@ -303,13 +303,14 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       Eigen::Ref<RowMatrix> reference(l);
       if (!v.layout->model->evaluate(scratch.input, v.layout->columns, r.data(), &reference))
         continue;  // undefined: the linearisation will report it
-      const int noisy = static_cast<int>(path.noise_sigma.size());
+      const int noisy = static_cast<int>(path.noisy.size());
       motion_.path_columns(path, path.noise, noisy, state, scratch, scratch.paths[v.layout->path]);
       std::vector<int> in_order(noisy);
       std::iota(in_order.begin(), in_order.end(), 0);
       motion_.seen_from_sensor(v, s, state, in_order.data(), noisy, scratch);
       MatrixXd jq = l.leftCols(path.rows()) * scratch.expand.m.topLeftCorner(path.rows(), noisy);
-      for (int i = 0; i < noisy; ++i) jq.col(i) *= path.noise_sigma[i];
+      for (int i = 0; i < noisy; ++i)
+        jq.col(i) *= joint_sigma(layout_.rig, layout_.recorded[s.index], path.noisy[i]);
       if (layout_.setup.noise == NoiseMode::point) {
         white.block.resize(blocks);
         for (int i = 0; i < blocks; ++i) {

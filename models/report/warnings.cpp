@@ -235,16 +235,17 @@ void warn_of_unexplained(const Report& report, Warnings& out) {
 void warn_of_joint_errors(const Solution& solution, Warnings& out) {
   struct Excess {
     int count = 0, sample = -1;
-    double worst = 0;
+    double worst = 0, error = 0;  // sigmas; rad or m
   };
   const Rig& rig = solution.rig();
   std::map<int, Excess> excess;  // by joint
   for (const auto& e : solution.values.errors) {
-    const double sigmas = e.second / rig.joints[e.first.second].sigma;
+    const double sigmas =
+        e.second / joint_sigma(rig, solution.samples()[e.first.first], e.first.second);
     if (solution.noise != NoiseMode::latent || !(std::abs(sigmas) > 4)) continue;
     Excess& x = excess[e.first.second];
     ++x.count;
-    if (std::abs(sigmas) > std::abs(x.worst)) x.worst = sigmas, x.sample = e.first.first;
+    if (std::abs(sigmas) > std::abs(x.worst)) x = {x.count, e.first.first, sigmas, e.second};
   }
   std::vector<Case> joints;
   for (const auto& x : excess) {
@@ -253,8 +254,7 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
                       "joint '" + name + "': its error exceeds 4 sigmas in " +
                           count_text(static_cast<size_t>(x.second.count), "sample") +
                           ", at worst " +
-                          text("%+.3g sigmas (%.3g) in sample '", x.second.worst,
-                               x.second.worst * rig.joints[x.first].sigma) +
+                          text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.error) +
                           solution.samples()[x.second.sample].id + "'",
                       std::abs(x.second.worst)});
   }

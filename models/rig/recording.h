@@ -32,6 +32,11 @@ struct Recording {
   std::vector<int> training() const { return split(true); }
 };
 
+/// Returns the sigma of a joint's reading in a sample, rad or m.
+inline double joint_sigma(const Rig& rig, const Sample& sample, int joint) {
+  return rig.joints[joint].sigma * (sample.noise.empty() ? 1 : sample.noise[joint]);
+}
+
 inline std::shared_ptr<const Recording> make_recording(Rig rig, std::vector<Sample> samples) {
   return std::make_shared<const Recording>(std::move(rig), std::move(samples));
 }

@@ -24,6 +24,8 @@ struct Sample {
   std::string id;
   std::optional<double> time;
   std::vector<double> readings;  // by joint index, NaN: not in the sample
+  std::vector<double> noise;     // by joint index: sigma of this reading over the rig's sigma of
+                                 // the joint; empty: 1 for all
   std::vector<View> views;
   bool train = true;  // else held out
 };

@@ -151,7 +151,8 @@ SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& valu
   }
   for (const auto& e : values.errors)
     out.joints.push_back(
-        {e.first.second, e.second / reference.one.rig.joints[e.first.second].sigma});
+        {e.first.second,
+         e.second / joint_sigma(reference.one.rig, reference.one.samples[0], e.first.second)});
   if (!taking_part || reference.root.size() == 0) return out;
 
   setup.free = reference.free;

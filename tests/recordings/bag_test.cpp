@@ -5,15 +5,19 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <filesystem>
+#include <map>
 #include <random>
 
 #include "../../io/document/error.h"
 #include "../../io/recordings/bag.h"
 #include "../../io/recordings/bag_files.h"
+#include "../../io/recordings/bag_writer.h"
 #include "../../io/recordings/bytes.h"
 #include "../../io/recordings/decompress.h"
 #include "../../io/recordings/message.h"
+#include "../../io/recordings/written_messages.h"
 #include "bag_writer.h"
 
 using namespace kincal;
@@ -304,4 +308,76 @@ TEST_CASE("recordings: nothing unpacks to more than a part may have", "[bags]") 
     CHECK_THROWS_AS(decompress(how, "nothing of the kind", 0, out), Damage);
   }
   CHECK_THROWS_AS(decompress("rar", "", 0, out), Damage);
+}
+
+TEST_CASE("bags: what is written of the usual messages is read again", "[bags][writer]") {
+  const Folder folder;
+  constexpr std::int64_t start = 1700000000000000000;
+  for (const Wire wire : {Wire::ros1, Wire::cdr}) {
+    const std::string path = folder / (wire == Wire::ros1 ? "w.bag" : "w.mcap");
+    CAPTURE(path);
+    std::string bytes;
+    BagWriter bag(wire, [&](std::uint64_t at, std::string_view part) {
+      bytes.resize(std::max(bytes.size(), static_cast<size_t>(at) + part.size()));
+      bytes.replace(static_cast<size_t>(at), part.size(), part);
+    });
+    const int joints = bag.add_topic("/joint_states", "sensor_msgs/JointState"),
+              images = bag.add_topic("/eye/image_raw", "sensor_msgs/Image"),
+              infos = bag.add_topic("/eye/camera_info", "sensor_msgs/CameraInfo"),
+              text = bag.add_topic("/robot_description", "std_msgs/String");
+    bag.write(text, start, text_message(wire, "<robot name=\"r\"/>"));
+    const std::string pixels(300 * 200, '\x7f');
+    constexpr int count = 40;  // several chunks of them
+    for (int i = 0; i < count; ++i) {
+      const std::int64_t time = start + i * std::int64_t{100000001};
+      bag.write(joints, time,
+                joint_state_message(wire, time, {"a", "bc", "d"}, {0.5, std::nan(""), -1.0 * i}));
+      bag.write(images, time, image_message(wire, time, "eye_link", {300, 200, pixels}));
+      CameraNumbers camera;
+      camera.width = 300, camera.height = 200, camera.model = "plumb_bob";
+      camera.distortion = {0.1, 0.2, 0.3, 0.4, 0.5};
+      std::copy_n(std::vector<double>{400, 401, 150, 100}.begin(), 4, camera.intrinsics);
+      camera.baseline = 0.1;
+      bag.write(infos, time, camera_info_message(wire, time, "eye_link", camera));
+    }
+    bag.finish();
+    save(path, bytes);
+    std::map<std::string, int> counts;
+    const BagContents contents = read_bag(path, [&](const BagMessage& m) {
+      const MessageTypes types = read_definition(m.topic->type, m.topic->definition);
+      const MessageValue value = decode_message(types, wire, m.data);
+      const int i = counts[m.topic->name]++;
+      const std::int64_t time = start + i * std::int64_t{100000001};
+      CHECK(m.received == time);
+      if (m.topic->type == "std_msgs/String") {
+        CHECK(text_of(field(value, "data")) == "<robot name=\"r\"/>");
+        return true;
+      }
+      CHECK(nanoseconds_of(field(value, "header.stamp")) == time);
+      if (m.topic->type == "sensor_msgs/JointState") {
+        const NumberArray position = numbers_of(field(value, "position"));
+        REQUIRE(position.size() == 2);  // what is not known is left out
+        CHECK(position[0] == 0.5);
+        CHECK(position[1] == -i);
+        CHECK(text_of(list_of(field(value, "name"))[1]) == "d");
+      } else if (m.topic->type == "sensor_msgs/Image") {
+        CHECK(number_of(field(value, "width")) == 300);
+        CHECK(number_of(field(value, "step")) == 300);
+        CHECK(text_of(field(value, "encoding")) == "mono8");
+        CHECK(numbers_of(field(value, "data")).bytes == pixels);
+      } else {
+        CHECK(numbers_of(field(value, "D"))[4] == 0.5);
+        CHECK(numbers_of(field(value, "K"))[2] == 150);
+        CHECK(numbers_of(field(value, "P"))[3] == Approx(-40));
+        CHECK(text_of(field(value, "header.frame_id")) == "eye_link");
+      }
+      return true;
+    });
+    CHECK(contents.losses.empty());
+    CHECK(contents.topics.size() == 4);
+    CHECK(counts["/eye/image_raw"] == count);
+    CHECK(counts["/joint_states"] == count);
+    CHECK(counts["/eye/camera_info"] == count);
+    CHECK(counts["/robot_description"] == 1);
+  }
 }

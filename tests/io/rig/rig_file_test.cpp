@@ -7,7 +7,9 @@
 #include "../../../io/document/yaml.h"
 #include "../../../io/rig/rig_text.h"
 #include "../../../io/rig/samples_file.h"
+#include "../../../kinematics/floating.h"
 #include "../../../models/rig/parameters.h"
+#include "../../../models/rig/recording.h"
 #include "../../fixtures/height_sensor.h"
 #include "../../fixtures/quadratic_joint.h"
 
@@ -972,6 +974,57 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
   }
   CHECK(rigs >= 11);
   CHECK(files >= 11);
+}
+
+TEST_CASE("a sample's own sigmas of readings, and back to text", "[samples]") {
+  const Place place;
+  place.write("rig.yaml", R"(format: kincal/1
+robot: {base: base, flange: tool0}
+joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}
+targets: {dot: {type: points, points: [[0, 0, 0]], mount: {link: tool0}}}
+sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
+)");
+  Rig rig = read_rig(place.rig).rig;
+  const std::string flange = R"("flange": {"xyz": [1, 2, 3], "quat": [0, 0, 0, 1]})";
+  const auto sample = [&](const std::string& joints, const std::string& sigmas) {
+    return parse_samples(R"({"id": "a", "joints": {)" + joints + R"(}, "joint_sigma": )" + sigmas +
+                             R"(, "views": []})",
+                         "samples.jsonl", rig)[0];
+  };
+  const Sample both = sample(flange, R"({"flange": {"translation": 5e-5, "rotation": 0.0005}})");
+  const int errors = rig.tree.joints[0].first_axis + kPoseAxes;
+  for (int k = 0; k < kPoseAxes; ++k)
+    CHECK(joint_sigma(rig, both, errors + k) == Approx(k < 3 ? 5e-5 : 0.0005).epsilon(1e-15));
+  const std::string text = samples_text(rig, {both});
+  CHECK_THAT(text, Contains(R"("joint_sigma": {"flange": {"translation": 5.0e-05, )"));
+  CHECK(samples_text(rig, {parse_samples(text, "again.jsonl", rig)[0]}) == text);
+  CHECK_THAT(error_of([&] { sample(flange, R"({"flange": 0.1})"); }),
+             Contains("samples.jsonl:1: joint_sigma.flange"));
+  CHECK_THAT(error_of([&] { sample(flange, R"({"flange": {"translation": 1}})"); }),
+             Contains("'rotation' is missing"));
+
+  const Place arm;
+  rig = read_rig(arm.rig).rig;
+  const int elbow = rig.tree.find_joint("elbow_flex_joint"),
+            pan = rig.tree.find_joint("shoulder_pan_joint");
+  REQUIRE(rig.joints[elbow].sigma > 0);
+  const Sample one =
+      sample(R"("elbow_flex_joint": 1, "gripper": 2)", R"({"elbow_flex_joint": 1, "gripper": 3})");
+  CHECK(joint_sigma(rig, one, elbow) == Approx(1).epsilon(1e-15));
+  CHECK(joint_sigma(rig, one, pan) == rig.joints[pan].sigma);
+  rig.joints[elbow].sigma *= 3;  // noise that is estimated moves both
+  CHECK(joint_sigma(rig, one, elbow) == Approx(3).epsilon(1e-15));
+  const auto fails = [&](const std::string& sigmas) {
+    return error_of([&] { sample(R"("elbow_flex_joint": 1)", sigmas); });
+  };
+  CHECK_THAT(fails(R"({"elbow_flx_joint": 1})"),
+             Contains("samples.jsonl:1: joint_sigma.elbow_flx_joint: unknown joint") &&
+                 Contains("nearest: elbow_flex_joint"));
+  CHECK_THAT(fails(R"({"elbow_flex_joint": 0})"), Contains("joint_sigma.elbow_flex_joint"));
+  CHECK_THAT(fails(R"({"elbow_flex_joint": -1})"), Contains("joint_sigma.elbow_flex_joint"));
+  CHECK_THAT(fails(R"([1])"), Contains("joint_sigma: a mapping of joint names"));
+  rig.joints[elbow].sigma = 0;
+  CHECK_THAT(fails(R"({"elbow_flex_joint": 1})"), Contains("state its sigma there"));
 }
 
 TEST_CASE("rig: a robot known by the poses of its flange, and back to text") {

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <memory>
+#include <numeric>
 #include <set>
 
 #include "../../../models/rig/parameters.h"
@@ -945,4 +946,59 @@ TEST_CASE("estimation: a view's own sigma counts, not its sensor's") {
   for (const ViewResiduals& v : problem->residuals(state))
     for (int k = 0; k < 6; ++k)
       CHECK(v.whitened(k) == Approx(v.raw(k) / (k < 3 ? 0.003 : 0.006)).epsilon(1e-12));
+}
+
+TEST_CASE("estimation: a sample's own sigmas of readings count, not the joints'") {
+  // Each sample's rows, Gram matrix and cost are those of a rig that states these sigmas.
+  Scene own(3, 52);
+  const double factors[] = {0.3, 1, 4, 2.5};
+  std::vector<Scene> stated;
+  for (int k = 0; k < 3; ++k) {
+    stated.emplace_back(3, 52);
+    if (k == 1) continue;  // the middle one has the rig's
+    own.samples[k].noise.assign(own.rig.joints.size(), 1);
+    for (size_t j = 0; j < own.rig.joints.size(); ++j) {
+      own.samples[k].noise[j] = factors[(j + static_cast<size_t>(k)) % 4];
+      stated[k].rig.joints[j].sigma *= own.samples[k].noise[j];
+    }
+  }
+  std::vector<int> sensors(own.rig.sensors.size());
+  std::iota(sensors.begin(), sensors.end(), 0);
+  for (const NoiseMode mode : kModes) {
+    const auto problem = own.problem(mode, sensors, own.whole());
+    problem->set_workers(1);
+    const VectorXd state = problem->pack(own.values);
+    problem->renew(state);
+    problem->prepare(state);
+    int compared = 0;
+    for (int k = 0; k < 3; ++k) {
+      const auto expected = stated[k].problem(mode, sensors, stated[k].whole());
+      expected->set_workers(1);
+      expected->renew(state);
+      expected->prepare(state);
+      REQUIRE(expected->groups().size() == problem->groups().size());
+      for (int g = 0; g < static_cast<int>(problem->groups().size()); ++g) {
+        if (problem->sample_of(g) != k) continue;
+        ++compared;
+        INFO(mode_name(mode) << ", sample " << k);
+        MatrixXd rows, expected_rows;
+        REQUIRE(problem->explicit_rows(g, state, rows));
+        REQUIRE(expected->explicit_rows(g, state, expected_rows));
+        const VectorXd scale = (expected_rows.transpose() * expected_rows).diagonal();
+        CHECK(rows == expected_rows);
+        Cost cost, expected_cost;
+        REQUIRE(problem->evaluate(g, state, 0, cost));
+        REQUIRE(expected->evaluate(g, state, 0, expected_cost));
+        CHECK(cost.chi2 == Approx(expected_cost.chi2).epsilon(1e-13));
+        MatrixXd gram = MatrixXd::Zero(rows.cols(), rows.cols()), root;
+        REQUIRE(add_equations(*problem, g, state, 0, gram, cost));
+        REQUIRE(problem->square_root(g, state, 0, root));
+        MatrixXd equations = expected_rows.transpose() * expected_rows;
+        CHECK(scaled_difference(root.transpose() * root, equations, scale) < 1e-13);
+        equations(equations.rows() - 1, equations.cols() - 1) = 0;  // r'r stays out
+        CHECK(scaled_difference(symmetric(gram), equations, scale) < 1e-13);
+      }
+    }
+    CHECK(compared >= 3);
+  }
 }
