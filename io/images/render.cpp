@@ -128,8 +128,8 @@ std::array<double, kFine * kFine> parts_of(const std::vector<const Plane*>& plan
   for (const Lattice& lattice : {kFew, kMany}) {
     double low = 1e300, high = -1e300;
     for (size_t i = 0; i < out.size(); ++i) {
-      const cv::Point2d from(static_cast<double>(i % kFine) / kFine,
-                             static_cast<double>(i / kFine) / kFine);
+      const size_t row = i / kFine, column = i % kFine;
+      const cv::Point2d from(static_cast<double>(column) / kFine, static_cast<double>(row) / kFine);
       const Light light = light_of(planes, seen, behind, from, lattice, draws);
       out[i] = light.sum / lattice.rays;
       low = std::min(low, light.low), high = std::max(high, light.high);
