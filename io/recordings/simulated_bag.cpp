@@ -61,7 +61,7 @@ CameraNumbers camera_numbers(const RigFile& rig, const ParameterTable& table, in
   out.width = static_cast<std::uint32_t>(camera.image_width);
   out.height = static_cast<std::uint32_t>(camera.image_height);
   const Field sensors = Field{&rig.node, &rig.path, ""}["sensors"];
-  const std::string model = sensors[camera.name.c_str()]["model"].string();
+  const std::string model = sensors[camera.name]["model"].string();
   const int first = table.sensor_block[sensor];
   for (size_t b = 0; b < camera.parameters.size(); ++b) {
     const Parameter& block = table.all[first + static_cast<int>(b)];

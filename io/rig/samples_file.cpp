@@ -260,7 +260,7 @@ std::vector<double> read_joint_noise(const Field& field, const Field& readings,
   for (const auto& [name, node] : field.node->members) {
     const Field sigma{&node, field.path, field.name + "." + name};
     const auto found = look.joints.find(name);
-    if (found == look.joints.end() && readings.has(name.c_str())) continue;  // as its reading is
+    if (found == look.joints.end() && readings.has(name)) continue;  // as its reading is
     if (found == look.joints.end())
       sigma.fail("unknown joint '" + name + "'" +
                  nearest_or_all(name, names_of(rig.tree.joints), "the robot has"));
