@@ -51,6 +51,13 @@ namespace {
 constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
 constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
+constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
+
+/// A hypothesis of the list, and what the first look at it left.
+struct Look {
+  double cost;
+  size_t index;
+};
 
 /// `recording`: what the hypothesis is tried on, all samples or some.
 Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
@@ -112,17 +119,17 @@ bool explains(const Rig& rig, const Question& question, const Hypothesis& h, con
 
 /// The best few of the candidates from `first` to `end`, by a few iterations with some samples;
 /// best first.
-std::vector<size_t> shortlist(const Recording& recording, const TrialContext& context,
-                              const Question& question, const std::vector<Hypothesis>& candidates,
-                              size_t first, size_t end) {
+std::vector<Look> shortlist(const Recording& recording, const TrialContext& context,
+                            const Question& question, const std::vector<Hypothesis>& candidates,
+                            size_t first, size_t end) {
   const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
-  std::vector<std::pair<double, size_t>> order;
+  std::vector<Look> order;
   double least = kInfinity;
   bool explained = false;
   for (size_t i = first; i < end; ++i) {
     context.report(static_cast<int>(i - first), static_cast<int>(end - first));
     if (explained && candidates[i].many) continue;
-    const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : 20 * least};
+    const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : kHopeless * least};
     const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
     const double shrinks = candidates[i].shrinks * candidates[i].shrinks;
     if (!std::isfinite(t.cost) ||
@@ -135,16 +142,17 @@ std::vector<size_t> shortlist(const Recording& recording, const TrialContext& co
     else if (return_of_movement(question.now, t.fit) > 0)
       order.push_back({t.fit.per_dof() / return_of_movement(question.now, t.fit), i});
   }
-  std::sort(order.begin(), order.end());
+  const auto by_cost = [](const Look& a, const Look& b) {
+    return std::pair(a.cost, a.index) < std::pair(b.cost, b.index);
+  };
+  std::sort(order.begin(), order.end(), by_cost);
   // Numberings of a board whose pose is free are all as good: of such the likelier ones come first.
-  const auto worse = std::find_if(order.begin(), order.end(), [&](const auto& o) {
-    return o.first > 1.02 * order.front().first;
+  const auto worse = std::find_if(order.begin(), order.end(), [&](const Look& look) {
+    return look.cost > 1.02 * order.front().cost;
   });
-  std::sort(order.begin(), worse, [](const auto& a, const auto& b) { return a.second < b.second; });
+  std::sort(order.begin(), worse, [](const Look& a, const Look& b) { return a.index < b.index; });
   if (order.size() > 4) order.resize(4);
-  std::vector<size_t> out;
-  for (const auto& o : order) out.push_back(o.second);
-  return out;
+  return order;
 }
 
 /// Numbers that are free besides.
@@ -194,7 +202,9 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   };
   const auto try_with_all_samples = [&](size_t i) {
     const Effort effort = {100, 1e-9, false,
-                           best && !question.by_movement ? 20 * best->cost : kInfinity};
+                           question.by_movement ? kInfinity
+                           : best               ? kHopeless * best->cost
+                                                : now.score()};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
     const double near =
@@ -205,13 +215,23 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     const bool simpler = equal && (extra < fewest || (extra == fewest && preferred(t, i < chosen)));
     if (!best || (equal ? simpler : t.cost < best->cost)) best = std::move(t), chosen = i;
   };
+  // What looked hopeless beside one that then explained all is not tried.
+  const auto try_looked_at = [&](const std::vector<Look>& looks) {
+    double explains_all = kInfinity;
+    for (const Look& look : looks) {
+      if (look.cost > kHopeless * explains_all) continue;
+      try_with_all_samples(look.index);
+      if (!question.by_movement && best && chosen == look.index && best->fit.complete() &&
+          best->fit.per_dof() < Thresholds::clean)
+        explains_all = std::min(explains_all, look.cost);
+    }
+  };
   for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
   // A few samples or views may be all that is wrong; if many go with it, something else may be
   // wrong with these.
   if (!best || best->fit.per_dof() > Thresholds::clean ||
       static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
-    for (size_t i : shortlist(recording, context, question, all, 0, common))
-      try_with_all_samples(i);
+    try_looked_at(shortlist(recording, context, question, all, 0, common));
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {
       all.push_back(std::move(h));
@@ -228,8 +248,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
       }
     usual = all.size();
     std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
-    for (size_t i : shortlist(recording, context, question, all, usual, all.size()))
-      try_with_all_samples(i);
+    try_looked_at(shortlist(recording, context, question, all, usual, all.size()));
     // One sign may do what two do, but from a start too far for the first look.
     if (best && chosen >= usual && all[chosen].id == "joint-sign")
       for (size_t i = 0; i < common; ++i)
@@ -254,7 +273,8 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
   const std::vector<Hypothesis> all = plain(recording, context.all);
   std::optional<TwoMistakes> best;
   if (all.size() > kMostForPairs) return best;
-  for (size_t i : shortlist(recording, context, {now, false}, all, 0, all.size())) {
+  for (const auto& [first_cost, i] :
+       shortlist(recording, context, {now, false}, all, 0, all.size())) {
     const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
     if (!std::isfinite(one.cost)) continue;
     TrialContext further = context;
@@ -266,7 +286,8 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
                                   [](const Hypothesis& h) { return !h.squares.empty(); }),
                    others.end());
     const Question question = {one.fit, false};
-    for (size_t k : shortlist(one.recording, further, question, others, 0, others.size())) {
+    for (const auto& [second_cost, k] :
+         shortlist(one.recording, further, question, others, 0, others.size())) {
       Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
                                  {100, 1e-9, false, best ? best->trial.cost : kInfinity});
       if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;

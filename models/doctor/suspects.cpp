@@ -291,12 +291,12 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
   setup.sensors = sensors;
   setup.loss = {LossKind::soft_l1, 3};
   Recording one(rig, {});
-  const auto cost_of = [&](const Sample& sample) {
+  const auto cost_of = [&](const Sample& sample, StartEffort effort) {
     one.samples = {sample};
     Values values;
     values.shared = robust.values.shared;
     try {
-      start_targets(one, {0}, sensors, setup.loss, values);
+      start_targets(one, {0}, sensors, setup.loss, values, {effort});
     } catch (const std::runtime_error&) {
       return kInfinity;
     }
@@ -311,7 +311,8 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
   std::set<std::pair<std::string, int>> turned;  // sample, place of the view
   std::set<std::string> where;
   size_t views = 0;
-  for (const Sample& sample : recording.samples) {
+  for (size_t i = 0; i < recording.samples.size(); ++i) {
+    const Sample& sample = recording.samples[i];
     std::vector<std::vector<int>> sets;  // of views: each alone, all of a target
     std::map<int, std::vector<int>> by_target;
     for (size_t v = 0; v < sample.views.size(); ++v) {
@@ -325,9 +326,12 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
     }
     for (const auto& t : by_target)
       if (t.second.size() > 1) sets.push_back(t.second);
-    if (sets.empty()) continue;
-    double least = cost_of(sample);
+    if (sets.empty() || robust.sample[i] < Thresholds::good) continue;
+    double least = cost_of(sample, StartEffort::refined);
     if (least < 50) continue;
+    // What a proposed pose leaves of a view that is numbered right is what its own noise makes of
+    // other views; refined it is less. What leaves more than there is now is numbered worse.
+    const double hopeless = 2 * least;
     least /= Thresholds::decisive;
     std::vector<int> best;
     for (const std::vector<int>& set : sets) {
@@ -335,7 +339,8 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
       for (int v : set)
         relabel(trial.views[v], rig.targets[trial.views[v].target],
                 relabeling(rig.targets[trial.views[v].target], half));
-      const double cost = cost_of(trial);
+      if (cost_of(trial, StartEffort::proposed) > hopeless) continue;
+      const double cost = cost_of(trial, StartEffort::refined);
       if (cost < least) least = cost, best = set;
     }
     for (int v : best) turned.insert({sample.id, v}), where.insert(sample.id);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numeric>
 #include <set>
 #include <stdexcept>
@@ -80,7 +81,7 @@ ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& st
 /// Sets `values` to where the first stage starts. Returns the shared values that priors and partly
 /// freed poses count from.
 VectorXd first_values(const Recording& recording, const ResolvedStages& resolved,
-                      const TrialOptions& options, Values& values) {
+                      const TrialOptions& options, const TargetStarts& how, Values& values) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   if (options.start) {
@@ -114,31 +115,31 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
   std::sort(unknown.begin(), unknown.end());
   unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
   if (!unknown.empty())
-    start_unknown_poses(recording, indices(recording.samples.size()), unknown, values,
-                        options.target_starts);
+    start_unknown_poses(recording, indices(recording.samples.size()), unknown, values, how);
   for (const StandIn& mount : mounts) move_origin(table, mount, table.initial, values.shared);
   return values.shared;
 }
 
-/// Samples, by index, ascending.
+/// What a stage can start from: the problem of all samples that have finite residuals there.
 struct Startable {
-  std::vector<int> samples;  // that can start
-  std::vector<int>
-      undefined;  // whose free targets have no start, or that have a point behind a camera there
+  std::unique_ptr<Estimation> problem;
+  std::vector<int> undefined;  // other samples, by index, ascending: a free target has no start, or
+                               // a point lies behind a camera there
 };
 
-/// Starts the free targets of all samples, in `values`, and returns which samples have finite
-/// residuals there.
+/// Starts the free targets of all samples, in `values`, and leaves out what cannot start.
 Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup,
-                              StartEffort effort, Values& values) {
+                              const TargetStarts& how, Values& values) {
   Startable out;
+  std::vector<int> samples;
   for (int s : indices(recording.samples.size())) try {
-      start_targets(recording, {s}, setup.sensors, setup.loss, values, effort);
-      out.samples.push_back(s);
+      start_targets(recording, {s}, setup.sensors, setup.loss, values, how);
+      samples.push_back(s);
     } catch (const std::runtime_error&) {
       out.undefined.push_back(s);
     }
-  Estimation trial(recording, out.samples, setup);
+  out.problem = std::make_unique<Estimation>(recording, samples, setup);
+  Estimation& trial = *out.problem;
   const VectorXd state = trial.pack(values);
   trial.renew(state);
   std::set<int> bad;
@@ -146,12 +147,12 @@ Startable leave_out_undefined(const Recording& recording, const EstimationSetup&
   for (size_t g = 0; g < trial.groups().size(); ++g)
     if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.doubled))
       bad.insert(trial.sample_of(static_cast<int>(g)));
-  if (!bad.empty()) {
-    out.samples.erase(std::remove_if(out.samples.begin(), out.samples.end(),
-                                     [&](int s) { return bad.count(s) > 0; }),
-                      out.samples.end());
-    out.undefined.insert(out.undefined.end(), bad.begin(), bad.end());
-  }
+  if (bad.empty()) return out;
+  samples.erase(
+      std::remove_if(samples.begin(), samples.end(), [&](int s) { return bad.count(s) > 0; }),
+      samples.end());
+  out.problem = std::make_unique<Estimation>(recording, samples, setup);
+  out.undefined.insert(out.undefined.end(), bad.begin(), bad.end());
   std::sort(out.undefined.begin(), out.undefined.end());
   return out;
 }
@@ -373,7 +374,8 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
   TrialFit out;
   const ResolvedStages resolved = resolve(recording.table, stages);
   Values values;
-  const VectorXd initial = first_values(recording, resolved, options, values);
+  const TargetStarts how = {options.target_starts, context.memory.get()};
+  const VectorXd initial = first_values(recording, resolved, options, how, values);
   for (size_t i = 0; i < stages.size(); ++i) {
     const bool last = i + 1 == stages.size();
     EstimationSetup setup;
@@ -383,9 +385,8 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     setup.free = resolved.free[i];
     setup.initial = initial;
     setup.priors = resolved.priors[i];
-    const Startable startable =
-        leave_out_undefined(recording, setup, options.target_starts, values);
-    Estimation problem(recording, startable.samples, setup);
+    const Startable startable = leave_out_undefined(recording, setup, how, values);
+    Estimation& problem = *startable.problem;
     if (last) out.undefined = startable.undefined;
     if (problem.empty()) continue;
     TrialOptions way = options;  // what a stage before the last finds is where the next starts

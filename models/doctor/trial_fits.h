@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -79,6 +80,7 @@ struct TrialContext {
   bool usual_steps = false;                // the rig has no steps: these are usual ones
   bool given_poses_freed =
       false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
+  std::shared_ptr<ViewPosesMemory> memory = std::make_shared<ViewPosesMemory>();  // of all trials
 
   /// Reports progress. @throws Cancelled
   void report(int done, int of) const {

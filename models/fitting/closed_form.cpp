@@ -152,20 +152,21 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
     const double scale =
         std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
     const int k = flat ? 3 : 4;  // columns of the projective matrix: x, y, (z,) 1
-    Eigen::MatrixXd a = Eigen::MatrixXd::Zero(2 * n, 3 * k);
+    // Rows (h, 0, -u h) and (0, h, -v h) of its entries, as A'A.
+    MatrixXd a = MatrixXd::Zero(3 * k, 3 * k);
     for (Eigen::Index i = 0; i < n; ++i) {
-      VectorXd h(k);
-      if (flat)
-        h << q.col(i).head<2>(), 1;
-      else
-        h << q.col(i), 1;
+      Eigen::Vector4d h;
+      h << q.col(i).head<2>(), flat ? 1 : q(2, i), 1;
+      const Eigen::Matrix4d hh = h * h.transpose();
       const Vector3d s = (xy1.col(i) - sight) / scale;
-      a.row(2 * i).head(k) = h.transpose();
-      a.row(2 * i).tail(k) = -s.x() * h.transpose();
-      a.row(2 * i + 1).segment(k, k) = h.transpose();
-      a.row(2 * i + 1).tail(k) = -s.y() * h.transpose();
+      const auto corner = hh.topLeftCorner(k, k);
+      a.topLeftCorner(k, k) += corner;
+      a.topRightCorner(k, k) -= s.x() * corner;
+      a.block(k, 2 * k, k, k) -= s.y() * corner;
+      a.bottomRightCorner(k, k) += s.head<2>().squaredNorm() * corner;
     }
-    const SymmetricEigen solution = symmetric_eigen(a.transpose() * a);
+    a.block(k, k, k, k) = a.topLeftCorner(k, k);
+    const SymmetricEigen solution = symmetric_eigen(a.selfadjointView<Eigen::Upper>());
     Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
         Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(
             VectorXd(solution.vectors.col(0)).data(), 3, k);

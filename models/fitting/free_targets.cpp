@@ -8,7 +8,6 @@
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "closed_form.h"
-#include "view_poses.h"
 
 namespace kincal {
 
@@ -76,7 +75,7 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
 
 void start_targets(const Recording& recording, const std::vector<int>& samples,
                    const std::vector<int>& sensors, const Loss& loss, Values& values,
-                   StartEffort effort) {
+                   const TargetStarts& how) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<char> used(rig.sensors.size(), 0);
@@ -101,7 +100,8 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
       std::vector<Pose> found;
       for (const View& v : sample.views)
         if (used[v.sensor] && v.target == target)
-          for (const Pose& p : proposals(rig, table, values.shared, sample, v)) found.push_back(p);
+          for (const Pose& p : proposals(rig, table, values.shared, sample, v, how.memory))
+            found.push_back(p);
       std::string types;
       if (found.empty() && no_view_tells_a_pose(rig, sample, target, used, types))
         throw std::runtime_error("sample '" + sample.id +
@@ -120,14 +120,14 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
             rig.targets[target].name +
             "': at every pose that its views propose some point lies behind a camera");
       std::sort(order.begin(), order.end());
-      if (effort == StartEffort::proposed) {
+      if (how.effort == StartEffort::proposed) {
         values.targets[key] = found[order[0].second];
         continue;
       }
       setup.loss = loss;
       Estimation problem(recording, {index}, setup);
       values.targets[key] = refined_proposal(problem, key, found, order, trial,
-                                             effort == StartEffort::converged ? 0 : 1e-6);
+                                             how.effort == StartEffort::converged ? 0 : 1e-6);
     }
   }
 }
@@ -178,7 +178,7 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
   copy(small.target_warp[0], table.target_warp[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {
-    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result, StartEffort::converged);
+    start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result, {StartEffort::converged});
   } catch (const std::runtime_error&) {  // at every pose some point lies behind the camera
     return std::nullopt;
   }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../estimation/estimation.h"
+#include "view_poses.h"
 
 namespace kincal {
 
@@ -14,12 +15,17 @@ namespace kincal {
 /// until what follows converges from there, or to the minimum.
 enum class StartEffort { proposed, refined, converged };
 
+struct TargetStarts {
+  StartEffort effort = StartEffort::refined;
+  ViewPosesMemory* memory = nullptr;  // of what views proposed before
+};
+
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A
 /// pose that is there already stays if it can be evaluated.
 /// @throws std::runtime_error naming sample and target where no proposal can be evaluated.
 void start_targets(const Recording& recording, const std::vector<int>& samples,
                    const std::vector<int>& sensors, const Loss& loss, Values& values,
-                   StartEffort effort = StartEffort::refined);
+                   const TargetStarts& how = {});
 
 /// Returns whether some sensor of the rig tells no pose by its views alone (MeasurementKind::none):
 /// a reason why a free target may have no start.

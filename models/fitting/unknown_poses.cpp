@@ -58,7 +58,7 @@ using Pairs = std::map<std::pair<int, int>, PairOfUnknowns>;  // by the paramete
 class PoseGraph {
  public:
   PoseGraph(const Recording& recording, const std::vector<int>& samples,
-            const std::vector<int>& unknown, Values& values, StartEffort effort);
+            const std::vector<int>& unknown, Values& values, const TargetStarts& how);
 
   const std::vector<int>& open() const { return open_; }
   bool settle_one();
@@ -95,7 +95,7 @@ class PoseGraph {
   const std::vector<int>& samples_;
   std::vector<std::vector<double>> readings_;  // by sample; where absent anything: it cancels
   Values& values_;
-  StartEffort effort_;
+  TargetStarts how_;
   std::vector<char> known_;  // by parameter
   std::vector<int> open_;    // parameters that are not known, in the order in which they were given
   std::vector<Relation> relations_;  // of what was not known at first
@@ -103,13 +103,13 @@ class PoseGraph {
 };
 
 PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples,
-                     const std::vector<int>& unknown, Values& values, StartEffort effort)
+                     const std::vector<int>& unknown, Values& values, const TargetStarts& how)
     : recording_(recording),
       rig_(recording.rig),
       table_(recording.table),
       samples_(samples),
       values_(values),
-      effort_(effort),
+      how_(how),
       known_(recording.table.all.size(), 1),
       open_(unknown) {
   for (int p : unknown) known_[p] = 0;
@@ -142,7 +142,7 @@ TargetPoses PoseGraph::known_targets() {
       Values with;
       with.shared = values_.shared;
       try {
-        start_targets(recording_, {index}, known, {LossKind::soft_l1, 3}, with, effort_);
+        start_targets(recording_, {index}, known, {LossKind::soft_l1, 3}, with, how_);
       } catch (const std::runtime_error&) {  // it stays unknown
       }
       seen.poses = std::move(with.targets);
@@ -433,8 +433,8 @@ bool PoseGraph::settle_on_line() {
 
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
                                   const std::vector<int>& unknown, Values& values,
-                                  StartEffort effort) {
-  PoseGraph graph(recording, samples, unknown, values, effort);
+                                  const TargetStarts& how) {
+  PoseGraph graph(recording, samples, unknown, values, how);
   UnknownStarts out;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two(out.ambiguous) ||

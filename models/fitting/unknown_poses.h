@@ -30,10 +30,10 @@ struct UnknownStarts {
 };
 
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in
-/// values.shared. `effort`: of the free targets' poses that lead there.
+/// values.shared. `how`: the start of the free targets' poses that lead there.
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
                                   const std::vector<int>& unknown, Values& values,
-                                  StartEffort effort = StartEffort::refined);
+                                  const TargetStarts& how = {});
 
 /// A StandIn is the pose of a sensor or mounted target, `body`, behind a fixed joint with nothing
 /// but fixed joints between: where it is found, the joint's origin is.

@@ -133,6 +133,23 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
   }
 }
 
+const std::vector<Pose>& ViewPosesMemory::of(const Rig& rig, const ParameterTable& table,
+                                             const VectorXd& values, const View& view) {
+  const Sensor& sensor = rig.sensors[view.sensor];
+  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target),
+                                          view_ids(view, rig.targets[view.target]));
+  std::vector<double> numbers = view.z;
+  numbers.insert(numbers.end(), points.data(), points.data() + points.size());
+  for (size_t b = 0; b < sensor.parameters.size(); ++b) {
+    const Parameter& p = table.all[table.sensor_block[view.sensor] + static_cast<int>(b)];
+    const double* first = values.data() + p.start;
+    numbers.insert(numbers.end(), first, first + p.size());
+  }
+  const auto [at, is_new] = known_.try_emplace({sensor.model, std::move(numbers)});
+  if (is_new) at->second = view_poses(rig, table, values, view);
+  return at->second;
+}
+
 Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                          const Sample& sample, const View& view) {
   const Sensor& sensor = rig.sensors[view.sensor];
@@ -150,7 +167,7 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
 }
 
 std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                            const Sample& sample, const View& view) {
+                            const Sample& sample, const View& view, ViewPosesMemory* memory) {
   const Sensor& sensor = rig.sensors[view.sensor];
   if (sensor.model->measurement_kind() == MeasurementKind::scan) {
     const std::vector<int> ids = view_ids(view, rig.targets[view.target]);
@@ -160,8 +177,9 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
   const Pose base_T_sensor =
       Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) *
       get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
-  std::vector<Pose> out;
-  for (const Pose& p : view_poses(rig, table, values, view)) out.push_back(base_T_sensor * p);
+  std::vector<Pose> out =
+      memory ? memory->of(rig, table, values, view) : view_poses(rig, table, values, view);
+  for (Pose& p : out) p = base_T_sensor * p;
   return out;
 }
 

@@ -3,6 +3,8 @@
 // (closed_form.h).
 #pragma once
 
+#include <map>
+#include <memory>
 #include <vector>
 
 #include "../rig/parameters.h"
@@ -26,8 +28,23 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
 Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                                 const Sample& sample, const View& view);
 
+/// A memory of view_poses() for fits that ask for the same ones again and again, as the trials of
+/// many hypotheses about one recording do.
+class ViewPosesMemory {
+ public:
+  /// Returns view_poses().
+  const std::vector<Pose>& of(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                              const View& view);
+
+ private:
+  /// By all that they depend on.
+  std::map<std::pair<std::shared_ptr<const SensorModel>, std::vector<double>>, std::vector<Pose>>
+      known_;
+};
+
 /// Returns the poses base_T_target that one view proposes if its sensor's pose is known.
 std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                            const Sample& sample, const View& view);
+                            const Sample& sample, const View& view,
+                            ViewPosesMemory* memory = nullptr);
 
 }  // namespace kincal
