@@ -3,7 +3,7 @@
 Proves, by reading the product's sources: every #include goes where the table below allows it; no two files need each other, straight or
 in a circle; no file of models/ and no function is longer than the table says, and no function takes more parameters than that without
 saying why; no two sources of one library have the same name in their anonymous namespaces, which are one where they are compiled as one; no two
-headers define types of one name, which would be one to the linker.
+headers define types of one name, which would be one to the linker; a header that is installed includes only headers that are.
 It tests its own readers first.
 Does not prove: that names are used where they should be (a file that includes nothing can still know too much), nor anything about
 benchmarks and tests. The reader of functions counts braces: the code of a macro, a lambda by itself and a function that a macro begins
@@ -304,6 +304,15 @@ def violations(source):
         paths, another_word = list(meanings), None not in meanings.values() and len(set(meanings.values())) == 1
         if len(paths) > 1 and not another_word:
             found.append(f"{paths[-1]}: {name} in an anonymous namespace is also in {paths[0]}: a unity build has it twice")
+    with open(os.path.join(source, "CMakeLists.txt"), encoding="utf-8") as f:
+        installed = set(re.findall(r"(?<=\s)(?:%s)/\S+\.h(?=\s)" % "|".join(FOLDERS), f.read()))
+    if len(installed) < 50:
+        sys.exit(f"CMakeLists.txt: only {len(installed)} headers found that are installed")
+    for path in sorted(installed & set(files)):
+        for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', files[path], re.MULTILINE):
+            target = os.path.normpath(os.path.join(os.path.dirname(path), name))
+            if target not in installed:
+                found.append(f"{path}: is installed and includes {target}, which is not (CMakeLists.txt, HEADERS)")
     types = {}
     for path, text in sorted(files.items()):
         if path.endswith(".h"):
