@@ -20,7 +20,7 @@ struct Topic {
 
 struct BagMessage {
   const Topic* topic;
-  std::int64_t received;  // ns since 1970, by the recorder's clock
+  std::int64_t received;  // ns since 1970, by the recorder's clock; never negative
   std::string_view data;  // valid until the visitor returns
 };
 

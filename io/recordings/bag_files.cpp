@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <limits>
+#include <set>
 #include <string_view>
 
 #include "../document/document.h"
+#include "../document/error.h"
 #include "../document/files.h"
 #include "../document/yaml.h"
 
@@ -38,10 +41,10 @@ Container container_of(const std::string& path) {
   return Container::none;
 }
 
-std::vector<BagPart> bag_parts(const std::string& path) {
+BagParts bag_parts(const std::string& path) {
   std::error_code status;
-  if (!fs::is_directory(path, status)) return {{path, false}};
-  std::vector<BagPart> out;
+  if (!fs::is_directory(path, status)) return {{{path, false}}};
+  BagParts out;
   const fs::path metadata = fs::path(path) / "metadata.yaml";
   if (fs::exists(metadata, status)) {
     const std::string where = metadata.string();
@@ -51,20 +54,30 @@ std::vector<BagPart> bag_parts(const std::string& path) {
     std::transform(mode.begin(), mode.end(), mode.begin(), [](unsigned char c) {
       return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : static_cast<char>(c);
     });
-    for (const std::string& name : about["relative_file_paths"].strings())
-      out.push_back({(fs::path(path) / name).string(), mode == "message"});
+    std::set<fs::path> seen;
+    for (const std::string& name : about["relative_file_paths"].strings()) {
+      const fs::path file =
+          fs::path(name).filename();  // the first rosbag2 has its folder before it
+      if (file.empty() || file == "." || file == "..")
+        throw InputError(where + ": relative_file_paths: '" + name + "' is no name of a file");
+      if (!seen.insert(file).second)
+        throw InputError(where + ": relative_file_paths: '" + name + "' is there twice");
+      out.parts.push_back({(fs::path(path) / file).string(), mode == "message"});
+    }
+    if (about.has("message_count"))
+      out.messages = about["message_count"].integer(0, std::numeric_limits<int>::max());
     return out;
   }
   for (const fs::directory_entry& entry : fs::directory_iterator(path, status))
-    if (has_ending(entry.path())) out.push_back({entry.path().string(), false});
-  std::sort(out.begin(), out.end(),
+    if (has_ending(entry.path())) out.parts.push_back({entry.path().string(), false});
+  std::sort(out.parts.begin(), out.parts.end(),
             [](const BagPart& a, const BagPart& b) { return a.path < b.path; });
   return out;
 }
 
 bool is_bag(const std::string& path) {
   std::error_code status;
-  return fs::is_directory(path, status) ? !bag_parts(path).empty()
+  return fs::is_directory(path, status) ? !bag_parts(path).parts.empty()
                                         : container_of(path) != Container::none;
 }
 

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 
-#include "../document/error.h"
 #include "bytes.h"
 #include "containers.h"
 #include "decompress.h"
@@ -28,7 +27,12 @@ enum Kind : unsigned char {
 };
 
 constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
-constexpr std::uint64_t kFooter = 1 + 8 + 8 + 8 + 4;  // before the magic at the end
+constexpr std::uint64_t kFooterSize = 8 + 8 + 4, kFooter = 1 + 8 + kFooterSize;
+
+std::uint32_t checksum(std::uint32_t before, std::string_view bytes) {
+  return static_cast<std::uint32_t>(
+      crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
+}
 
 struct Schema {
   std::string name, encoding, text;
@@ -39,7 +43,7 @@ struct McapReader {
   BagReading& reading;
   std::map<std::uint16_t, Schema> schemas;
   std::map<std::uint16_t, std::shared_ptr<const Topic>> channels;
-  std::vector<std::uint64_t> chunks;  // where they start, by the summary
+  ChunkStarts chunks;
   std::uint64_t read = 0, counted = 0;
   std::string head, data, unpacked;
 
@@ -54,16 +58,18 @@ struct McapReader {
   void channel(Bytes bytes) {
     const auto id = bytes.number<std::uint16_t>();
     const Schema& of = schemas[bytes.number<std::uint16_t>()];
-    if (channels.count(id)) return;
-    auto topic = std::make_shared<Topic>();
-    topic->name = std::string(bytes.text());
-    topic->encoding = std::string(bytes.text());
-    topic->type = of.name;
-    const size_t at = topic->type.find("/msg/");
-    if (at != std::string::npos) topic->type.erase(at, 4);
-    if (of.encoding == "ros2msg" || of.encoding == "ros1msg") topic->definition = of.text;
-    reading.contents.topics.push_back(topic);
-    channels[id] = topic;
+    Topic topic;
+    topic.name = std::string(bytes.text());
+    topic.encoding = std::string(bytes.text());
+    topic.type = of.name;
+    const size_t at = topic.type.find("/msg/");
+    if (at != std::string::npos) topic.type.erase(at, 4);
+    if (of.encoding == "ros2msg" || of.encoding == "ros1msg") topic.definition = of.text;
+    const auto known = channels.find(id);
+    if (known != channels.end())
+      reading.compare(*known->second, topic);
+    else
+      channels[id] = reading.add(std::move(topic));
   }
 
   void message(Bytes bytes) {
@@ -75,37 +81,47 @@ struct McapReader {
     const auto received = bytes.number<std::uint64_t>();
     bytes.number<std::uint64_t>();  // when it was published
     ++read;
-    if (!reading.visit({found->second.get(), static_cast<std::int64_t>(received), bytes.left}))
-      reading.ended = true;
+    reading.give(*found->second, received, bytes.left);
   }
 
-  void record(unsigned char kind, std::string_view text) {
+  /// A record that stands in a chunk, or in the file itself; `where` it stands.
+  void record(unsigned char kind, std::string_view text, const std::string& where) try {
     if (kind == kSchemaRecord) schema({text});
     if (kind == kChannelRecord) channel({text});
     if (kind == kMessageRecord) message({text});
+  } catch (const Damage& damage) {
+    reading.lost("a record of " + where + ": " + damage.what());
   }
 
-  void chunk(std::string_view text, std::uint64_t start) try {
+  void chunk(std::string_view text, std::uint64_t start) {
+    const std::string where = "the chunk at byte " + std::to_string(start);
+    try {
+      records(text, where);
+    } catch (const Damage& damage) {
+      reading.lost(where + ": " + damage.what());
+      chunks.after_damaged_chunk(start, file);
+    }
+  }
+
+  void records(std::string_view text, const std::string& where) {
     Bytes bytes{text};
     bytes.take(16);  // times of the first and last message
     const auto size = bytes.number<std::uint64_t>();
     const auto sum = bytes.number<std::uint32_t>();
     const std::string how(bytes.text());
-    std::string_view records = bytes.take(bytes.number<std::uint64_t>());
+    std::string_view content = bytes.take(bytes.number<std::uint64_t>());
     if (!how.empty()) {
+      decompress(how, content, size, unpacked);
       reading.compressed(how);
-      decompress(how, records, size, unpacked);
-      records = unpacked;
+      content = unpacked;
     }
-    if (sum != 0 &&
-        crc32_z(0, reinterpret_cast<const Bytef*>(records.data()), records.size()) != sum)
+    if (content.size() != size) throw Damage("its size is another than it says");
+    if (sum != 0 && checksum(0, content) != sum)
       throw Damage("its checksum is another: bytes have changed");
-    for (Bytes inside{records}; !inside.left.empty() && !reading.ended;) {
+    for (Bytes inside{content}; !inside.left.empty() && !reading.ended;) {
       const auto kind = inside.number<unsigned char>();
-      record(kind, inside.take(inside.number<std::uint64_t>()));
+      record(kind, inside.take(inside.number<std::uint64_t>()), where);
     }
-  } catch (const Damage& damage) {
-    reading.lost("the chunk at byte " + std::to_string(start) + ": " + damage.what());
   }
 
   /// One record of the file. False at the end of the data.
@@ -114,7 +130,10 @@ struct McapReader {
     Bytes first{file.read(9, head)};
     const auto kind = first.number<unsigned char>();
     const auto size = first.number<std::uint64_t>();
-    if (kind == kDataEndRecord || kind == kFooterRecord) return false;
+    if (kind == kDataEndRecord || kind == kFooterRecord) {
+      if (size != (kind == kFooterRecord ? kFooterSize : 4)) throw Damage("its end is none");
+      return false;
+    }
     if (kind == 0) throw Damage("a record has no kind");
     if (kind >= 0x80 || kind < kSchemaRecord || kind > kChunkRecord) {
       if (size > file.size() - file.position()) throw Damage("it ends too early");
@@ -126,18 +145,37 @@ struct McapReader {
     if (kind == kChunkRecord)
       chunk(text, start);
     else
-      record(kind, text);
+      record(kind, text, "byte " + std::to_string(start));
     return true;
+  }
+
+  /// Whether the summary that starts there, and the footer up to its checksum, have this sum.
+  bool has_sum(std::uint64_t start, std::uint32_t sum) {
+    std::uint32_t is = 0;
+    file.seek(start);
+    for (std::uint64_t left = file.size() - kMagic.size() - 4 - start; left > 0;) {
+      const std::string_view part = file.read(std::min<std::uint64_t>(left, 1 << 20), data);
+      is = checksum(is, part);
+      left -= part.size();
+    }
+    return is == sum;
   }
 
   /// Chunks and the number of messages, as the summary says. What is damaged there is no loss.
   void read_summary() try {
-    file.seek(file.size() - std::min(file.size(), kFooter + kMagic.size()));
+    if (file.size() < kFooter + kMagic.size()) return;
+    file.seek(file.size() - kFooter - kMagic.size());
     Bytes footer{file.read(kFooter, head)};
     if (footer.number<unsigned char>() != kFooterRecord) return;
     footer.number<std::uint64_t>();
     const auto summary = footer.number<std::uint64_t>();
-    if (summary == 0 || summary >= file.size()) return;
+    footer.number<std::uint64_t>();
+    const auto sum = footer.number<std::uint32_t>();
+    if (summary == 0 || summary > file.size() - kFooter - kMagic.size()) return;
+    if (sum != 0 && !has_sum(summary, sum))
+      return reading.lost(
+          "the summary at its end: bytes have changed; nobody can see whether messages are "
+          "missing");
     file.seek(summary);
     while (true) {
       Bytes first{file.read(9, head)};
@@ -146,10 +184,10 @@ struct McapReader {
       if (kind == kFooterRecord || size > kLargestPart) return;
       Bytes text{file.read(size, data)};
       if (kind == kStatisticsRecord) counted = text.number<std::uint64_t>();
-      if (kind == kSchemaRecord || kind == kChannelRecord) record(kind, text.left);
+      if (kind == kSchemaRecord || kind == kChannelRecord) record(kind, text.left, "the summary");
       if (kind != kChunkIndexRecord) continue;
       text.take(16);
-      chunks.push_back(text.number<std::uint64_t>());
+      chunks.starts.push_back(text.number<std::uint64_t>());
     }
   } catch (const Damage&) {
   }
@@ -161,7 +199,7 @@ void read_mcap(const std::string& path, BagReading& reading) {
   reading.contents.container = "MCAP";
   McapReader reader{BagFile(path), reading, {}, {}, {}, 0, 0, {}, {}, {}};
   reader.read_summary();
-  std::sort(reader.chunks.begin(), reader.chunks.end());
+  std::sort(reader.chunks.starts.begin(), reader.chunks.starts.end());
   reader.file.seek(kMagic.size());
   while (!reading.ended) {
     const std::uint64_t start = reader.file.position();
@@ -169,7 +207,7 @@ void read_mcap(const std::string& path, BagReading& reading) {
     try {
       if (!reader.next()) break;
     } catch (const Damage& damage) {
-      go_on_behind(damage, start, reader.chunks, reader.file, reading);
+      reader.chunks.skip_damage(damage, start, reader.file, reading);
       if (reader.file.position() == reader.file.size()) break;
     }
   }

@@ -125,10 +125,14 @@ void read_sections(const std::string& type, const std::string& text, Sections& s
   }
 }
 
+/// Types as far as they are read; those that are being read have depth -1.
 struct TypeReader {
+  struct Known {
+    int at = 0, depth = -1;  // depth: 0 of a type without other types in it
+  };
   Sections sections;
   MessageTypes types;
-  std::map<std::string, int> index;
+  std::map<std::string, Known> index;
 
   /// The full name of a type that a message of `package` uses.
   std::string full_name(const std::string& name, const std::string& package) {
@@ -136,35 +140,43 @@ struct TypeReader {
     return name.find('/') == std::string::npos ? package + "/" + name : name;
   }
 
-  int add(const std::string& name, int depth) {
+  /// `above`: how many types this one is a part of.
+  Known add(const std::string& name, int above) {
+    constexpr int deepest = 32;
     const auto known = index.find(name);
     if (known != index.end()) {
-      if (known->second < 0) throw Damage("definition: type '" + name + "' has itself as a part");
+      if (known->second.depth < 0)
+        throw Damage("definition: type '" + name + "' has itself as a part");
       return known->second;
     }
-    if (depth > 32) throw Damage("definition: types are nested more than 32 deep");
+    if (above > deepest) throw Damage("definition: types are nested more than 32 deep");
     if (!sections.count(name)) {
       const std::string standard = standard_definition(name);
       if (standard.empty()) throw Damage("definition: type '" + name + "' is not there");
       read_sections(name, standard, sections);
     }
     const std::vector<RawField> raw = sections[name];
-    const int at = static_cast<int>(types.size());
+    Known out{static_cast<int>(types.size()), -1};
     types.push_back({name, {}});
-    index[name] = -1;
+    index[name] = out;
+    int depth = 0;
     const std::string package = name.substr(0, name.find('/'));
     for (const RawField& one : raw) {
-      MessageField out{one.name, FieldKind::message, -1, one.array, one.count};
+      MessageField next{one.name, FieldKind::message, -1, one.array, one.count};
       const auto primitive = std::find_if(kPrimitives.begin(), kPrimitives.end(),
                                           [&](const Primitive& p) { return p.name == one.type; });
-      if (primitive != kPrimitives.end())
-        out.kind = primitive->kind;
-      else
-        out.type = add(full_name(one.type, package), depth + 1);
-      types[at].fields.push_back(std::move(out));
+      if (primitive != kPrimitives.end()) {
+        next.kind = primitive->kind;
+      } else {
+        const Known part = add(full_name(one.type, package), above + 1);
+        next.type = part.at;
+        depth = std::max(depth, part.depth + 1);
+      }
+      types[out.at].fields.push_back(std::move(next));
     }
-    index[name] = at;
-    return at;
+    if (depth > deepest) throw Damage("definition: types are nested more than 32 deep");
+    out.depth = depth;
+    return index[name] = out;
   }
 };
 
@@ -172,7 +184,14 @@ struct Decoder {
   const MessageTypes& types;
   Bytes bytes;
   bool cdr = false, swapped = false;
-  size_t all = 0;  // bytes after CDR's first four
+  size_t all = 0;     // bytes after CDR's first four
+  size_t values = 0;  // that it may still have
+
+  /// Values take memory, and those of types without fields no byte of the message.
+  void count_values(std::uint64_t count) {
+    if (count > values) throw Damage("it has more values than so few bytes can hold");
+    values -= count;
+  }
 
   void align(size_t width) {
     if (!cdr || width < 2) return;
@@ -238,7 +257,7 @@ struct Decoder {
       if (count > 0) align(width);
       return {NumberArray{f.kind, bytes.take(count * width), swapped}};
     }
-    if (count > bytes.left.size()) throw Damage("an array is longer than the message");
+    count_values(count);
     std::vector<MessageValue> out;
     out.reserve(count);
     for (std::uint64_t i = 0; i < count; ++i) out.push_back(single(f));
@@ -246,12 +265,13 @@ struct Decoder {
   }
 
   MessageValue message(int type) {
-    std::vector<MessageValue> values;
-    values.reserve(types[type].fields.size());
+    std::vector<MessageValue> out;
+    count_values(types[type].fields.size());
+    out.reserve(types[type].fields.size());
     for (const MessageField& f : types[type].fields)
-      values.push_back(f.array ? several(f) : single(f));
+      out.push_back(f.array ? several(f) : single(f));
     if (types[type].fields.empty() && cdr) bytes.take(1);  // IDL has no empty structures
-    return {std::move(values), &types[type]};
+    return {std::move(out), &types[type]};
   }
 };
 
@@ -343,7 +363,9 @@ double NumberArray::operator[](size_t i) const {
 }
 
 MessageValue decode_message(const MessageTypes& types, Wire wire, std::string_view data) {
+  constexpr size_t most_values = 10000000;
   Decoder decoder{types, {data}};
+  decoder.values = std::min(4 * data.size() + 1000, most_values);
   if (wire == Wire::cdr) {
     const std::string_view first = decoder.bytes.take(4);
     if (first[0] != 0 || (first[1] != 0 && first[1] != 1))
@@ -353,7 +375,10 @@ MessageValue decode_message(const MessageTypes& types, Wire wire, std::string_vi
     decoder.swapped = first[1] == 0;
     decoder.all = decoder.bytes.left.size();
   }
-  return decoder.message(0);
+  MessageValue out = decoder.message(0);
+  if (wire == Wire::ros1 && !decoder.bytes.left.empty())
+    throw Damage(std::to_string(decoder.bytes.left.size()) + " bytes are left over");
+  return out;
 }
 
 const MessageValue& field(const MessageValue& message, std::string_view path) {

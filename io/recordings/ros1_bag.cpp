@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <optional>
 
-#include "../document/error.h"
 #include "bytes.h"
 #include "containers.h"
 #include "decompress.h"
@@ -24,7 +23,7 @@ enum Operation : unsigned char {
   kConnection = 7
 };
 
-constexpr std::uint32_t kLargestHeader = 1 << 20;
+constexpr std::uint32_t kLargestHeader = 1 << 16;
 constexpr std::uint32_t kHeaderPart = 4096;  // the first record is filled up to this
 
 struct Fields {
@@ -58,20 +57,19 @@ struct Ros1Reader {
   BagReading& reading;
   std::map<std::uint32_t, std::shared_ptr<const Topic>> connections;
   std::map<std::uint32_t, std::uint64_t> read, indexed;  // messages by connection
-  std::vector<std::uint64_t> chunks;                     // where they start, by the index
+  ChunkStarts chunks;
   std::string header, data, unpacked;
 
   void connection(const Fields& fields, std::string_view about) {
     const auto id = fields.number<std::uint32_t>("conn");
-    if (connections.count(id)) return;
     const Fields more = fields_of(about);
-    auto topic = std::make_shared<Topic>();
-    topic->name = std::string(fields.text("topic"));
-    topic->type = std::string(more.text("type"));
-    topic->definition = std::string(more.text("message_definition"));
-    topic->encoding = "ros1";
-    reading.contents.topics.push_back(topic);
-    connections[id] = topic;
+    Topic topic{std::string(fields.text("topic")), std::string(more.text("type")),
+                std::string(more.text("message_definition")), "ros1"};
+    const auto known = connections.find(id);
+    if (known != connections.end())
+      reading.compare(*known->second, topic);
+    else
+      connections[id] = reading.add(std::move(topic));
   }
 
   void message(const Fields& fields, std::string_view text) {
@@ -82,32 +80,37 @@ struct Ros1Reader {
     Bytes time{fields.text("time")};
     const auto s = time.number<std::uint32_t>(), ns = time.number<std::uint32_t>();
     ++read[id];
-    if (!reading.visit({found->second.get(), std::int64_t{s} * 1000000000 + ns, text}))
-      reading.ended = true;
+    reading.give(*found->second, std::uint64_t{s} * 1000000000 + ns, text);
   }
 
-  /// The records of a chunk.
-  void records(std::string_view text) {
-    for (Bytes bytes{text}; !bytes.left.empty() && !reading.ended;) {
-      const Fields fields = fields_of(bytes.text());
-      const std::string_view about = bytes.text();
-      if (fields.operation() == kMessage) message(fields, about);
-      if (fields.operation() == kConnection) connection(fields, about);
+  /// A record that stands in a chunk, or in the file itself; `where` it stands.
+  void record(const Fields& fields, std::string_view text, const std::string& where) {
+    const unsigned char operation = fields.operation();
+    if (operation != kMessage && operation != kConnection)
+      throw Damage("a record of kind " + std::to_string(operation) + " is not known");
+    try {
+      operation == kMessage ? message(fields, text) : connection(fields, text);
+    } catch (const Damage& damage) {
+      reading.lost("a record of " + where + ": " + damage.what());
     }
   }
 
-  void chunk(const Fields& fields, std::uint64_t start) {
-    std::string_view text = data;
-    const std::string how(fields.text("compression"));
+  void chunk(const Fields& fields, std::string_view text, std::uint64_t start) {
+    const std::string where = "the chunk at byte " + std::to_string(start);
     try {
+      const std::string how(fields.text("compression"));
       if (how != "none") {
+        decompress(how, text, fields.number<std::uint32_t>("size"), unpacked);
         reading.compressed(how);
-        decompress(how, data, fields.number<std::uint32_t>("size"), unpacked);
         text = unpacked;
       }
-      records(text);
+      for (Bytes bytes{text}; !bytes.left.empty() && !reading.ended;) {
+        const Fields inside = fields_of(bytes.text());
+        record(inside, bytes.text(), where);
+      }
     } catch (const Damage& damage) {
-      reading.lost("the chunk at byte " + std::to_string(start) + ": " + damage.what());
+      reading.lost(where + ": " + damage.what());
+      chunks.after_damaged_chunk(start, file);
     }
   }
 
@@ -116,43 +119,45 @@ struct Ros1Reader {
     const std::uint64_t start = file.position();
     if (start == file.size()) return false;
     const auto length = Bytes{file.read(4, header)}.number<std::uint32_t>();
-    if (length > kLargestHeader) throw Damage("the header of a record is larger than 1 MB");
+    if (length > kLargestHeader) throw Damage("the header of a record is larger than 64 kB");
     const Fields fields = fields_of(file.read(length, header));
     const auto size = Bytes{file.read(4, data)}.number<std::uint32_t>();
     const unsigned char operation = fields.operation();
     if (operation == kIndex || operation == kChunkInfo || operation == kBagHeader) {
-      if (file.position() + size > file.size()) throw Damage("it ends too early");
+      if (size > file.size() - file.position()) throw Damage("it ends too early");
       file.seek(file.position() + size);
       return true;
     }
-    if (size > kLargestPart) throw Damage("a part is larger than 512 MB");
-    data.assign(file.read(size, data));
-    if (operation == kChunk)
-      chunk(fields, start);
-    else if (operation == kConnection)
-      connection(fields, data);
-    else if (operation == kMessage)
-      message(fields, data);
-    else
+    if (operation != kChunk && operation != kConnection && operation != kMessage)
       throw Damage("a record of kind " + std::to_string(operation) + " is not known");
+    if (size > kLargestPart) throw Damage("a part is larger than 512 MB");
+    const std::string_view text = file.read(size, data);
+    if (operation == kChunk)
+      chunk(fields, text, start);
+    else
+      record(fields, text, "byte " + std::to_string(start));
     return true;
   }
 
   /// Chunks and numbers of messages, as the index at the end says. What is damaged there is no
-  /// loss.
+  /// loss; a bag without it was not ended by its recorder, or is cut off.
   void read_index(std::uint64_t first) {
     try {
       const auto length = Bytes{file.read(4, header)}.number<std::uint32_t>();
-      if (length > kLargestHeader) return;
-      const auto index = fields_of(file.read(length, header)).number<std::uint64_t>("index_pos");
-      if (index > first && index < file.size()) {
-        file.seek(index);
-        index_records();
-      }
+      if (length > kLargestHeader) throw Damage("the header of the bag is larger than 64 kB");
+      const Fields fields = fields_of(file.read(length, header));
+      const auto index = fields.number<std::uint64_t>("index_pos");
+      const bool has_one = fields.number<std::uint32_t>("conn_count") > 0;
+      if (index == 0 || index > file.size() || (index == file.size() && has_one))
+        reading.lost(
+            "what the index at its end would count: the bag was not closed by its recorder, or is "
+            "cut off; its last messages may be missing");
+      else if (index > first)
+        file.seek(index), index_records();
     } catch (const Damage&) {
     }
-    chunks.push_back(first + kHeaderPart);
-    std::sort(chunks.begin(), chunks.end());
+    chunks.starts.push_back(first + kHeaderPart);
+    std::sort(chunks.starts.begin(), chunks.starts.end());
     file.seek(first);
   }
 
@@ -166,7 +171,7 @@ struct Ros1Reader {
       const std::string_view text = file.read(size, data);
       if (fields.operation() == kConnection) connection(fields, text);
       if (fields.operation() != kChunkInfo) continue;
-      chunks.push_back(fields.number<std::uint64_t>("chunk_pos"));
+      chunks.starts.push_back(fields.number<std::uint64_t>("chunk_pos"));
       Bytes counts{text};
       for (auto n = fields.number<std::uint32_t>("count"); n > 0; --n) {
         const auto id = counts.number<std::uint32_t>();
@@ -180,10 +185,12 @@ struct Ros1Reader {
     std::uint64_t missing = 0;
     std::string where;
     for (const auto& [id, count] : indexed)
-      if (count > read[id] && connections.count(id)) {
+      if (count > read[id]) {
         missing += count - read[id];
-        where += (where.empty() ? "" : ", ") + std::to_string(count - read[id]) + " of " +
-                 connections[id]->name;
+        const auto topic = connections.find(id);
+        where +=
+            (where.empty() ? "" : ", ") + std::to_string(count - read[id]) + " of " +
+            (topic == connections.end() ? "connection " + std::to_string(id) : topic->second->name);
       }
     if (missing > 0) reading.lost(std::to_string(missing) + " messages: " + where);
   }
@@ -197,9 +204,7 @@ void read_ros1_bag(const std::string& path, BagReading& reading) {
   const std::string_view first =
       reader.file.read(std::min<std::uint64_t>(13, reader.file.size()), reader.header);
   if (first != "#ROSBAG V2.0\n")
-    throw InputError(path +
-                     ": a bag of another version than ROS 1's 2.0: convert it by `rosbag "
-                     "migrate`");
+    throw Unreadable("a bag of another version than ROS 1's 2.0: convert it by `rosbag migrate`");
   reader.read_index(reader.file.position());
   while (!reading.ended) {
     const std::uint64_t start = reader.file.position();
@@ -207,7 +212,7 @@ void read_ros1_bag(const std::string& path, BagReading& reading) {
     try {
       if (!reader.next()) break;
     } catch (const Damage& damage) {
-      go_on_behind(damage, start, reader.chunks, reader.file, reading);
+      reader.chunks.skip_damage(damage, start, reader.file, reading);
     }
   }
   if (!reading.ended) reader.compare();

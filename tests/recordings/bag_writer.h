@@ -30,9 +30,11 @@ inline void put_text(std::string& to, const std::string& text) {
 inline std::string packed(const std::string& how, const std::string& bytes) {
   if (how.empty() || how == "none") return bytes;
   std::string out;
-  if (how == "lz4") {
-    out.resize(LZ4F_compressFrameBound(bytes.size(), nullptr));
-    out.resize(LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), nullptr));
+  if (how == "lz4") {  // with a checksum, as ROS writes it
+    LZ4F_preferences_t wanted{};
+    wanted.frameInfo.contentChecksumFlag = LZ4F_contentChecksumEnabled;
+    out.resize(LZ4F_compressFrameBound(bytes.size(), &wanted));
+    out.resize(LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), &wanted));
   } else if (how == "zstd") {
     out.resize(ZSTD_compressBound(bytes.size()));
     out.resize(ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), 3));
@@ -89,16 +91,17 @@ inline std::string ros1_connection(int id, const WrittenTopic& topic) {
                          ros1_field("message_definition", topic.definition));
 }
 
-/// Chunks of `per_chunk` messages, with an index.
+/// Chunks of `per_chunk` messages, with an index; `bag_header_size`: what its first record is
+/// filled up to.
 inline std::string ros1_bag(const std::vector<WrittenTopic>& topics,
                             const std::vector<WrittenMessage>& messages, const std::string& how,
-                            size_t per_chunk) {
+                            size_t per_chunk, size_t bag_header_size = 4096) {
   std::string out = "#ROSBAG V2.0\n";
   const auto bag_header = [&](std::uint64_t index, std::uint32_t chunks) {
     std::string header = ros1_field("op", "\x03") + ros1_field("index_pos", raw(index)) +
                          ros1_field("conn_count", raw<std::uint32_t>(topics.size())) +
                          ros1_field("chunk_count", raw(chunks));
-    return ros1_record(header, std::string(4096 - 8 - header.size(), ' '));
+    return ros1_record(header, std::string(bag_header_size - 8 - header.size(), ' '));
   };
   out += bag_header(0, 0);
   std::string index;
@@ -132,7 +135,7 @@ inline std::string ros1_bag(const std::vector<WrittenTopic>& topics,
   const std::uint64_t at = out.size();
   for (size_t t = 0; t < topics.size(); ++t) out += ros1_connection(static_cast<int>(t), topics[t]);
   out += index;
-  return out.replace(13, 4096, bag_header(at, chunks));
+  return out.replace(13, bag_header_size, bag_header(at, chunks));
 }
 
 // ---- MCAP
@@ -146,10 +149,16 @@ inline std::string mcap_text(const std::string& text) {
   return out;
 }
 
-/// Chunks of `per_chunk` messages, with checksums and a summary.
+/// Chunks of `per_chunk` messages and a summary, on request without checksums.
 inline std::string mcap(const std::vector<WrittenTopic>& topics,
                         const std::vector<WrittenMessage>& messages, const std::string& how,
-                        size_t per_chunk) {
+                        size_t per_chunk, bool checksums = true) {
+  const auto checksum = [&](const std::string& bytes) {
+    return checksums
+               ? static_cast<std::uint32_t>(crc32(0, reinterpret_cast<const Bytef*>(bytes.data()),
+                                                  static_cast<unsigned>(bytes.size())))
+               : 0;
+  };
   const std::string magic("\x89MCAP0\r\n", 8);
   std::string channels;
   for (size_t t = 0; t < topics.size(); ++t) {
@@ -168,11 +177,10 @@ inline std::string mcap(const std::vector<WrittenTopic>& topics,
                                     raw(time) + raw(time) + messages[i].data);
     }
     const std::string content = packed(how, records);
-    const std::string chunk = mcap_record(
-        6, raw<std::uint64_t>(0) + raw<std::uint64_t>(0) + raw<std::uint64_t>(records.size()) +
-               raw<std::uint32_t>(crc32(0, reinterpret_cast<const Bytef*>(records.data()),
-                                        static_cast<unsigned>(records.size()))) +
-               mcap_text(how) + raw<std::uint64_t>(content.size()) + content);
+    const std::string chunk =
+        mcap_record(6, raw<std::uint64_t>(0) + raw<std::uint64_t>(0) +
+                           raw<std::uint64_t>(records.size()) + raw(checksum(records)) +
+                           mcap_text(how) + raw<std::uint64_t>(content.size()) + content);
     index +=
         mcap_record(8, raw<std::uint64_t>(0) + raw<std::uint64_t>(0) +
                            raw<std::uint64_t>(out.size()) + raw<std::uint64_t>(chunk.size()) +
@@ -185,16 +193,21 @@ inline std::string mcap(const std::vector<WrittenTopic>& topics,
   out += channels + index +
          mcap_record(11, raw<std::uint64_t>(messages.size()) + std::string(34, '\0') +
                              raw<std::uint32_t>(0));
-  return out + mcap_record(2, raw(summary) + raw<std::uint64_t>(0) + raw<std::uint32_t>(0)) + magic;
+  const std::string footer =
+      mcap_record(2, raw(summary) + raw<std::uint64_t>(0) + std::string(4, '\0'));
+  out += footer.substr(0, footer.size() - 4);
+  return out + raw(checksum(out.substr(summary))) + magic;
 }
 
 // ---- rosbag2's SQLite
 inline void write_sqlite(const std::string& path, const std::vector<WrittenTopic>& topics,
                          const std::vector<WrittenMessage>& messages, bool definitions,
-                         const std::string& how) {
+                         const std::string& how, int page_size = 4096) {
   std::remove(path.c_str());
   sqlite3* db = nullptr;
   sqlite3_open(path.c_str(), &db);
+  sqlite3_exec(db, ("PRAGMA page_size = " + std::to_string(page_size)).c_str(), nullptr, nullptr,
+               nullptr);
   sqlite3_exec(
       db,
       "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
