@@ -7,7 +7,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <stdexcept>
 
 #include "../../io/document/error.h"
@@ -47,16 +46,6 @@ struct Folder {
 std::string path_of(const std::string& name) {
   static const Folder folder;
   return (folder.path / name).string();
-}
-
-std::string in_file(const std::string& name, const std::string& text) {
-  std::ofstream(path_of(name), std::ios::binary) << text;
-  return path_of(name);
-}
-
-const RigFile& usual_rig() {
-  static const RigFile rig = read_rig(path_of("rig.yaml"));
-  return rig;
 }
 
 /// What kincal wrote, kincal reads.
@@ -150,16 +139,31 @@ void calibration(const std::string& text) {
   if (report->solution.status != Status::undefined_start) make_results(file, *report, {});
 }
 
-const std::map<std::string, void (*)(const std::string&)> kReaders = {
-    {"urdf", urdf},       {"rig", rig},       {"samples", samples},
-    {"truth", truth},     {"result", result}, {"calibration", calibration},
-    {"foreign", foreign}, {"poses", poses}};
+Readers all_readers() {
+  Readers out = {{"urdf", urdf},       {"rig", rig},       {"samples", samples},
+                 {"truth", truth},     {"result", result}, {"calibration", calibration},
+                 {"foreign", foreign}, {"poses", poses}};
+#ifdef KINCAL_FUZZ_BAGS
+  out.merge(bag_readers());
+#endif
+  return out;
+}
 
 }  // namespace
 
+std::string in_file(const std::string& name, const std::string& text) {
+  std::ofstream(path_of(name), std::ios::binary) << text;
+  return path_of(name);
+}
+
+const RigFile& usual_rig() {
+  static const RigFile rig = read_rig(path_of("rig.yaml"));
+  return rig;
+}
+
 bool is_read(const std::string& text) {
   static const char* const name = std::getenv("KINCAL_READER");
-  static const auto reader = kReaders.at(name ? name : "");
+  static const auto reader = all_readers().at(name ? name : "");
   try {
     reader(text);
     return true;
