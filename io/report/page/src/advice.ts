@@ -1,6 +1,6 @@
 // What to do next, most useful first, out of what the program says. Pure functions: tested without a page.
 import { chi2PerDof, components, type Component, type Result, type WeakDirection } from './data';
-import { digits, list, plainName, plural, size } from './format';
+import { digits, list, plainList, plainName, plural, size } from './format';
 
 export interface Advice { text: string; why?: string }
 
@@ -29,7 +29,7 @@ const cures: Record<string, string> = {
   outside_image: 'Check image_size and the detector.',
   implausible: 'Correct the numbers that are named first; everything else may follow from them.',
   rejected: 'Look at what was taken out: a fifth of the samples is too many for chance.',
-  unexplained: 'Look at the sensor and the samples that fit worst, and run kincal check: something is wrong that no number of the rig can take up.',
+  unexplained: 'Look at the sensor and the samples that fit worst: something is wrong that no number of the rig can take up.',
   not_converged: 'Mend what the first finding names, then calibrate again.',
   minima: 'Give better starting values for what is named, or record more varied postures.',
   width: 'Look for a mistake that these numbers take up: a board size, a wrong link, the sign of a joint.',
@@ -42,6 +42,11 @@ const cures: Record<string, string> = {
 /** A sentence begins with a capital; a name stays as it is. */
 export function capital(text: string): string {
   return /^[a-z]+([ ,;:']|$)/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
+}
+
+/** Why, without the list of what was held: it stands under a heading of its own. */
+export function withoutHeld(why: string): string {
+  return why.replace(/; \d+ numbers? (is|are) as the rig has (it|them), for the data do not tell[^;]*/, '');
 }
 
 /** With one full stop at its end. */
@@ -73,7 +78,7 @@ export function nextSteps(result: Result): Advice[] {
     const key = normal(text);
     if (!key || known.some((k) => k.includes(key) || (k.length > 20 && key.includes(k)))) return;
     known.push(key);
-    steps.push({ text: capital(text), why });
+    steps.push({ text: sentence(capital(text)), why });
   };
   const findings = result.findings ?? [];
   const next = result.verdict?.next ?? (findings.length ? [] : actions.filter((action) => !/^see also/.test(action)
@@ -87,6 +92,7 @@ export function nextSteps(result: Result): Advice[] {
     // The verdict decides by this one and has said what to do about it, or a finding explains it.
     if (said(splitVerdict(warning.text ?? '').why) && steps.length) continue;
     if (findings.length && ['not_converged', 'unexplained'].includes(warning.id)) continue;
+    if (warning.id === 'chi2' && result.warnings!.some((other) => other.id === 'unexplained')) continue;   // the same, said better
     const open = openDirections(result);
     if (['sigma', 'unobservable'].includes(warning.id) && open.length) {
       // Several directions with one cure differ in what could be held only.
@@ -151,19 +157,39 @@ export function heldLines(result: Result): HeldLine[] {
   const undetermined = of('undetermined'), noGain = of('no_gain');
   const others = (result.held ?? []).filter((h) => h.reason !== 'undetermined' && h.reason !== 'no_gain');
   if (undetermined.length)
-    lines.push({ text: `${plural(undetermined.length, 'number')} stay as the rig has them: these data do not determine them`, names: undetermined });
+    lines.push({ text: `These data do not determine ${plural(undetermined.length, 'number')}, which stay as the rig has them`, names: undetermined });
   if (noGain.length)
-    lines.push({ text: `${plural(noGain.length, 'number')} stay as the rig has them: nothing speaks against their nominal values`, names: noGain });
+    lines.push({ text: `Nothing speaks against the nominal values of ${plural(noGain.length, 'number')}, which stay as the rig has them`, names: noGain });
   if (others.length) lines.push({ text: `${plural(others.length, 'number')} held`, names: others.map((h) => h.parameter) });
   if (!result.held) {
     const zero = components(result).filter((c) => c.sigma === 0).map((c) => c.name);
-    if (zero.length) lines.push({ text: `${plural(zero.length, 'component')} of what was freed: the last step held them`, names: zero });
+    if (zero.length) lines.push({ text: `${plural(zero.length, 'number')} of what is estimated in part or in earlier steps, held in the last one`, names: zero });
     const unused = [...new Set((result.steps ?? []).flatMap((step) => step.unused ?? []))];
     if (unused.length) lines.push({ text: `${plural(unused.length, 'name')} freed in vain: no measurement depends on them`, names: unused });
-    lines.push({ text: lines.length ? 'Everything else that no step of the rig frees: it counts as exact'
-      : 'Everything that no step of the rig frees: it counts as exact', names: [] });
+    const kinds = heldKinds(result);
+    if (kinds) lines.push({ text: `No step of the rig frees the ${kinds}: they count as exact`, names: [] });
+    else if (!result.scene) lines.push({ text: 'What no step of the rig frees counts as exact', names: [] });
   }
   return lines;
+}
+
+/** Kinds of numbers that no step frees, or not all of them: "gear scales, lenses and the other zero offsets". */
+function heldKinds(result: Result): string {
+  const { links = [], sensors = [], targets = [] } = result.scene ?? {};
+  const joints = links.filter((link) => link.joint && !link.between_axes);
+  const moving = joints.filter((link) => link.axis && !link.mimic);
+  const kinds: [string, string[]][] = [
+    ['zero offsets', moving.map((link) => `joint/${link.joint}/offset`)],
+    ['gear scales', moving.map((link) => `joint/${link.joint}/scale`)],
+    ['joint origins', joints.map((link) => `joint/${link.joint}/origin`)],
+    ['mounts of sensors', sensors.map((sensor) => `sensor/${sensor.name}/pose`)],
+    ['lenses', sensors.filter((sensor) => sensor.intrinsics).map((sensor) => `sensor/${sensor.name}/intrinsics`)],
+    ['board sizes', targets.filter((target) => /board|charuco|grid/.test(target.type ?? '')).map((target) => `target/${target.name}/square`)],
+  ];
+  const freed = (name: string) => result.parameters?.[name] !== undefined;
+  const open = kinds.filter(([, names]) => !names.every(freed));
+  return list([...open.filter(([, names]) => !names.some(freed)).map(([kind]) => kind),
+    ...open.filter(([, names]) => names.some(freed)).map(([kind]) => `other ${kind}`)], 9);
 }
 
 /** chi2/dof in a word. The limits are those of the program's own warning. */
@@ -182,5 +208,5 @@ export function fitWord(result: Result): { word: string; ok: boolean } {
 }
 
 export function heldSentence(line: HeldLine): string {
-  return line.names.length ? `${line.text}: ${list(line.names.map(plainName), 3)}.` : `${line.text}.`;
+  return line.names.length ? `${line.text}: ${plainList(line.names)}.` : `${line.text}.`;
 }

@@ -81,7 +81,7 @@ export interface SceneSensor {
   image_size?: [number, number] | null; intrinsics?: number[] | null; baseline?: unknown; covariance?: number[];
 }
 export interface SceneTarget {
-  name: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
+  name: string; type?: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
 }
 export interface Scene {
   base: number; links: Link[]; sensors: SceneSensor[]; targets: SceneTarget[];
@@ -257,6 +257,13 @@ export function judged(result: Result): BeforeAfter[] {
   });
 }
 
+/** Names of poses that the rig leaves open: nobody said where the part is, so it moved from nowhere. */
+export function openPoses(result: Result): Set<string> {
+  const open = (kind: string, all: { name: string; link?: number; before?: Pose7 | null }[] | undefined) =>
+    (all ?? []).filter((part) => (part.link ?? -1) >= 0 && part.before === null).map((part) => `${kind}/${part.name}/pose`);
+  return new Set([...open('sensor', result.scene?.sensors), ...open('target', result.scene?.targets)]);
+}
+
 /** Components of all parameters as flat rows. */
 export interface Component {
   name: string; parameter: string; unit: string; initial: number; value: number; sigma: Maybe; step: string;
@@ -280,8 +287,10 @@ export function componentNames(parameter: string, size: number): string[] {
 
 export function components(result: Result): Component[] {
   return Object.entries(result.parameters ?? {}).flatMap(([parameter, p]) =>
-    componentNames(parameter, p.value?.length ?? 0).map((name, i) => ({
-      name, parameter, unit: p.unit?.[i] ?? '', initial: p.initial?.[i] ?? 0, value: p.value![i], sigma: p.sigma?.[i] ?? null,
-      step: p.step ?? '',
-    })));
+    componentNames(parameter, p.value?.length ?? 0).map((name, i) => {
+      const initial = p.initial?.[i] ?? 0, sigma = p.sigma?.[i] ?? null;
+      // What only rounding moved did not move.
+      const value = Math.abs(p.value![i] - initial) < 1e-9 * (sigma || 1) ? initial : p.value![i];
+      return { name, parameter, unit: p.unit?.[i] ?? '', initial, value, sigma, step: p.step ?? '' };
+    }));
 }

@@ -102,6 +102,8 @@ export interface Column<R> {
   value?: (row: R) => string | number | null | undefined;
   numeric?: boolean;
   hint?: string;
+  /** What stands above the heads of neighbouring columns of one group. */
+  group?: string;
   /** Left out of CSV (a drawing). */
   drawing?: boolean;
 }
@@ -132,7 +134,9 @@ export function dataTable<R>(rows: R[], columns: Column<R>[], options: TableOpti
     const cell = column.cell(row);
     return cell instanceof Node ? cell.textContent : cell === false ? '' : cell;
   };
-  const headings = columns.map((column, i) => h('th', { scope: 'col', class: column.numeric ? 'n' : undefined },
+  const starts = (column: Column<R>, i: number) => column.group !== undefined && columns[i - 1]?.group !== column.group;
+  const kind = (column: Column<R>, i: number) => [column.numeric ? 'n' : '', starts(column, i) ? 'first-of-group' : ''].join(' ').trim() || undefined;
+  const headings = columns.map((column, i) => h('th', { scope: 'col', class: kind(column, i) },
     column.drawing ? column.title : h('button', {
       type: 'button', class: 'sort', title: column.hint ?? `Sort by ${column.title}`,
       click: () => {
@@ -148,7 +152,7 @@ export function dataTable<R>(rows: R[], columns: Column<R>[], options: TableOpti
     body.replaceChildren(...shown.map((row) => {
       const element = h('tr', {}, ...columns.map((column, i) => i === 0
         ? h('th', { scope: 'row' }, column.cell(row))
-        : h('td', { class: column.numeric ? 'n' : undefined }, column.cell(row))));
+        : h('td', { class: kind(column, i) }, column.cell(row))));
       options.row?.(element, row);
       return element;
     }));
@@ -160,11 +164,19 @@ export function dataTable<R>(rows: R[], columns: Column<R>[], options: TableOpti
     more.textContent = `Show all ${rows.length}`;
   }
   draw();
+  const groups = columns.some((column) => column.group !== undefined)
+    ? h('tr', { class: 'groups' }, ...columns.flatMap((column, i) => {
+      if (column.group === undefined) return [h('td', {})];
+      if (!starts(column, i)) return [];
+      const after = columns.slice(i).findIndex((other) => other.group !== column.group);
+      return [h('th', { scope: 'colgroup', class: 'first-of-group', colspan: after < 0 ? columns.length - i : after }, column.group)];
+    })) : null;
   const kept = columns.filter((column) => !column.drawing);
-  const everything = () => [kept.map((c) => c.title), ...order.map((row) => kept.map((c) => value(c, row)))] as Rows;
+  const everything = () => [kept.map((c) => (c.group === undefined ? c.title : `${c.group}: ${c.title}`)), ...order.map((row) => kept.map((c) => value(c, row)))] as Rows;
   addEventListener('beforeprint', () => { if (!all && whole) { all = true; draw(); } });
-  return h('div', { class: 'table' },
+  return h('div', { class: rows.length <= 16 ? 'table short' : 'table' },
+    h('p', { class: 'caption' }, options.caption),
     h('div', { class: 'scroll', tabindex: 0, role: 'region', 'aria-label': options.caption },
-      h('table', {}, h('caption', {}, options.caption), h('thead', {}, h('tr', {}, ...headings)), body)),
+      h('table', { 'aria-label': options.caption }, h('thead', {}, groups, h('tr', {}, ...headings)), body)),
     h('div', { class: 'tools' }, more, csvButton(options.file, everything)));
 }

@@ -1,5 +1,5 @@
 // The first screen: the verdict, the three figures that matter, what to do next, what was held.
-import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict } from './advice';
+import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict, withoutHeld } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
@@ -23,8 +23,11 @@ export function masthead(context: Context, buttons: Child[]): HTMLElement {
     plural(context.samples.id.length, 'sample'),
     result.kincal ? `kincal ${result.kincal}` : null,
   ].filter((fact) => fact !== null);
+  const { rig, samples, urdf } = result.input ?? {};
+  const hashes = [['rig.yaml', rig], ['samples', samples], ['URDF', urdf]].flatMap(([name, hash]) => (hash ? [`${name} ${hash.slice(0, 16)}`] : []));
   return h('header', { class: 'masthead' },
-    h('div', {}, h('h1', {}, titleOf(context)), h('p', { class: 'facts' }, facts.join(' · '))),
+    h('div', {}, h('h1', {}, titleOf(context)), h('p', { class: 'facts' }, facts.join(' · ')),
+      hashes.length ? h('p', { class: 'facts paper-only' }, `SHA-256 begins: ${hashes.join(' · ')}`) : null),
     h('div', { class: 'buttons' }, ...buttons));
 }
 
@@ -120,6 +123,14 @@ export function fitCard(result: Result): HTMLElement {
       : `1 means: what is left over is as large as the noise that the rig states. Here ${word}.`));
 }
 
+/** Sigmas take the noise for as large as it is stated: where the residuals are larger, so is what is not known. */
+function beliefInSigmas(result: Result): Child {
+  const ratio = chi2PerDof(result);
+  if (ratio === null || fitWord(result).ok) return null;
+  return h('p', { class: 'small' }, h('b', {}, ratio > 1 ? `Too small, by ${digits(Math.sqrt(ratio), 2)} times and more: ` : 'Rather too large: '),
+    'it takes the noise for as large as the rig states it.');
+}
+
 function weakCard(result: Result): HTMLElement {
   const weak = openDirections(result)[0];
   const least = leastKnown(result);
@@ -132,7 +143,7 @@ function weakCard(result: Result): HTMLElement {
       h('p', { title: names[0] }, plainName(names[0] ?? ''),
         names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),
       h('p', { class: 'small' }, weak.sigma === null ? 'The data do not tell this number at all. '
-        : 'One standard deviation, from the data alone. ', h('a', { href: '#weak' }, 'Why, and what helps')));
+        : 'One standard deviation, from the data alone. ', h('a', { href: '#weak' }, 'Why, and what helps')), beliefInSigmas(result));
   }
   if (!least) return h('div', { class: 'card' }, title, h('p', {}, 'No number was estimated.'));
   return h('div', { class: 'card' }, title,
@@ -140,7 +151,7 @@ function weakCard(result: Result): HTMLElement {
     h('p', { title: least.name }, plainName(least.name)),
     h('p', { class: 'small' }, least.sigma === null ? 'The data do not tell this number. '
       : badlyKnown(result).length ? `The number known worst (one standard deviation); ${plural(badlyKnown(result).length, 'number')} known to no better than 1 cm, 1° or 1 %. `
-      : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')));
+      : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')), beliefInSigmas(result));
 }
 
 /** The sentence that says it all, in its colour. */
@@ -160,14 +171,14 @@ export function actions(steps: Advice[], held: HeldLine[], nothing: string): HTM
         : h('p', {}, nothing)),
     held.length ? h('div', {}, h('h2', {}, 'What was held, and why'),
       h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
-        line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them'),
+        line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them, as the rig calls them'),
           h('p', { class: 'names' }, line.names.join(', '))) : null)))) : null);
 }
 
 export function firstScreen(context: Context): HTMLElement {
   const { result } = context;
   const verdict = result.verdict;
-  const { why } = splitVerdict(verdict?.text ?? '');
+  const why = withoutHeld(splitVerdict(verdict?.text ?? '').why);
   const held = heldLines(result);
   return h('div', { class: 'first', id: 'verdict' },
     judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict', say: '' },

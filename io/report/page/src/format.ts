@@ -50,13 +50,28 @@ const parts: Record<string, string> = {
   x: 'x', y: 'y', z: 'z', rx: 'turn about x', ry: 'turn about y', rz: 'turn about z',
 };
 
-/** joint/elbow/origin.rz as "elbow, origin: turn about z". What is no name of a parameter stays as it is. */
-export function plainName(name: string): string {
+/** joint/elbow/origin.rz as { of: "elbow: origin", part: "turn about z" }; what is no name of a parameter stays as it is. */
+function taken(name: string): { of: string; part: string } {
   const match = /^(joint|sensor|target)\/(.+)\/([a-z_]+)(?:\.(.+))?$/.exec(name);
-  if (!match) return name;
+  if (!match) return { of: name, part: '' };
   const [, what, who, kind, part] = match;
-  const word = what === 'target' && kind === 'pose' ? 'pose' : (kinds[kind] ?? kind);
-  return `${who}, ${word}${part ? `: ${parts[part] ?? part}` : ''}`;
+  return { of: `${who}: ${what === 'target' && kind === 'pose' ? 'pose' : (kinds[kind] ?? kind)}`, part: part ? (parts[part] ?? part) : '' };
+}
+/** joint/elbow/origin.x as "elbow: origin x", .rz as "elbow: origin, turn about z". */
+export function plainName(name: string): string {
+  const { of, part } = taken(name);
+  return part ? `${of}${part.includes(' ') ? ', ' : ' '}${part}` : of;
+}
+/** Names as a list, the numbers of one pose or lens together: "turn: origin x, y; bend: zero offset and 3 more" (numbers). */
+export function plainList(names: string[], most = 3): string {
+  const groups = new Map<string, string[]>();
+  for (const name of names) {
+    const { of, part } = taken(name);
+    groups.set(of, [...(groups.get(of) ?? []), part]);
+  }
+  const all = [...groups], told = all.slice(0, all.length > most + 1 ? most : undefined);
+  const rest = names.length - told.reduce((sum, [, of]) => sum + of.length, 0);
+  return told.map(([of, its]) => [of, its.filter(Boolean).join(', ')].filter(Boolean).join(' ')).join('; ') + (rest ? ` and ${rest} more` : '');
 }
 
 export function seconds(s: number | undefined): string {

@@ -21,7 +21,7 @@ function buttons(): HTMLElement[] {
 }
 
 function contents(sections: Section[], top: boolean): HTMLElement {
-  const links = [...(top ? [{ id: 'top', title: 'In short' }] : []), ...sections].map((s) => h('li', {}, h('a', { href: `#${s.id}` }, s.title)));
+  const links = [...(top ? [{ id: 'top', title: 'In short' }] : []), ...sections].map((s) => h('li', {}, h('a', { href: `#${s.id}` }, s.id === 'verdict' ? 'In short' : s.title)));
   return h('nav', { class: 'contents', 'aria-label': 'Contents' }, h('ol', {}, ...links));
 }
 /** Marks the section in the table of contents that is being read. */
@@ -81,15 +81,25 @@ function sampleStrip(of: Context): HTMLElement {
     h('button', { type: 'button', 'aria-label': 'Next sample', click: () => step(1) }, '→'), text, about);
 }
 
-/** On paper everything is drawn, in light colours. */
+/** On paper everything is drawn, in light colours, laid out and drawn again at the width of the paper. Nothing of it may
+ *  wait for a frame of the screen: none comes before the page is printed. */
 function printing(): void {
+  const root = document.documentElement;
   let before: string | null = null;
+  let closed: HTMLDetailsElement[] = [];
   addEventListener('beforeprint', () => {
-    before = document.documentElement.dataset.theme ?? null;
-    setTheme('light');
+    before = root.dataset.theme ?? null;
+    root.classList.add('paper');
+    closed = [...document.querySelectorAll<HTMLDetailsElement>('.held details:not([open])')];
+    for (const details of closed) details.open = true;
     drawAll();
+    setTheme('light');
   });
-  addEventListener('afterprint', () => setTheme(before));
+  addEventListener('afterprint', () => {
+    root.classList.remove('paper');
+    for (const details of closed) details.open = false;
+    setTheme(before);
+  });
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => setTheme(document.documentElement.dataset.theme ?? null));
 }
 

@@ -55,14 +55,27 @@ export function ticks(low: number, high: number, about: number): number[] {
   if (!(high > low)) return [low];
   const raw = (high - low) / Math.max(1, about);
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = power * ([1, 2, 5, 10].find((m) => m * power >= raw * 0.999) ?? 10);
-  const made: number[] = [];
-  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) made.push(i * step + 0);   // + 0: no negative zero
+  const widest = [1, 2, 5, 10].find((m) => m * power >= raw * 0.999) ?? 10;
+  let made: number[] = [];
+  // Fewer than three would leave a range around 0 with nothing but the 0.
+  for (const m of [10, 5, 2, 1, 0.5, 0.2, 0.1]) {
+    if (m > widest || made.length >= 3) continue;
+    const step = m * power;
+    made = [];
+    for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) made.push(i * step + 0);   // + 0: no negative zero
+  }
   return made;
 }
 
 // ---- rigid motions: x y z qx qy qz qw, as in the data
 export const identity: Pose7 = [0, 0, 0, 0, 0, 0, 1];
+
+/** A quaternion x y z w as the angles of a URDF (R = Rz(yaw) Ry(pitch) Rx(roll)); at pitch 90 degrees roll is 0. */
+export function rollPitchYaw([x, y, z, w]: number[]): [number, number, number] {
+  const pitch = Math.asin(Math.max(-1, Math.min(1, 2 * (w * y - x * z))));
+  if (Math.abs(Math.abs(pitch) - Math.PI / 2) < 1e-6) return [0, pitch, Math.sign(pitch) * -2 * Math.atan2(x, w)];
+  return [Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), pitch, Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))];
+}
 
 export function rotate(q: number[], v: number[]): number[] {
   const [x, y, z, w] = q;

@@ -1,8 +1,8 @@
 // Sections about the estimated numbers and about what the recording covers.
-import { components, type Component, type Context } from './data';
+import { components, openPoses, type Component, type Context, type Result } from './data';
 import { csvButton, dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, plural, shown, size } from './format';
-import { extent, histogram } from './maths';
+import { extent, histogram, rollPitchYaw } from './maths';
 import { line, plotFigure } from './plot';
 import { sensorViews, taken } from './views';
 import { colours, onTheme } from './state';
@@ -15,13 +15,42 @@ export function changesSection(context: Context): Section {
   return section('changes', 'What the calibration changed',
     'Each estimated number against what the rig had: the dot is the change, the thick bar one standard deviation, the thin one three. A bar that crosses zero: the change could be chance. A long bar: the data know little.',
     (host) => {
-      const all = components(context.result).filter((c) => c.sigma !== 0);
-      if (!all.length) return void host.append(missing('The result has no estimated numbers.'));
+      const open = openPoses(context.result);
+      const all = components(context.result).filter((c) => c.sigma !== 0 && !open.has(c.parameter));
       for (const unit of ['m', 'rad', 'px', '']) {
         const rows = all.filter((c) => c.unit === unit).sort((a, b) => Math.abs(b.value - b.initial) - Math.abs(a.value - a.initial));
         if (rows.length) host.append(changeTable(rows, unit));
       }
+      const found = openTable(context.result, open);
+      if (found) host.append(found);
+      if (!all.length && !found) host.append(missing('The result has no estimated numbers.'));
     }, 400);
+}
+
+/** Where the parts are that the rig leaves open: there is no change of these, only a place. */
+function openTable(result: Result, open: Set<string>): HTMLElement | null {
+  const rows = Object.entries(result.parameters ?? {}).filter(([name, p]) => open.has(name) && p.pose?.xyz?.length === 3 && p.pose.quat?.length === 4);
+  if (!rows.length) return null;
+  type Row = (typeof rows)[0];
+  const links = new Map<string, number>([...(result.scene?.sensors ?? []).map((s) => [`sensor/${s.name}/pose`, s.link] as const), ...(result.scene?.targets ?? []).map((t) => [`target/${t.name}/pose`, t.link] as const)]);
+  const sigma = ([, p]: Row, from: number) => {
+    const of = (p.sigma ?? []).slice(from, from + 3);
+    return of.length === 3 && of.every((s) => typeof s === 'number') ? Math.hypot(...(of as number[])) : null;
+  };
+  return dataTable(rows, [
+    { title: 'Part', cell: ([name]) => h('span', { title: name }, name.split('/').slice(1, -1).join('/')) },
+    { title: 'On link', cell: ([name]) => result.scene?.links[links.get(name)!]?.name ?? none },
+    ...['x', 'y', 'z'].map((axis, i) => ({
+      title: `${axis} (mm)`, numeric: true, cell: ([, p]: Row) => digits(p.pose!.xyz[i] * 1000, 4), value: ([, p]: Row) => p.pose!.xyz[i] * 1000,
+    })),
+    ...['roll', 'pitch', 'yaw'].map((angle, i) => ({
+      title: `${angle} (°)`, numeric: true, cell: ([, p]: Row) => digits((rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI, 4), value: ([, p]: Row) => (rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI,
+    })),
+    { title: 'Known to ±', hint: 'One standard deviation of the place and of the turn', numeric: true, cell: (row) => [size(sigma(row, 0), 'm'), size(sigma(row, 3), 'rad')].join(', '), value: (row) => sigma(row, 0) },
+  ], {
+    caption: 'Poses that the rig leaves open: found from the data alone, so nothing changed.', file: 'found_poses',
+    row: (element, [name]) => { element.dataset.part = name.slice(0, name.lastIndexOf('/')); },
+  });
 }
 
 /** Rows know their sensor or target, so that they are marked with it. */

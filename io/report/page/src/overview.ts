@@ -31,30 +31,40 @@ function bar(value: number | null, most: number, kind: string) {
     svg('rect', { x: 0, y: 1, width: value && most ? (100 * value) / most : 0, height: 6 }));
 }
 
-/** One line a robot (serial number, else folder); what it was before as open points. */
+/** Dates as everywhere: 2026-03-01; with the hour where the axis is shorter than some days. */
+function dates(at: number[]): string[] {
+  const long = at[at.length - 1] - at[0] > 2 * 86400;
+  return at.map((t) => new Date(t * 1000).toISOString().slice(0, long ? 10 : 16).replace('T', ' '));
+}
+
+/** Of a few robots two lines each (serial number, else folder): as it was found dashed, calibrated solid. Of a whole fleet
+ *  points before and after, for nobody could tell the colours of the robots. */
 function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[], wide: boolean): void {
   const points = rows.flatMap((row) => { const t = stamp(row.time), s = row.sensors?.[sensor]; return t !== null && s ? [{ t, s, row }] : []; })
     .sort((a, b) => a.t - b.t);
   if (points.length < 2) return;
   const unit = shown(points[0].s.unit);
-  // A line for each of a few robots; of a whole fleet points, for nobody could tell their colours.
   const serials = [...new Set(points.map((p) => p.row.serial ?? ''))];
-  const few = serials.length <= mostLines;
-  const robots = few ? serials : [''];
+  const few = serials.length <= mostLines, one = !few || serials.length === 1;
   const value = (v: number | null) => (v !== null && v > 0 ? v * unit.factor : null);
+  const lines = (few ? serials : ['']).flatMap((robot, i) => (['before', 'after'] as const).map((kind) => ({
+    kind, i, label: one ? kind : `${robot || 'no serial'} ${kind}`,
+    data: points.map((p) => (!few || (p.row.serial ?? '') === robot ? value(p.s[kind]) : null)),
+  })));
   lineFigure(host, {
-    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 210, wide, live: false,
+    title: `${sensor} (${unit.name})`, file: `time_${sensor}`, height: 230, wide, live: false,
     csv: () => [['folder', 'serial', 'time', `before [${unit.name}]`, `after [${unit.name}]`], ...points.map((p) => [p.row.folder, p.row.serial, time(p.row.time), value(p.s.before), value(p.s.after)])],
-    data: [points.map((p) => p.t), points.map((p) => value(p.s.before)), ...robots.map((robot) => points.map((p) => (!few || (p.row.serial ?? '') === robot ? value(p.s.after) : null)))],
+    data: [points.map((p) => p.t), ...lines.map((line) => line.data)],
     options: (c) => {
-      const tones = [c.after, c.good, c.other, c.chosen, c.faint];
+      const tones = [c.after, c.other, c.good, c.text, c.faint];
+      const tone = (line: (typeof lines)[0]) => (one && line.kind === 'before' ? c.before : tones[line.i]);
       return {
-        scales: { y: { distr: 3 } }, axes: [{}, logAxis()],
-        series: [{ value: (_, t) => (t === null ? none : time(t)) }, { label: 'before', stroke: c.before, paths: () => null, points: { show: true, size: 6, fill: c.panel }, value: (_, v) => digits(v) },
-          ...robots.map((robot, i) => ({
-            label: robot || 'after', stroke: tones[i % tones.length], width: 2, spanGaps: true, ...(few ? {} : { paths: () => null }),
-            points: { show: true, size: 7, fill: tones[i % tones.length] }, value: (_: unknown, v: number | null) => digits(v),
-          }))],
+        scales: { y: { distr: 3 } }, axes: [{ space: 84, values: (_, at) => dates(at) }, logAxis()],
+        series: [{ value: (_, t) => (t === null ? none : time(t)) }, ...lines.map((line) => ({
+          label: line.label, stroke: tone(line), width: line.kind === 'after' ? 2 : 1.2, spanGaps: true, dash: line.kind === 'before' ? [5, 4] : undefined,
+          ...(few ? {} : { paths: () => null }), points: { show: true, size: 7, dash: [], fill: line.kind === 'after' ? tone(line) : c.ground },
+          value: (_: unknown, v: number | null) => digits(v),
+        }))],
       };
     },
   });
@@ -64,6 +74,12 @@ function change(row: OverviewRow): string {
   const c = row.largest_change;
   if (!c) return none;
   return `${plainName(c.parameter ?? c.name ?? '')} ${quantity(c.value, c.unit ?? '')}`;
+}
+
+/** The name of a result; short ones are not broken at their hyphens. */
+function folder(row: OverviewRow): HTMLElement {
+  const name = row.folder || row.title || none;
+  return h('span', { class: name.length < 30 ? 'nowrap' : undefined }, name);
 }
 
 export function overviewSections(data: Overview): Section[] {
@@ -76,7 +92,8 @@ export function overviewSections(data: Overview): Section[] {
   const word = (row: OverviewRow) => { const use = useOf(row); return use ? words[use] : '✕ no result'; };
   const counts = (['no', 'doubts', 'good'] as const).map((use) => rows.filter((row) => useOf(row) === use).length);
   const failed = rows.length - counts[0] - counts[1] - counts[2];
-  const head = section('verdict', `${plural(rows.length, 'calibration')}: ${counts[2]} good, ${counts[1]} with doubts, ${counts[0]} not to be used${failed ? `, ${failed} without a result` : ''}`,
+  const told = [[counts[2], 'good'], [counts[1], 'with doubts'], [counts[0], 'not to be used'], [failed, 'without a result']].filter(([n]) => n).map(([n, what]) => `${n} ${what}`);
+  const head = section('verdict', `${plural(rows.length, 'calibration')}: ${told.join(', ')}`,
     'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration, joint readings taken as they come.',
     (host) => host.append(dataTable(rows, [
       { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.folder || row.title) : row.folder || row.title); }, value: (row) => row.folder },
@@ -92,21 +109,21 @@ export function overviewSections(data: Overview): Section[] {
     ], { caption: 'All results, the worst first.', file: 'overview', most: 200 })), 100);
   const doubts = rows.filter((row) => row.verdict?.use !== 'good');
   const why = section('why', 'What is wrong where', 'The program’s own words for every result that is not good.',
-    (host) => host.append(doubts.length ? dataTable(doubts, [
-      { title: 'Result', cell: (row) => row.folder || row.title },
-      { title: 'Verdict', cell: word },
+    (host) => host.append(dataTable(doubts, [
+      { title: 'Result', cell: (row) => folder(row), value: (row) => row.folder },
+      { title: 'Verdict', cell: (row) => h('span', { class: 'nowrap' }, word(row)), value: word },
       { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
-    ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 }) : h('p', {}, 'Every result is good.')));
+    ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 })));
   const where = section('origins', 'What the errors were measured on', 'Held-out data are the judge; errors on the data of the fit itself are too small.',
     (host) => host.append(dataTable(rows.flatMap((row) => Object.entries(row.sensors ?? {}).map(([sensor, s]) => ({ row, sensor, s }))), [
-      { title: 'Result', cell: (r) => r.row.folder || r.row.title }, { title: 'Sensor', cell: (r) => r.sensor },
+      { title: 'Result', cell: (r) => folder(r.row), value: (r) => r.row.folder }, { title: 'Sensor', cell: (r) => r.sensor },
       { title: 'Before', cell: (r) => quantity(r.s.before, r.s.unit), value: (r) => r.s.before, numeric: true },
       { title: 'After', cell: (r) => quantity(r.s.after, r.s.unit), value: (r) => r.s.after, numeric: true },
       { title: 'On', cell: (r) => ({ test: 'held-out samples', cross_validation: 'cross-validated', train: 'the fit’s own data' })[r.s.from] ?? r.s.from },
     ], { caption: 'Errors before and after.', file: 'overview_errors' })));
-  const sections = [head];
+  const sections = doubts.length ? [head, why] : [head];
   if (rows.filter((row) => stamp(row.time) !== null).length > 1)
-    sections.push(section('drift', 'Over time', 'Errors after the calibration, a line for each robot (points, of more than five), and of the robot as it was found (open orange points); the scale is logarithmic. Orange that rises from one calibration to the next: the robot drifts or wears.',
+    sections.push(section('drift', 'Over time', 'Errors of each robot as it was found (dashed, open) and as calibrated (solid, filled); of more than five robots points only. The scale is logarithmic. A dashed line that rises: the robot drifts or wears.',
       (host) => { const grid = h('div', sensors.length === 1 ? {} : { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows, sensors.length === 1); }, 300));
-  return [...sections, why, where];
+  return [...sections, where];
 }

@@ -264,7 +264,9 @@ function overPlace(context: Context, sensor: SensorViews, scene: SceneSensor | u
   const parts = ['x', 'y', 'z'].map((c) => taken(context.residuals.column(c), sensor.rows, unit.factor));
   const size = parts[0].map((v, i) => Math.hypot(v, parts[1][i] || 0, parts[2][i] || 0));
   const sample = Int32Array.from(sensor.rows, (i) => context.residuals.ints('sample')[i]);
-  return ([['range', 'm', range], ['bearing', 'degrees', bearing]] as const).map(([name, of, xs]) => plotFigure({
+  // A sensor that measures one place only (a ball in its socket) has nothing to be drawn over.
+  const varies = (xs: Float64Array) => { const [low, high] = extent(xs); return high - low > 1e-9; };
+  return ([['range', 'm', range], ['bearing', 'degrees', bearing]] as const).filter(([, , xs]) => varies(xs)).map(([name, of, xs]) => plotFigure({
     title: `Over ${name}`, file: `${sensor.name}_${name}`, xLabel: `${name} (${of})`, yLabel: `length of the residual (${unit.name})`,
     x: padded(extent(xs)), y: [0, (extent(size)[1] || 1) * 1.08],
     draw: (pen) => { points(pen, xs, size, pen.colour.after, 1.5); },

@@ -2,7 +2,7 @@
 import { chi2PerDof, components, type Context, type SensorErrors, type WeakDirection } from './data';
 import { dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
-import { badlyKnown, isChosen, openDirections, weakSentence } from './advice';
+import { badlyKnown, capital, isChosen, openDirections, sentence, weakSentence } from './advice';
 import { lineFigure, logAxis } from './lines';
 import { choose } from './state';
 import { sensorViews } from './views';
@@ -54,8 +54,13 @@ export function errorsSection(context: Context): Section {
           before ? svg('rect', { x: x(before) - 4, y: 3, width: 8, height: 8, class: 'before' }) : null,
           after ? svg('circle', { cx: x(after), cy: 7, r: 4.5, class: 'after' }) : null);
       };
+      const groupOf = context.result.kind ? { train: 'training samples', test: 'held-out samples' } : { train: 'on the data of the fit', test: 'on held-out data' };
       const cell = (split: Split, kind: 'rms_before' | 'rms' | 'rms_as_read') => ({
         cell: (row: ErrorRow) => digits(error(row, split, kind)), value: (row: ErrorRow) => error(row, split, kind), numeric: true,
+        group: anyTest ? groupOf[split] : undefined,
+      });
+      const points = (split: Split) => ({
+        title: 'Points', cell: (row: ErrorRow) => row.errors[split]?.points ?? 0, numeric: true, group: anyTest ? groupOf[split] : undefined,
       });
       const anyBefore = rows.some((row) => error(row, 'train', 'rms_before') !== null || error(row, 'test', 'rms_before') !== null);
       const anyNoise = rows.some((row) => noiseRatio(context, row.sensor) !== null);
@@ -69,20 +74,20 @@ export function errorsSection(context: Context): Section {
       host.append(dataTable(rows, [
         { title: 'Sensor', cell: (row) => (row.rotation ? `${row.sensor} (rotation)` : row.sensor) },
         { title: 'Unit', cell: (row) => shown(row.unit).name },
-        { title: 'Points', cell: (row) => row.errors.train?.points ?? 0, numeric: true, hint: 'Points in the fit' },
+        points('train'),
         ...(anyBefore ? [{ title: 'Before', ...cell('train', 'rms_before') }] : []),
         { title: 'Explained', ...cell('train', 'rms') },
         { title: 'In use', ...cell('train', 'rms_as_read') },
         ...(anyTest ? [
-          { title: 'Held out: points', cell: (row: ErrorRow) => row.errors.test?.points ?? 0, numeric: true },
-          ...(anyBefore ? [{ title: 'before', ...cell('test', 'rms_before') }] : []),
-          { title: 'explained', ...cell('test', 'rms') },
-          { title: 'in use', ...cell('test', 'rms_as_read') },
+          points('test'),
+          ...(anyBefore ? [{ title: 'Before', ...cell('test', 'rms_before') }] : []),
+          { title: 'Explained', ...cell('test', 'rms') },
+          { title: 'In use', ...cell('test', 'rms_as_read') },
         ] : []),
         ...(cross ? [{ title: 'Cross-validated, in use', cell: (row: ErrorRow) => digits(crossed(row)), value: crossed, numeric: true }] : []),
         ...(anyNoise ? [{ title: 'Against stated noise', cell: (row: ErrorRow) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row: ErrorRow) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' }] : []),
-        ...(anyBefore ? [{ title: 'Before ■ to in use ● (logarithmic)', cell: drawing, drawing: true }] : []),
-      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'on the data of the fit, then on held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors', row: (element, row) => { element.dataset.part = `sensor/${row.sensor}`; } }));
+        ...(anyBefore ? [{ title: 'Before □ to in use ● (logarithmic)', cell: drawing, drawing: true }] : []),
+      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'the dots are of held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors', row: (element, row) => { element.dataset.part = `sensor/${row.sensor}`; } }));
     });
 }
 
@@ -128,29 +133,36 @@ export function weakSection(context: Context): Section {
     'Each card is a motion that changes hardly any measurement: these numbers can be off together as far as it says, and nobody would see it in the residuals.',
     (host) => {
       const open = openDirections(context.result);
+      const units = new Map(components(context.result).map((c) => [c.name, c.unit]));
+      const card = (w: WeakDirection) => weakCard(w, units);
       const chosen = (context.result.weak_directions ?? []).filter(isChosen);
       if (!open.length)
         host.append(missing(badlyKnown(context.result).length
           ? 'The data leave no direction open by themselves; the numbers known to no better than 1 cm, 1° or 1 % stand first in the next section.'
           : `No weak direction${chosen.length ? ' but those that are chosen, below' : ''}: everything that was estimated is known to better than 1 cm, 1° or 1 %.`));
-      host.append(h('div', { class: 'weak' }, ...open.map(weakCard)));
+      host.append(h('div', { class: 'weak' }, ...open.map(card)));
       if (chosen.length) host.append(h('h3', {}, 'Chosen, not measured'),
         h('p', { class: 'small' }, 'No data can tell these apart, as where the base frame is or how a part is turned about the last axis. A prior, or what such numbers are usually off, makes the choice; nothing has to be done.'),
-        h('div', { class: 'weak' }, ...chosen.map(weakCard)));
+        h('div', { class: 'weak' }, ...chosen.map(card)));
     });
 }
-function weakCard(w: WeakDirection): HTMLElement {
+function weakCard(w: WeakDirection, units: Map<string, string>): HTMLElement {
   const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
+  // How far each number goes along: as far as one standard deviation, of what is not known at all for 1 mm or mrad.
+  const along = (name: string, v: number) => {
+    const unit = units.get(name) ?? '';
+    return typeof w.sigma === 'number' ? size(v * w.sigma, unit) : quantity(v / shown(w.unit).factor, unit, 2);
+  };
   const most = Math.max(...parts.map(([, v]) => Math.abs(v)), 1e-12);
   const priors = w.sigma_with_priors !== undefined && w.sigma_with_priors !== null && w.sigma_with_priors !== w.sigma;
   const chosen = isChosen(w);
   return h('article', { class: 'card' },
     h('h3', {}, chosen ? `${plainName(Object.keys(w.parameters ?? {})[0] ?? '')}: chosen to ± ${size(w.sigma_with_priors!, w.unit)}` : weakSentence(w)),
-    h('p', {}, h('b', {}, 'Why: '), w.why),
-    h('p', {}, h('b', {}, chosen ? 'To choose otherwise: ' : 'What helps: '), w.cure),
-    h('table', { class: 'plain' }, h('caption', {}, 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
+    h('p', {}, h('b', {}, 'Why: '), sentence(capital(w.why ?? ''))),
+    h('p', {}, h('b', {}, chosen ? 'To choose otherwise: ' : 'What helps: '), sentence(capital(w.cure ?? ''))),
+    h('table', { class: 'plain' }, h('caption', {}, typeof w.sigma === 'number' ? 'Numbers that move together, by one standard deviation' : 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
       h('tr', {}, h('th', { scope: 'row', title: name }, plainName(name)),
-        h('td', { class: 'n' }, digits(v, 2)),
+        h('td', { class: 'n' }, along(name, v)),
         h('td', {}, svg('svg', { viewBox: '-50 0 100 10', class: 'coefficient', 'aria-hidden': 'true' },
           svg('line', { x1: 0, x2: 0, y1: 0, y2: 10 }),
           svg('rect', { x: Math.min(0, (v / most) * 48), y: 2, width: Math.abs(v / most) * 48, height: 6 }))))))),
@@ -191,9 +203,9 @@ function costPlot(host: HTMLElement, context: Context): void {
       const tones = [c.after, c.before, c.good, c.other, c.chosen, c.faint];
       return {
         scales: { x: { time: false }, y: { distr: 3 } }, axes: [{ incrs: [1, 2, 5, 10, 20, 50, 100] }, logAxis()],
-        series: [{ label: 'iteration' }, ...steps.map((step, i) => ({
+        series: [{ label: 'iteration', value: (_: unknown, v: number | null) => (v === null ? '' : String(v)) }, ...steps.map((step, i) => ({
           label: step.step, stroke: tones[i % tones.length], width: 2, points: { show: true, size: 5 }, spanGaps: false,
-          dash: i >= tones.length ? [4, 3] : undefined, value: (_: unknown, v: number | null) => digits(v),
+          dash: i >= tones.length ? [4, 3] : undefined, value: (_: unknown, v: number | null) => (v === null ? '' : digits(v)),
         }))],
       };
     },

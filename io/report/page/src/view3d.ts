@@ -146,7 +146,8 @@ export function create(host: HTMLElement, options: Options): View3d {
   camera.up.set(0, 0, 1);
   const controls = new OrbitControls(camera, canvas);
   let asked = 0;
-  const render = () => { asked ||= requestAnimationFrame(() => { asked = 0; renderer.render(stage, camera); placeNames(); }); };
+  const renderNow = () => { renderer.render(stage, camera); placeNames(); };
+  const render = () => { asked ||= requestAnimationFrame(() => { asked = 0; renderNow(); }); };
   controls.addEventListener('change', render);
 
   const materials = {
@@ -352,12 +353,17 @@ export function create(host: HTMLElement, options: Options): View3d {
     materials.dots.color.set(colours.good);
     for (const material of [materials.chosen, materials.marked, materials.arrow]) material.color.set(colours.chosen);
     build();
+    resize();
+    renderNow();                                           // on paper no frame of the screen comes before it is printed
   }
   /** Places of what matters: chains, sensors, targets at the chosen sample unless they are far from the robot. */
   function places3d(): Vector3[] {
     const p = poses(options, sample);
     const vector = (body: Body) => new Vector3(body.after[0], body.after[1], body.after[2]);
-    const robot = [...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : []));
+    const corners = scene.links.flatMap((link, i) => (link.boxes ?? []).flatMap((box) => [0, 1, 2, 3, 4, 5, 6, 7].map((c) =>
+      compose(compose(p.links[i].after, box.pose), [...box.size.map((s, k) => ((c >> k) & 1 ? s : -s) / 2), 0, 0, 0, 1]))));
+    const robot = [...[...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : [])),
+      ...corners.map(([x, y, z]) => new Vector3(x, y, z))];
     const box = new Box3().setFromPoints(robot);
     const size = box.getSize(new Vector3()).length();
     return [...robot, ...p.targets.flatMap((body, i) => (body && box.distanceToPoint(vector(body)) < size
@@ -444,7 +450,6 @@ export function create(host: HTMLElement, options: Options): View3d {
   k = start.difference;
   sigmas = start.uncertainty;
   paint(options.colours);
-  resize();
   home();
   return {
     start,

@@ -87,7 +87,7 @@ if (overview) {
   }
   if (result.steps?.length) check((await text('#steps')).includes(await digits(result.steps.at(-1).chi2)), 'chi2 of the last step');
   if (result.input?.rig) check((await text('#origin')).includes(result.input.rig), 'hash of the rig');
-  for (const weak of (result.weak_directions ?? []).slice(0, 2)) check((await text('#weak')).includes(weak.why.slice(0, 60)), 'why a direction is weak');
+  for (const weak of (result.weak_directions ?? []).slice(0, 2)) check((await text('#weak')).includes(weak.why.slice(1, 60)), 'why a direction is weak');
 
   if (sections.includes('samples') && data.samples?.id.length && data.residuals?.sample?.length) {
     // Ink of the chosen sample on the layer above a plot.
@@ -160,6 +160,17 @@ await page.emulateMedia({ media: 'print' });
 await page.evaluate(() => dispatchEvent(new Event('beforeprint')));
 await page.waitForTimeout(500);
 check((await page.evaluate(() => [...document.querySelectorAll('.body')].filter((b) => !b.childElementCount).length)) === 0, 'everything is drawn for print');
+// What the event changed at once is what is printed: no frame of the screen comes in between.
+const stretched = await page.evaluate(async () => {
+  dispatchEvent(new Event('afterprint'));
+  dispatchEvent(new Event('beforeprint'));
+  await null;
+  const wide = [...document.querySelectorAll('.canvas canvas:not(.over), .uplot-host canvas')].filter((c) => Math.abs(c.width / devicePixelRatio - c.clientWidth) > 2);
+  const lost = [...document.querySelectorAll('.name3d:not([hidden])')].filter((name) => !name.style.transform);
+  return { wide: wide.length, lost: lost.length, page: document.getElementById('page').clientWidth, marks: [...document.querySelectorAll('.over')].filter((c) => c.checkVisibility()).length };
+});
+check(stretched.wide === 0 && stretched.page < 700, 'at the width of the paper');
+check(stretched.lost === 0 && stretched.marks === 0, 'names in their places, nothing over the plots');
 check((await page.locator('.table').evaluateAll((all) => all.filter((t) => !t.querySelector('.more').hidden && Number(/\d+/.exec(t.querySelector('.more').textContent)[0]) <= 200).length)) === 0, 'with whole tables');
 if (shots) {
   mkdirSync(shots, { recursive: true });

@@ -1,11 +1,11 @@
 // Proves the functions that the page is made of: numbers and names as text, statistics, rigid motions and kinematics,
 // what is told first, the order of an overview. Does not prove what a browser draws: tests/browser.mjs does.
 import { describe, expect, test } from 'vitest';
-import { badlyKnown, fitWord, heldLines, leastKnown, nextSteps, openDirections, sentence, splitVerdict } from '../src/advice';
-import { componentNames, components, context, judged, table, type Link, type Report, type Result } from '../src/data';
+import { badlyKnown, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict, withoutHeld } from '../src/advice';
+import { componentNames, components, context, judged, openPoses, table, type Link, type Report, type Result } from '../src/data';
 import { pooled } from '../src/first';
-import { csv, digits, list, plainName, quantity, size, time } from '../src/format';
-import { aboutAxis, chiDensity, compose, eigen3, histogram, identity, inverse, linkPoses, magnified, quantile, rotate, ticks } from '../src/maths';
+import { csv, digits, list, plainList, plainName, quantity, size, time } from '../src/format';
+import { aboutAxis, chiDensity, compose, eigen3, histogram, identity, inverse, linkPoses, magnified, quantile, rollPitchYaw, rotate, ticks } from '../src/maths';
 import { strongest } from '../src/numbers';
 import { safeLink, worstFirst } from '../src/overview';
 import { sampleLines, sensorViews } from '../src/views';
@@ -25,9 +25,14 @@ describe('text', () => {
     expect(size(0.001, 'rad')).toBe('1.0 mrad');
   });
   test('names of parameters become words, other names stay', () => {
-    expect(plainName('joint/elbow/origin.rz')).toBe('elbow, origin: turn about z');
-    expect(plainName('sensor/a/b/pose.x')).toBe('a/b, mount: x');
+    expect(plainName('joint/elbow/origin.rz')).toBe('elbow: origin, turn about z');
+    expect(plainName('sensor/a/b/pose.x')).toBe('a/b: mount x');
     expect(plainName('<img src=x>')).toBe('<img src=x>');
+  });
+  test('in lists the numbers of one pose stand together, and those left out are counted', () => {
+    const names = ['joint/a/origin.x', 'joint/a/origin.rz', 'joint/b/offset', 'sensor/c/pose.y', 'sensor/d/pose.x', 'sensor/d/pose.y', 'sensor/e/pose.x'];
+    expect(plainList(names.slice(0, 3))).toBe('a: origin x, turn about z; b: zero offset');
+    expect(plainList(names, 3)).toBe('a: origin x, turn about z; b: zero offset; c: mount y and 3 more');
   });
   test('CSV quotes what it has to and starts no formula', () => {
     expect(csv([['a,b', 'say "x"', '=1+1', 2, null, NaN]])).toBe('"a,b","say ""x""",\'=1+1,2,,\r\n');
@@ -56,11 +61,20 @@ describe('mathematics', () => {
     expect([...histogram([0, 0.1, 0.9, 1, 5, -3, NaN], 0, 1, 2)]).toEqual([3, 3]);
     expect(ticks(0, 1, 5)).toEqual([0, 0.2, 0.4, 0.6000000000000001, 0.8, 1]);
     expect(ticks(3, 3, 5)).toEqual([3]);
+    for (let a = 0.1; a < 100; a *= 1.07) expect(ticks(-a, a, 2).length, String(a)).toBeGreaterThanOrEqual(3);
   });
   test('a motion and its inverse are the identity', () => {
     const a = [1, 2, 3, ...aboutAxis([1, 2, -1], 0.7)];
     near(compose(a, inverse(a)), identity);
     near(rotate(aboutAxis([0, 0, 1], Math.PI / 2), [1, 0, 0]), [0, 1, 0]);
+  });
+  test('a turn as the angles of a URDF makes the turn again, at the pole too', () => {
+    for (const [axis, angle] of [[[1, 2, -1], 2.8], [[0, 1, 0], Math.PI / 2], [[0.3, -1, 0.1], 1.4], [[1, 0, 0], -3]] as [number[], number][]) {
+      const q = aboutAxis(axis, angle), [roll, pitch, yaw] = rollPitchYaw(q);
+      const turn = (axis: number[], angle: number) => [0, 0, 0, ...aboutAxis(axis, angle)];
+      const again = compose(turn([0, 0, 1], yaw), compose(turn([0, 1, 0], pitch), turn([1, 0, 0], roll))).slice(3);
+      near(rotate(again, [1, 2, 3]), rotate(q, [1, 2, 3]), 1e-6);
+    }
   });
   test('magnified by 1 is before, by 0 is after, by 10 turns ten times as far', () => {
     const after = [1, 0, 0, ...aboutAxis([0, 1, 0], 0.3)];
@@ -108,7 +122,7 @@ describe('what is told first', () => {
       findings: [{ id: 'f', text: 'the board of the hand is mirrored' }], weak_directions: [weak], warnings: [{ id: 'sigma', text: 's' }],
     };
     const texts = nextSteps(result).map((s) => s.text);
-    expect(texts.slice(0, 2)).toEqual(['The board of the hand is mirrored', 'Hold it']);
+    expect(texts.slice(0, 2)).toEqual(['The board of the hand is mirrored.', 'Hold it.']);
     expect(texts.length).toBe(2);                        // the warning sigma says what the weak direction says better
   });
   test('one source: the verdict first, then what was found, then the cure of each warning, each once', () => {
@@ -118,7 +132,7 @@ describe('what is told first', () => {
       validation: { test: {} },
     };
     const texts = nextSteps(result).map((s) => s.text);
-    expect(texts[0]).toBe('Look at these, or leave them out');
+    expect(texts[0]).toBe('Look at these, or leave them out.');
     expect(texts.filter((text) => /--reject/.test(text)).length).toBe(1);
     expect(texts.length).toBe(3);
   });
@@ -156,12 +170,12 @@ describe('what is told first', () => {
   });
   test('what only tells of held numbers is nothing to do', () => {
     const text = 'converged, but a. What to do: record more varied postures; 36 numbers are as the rig has them, for the data do not tell';
-    expect(nextSteps({ verdict: { use: 'doubts', text }, validation: { test: {} } }).map((s) => s.text)).toEqual(['Record more varied postures']);
+    expect(nextSteps({ verdict: { use: 'doubts', text }, validation: { test: {} } }).map((s) => s.text)).toEqual(['Record more varied postures.']);
   });
   test('a cure of several directions is said once, then only what could be held', () => {
     const weak = (name: string) => ({ parameters: { [name]: 1 }, unit: 'm', sigma: 0.1, reason: '', why: '', cure: `more samples; or hold ${name}` });
     const texts = nextSteps({ verdict: { use: 'no', text: 'x' }, weak_directions: [weak('a'), weak('b')], warnings: [{ id: 'sigma', text: 'far' }] }).map((s) => s.text);
-    expect(texts).toEqual(['More samples; or hold a', 'Or hold b']);
+    expect(texts).toEqual(['More samples; or hold a.', 'Or hold b.']);
   });
   test('what the verdict says does not stand behind its cure again', () => {
     const why = 'the model does not explain the data at all';
@@ -171,6 +185,21 @@ describe('what is told first', () => {
   test('held numbers are counted by reason', () => {
     const held = [{ parameter: 'a', reason: 'no_gain', sigma: 0, text: '' }, { parameter: 'b', reason: 'undetermined', sigma: 0, text: '' }];
     expect(heldLines({ held }).map((line) => line.names)).toEqual([['b'], ['a']]);
+  });
+  test('of a rig with steps the kinds of numbers are named that no step frees', () => {
+    const joint = (name: string, axis?: number[]) => ({ name: `l_${name}`, parent: 0, joint: name, axis });
+    const p = { unit: ['rad'], initial: [0], value: [0], sigma: [0.001] };
+    const scene = {
+      base: 0, links: [{ name: 'base', parent: -1 }, joint('a', [0, 0, 1]), joint('b', [0, 0, 1]), joint('fixed')],
+      sensors: [{ name: 'c', type: 'camera', link: 1, before: null, after: null, intrinsics: [1, 1, 0, 0] }], targets: [{ name: 't', type: 'chessboard', link: -1, before: null, after: null }],
+    };
+    const line = heldLines({ scene, parameters: { 'joint/a/offset': p, 'sensor/c/pose': p, 'target/t/square': p } })[0];
+    expect(heldSentence(line)).toBe('No step of the rig frees the gear scales, joint origins, lenses and other zero offsets: they count as exact.');
+    expect(heldLines({})[0].text).toBe('What no step of the rig frees counts as exact');
+  });
+  test('what was held is not said in the verdict and again below it', () => {
+    expect(withoutHeld('converged; fine (chi2/dof 1); 14 numbers are as the rig has them, for the data do not tell (what is predicted counts that): a, b and 12 more; see the warning x'))
+      .toBe('converged; fine (chi2/dof 1); see the warning x');
   });
 });
 
@@ -196,6 +225,13 @@ describe('data', () => {
     expect(componentNames('sensor/c/distortion', 5)[4]).toBe('sensor/c/distortion.k3');
     expect(componentNames('target/t/points', 6)[4]).toBe('target/t/points.1.y');
     expect(components({ parameters: { 'joint/j/offset': { unit: ['rad'], initial: [0], value: [0.1], sigma: [null] } } })[0].name).toBe('joint/j/offset');
+  });
+  test('what only rounding moved did not move, and a pose that the rig leaves open has no change', () => {
+    const p = (value: number, sigma: number | null) => ({ unit: ['rad'], initial: [0], value: [value], sigma: [sigma] });
+    expect(components({ parameters: { 'joint/a/offset': p(-1.7e-17, 5e-4), 'joint/b/offset': p(1e-9, null) } }).map((c) => c.value)).toEqual([0, 1e-9]);
+    const part = (name: string, link: number, before: number[] | null) => ({ name, type: 'camera', link, before, after: identity });
+    expect([...openPoses({ scene: { base: 0, links: [], sensors: [part('a', 1, null), part('b', 1, identity)], targets: [part('t', 0, null), part('free', -1, null)] } })])
+      .toEqual(['sensor/a/pose', 'target/t/pose']);
   });
   test('rows are found by sample, missing columns are not numbers', () => {
     const t = table({ sample: [1, 0, 1], x: [1, null, 3] });
