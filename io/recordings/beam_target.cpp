@@ -1,0 +1,642 @@
+#include "beam_target.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+
+#include <Eigen/Eigenvalues>
+
+#include "../../models/rig/draws.h"
+#include "../../models/rig/numbers.h"
+#include "../images/detect.h"
+#include "../images/plane_view.h"
+
+namespace kincal {
+namespace {
+
+using Eigen::Matrix2d;
+using Eigen::Matrix4d;
+using Eigen::Vector2d;
+using Eigen::Vector4d;
+
+constexpr double kReach = 0.45;       // squares: half of a corner's window
+constexpr double kMostPixels = 12e6;  // of a picture
+
+double median(std::vector<double> all) {
+  if (all.empty()) return 0;
+  const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
+  std::nth_element(all.begin(), middle, all.end());
+  return *middle;
+}
+
+double quantile(std::vector<double> all, double share) {
+  const auto at = static_cast<size_t>(share * static_cast<double>(all.size() - 1));
+  std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(at), all.end());
+  return all[at];
+}
+
+// ------------------------------------------------------------------------------------- the picture
+
+/// A BeamPicture is the intensities with square pixels; the pixel (x, y) is at u = left + pitch x,
+/// v = top + pitch y.
+struct BeamPicture {
+  cv::Mat grey;  // 8 bits
+  double left = 0, top = 0, pitch = 1;
+};
+
+/// What no beam has seen gets the mean of what is around it, from near to far.
+void fill_gaps(cv::Mat& sum, cv::Mat& weight) {
+  for (int size = 5; size < 130; size = 2 * size + 1) {
+    cv::Mat wide, count;
+    cv::blur(sum, wide, {size, size});
+    cv::blur(weight, count, {size, size});
+    const cv::Mat gaps = (weight <= 1e-6) & (count > 1e-6);
+    wide.copyTo(sum, gaps);
+    count.copyTo(weight, gaps);
+  }
+}
+
+BeamPicture picture_of(const Beams& beams, double pitch) {
+  double right = -1e300, bottom = -1e300;
+  BeamPicture out;
+  out.left = out.top = 1e300;
+  out.pitch = pitch;
+  std::vector<double> levels;
+  for (const Beam& b : beams.all) {
+    out.left = std::min(out.left, b.u), right = std::max(right, b.u);
+    out.top = std::min(out.top, b.v), bottom = std::max(bottom, b.v);
+    levels.push_back(b.intensity);
+  }
+  const int width = static_cast<int>((right - out.left) / pitch) + 2,
+            height = static_cast<int>((bottom - out.top) / pitch) + 2;
+  cv::Mat sum = cv::Mat::zeros(height, width, CV_32F), weight = sum.clone();
+  const double reach_x = std::max(1., beams.step_u / pitch),
+               reach_y = std::max(1., beams.step_v / pitch);
+  const double dark = quantile(levels, 0.02), bright = quantile(levels, 0.98);
+  for (const Beam& b : beams.all) {
+    const double x = (b.u - out.left) / pitch, y = (b.v - out.top) / pitch;
+    const double level = std::clamp(b.intensity, dark, bright);
+    const int first_x = std::max(0, static_cast<int>(std::ceil(x - reach_x))),
+              last_x = std::min(width - 1, static_cast<int>(std::floor(x + reach_x)));
+    const int first_y = std::max(0, static_cast<int>(std::ceil(y - reach_y))),
+              last_y = std::min(height - 1, static_cast<int>(std::floor(y + reach_y)));
+    for (int row = first_y; row <= last_y; ++row)
+      for (int column = first_x; column <= last_x; ++column) {
+        const double w =
+            (1 - std::abs(column - x) / reach_x) * (1 - std::abs(row - y) / reach_y) + 1e-5;
+        sum.at<float>(row, column) += static_cast<float>(w * level);
+        weight.at<float>(row, column) += static_cast<float>(w);
+      }
+  }
+  fill_gaps(sum, weight);
+  cv::Mat mean = cv::Mat(height, width, CV_32F, cv::Scalar(0.5 * (dark + bright)));
+  cv::divide(sum, weight, sum);
+  sum.copyTo(mean, weight > 1e-6);
+  mean.convertTo(out.grey, CV_8U, 255 / std::max(1e-12, bright - dark),
+                 -255 * dark / std::max(1e-12, bright - dark));
+  return out;
+}
+
+// ------------------------------------------------------------------------------------- the corners
+
+/// A Window is a corner and the beams around it.
+struct Corner {
+  int id = 0;
+  Vector2d at;                             // u, v
+  Matrix2d sides;                          // ways of one square along rows and columns, as columns
+  double strip = kReach;                   // squares beside an edge that are plain
+  double mean = 0, half = 0;               // m and h
+  Vector2d spot;                           // w_u, w_v
+  std::vector<const Beam*> beams;          // in the window
+  double squares = 0;                      // sum of squared residuals
+  Matrix2d covariance = Matrix2d::Zero();  // of `at`
+};
+
+/// An Edge is a step edge through the corner, blurred.
+struct Edge {
+  Vector2d gradient;  // of a or b, per rad
+  double sigma;       // of its blur, in squares
+
+  Edge(const Corner& c, int k) {
+    gradient = c.sides.inverse().row(k).transpose();
+    sigma = gradient.cwiseProduct(c.spot).norm();
+  }
+  double place(const Vector2d& away) const { return gradient.dot(away); }
+  double step(double a) const { return std::erf(a / (std::sqrt(2.) * sigma)); }
+  double slope(double a) const {
+    return std::sqrt(2 / kPi) / sigma * std::exp(-0.5 * a * a / (sigma * sigma));
+  }
+};
+
+Vector2d place_of(const Beam& b) { return {b.u, b.v}; }
+
+void take_beams(const std::vector<const Beam*>& near, Corner& corner) {
+  const Matrix2d units = corner.sides.inverse();
+  corner.beams.clear();
+  for (const Beam* b : near) {
+    const Vector2d ab = (units * (place_of(*b) - corner.at)).cwiseAbs();
+    if (ab.maxCoeff() < kReach && ab.minCoeff() < corner.strip) corner.beams.push_back(b);
+  }
+}
+
+/// The residual of a beam, and the model's derivative by u, v, mean, half.
+double residual(const Corner& c, const Edge& ea, const Edge& eb, const Beam& beam, Vector4d& j) {
+  const Vector2d away = place_of(beam) - c.at;
+  const double a = ea.place(away), b = eb.place(away);
+  const double sa = ea.step(a), sb = eb.step(b), da = ea.slope(a), db = eb.slope(b);
+  j.head<2>() = -c.half * (da * sb * ea.gradient + sa * db * eb.gradient);
+  j(2) = 1;
+  j(3) = sa * sb;
+  return beam.intensity - (c.mean + c.half * sa * sb);
+}
+
+/// One step of least squares. Returns how long it is, in squares; NaN: the beams do not determine
+/// it.
+double step(Corner& c) {
+  const Edge ea(c, 0), eb(c, 1);
+  Matrix4d jtj = Matrix4d::Zero();
+  Vector4d jtr = Vector4d::Zero(), j;
+  c.squares = 0;
+  for (const Beam* beam : c.beams) {
+    const double r = residual(c, ea, eb, *beam, j);
+    jtj += j * j.transpose();
+    jtr += r * j;
+    c.squares += r * r;
+  }
+  const Eigen::LDLT<Matrix4d> solver(jtj);
+  const Vector4d d = solver.solve(jtr);
+  if (!d.allFinite() || !(solver.vectorD().minCoeff() > 0)) return kNan;
+  const double length = (c.sides.inverse() * d.head<2>()).norm();
+  c.at += std::min(1., 0.2 / length) * d.head<2>();
+  c.mean += d(2);
+  c.half += d(3);
+  return length;
+}
+
+/// The covariance of a corner that is fitted.
+Matrix2d covariance_of(const Corner& c) {
+  const Edge ea(c, 0), eb(c, 1);
+  Matrix4d jtj = Matrix4d::Zero(), middle = jtj;
+  Vector4d j;
+  for (const Beam* beam : c.beams) {
+    residual(c, ea, eb, *beam, j);
+    jtj += j * j.transpose();
+  }
+  const Matrix4d inverse = jtj.inverse();
+  for (const Beam* beam : c.beams) {
+    const double r = residual(c, ea, eb, *beam, j);
+    const double leverage = j.dot(inverse * j);
+    middle += r * r / std::max(0.05, 1 - leverage) * j * j.transpose();
+  }
+  return (inverse * middle * inverse).topLeftCorner<2, 2>();
+}
+
+/// Fits a corner to the beams around it. Returns false where there is none.
+bool fit(const std::vector<const Beam*>& near, Corner& corner) {
+  const Vector2d start = corner.at;
+  for (int pass = 0; pass < 2; ++pass) {  // with the window where the corner was, then where it is
+    take_beams(near, corner);
+    if (corner.beams.size() < 12) return false;
+    for (int k = 0; k < 20; ++k) {
+      const double length = step(corner);
+      if (!((corner.sides.inverse() * (corner.at - start)).norm() < 0.4)) return false;
+      if (!(length > 1e-6)) break;
+    }
+  }
+  return true;
+}
+
+/// The corners of a board as its picture shows them, and how the board lies there.
+std::vector<Corner> corners_of(const Beams& beams, const BeamPicture& picture,
+                               const ImageTarget& target, const Detection& found) {
+  std::vector<cv::Point2d> plane;
+  for (const int id : found.ids) plane.push_back(target.points[static_cast<size_t>(id)]);
+  const PlaneView view = fit_plane_view(plane, found.pixels, picture.grey.size());
+  std::vector<int> ids = found.ids;
+  if (target.kind == ImageTarget::Kind::chessboard) {  // it is seen whole
+    ids.resize(target.points.size());
+    std::iota(ids.begin(), ids.end(), 0);
+  }
+  std::vector<Corner> out;
+  for (const int id : ids) {
+    const cv::Point2d p = target.points[static_cast<size_t>(id)], at = view(p);
+    const cv::Point2d x = view(p + cv::Point2d(0.4, 0)) - view(p - cv::Point2d(0.4, 0)),
+                      y = view(p + cv::Point2d(0, 0.4)) - view(p - cv::Point2d(0, 0.4));
+    Corner c;
+    c.id = id;
+    c.at = {picture.left + picture.pitch * at.x, picture.top + picture.pitch * at.y};
+    c.sides << x.x, y.x, x.y, y.y;
+    c.sides *= picture.pitch / 0.8;
+    if (target.kind == ImageTarget::Kind::charuco) c.strip = 0.45 * (1 - target.marker);
+    c.spot = {0.5 * beams.step_u, 0.5 * beams.step_v};
+    out.push_back(c);
+  }
+  return out;
+}
+
+/// The beams in the box around all corners and their windows.
+std::vector<const Beam*> beams_near(const Beams& beams, const std::vector<Corner>& corners) {
+  Vector2d low(1e300, 1e300), high = -low;
+  for (const Corner& c : corners) {
+    const Vector2d half = c.sides.cwiseAbs().rowwise().sum();
+    low = low.cwiseMin(c.at - half);
+    high = high.cwiseMax(c.at + half);
+  }
+  std::vector<const Beam*> out;
+  for (const Beam& b : beams.all)
+    if (b.u > low(0) && b.u < high(0) && b.v > low(1) && b.v < high(1)) out.push_back(&b);
+  return out;
+}
+
+/// The level between dark and bright around a corner, and which way round they are.
+void start_levels(const std::vector<const Beam*>& near, Corner& c) {
+  take_beams(near, c);
+  if (c.beams.empty()) return;
+  std::vector<double> levels;
+  for (const Beam* b : c.beams) levels.push_back(b->intensity);
+  const double low = quantile(levels, 0.1), high = quantile(levels, 0.9);
+  double turn = 0;
+  c.mean = 0.5 * (low + high);
+  for (const Beam* b : c.beams) {
+    const Vector2d ab = c.sides.inverse() * (place_of(*b) - c.at);
+    turn += (ab(0) * ab(1) > 0 ? 1 : -1) * (b->intensity - c.mean);
+  }
+  c.half = std::copysign(0.5 * (high - low), turn);
+}
+
+/// Fits the corners with a spot; returns those that could be, and the mean of their squares.
+std::vector<Corner> fitted(const std::vector<const Beam*>& near, std::vector<Corner> corners,
+                           const Vector2d& spot, double& squares) {
+  std::vector<Corner> out;
+  squares = 0;
+  double beams = 0;
+  for (Corner& c : corners) {
+    c.spot = spot;
+    if (!fit(near, c)) continue;
+    squares += c.squares, beams += static_cast<double>(c.beams.size());
+    out.push_back(c);
+  }
+  squares /= std::max(1., beams);
+  return out;
+}
+
+/// Fits all corners with the spot that suits them best together, from a fifth of the beams'
+/// distance on. Keeps those that are as good as the others.
+void fit_all(const Beams& beams, std::vector<Corner>& corners) {
+  const std::vector<const Beam*> near = beams_near(beams, corners);
+  for (Corner& c : corners) start_levels(near, c);
+  const Vector2d pitch(beams.step_u, beams.step_v);
+  Vector2d spot = 0.5 * pitch;
+  double best = 0;
+  std::vector<Corner> kept = fitted(near, corners, spot, best);
+  for (const double factor : {1.6, 1.25, 1.1})
+    for (int k = 0; k < 2; ++k)
+      for (const double way : {factor, 1 / factor})
+        for (;;) {
+          Vector2d other = spot;
+          other(k) *= way;
+          if (other(k) < 0.2 * pitch(k) || other(k) > 8 * pitch(k)) break;
+          double squares = 0;
+          std::vector<Corner> with = fitted(near, corners, other, squares);
+          if (with.size() < kept.size() || squares >= best) break;
+          best = squares, spot = other, kept = with;
+        }
+  std::vector<double> contrasts, errors;
+  for (const Corner& c : kept) {
+    contrasts.push_back(std::abs(c.half));
+    errors.push_back(c.squares / static_cast<double>(c.beams.size()));
+  }
+  const double contrast = median(contrasts), error = median(errors);
+  corners.clear();
+  for (Corner& c : kept)
+    if (std::abs(c.half) > 0.4 * contrast &&
+        c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
+      c.covariance = covariance_of(c);
+      for (int k = 0; k < 2; ++k) {
+        const double gap = std::max(0., pitch(k) - 3 * spot(k));
+        c.covariance(k, k) += gap * gap * gap / (12 * pitch(k));
+      }
+      corners.push_back(c);
+    }
+}
+
+// -------------------------------------------------------------------------------------- the ranges
+
+/// A Plane is normal . p = distance.
+struct RangePlane {
+  Vector3d normal = Vector3d::Zero();
+  double distance = 0;
+
+  double expected(const Ray& ray) const {
+    return (distance - normal.dot(ray.origin)) / normal.dot(ray.direction);
+  }
+};
+
+RangePlane plane_through(const std::vector<Vector3d>& points) {
+  Vector3d middle = Vector3d::Zero();
+  for (const Vector3d& p : points) middle += p / static_cast<double>(points.size());
+  Matrix3d spread = Matrix3d::Zero();
+  for (const Vector3d& p : points) spread += (p - middle) * (p - middle).transpose();
+  RangePlane out;
+  out.normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(spread).eigenvectors().col(0);
+  out.distance = out.normal.dot(middle);
+  return out;
+}
+
+/// A RangedBeam is a beam that sees nothing but paper.
+struct RangedBeam {
+  const Beam* beam;
+  size_t corner;
+  Ray ray;
+  Vector3d point;
+  double error = 0;  // m, range minus expected
+};
+
+std::vector<RangedBeam> bright_beams(const Beams& beams, const std::vector<Corner>& corners) {
+  std::vector<RangedBeam> out;
+  for (size_t i = 0; i < corners.size(); ++i) {
+    const Corner& c = corners[i];
+    const Edge ea(c, 0), eb(c, 1);
+    for (const Beam* b : c.beams) {
+      const Vector2d away = place_of(*b) - c.at;
+      const double bright =
+          std::copysign(1., c.half) * ea.step(ea.place(away)) * eb.step(eb.place(away));
+      if (bright < 0.9 || !(b->range > 0)) continue;
+      const Ray ray = beams.ray(b->u, b->v);
+      out.push_back({b, i, ray, ray.origin + b->range * ray.direction});
+    }
+  }
+  return out;
+}
+
+/// The plane of the board, and which beams are on it: the others are taken away. Returns whether
+/// there is one.
+bool fit_plane(std::vector<RangedBeam>& beams, RangePlane& plane) {
+  if (beams.size() < 12) return false;
+  Draws draws(1);
+  double best = 1e300;
+  const auto look = [&](const RangePlane& p) {
+    std::vector<double> errors;
+    for (RangedBeam& b : beams) {
+      b.error = b.beam->range - p.expected(b.ray);
+      errors.push_back(std::abs(b.error));
+    }
+    return median(errors);
+  };
+  for (int trial = 0; trial < 60; ++trial) {
+    std::vector<Vector3d> three;
+    for (int k = 0; k < 3; ++k) three.push_back(beams[draws.index(beams.size())].point);
+    const RangePlane p = plane_through(three);
+    const double spread = look(p);
+    if (spread < best) best = spread, plane = p;
+  }
+  std::vector<RangedBeam> on;
+  for (int pass = 0; pass < 5; ++pass) {
+    const double most = 4 * 1.4826 * std::max(1e-6, look(plane));
+    std::vector<Vector3d> points;
+    on.clear();
+    for (const RangedBeam& b : beams)
+      if (std::abs(b.error) < most) points.push_back(b.point), on.push_back(b);
+    if (points.size() < 12) return false;
+    plane = plane_through(points);
+  }
+  beams = on;
+  for (RangedBeam& b : beams) b.error = b.beam->range - plane.expected(b.ray);
+  return true;
+}
+
+/// When beams at a place were measured, if time goes along with it: by least squares.
+double time_at(const std::vector<const Beam*>& beams, const Vector2d& at, double& span) {
+  Matrix3d jtj = 1e-12 * Matrix3d::Identity();
+  Vector3d jtr = Vector3d::Zero();
+  double first = 1e300, last = -1e300;
+  for (const Beam* b : beams) first = std::min(first, b->time), last = std::max(last, b->time);
+  for (const Beam* b : beams) {
+    const Vector3d j(1, b->u - at(0), b->v - at(1));
+    jtj += j * j.transpose();
+    jtr += (b->time - first) * j;
+  }
+  span = last - first;
+  return first + std::clamp(jtj.ldlt().solve(jtr)(0), 0., span);
+}
+
+std::vector<BeamPoint> points_of(const Beams& beams, const std::vector<Corner>& corners,
+                                 BeamTarget& out) {
+  std::vector<RangedBeam> paper = bright_beams(beams, corners);
+  RangePlane plane;
+  if (!fit_plane(paper, plane)) {
+    out.reason = "its bright squares have no ranges of a plane";
+    return {};
+  }
+  std::vector<double> sum(corners.size()), squares(corners.size()), count(corners.size());
+  for (const RangedBeam& b : paper) sum[b.corner] += b.error, ++count[b.corner];
+  double scatter = 0, freedom = 0;
+  for (const RangedBeam& b : paper) {
+    scatter += std::pow(b.error - sum[b.corner] / count[b.corner], 2);
+    ++freedom;
+  }
+  std::vector<BeamPoint> points;
+  for (size_t i = 0; i < corners.size(); ++i) {
+    if (count[i] > 0) --freedom;
+    if (count[i] < 4) continue;
+    const Corner& c = corners[i];
+    BeamPoint p;
+    p.id = c.id;
+    p.u = c.at(0), p.v = c.at(1);
+    p.range = plane.expected(beams.ray(p.u, p.v)) + sum[i] / count[i];
+    p.covariance = c.covariance;
+    p.range_sigma = 1 / std::sqrt(count[i]);
+    p.time = time_at(c.beams, c.at, p.span);
+    points.push_back(p);
+  }
+  scatter = std::sqrt(scatter / std::max(1., freedom));
+  for (BeamPoint& p : points) p.range_sigma *= scatter;
+  return points;
+}
+
+std::string several(size_t n, const std::string& of) { return std::to_string(n) + " " + of; }
+
+// ----------------------------------------------------------------------------------- the reflector
+
+/// The beams that are bright, in heaps of neighbours, the largest first.
+std::vector<std::vector<const Beam*>> heaps(const Beams& beams, double level) {
+  std::map<std::pair<long, long>, std::vector<const Beam*>> cells;
+  const auto cell = [](double x, double step) { return std::lround(x / (1.5 * step)); };
+  for (const Beam& b : beams.all)
+    if (b.intensity > level)
+      cells[{cell(b.u, beams.step_u), cell(b.v, beams.step_v)}].push_back(&b);
+  std::vector<std::vector<const Beam*>> out;
+  while (!cells.empty()) {
+    std::vector<std::pair<long, long>> open = {cells.begin()->first};
+    out.emplace_back();
+    while (!open.empty()) {
+      const auto at = cells.find(open.back());
+      const auto [x, y] = open.back();
+      open.pop_back();
+      if (at == cells.end()) continue;
+      out.back().insert(out.back().end(), at->second.begin(), at->second.end());
+      cells.erase(at);
+      for (long i = -1; i <= 1; ++i)
+        for (long j = -1; j <= 1; ++j) open.emplace_back(x + i, y + j);
+    }
+  }
+  std::sort(out.begin(), out.end(),
+            [](const auto& a, const auto& b) { return a.size() > b.size(); });
+  return out;
+}
+
+/// The range of a patch in a direction: of a plane through the beams that see nothing else.
+void range_of(const std::vector<const Beam*>& beams, BeamPoint& p) {
+  std::vector<const Beam*> kept = beams;
+  Vector3d line = Vector3d::Zero();
+  double scatter = 0;
+  Matrix3d jtj;
+  for (int pass = 0; pass < 4; ++pass) {
+    jtj = 1e-9 * Matrix3d::Identity();
+    Vector3d jtr = Vector3d::Zero();
+    for (const Beam* b : kept) {
+      const Vector3d j(1, b->u - p.u, b->v - p.v);
+      jtj += j * j.transpose();
+      jtr += b->range * j;
+    }
+    line = jtj.ldlt().solve(jtr);
+    const auto error = [&](const Beam* b) {
+      return b->range - line.dot(Vector3d(1, b->u - p.u, b->v - p.v));
+    };
+    std::vector<double> errors;
+    for (const Beam* b : kept) errors.push_back(std::abs(error(b)));
+    scatter = 0;
+    for (const Beam* b : kept) scatter += std::pow(error(b), 2);
+    scatter = std::sqrt(scatter / std::max(1., static_cast<double>(kept.size()) - 3));
+    std::vector<const Beam*> better;
+    const double most = 4 * 1.4826 * median(errors) + 1e-9;
+    for (const Beam* b : kept)
+      if (std::abs(error(b)) < most) better.push_back(b);
+    if (better.size() == kept.size() || better.size() < 6) break;
+    kept = better;
+  }
+  p.range = line(0);
+  p.range_sigma = scatter * std::sqrt(jtj.inverse()(0, 0));
+}
+
+/// The middle of the light of a heap of bright beams, above what is around it.
+BeamPoint middle_of(const Beams& beams, const std::vector<const Beam*>& heap) {
+  Vector2d low(1e300, 1e300), high = -low;
+  for (const Beam* b : heap) low = low.cwiseMin(place_of(*b)), high = high.cwiseMax(place_of(*b));
+  const Vector2d pitch(beams.step_u, beams.step_v), rim = 2 * pitch + 0.2 * (high - low);
+  std::vector<const Beam*> near;
+  std::vector<double> around, inside, deviations;
+  for (const Beam& b : beams.all) {
+    const Vector2d out = (low - place_of(b)).cwiseMax(place_of(b) - high);
+    if ((out - rim).maxCoeff() > 0) continue;
+    near.push_back(&b);
+    if ((out - pitch).maxCoeff() > 0) around.push_back(b.intensity);
+  }
+  for (const Beam* b : heap) inside.push_back(b->intensity);
+  const double ground = median(around), top = quantile(inside, 0.8);
+  for (const double level : around) deviations.push_back(std::abs(level - ground));
+  const double noise = 1.4826 * median(deviations);
+  double light = 0;
+  Vector2d at = Vector2d::Zero(), variance = at;
+  for (const Beam* b : near) {
+    light += b->intensity - ground;
+    at += (b->intensity - ground) * place_of(*b);
+  }
+  at /= light;
+  for (const Beam* b : near)
+    variance += (place_of(*b) - at).cwiseAbs2() * std::pow(noise / light, 2);
+  const double radius = std::sqrt(static_cast<double>(heap.size()) / kPi);
+  variance += pitch.cwiseAbs2() / (12 * kPi * radius);
+  BeamPoint out;
+  out.u = at(0), out.v = at(1);
+  out.covariance = variance.asDiagonal();
+  out.time = time_at(heap, at, out.span);
+  std::vector<const Beam*> whole, any;  // those that see nothing else
+  for (const Beam* b : heap)
+    if (b->range > 0) {
+      any.push_back(b);
+      if (b->intensity > ground + 0.8 * (top - ground)) whole.push_back(b);
+    }
+  if (!any.empty()) range_of(whole.size() >= 6 ? whole : any, out);
+  return out;
+}
+
+}  // namespace
+
+BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
+  BeamTarget out;
+  if (beams.all.size() < 100) {
+    out.reason = "only " + several(beams.all.size(), "beams have an intensity");
+    return out;
+  }
+  Detection found;
+  BeamPicture picture;
+  const double coarse = std::max(beams.step_u, beams.step_v),
+               fine = std::min(beams.step_u, beams.step_v);
+  double width = 0, height = 0;
+  for (double pitch = coarse; pitch > 0.3 * fine && found.ids.empty(); pitch *= 0.5) {
+    if (pitch < coarse && width * height * 4 > kMostPixels) break;
+    picture = picture_of(beams, pitch);
+    width = picture.grey.cols, height = picture.grey.rows;
+    found = detect(picture.grey, target);
+  }
+  if (found.ids.empty()) {
+    out.reason = found.reason;
+    return out;
+  }
+  if (found.ids.size() < 4) {
+    out.reason = "only " + several(found.ids.size(), "of its corners were found");
+    return out;
+  }
+  std::vector<Corner> corners = corners_of(beams, picture, target, found);
+  const size_t wanted = corners.size();
+  fit_all(beams, corners);
+  if (corners.size() < 4) {
+    out.reason = "its squares have too few beams";
+    return out;
+  }
+  out.points = points_of(beams, corners, out);
+  if (!out.points.empty() && out.points.size() < wanted)
+    out.notes.push_back(
+        several(wanted - out.points.size(), "corners are hidden, or have no range"));
+  return out;
+}
+
+BeamTarget find_reflector(const Beams& beams) {
+  BeamTarget out;
+  std::vector<double> levels;
+  for (const Beam& b : beams.all) levels.push_back(b.intensity);
+  if (levels.size() < 20) {
+    out.reason = "only " + several(levels.size(), "beams have an intensity");
+    return out;
+  }
+  const double usual = quantile(levels, 0.5);
+  const double peak = quantile(levels, 1 - 2.5 / static_cast<double>(levels.size()));  // the third
+  const double level = 0.5 * (usual + peak);
+  std::vector<std::vector<const Beam*>> bright = heaps(beams, level);
+  if (bright.empty() || bright[0].size() < 4) {
+    out.reason = "nothing bright is as large as four beams";
+    return out;
+  }
+  double all = 0;
+  for (const auto& heap : bright) all += static_cast<double>(heap.size());
+  if (all > 0.1 * static_cast<double>(beams.all.size())) {
+    out.reason = "nothing stands out: a tenth of all beams are half as bright as the brightest";
+    return out;
+  }
+  if (bright.size() > 1 &&
+      static_cast<double>(bright[1].size()) > 0.3 * static_cast<double>(bright[0].size())) {
+    out.reason = "several things are as bright";
+    return out;
+  }
+  out.points.push_back(middle_of(beams, bright[0]));
+  if (!(out.points[0].range > 0)) {
+    out.points.clear();
+    out.reason = "the brightest thing has no range";
+  }
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,89 @@
+// Targets among beams: a board is found in the picture that intensities make, its points are then
+// measured in the beams themselves.
+//
+// The picture is for finding and numbering only. Beams lie as the scanner laid them, coarser one
+// way than the other, so it is a weighted mean of the beams around each pixel (a tent as wide as
+// their distance), with square pixels, from coarse to fine until the board is in it.
+//
+// A corner q = (u, v) is fitted to the intensities I of the beams p around it, each where it really
+// was: with S the ways of one square along rows and columns there, (a, b) = S^-1 (p - q), and A, B
+// the step edges of both, as blurred by the beam's spot (sigma w_u, w_v; W = diag(w_u^2, w_v^2)),
+//     I = m + h A(a) B(b),   A(a) = erf(a / (sqrt(2) s_a)),   s_a^2 = g' W g,   g = row of S^-1,
+// least squares over q, m, h. The spot is the one that suits all corners together best. The window,
+// 0.45 squares to each side, belongs to no other corner, and it is symmetric about this one, so
+// that an error of S is none of q. Covariance: (J'J)^-1 (sum j j' r^2 / (1 - l)) (J'J)^-1 with the
+// residuals r themselves and their leverages l: what the model does not know (steps of the
+// intensity, jitter, the spot's true shape) is not the same everywhere, but largest on the edges,
+// which alone tell where the corner is. Where beams are so far apart (d) that an edge can lie
+// between two without being seen, in a gap of g = d - 3 w, residuals do not know it: a share g / d
+// of the edges is anywhere in it, which is a variance of g^3 / (12 d).
+//
+// Ranges. Beams on the edge of something are far and near at once, and dark squares have other
+// ranges than bright ones (less light: noisier, and often too far by some mm), so only beams that
+// see nothing but paper count. A plane through those of the whole board, robustly (RANSAC, then
+// least squares within 4 sigmas), says for each beam which range to expect, and which to leave
+// out. A corner's range is what the plane has in its direction plus the mean of (range - expected)
+// over its own beams, which lie on both sides of it alike. (The plane's own range there would be a
+// little better known, but then the 42 ranges of a board would be three numbers: independent
+// errors as large as honest would make residuals far too small, and as small as residuals say
+// would make the board's distance known too well.) Sigma: scatter about these means / sqrt(n).
+//
+// A reflector is the heap of neighbouring beams that are brighter than half the brightest. Its
+// middle is the centroid of the light above what is around; the variance is what noise does to
+// that, and of a lattice of beams: a circle of radius r (in steps) has 2 pi r cells on its rim,
+// each of which is half seen with a variance of 1/12, so the middle has one of  1 / (12 pi r)
+// steps^2. The range is that of a plane through the beams that are wholly on it.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "../../kinematics/transform.h"
+#include "../images/image_target.h"
+
+namespace kincal {
+
+/// A Beam is what was measured in one direction: `u` to the right and `v` down, in rad (v may be in
+/// m, of a joint that shifts), as seen from the sensor.
+struct Beam {
+  double u = 0, v = 0;
+  double range = 0;  // m; 0: nothing was measured
+  double intensity = 0, time = 0;
+};
+
+/// A Ray starts at `origin` and has a unit direction.
+struct Ray {
+  Vector3d origin, direction;
+};
+
+/// Beams are all that a sensor measured of a scene at rest.
+struct Beams {
+  std::vector<Beam> all;
+  double step_u = 0, step_v = 0;               // how far neighbours are apart
+  std::function<Ray(double u, double v)> ray;  // in any frame that is at rest
+};
+
+/// A BeamPoint is a point of a target.
+struct BeamPoint {
+  int id = 0;
+  double u = 0, v = 0, range = 0, time = 0;
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // of (u, v)
+  double range_sigma = 0;
+  double span = 0;  // how long it took to pass the beams that it is made of, s
+};
+
+struct BeamTarget {
+  std::vector<BeamPoint> points;   // ascending ids; empty: not found
+  std::string reason;              // why not
+  std::vector<std::string> notes;  // what is doubtful
+};
+
+/// Finds a board with corners: a chessboard or a ChArUco board.
+BeamTarget find_board(const Beams& beams, const ImageTarget& target);
+
+/// Finds the brightest thing, which has to stand out: a reflector. Its point (id 0) is the middle
+/// of its light, at the mean of its ranges.
+BeamTarget find_reflector(const Beams& beams);
+
+}  // namespace kincal
