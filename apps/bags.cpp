@@ -6,18 +6,25 @@
 #include <exception>
 #include <iostream>
 #include <map>
+#include <thread>
 
 #include "../io/document/error.h"
 #include "../io/document/files.h"
 #include "../io/recordings/bag.h"
 #include "../io/recordings/bytes.h"
+#include "../io/recordings/import.h"
 #include "../io/recordings/message.h"
 #include "../io/recordings/robot_measurement.h"
+#include "../io/recordings/streams.h"
+#include "../io/recordings/topics.h"
 #include "../io/rig/samples_file.h"
 #include "bag_options.h"
 #include "progress.h"
 #include "sibling_main.h"
 #include "signals.h"
+#ifdef KINCAL_SEARCHES_IMAGES
+#include "../io/recordings/image_search.h"
+#endif
 
 namespace {
 
@@ -111,11 +118,84 @@ bool list(const std::string& path, Progress& progress) {
   return messages > 0;
 }
 
+double share(std::uint64_t done, std::uint64_t all) {
+  return all > 0 ? static_cast<double>(done) / static_cast<double>(all) : 1;
+}
+
+void say_losses(const std::vector<std::string>& losses) {
+  for (const std::string& loss : losses) std::cerr << "kincal: warning: lost: " << loss << "\n";
+}
+
+void say_notes(const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::cerr << "kincal: warning: " << note << "\n";
+}
+
+/// Which topic is which sensor of the rig.
+void list_topics(const BagArguments& a, Progress& progress) {
+  const RigFile rig = read_rig(a.rig);
+  const RecordedStreams streams = read_streams(a.bags, [&](std::uint64_t done, std::uint64_t all) {
+    progress.stage("reading", share(done, all));
+  });
+  progress.clear();
+  const TopicMap topics = find_topics(rig, streams);
+  std::cout << "for " << a.rig << ":\n";
+  for (const std::string& line : topics.lines) std::cout << "  " << line << "\n";
+  for (const std::string& note : streams.notes) std::cout << "  NOTE: " << note << "\n";
+  for (const std::string& note : topics.notes) std::cout << "  NOTE: " << note << "\n";
+}
+
 int list_all(const BagArguments& a) {
   Progress progress(a.quiet);
   bool any = false;
   for (const std::string& bag : a.bags) any = list(bag, progress) || any;
+  if (any && !a.rig.empty()) list_topics(a, progress);
   return any ? kConverged : kBadInput;
+}
+
+std::string milliseconds(double offset, double sigma) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.2f +- %.2f ms", 1e3 * offset, 1e3 * sigma);
+  return text;
+}
+
+/// What is to be said of a camera's clock.
+std::string offset_line(const Rig& rig, const TimeOffset& one, bool applied) {
+  std::string line =
+      "offset in time of " + rig.sensors[static_cast<size_t>(one.sensor)].name + ": ";
+  if (!one.why_not.empty()) return line + "not known: " + one.why_not;
+  line += "images are stamped " + milliseconds(one.offset, one.sigma) + " later than readings (" +
+          std::to_string(one.images) + " images on " + std::to_string(one.ways) + " ways)";
+  char text[128];
+  if (one.clock == TimeOffset::Clock::drifts) {
+    std::snprintf(text, sizeof text, "; THE CLOCK DRIFTS by %.3g +- %.2g ms a minute",
+                  6e4 * one.drift, 6e4 * one.drift_sigma);
+    line += text;
+  } else if (one.clock == TimeOffset::Clock::jumps) {
+    std::snprintf(text, sizeof text, "; THE CLOCK JUMPS %.1f s after the start by ", one.jump_time);
+    line += text + milliseconds(one.jump, one.jump_sigma);
+  }
+  return line + (applied ? "; applied" : "");
+}
+
+int write_samples(const BagArguments& a, const Rig& rig, const std::vector<Sample>& samples,
+                  const std::vector<std::vector<std::string>>& images = {}) {
+  begin_writing();
+  if (!not_interrupted()) return say_interrupted();
+  write_file(a.out, samples_text(rig, samples, images), a.force);
+  std::cout << "Written to " << a.out << ": " << samples.size() << " samples\n";
+  return kConverged;
+}
+
+/// Samples of messages that have all of a posture.
+int import_measurements(const BagArguments& a, const RigFile& rig, Progress& progress) {
+  std::vector<std::string> losses;
+  const ImportedSamples found = read_robot_measurements(
+      a.bags, rig, losses,
+      [&](std::uint64_t done, std::uint64_t all) { progress.stage("reading", share(done, all)); });
+  progress.clear();
+  say_losses(losses);
+  say_notes(found.notes);
+  return write_samples(a, rig.rig, found.samples);
 }
 
 int import_all(const BagArguments& a) {
@@ -126,24 +206,44 @@ int import_all(const BagArguments& a) {
   check_output_file(a.out, a.force);
   const RigFile rig = read_rig(a.rig);
   Progress progress(a.quiet);
-  std::vector<std::string> losses;
-  const ImportedSamples found =
-      read_robot_measurements(a.bags, rig, losses, [&](std::uint64_t done, std::uint64_t all) {
-        progress.stage("reading", static_cast<double>(done) / static_cast<double>(all));
-      });
+  RecordedStreams streams = read_streams(a.bags, [&](std::uint64_t done, std::uint64_t all) {
+    progress.stage("reading", share(done, all));
+  });
+  if (streams.robot_measurements > 0) return import_measurements(a, rig, progress);
+  ImportOptions options;
+  const SettlingArguments& settling = a.settling;
+  options.rest = settling.rest;
+  options.still_joints = settling.still_joints;
+  options.still_pixels = settling.still_pixels;
+  options.distinct = settling.distinct;
+  options.offsets = !settling.no_offsets;
+  options.apply_offsets = settling.apply_offsets;
+  options.look.in_rest = settling.images;
+  options.look.threads = settling.threads > 0
+                             ? settling.threads
+                             : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  options.out = a.out;
+  options.image_folder = a.out + ".images";
+  options.force = a.force;
+  options.stage = [&](const std::string& what, double done) { progress.stage(what, done); };
+#ifdef KINCAL_SEARCHES_IMAGES
+  const TargetSearch search = image_search(rig);
+  const RecordedSamples found = import_recordings(a.bags, rig, streams, &search, options);
+#else
+  const RecordedSamples found = import_recordings(a.bags, rig, streams, nullptr, options);
+#endif
   progress.clear();
-  for (const std::string& loss : losses) std::cerr << "kincal: warning: lost: " << loss << "\n";
-  for (const std::string& note : found.notes) std::cerr << "kincal: warning: " << note << "\n";
+  say_losses(streams.losses);
+  say_notes(streams.notes);
+  say_notes(found.notes);
+  for (const std::string& line : found.lines) std::cout << line << "\n";
+  for (const TimeOffset& one : found.offsets)
+    std::cout << offset_line(rig.rig, one, settling.apply_offsets) << "\n";
   if (found.samples.empty())
-    throw InputError(
-        a.bags[0] + ": no message of " + kRobotMeasurement +
-        ", which is all that becomes samples by itself so far; --list shows what there "
-        "is. Write images and joint readings out, and use `kincal detect`");
-  begin_writing();
-  if (!not_interrupted()) return say_interrupted();
-  write_file(a.out, samples_text(rig.rig, found.samples), a.force);
-  std::cout << "Written to " << a.out << ": " << found.samples.size() << " samples\n";
-  return kConverged;
+    throw InputError(a.bags[0] + ": no samples: " + found.diagnosis +
+                     "; nothing is written (kincal import " + a.bags[0] + " --list --rig " + a.rig +
+                     " shows what is taken for what)");
+  return write_samples(a, rig.rig, found.samples, found.images);
 }
 
 }  // namespace

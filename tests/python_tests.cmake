@@ -47,6 +47,10 @@ endforeach()
 kincal_python_test(bags.Program bags_test.py cli 300 ${kincal_program} Bags)
 kincal_python_test(bags.Data bags_test.py data 300 ${kincal_program} Data)
 
+foreach(group Arm Pr2 Said)
+  kincal_python_test(recordings.${group} recordings_test.py cli 1200 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Detect Missing)
   kincal_python_test(detect.${group} detect_test.py cli 300 ${kincal_program} ${group})
 endforeach()

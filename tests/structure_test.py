@@ -43,7 +43,7 @@ MAY_INCLUDE = {
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "io/report": ["io/document", "io/results"],
     "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
-    "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/rig", "io/images"],
+    "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/images"],  # urdf: the robot inside a recording
     "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/exchange"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
     "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common

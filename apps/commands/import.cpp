@@ -9,7 +9,9 @@
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
 #include "../../io/recordings/bag_files.h"
+#include "../../io/recordings/record_command.h"
 #include "../../io/rig/types.h"
+#include "../bag_options.h"
 #include "../job.h"
 #include "../sibling.h"
 #include "../signals.h"
@@ -23,7 +25,9 @@ struct ImportArguments {
   std::string file, rig, out, sensor, target;
   std::string pose_format, unit, setup;  // of poses
   LensChoice lens;
-  bool force = false, list = false, quiet = false;
+  SettlingArguments settling;
+  std::vector<CLI::Option*> settling_options;
+  bool force = false, list = false, quiet = false, record_command = false;
 };
 
 using Notes = std::vector<std::string>;
@@ -168,8 +172,10 @@ int import_hand_eye(const ImportArguments& a) {
        {&a.sensor, &a.target, &a.pose_format, &a.unit, &a.setup, &a.lens.camera})
     others = others || !option->empty();
   if (others)
-    throw InputError(a.files[0] +
-                     " is a recording: only --rig, --out, --list, --force and --quiet go with it");
+    throw InputError(
+        a.files[0] +
+        " is a recording: only --rig, --out, --list, --force, --quiet and the options of "
+        "settling go with it");
   arguments.erase(arguments.begin() + 1, arguments.end());
   const auto give = [&](const std::string& option, const std::string& value) {
     if (!value.empty()) arguments.insert(arguments.end(), {option, value});
@@ -179,6 +185,7 @@ int import_hand_eye(const ImportArguments& a) {
   for (const auto& [option, given] :
        {std::pair{"--list", a.list}, {"--force", a.force}, {"--quiet", a.quiet}})
     if (given) arguments.push_back(option);
+  for (const std::string& word : words_of(a.settling)) arguments.push_back(word);
   arguments.push_back("--");
   arguments.insert(arguments.end(), a.files.begin(), a.files.end());
   become(
@@ -189,12 +196,27 @@ int import_hand_eye(const ImportArguments& a) {
       arguments);
 }
 
+/// How to record what a rig needs.
+int print_record_command(const ImportArguments& a) {
+  if (a.files.size() > 1 || !a.rig.empty() || !a.out.empty())
+    throw InputError("--record-command: only a rig goes with it: kincal import --record-command " +
+                     (a.rig.empty() ? a.files[0] : a.rig));
+  const RecordCommand command = record_command(read_rig(rig_path(a.files[0])));
+  print_notes(command.notes);
+  std::cout << "# ROS 1\n" << command.ros1 << "\n# ROS 2\n" << command.ros2 << "\n";
+  return kConverged;
+}
+
 int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
+  if (a.record_command) return print_record_command(a);
   a.rig = rig_path(a.rig);
   if (is_bag(a.files[0])) import_bags(a, arguments);
   if (a.files.size() > 1)
     throw InputError(a.files[0] + " is no recording: one such file at a time");
   if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");
+  for (const CLI::Option* option : a.settling_options)
+    if (option->count() > 0)
+      throw InputError(a.files[0] + ": " + option->get_name() + " is for recordings (bags)");
   a.file = a.files[0];
   const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
   if (hand_eye || !a.pose_format.empty()) {
@@ -280,6 +302,9 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
   command->add_flag("--force", a->force, "replace an existing file");
   command->add_flag("--list", a->list, "of recordings: show what they have, and write nothing");
   command->add_flag("--quiet", a->quiet, "of recordings: no progress");
+  command->add_flag("--record-command", a->record_command,
+                    "FILE is a rig: print the lines that record what it needs, for ROS 1 and 2");
+  a->settling_options = add_settling_options(*command, a->settling);
   command->footer(
       "Examples:\n"
       "  kincal import camera_info.yaml                                   the keys for rig.yaml, "
@@ -292,7 +317,7 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
       "samples.jsonl\n"
       "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
       "  kincal import recording.bag --list                               topics, rates, gaps\n"
-      "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   of calibration_msgs\n"
+      "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   a sample of each rest\n"
       "Pose formats (the columns in this order, or as the header names them):" +
       formats +
       "\n"

@@ -48,6 +48,28 @@ LoadedImage load_image(const std::string& path, int width, int height) {
     out.error = "cannot be read: " + error.err;
     return out;
   }
+  LoadedImage fitting = fitting_image(image, width, height);
+  fitting.notes.insert(fitting.notes.begin(), out.notes.begin(), out.notes.end());
+  return fitting;
+}
+
+LoadedImage decode_image(std::string_view bytes, int width, int height) {
+  LoadedImage out;
+  cv::Mat image;
+  try {
+    const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8UC1,
+                      const_cast<char*>(bytes.data()));  // is only read
+    image = cv::imdecode(
+        raw, cv::IMREAD_ANYDEPTH | cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception& error) {
+    out.error = "cannot be read: " + error.err;
+    return out;
+  }
+  return fitting_image(image, width, height);
+}
+
+LoadedImage fitting_image(const cv::Mat& image, int width, int height) {
+  LoadedImage out;
   if (image.empty()) {
     out.error = "cannot be read: broken, or no image";
   } else if (width > 0 && (image.cols != width || image.rows != height)) {

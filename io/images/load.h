@@ -3,6 +3,7 @@
 
 #include <opencv2/core.hpp>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kincal {
@@ -16,5 +17,11 @@ struct LoadedImage {
 /// Reads an image. `width`, `height`: what it should have, 0: anything. Never throws for what is in
 /// the file.
 LoadedImage load_image(const std::string& path, int width, int height);
+
+/// Reads an image from the bytes of a file, likewise.
+LoadedImage decode_image(std::string_view bytes, int width, int height);
+
+/// Takes an image of one channel as it is, if it fits.
+LoadedImage fitting_image(const cv::Mat& image, int width, int height);
 
 }  // namespace kincal

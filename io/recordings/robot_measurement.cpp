@@ -177,6 +177,7 @@ ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, co
                                         const BagProgress& progress) {
   MeasurementReader reader(rig);
   for (const std::string& bag : bags) {
+    reader.types.clear();  // topics live as long as their bag is read
     const auto visit = [&](const BagMessage& raw) {
       if (raw.topic->type == kRobotMeasurement) try {
           reader.message(raw);

@@ -18,7 +18,13 @@ std::vector<std::string> parts_of(const std::string& type) {
       {"std_msgs/String", {}},
       {"sensor_msgs/JointState", {"std_msgs/Header"}},
       {"sensor_msgs/Image", {"std_msgs/Header"}},
-      {"sensor_msgs/CameraInfo", {"std_msgs/Header", "sensor_msgs/RegionOfInterest"}}};
+      {"sensor_msgs/CameraInfo", {"std_msgs/Header", "sensor_msgs/RegionOfInterest"}},
+      {"geometry_msgs/PoseStamped",
+       {"std_msgs/Header", "geometry_msgs/Pose", "geometry_msgs/Point",
+        "geometry_msgs/Quaternion"}},
+      {"tf2_msgs/TFMessage",
+       {"geometry_msgs/TransformStamped", "std_msgs/Header", "geometry_msgs/Transform",
+        "geometry_msgs/Vector3", "geometry_msgs/Quaternion"}}};
   return parts.at(type);
 }
 
@@ -52,7 +58,9 @@ MessageIdentity message_identity(Wire wire, const std::string& type) {
       {"std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"},
       {"sensor_msgs/JointState", "3066dcd76a6cfaef579bd0f34173e9fd"},
       {"sensor_msgs/Image", "060021388200f6f0f447d0fcd9c64743"},
-      {"sensor_msgs/CameraInfo", "c9a58c1b0b154e0e6da7578cb991d214"}};
+      {"sensor_msgs/CameraInfo", "c9a58c1b0b154e0e6da7578cb991d214"},
+      {"geometry_msgs/PoseStamped", "d3812c3cbc69362b77dc0b19b345f8f5"},
+      {"tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"}};
   MessageIdentity out;
   out.md5sum = md5sums.at(type);
   out.definition = own_definition(wire, type);

@@ -449,6 +449,21 @@ Urdf read_flange_robot(const Field& robot, const std::string& path) {
 
 }  // namespace
 
+namespace {
+
+/// `joints: {topic: /joint_states}` says where recordings have readings; a joint of that name has a
+/// mapping.
+bool is_joint_topic(const Field& entry, const std::string& pattern) {
+  if (pattern != "topic" || entry.node->kind == Node::Kind::mapping) return false;
+  if (entry.node->kind == Node::Kind::sequence)
+    entry.strings();
+  else
+    entry.string();
+  return true;
+}
+
+}  // namespace
+
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
                                                const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
@@ -465,6 +480,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   for (const auto& member : field.node->members) {
     const std::string& pattern = member.first;
     const Field entry = field[pattern];
+    if (is_joint_topic(entry, pattern)) continue;
     entry.check_keys({}, keys);
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];

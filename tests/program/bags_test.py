@@ -165,7 +165,7 @@ class Bags(helpers.Folder):
         other = self.write("other.bag", bag(self.topics, [(1, 5, struct.pack("<dI", 1, 0))]))
         p = run(other, "--rig", self.rig, "--out", self.path("x.jsonl"))
         self.assertEqual(p.returncode, 1)
-        self.assertIn("no message of calibration_msgs/RobotMeasurement", p.stderr)
+        self.assertIn("no samples: no sensor of the rig measured anything in any rest", p.stderr)
 
 
 class Data(helpers.Folder):

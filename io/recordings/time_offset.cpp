@@ -1,0 +1,378 @@
+#include "time_offset.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <set>
+
+#include "../../models/rig/configuration.h"
+#include "../../models/rig/numbers.h"
+#include "../../models/rig/targets.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kFarthest = 0.4, kGrid = 0.02;  // s
+constexpr double kDifference = 0.5e-3;           // s, of differences
+constexpr double kHuber = 1.5;                   // in scales
+constexpr int kLeastWays = 3;
+constexpr double kLeastSpeed = 5;                         // px / s
+constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
+constexpr size_t kStretches = 8;
+constexpr double kLeastChange = 1e-3;  // s
+
+Pose on_the_way(const Pose& a, const Pose& b, double share) {
+  return a * exp_se3(share * log_se3(inverse(a) * b));
+}
+
+/// Predicts what cameras see between rests.
+class Predictor {
+ public:
+  explicit Predictor(const OffsetInput& input) : in_(input), rig_(input.recording.rig) {
+    for (size_t t = 0; t < rig_.targets.size(); ++t)
+      points_.push_back(
+          target_points(rig_, in_.recording.table, in_.values.shared, static_cast<int>(t)));
+  }
+
+  /// Residuals of a sighting if the stamps are late by `offset`; none where nothing is known.
+  std::optional<VectorXd> residuals(const WaySighting& seen, double offset) const {
+    std::vector<double> readings = in_.readings(seen.time - offset);
+    const View& view = seen.view;
+    for (const int j : view_readings(rig_, view.sensor, view.target))
+      if (std::isnan(readings[static_cast<size_t>(j)])) return std::nullopt;
+    const double share = share_of_way(seen, readings);
+    for (size_t j = 0; j < readings.size(); ++j)
+      readings[j] += (1 - share) * error(seen.before, static_cast<int>(j)) +
+                     share * error(seen.after, static_cast<int>(j));
+    readings = completed(std::move(readings));
+    const Configuration robot(rig_, in_.recording.table, in_.values.shared, readings);
+    const std::optional<Pose> base_T_target = target_pose(seen, robot, share);
+    if (!base_T_target) return std::nullopt;
+    ViewInput input;
+    input.sensor_T_target = inverse(robot.base_T_sensor(view.sensor)) * *base_T_target;
+    const int block = in_.recording.table.sensor_block[static_cast<size_t>(view.sensor)];
+    input.parameters =
+        in_.values.shared.data() + in_.recording.table.all[static_cast<size_t>(block)].start;
+    input.points = &points_[static_cast<size_t>(view.target)];
+    input.ids = view.ids.data();
+    input.count = static_cast<int>(view.ids.size());
+    input.z = view.z.data();
+    const SensorModel& model = *rig_.sensors[static_cast<size_t>(view.sensor)].model;
+    VectorXd r(input.count * model.rows());
+    if (!model.evaluate(input, Columns(), r.data(), nullptr) || !r.allFinite()) return std::nullopt;
+    return r;
+  }
+
+ private:
+  double error(int sample, int joint) const {
+    const auto found = in_.values.errors.find({sample, joint});
+    return found == in_.values.errors.end() ? 0 : found->second;
+  }
+  const Sample& sample(int i) const { return in_.recording.samples[static_cast<size_t>(i)]; }
+
+  /// How much of the way the joints have gone.
+  double share_of_way(const WaySighting& seen, const std::vector<double>& readings) const {
+    const std::vector<double>&a = sample(seen.before).readings, &b = sample(seen.after).readings;
+    double along = 0, all = 0;
+    for (size_t j = 0; j < readings.size(); ++j) {
+      const double way = b[j] - a[j], gone = readings[j] - a[j];
+      if (!std::isfinite(way) || !std::isfinite(gone)) continue;
+      along += way * gone;
+      all += way * way;
+    }
+    return all > 0 ? std::min(1., std::max(0., along / all)) : 0;
+  }
+
+  /// The robot as it was in a sample.
+  Pose base_T_hand(int i, int hand) const {
+    std::vector<double> readings = sample(i).readings;
+    for (size_t j = 0; j < readings.size(); ++j) readings[j] += error(i, static_cast<int>(j));
+    readings = completed(std::move(readings));
+    return Configuration(rig_, in_.recording.table, in_.values.shared, readings)
+        .base_T_sensor(hand);
+  }
+
+  int holder(int i, int target) const {
+    for (const View& view : sample(i).views)
+      if (view.target == target &&
+          rig_.sensors[static_cast<size_t>(view.sensor)].model->measurement_kind() ==
+              MeasurementKind::chain)
+        return view.sensor;
+    return -1;
+  }
+
+  std::optional<Pose> target_pose(const WaySighting& seen, const Configuration& robot,
+                                  double share) const {
+    const int target = seen.view.target;
+    if (rig_.targets[static_cast<size_t>(target)].link >= 0) return robot.base_T_target(target);
+    const auto a = in_.values.targets.find({seen.before, target}),
+               b = in_.values.targets.find({seen.after, target});
+    if (a == in_.values.targets.end() || b == in_.values.targets.end()) return std::nullopt;
+    const int hand = holder(seen.before, target);
+    if (hand != holder(seen.after, target)) return std::nullopt;
+    if (hand >= 0)
+      return robot.base_T_sensor(hand) *
+             on_the_way(inverse(base_T_hand(seen.before, hand)) * a->second,
+                        inverse(base_T_hand(seen.after, hand)) * b->second, share);
+    const Vector6d moved = log_se3(inverse(a->second) * b->second);
+    if (moved.head<3>().norm() > kSamePlace || moved.tail<3>().norm() > kSameAngle)
+      return std::nullopt;
+    return on_the_way(a->second, b->second, share);
+  }
+
+  const OffsetInput& in_;
+  const Rig& rig_;
+  std::vector<Matrix3Xd> points_;
+};
+
+double rms(const VectorXd& r) { return r.norm() / std::sqrt(static_cast<double>(r.size())); }
+
+/// What one image says alone.
+struct OneOffset {
+  int way = 0;
+  double time = 0, offset = 0, speed = 0;  // speed: u, px / s
+  double weight = 1;                       // w
+};
+
+std::vector<OneOffset> one_by_one(const Predictor& predictor,
+                                  const std::vector<WaySighting>& sightings, double offset) {
+  std::vector<OneOffset> out;
+  for (const WaySighting& seen : sightings) {
+    const auto r = predictor.residuals(seen, offset),
+               later = predictor.residuals(seen, offset + kDifference),
+               sooner = predictor.residuals(seen, offset - kDifference);
+    if (!r || !later || !sooner) continue;
+    const VectorXd g = (*later - *sooner) / (2 * kDifference);
+    const double speed = rms(g);
+    if (speed < kLeastSpeed) continue;
+    out.push_back({seen.before, seen.time, offset - g.dot(*r) / g.squaredNorm(), speed, 1});
+  }
+  return out;
+}
+
+/// A bounded mean of what the images say.
+struct MeanOffset {
+  double offset = 0, independent = 0, by_way = 0;  // sigmas of images apart, and of ways
+  double information = 0;                          // sum w u^2
+  int ways = 0;
+
+  double sigma() const { return std::max(independent, by_way); }
+};
+
+MeanOffset bounded_mean(std::vector<OneOffset>& all, double start) {
+  MeanOffset out;
+  out.offset = start;
+  for (int round = 0; round < 20; ++round) {
+    std::vector<double> sizes;
+    for (const OneOffset& one : all)
+      sizes.push_back(std::abs(one.speed * (one.offset - out.offset)));
+    const double scale = std::max(1e-6, 1.4826 * median(sizes, 0));
+    double sum = 0;
+    out.information = 0;
+    for (OneOffset& one : all) {
+      const double e = std::abs(one.speed * (one.offset - out.offset)) / scale;
+      one.weight = e > kHuber ? kHuber / e : 1;
+      out.information += one.weight * one.speed * one.speed;
+      sum += one.weight * one.speed * one.speed * one.offset;
+    }
+    if (out.information == 0) return out;
+    const double before = out.offset;
+    out.offset = sum / out.information;
+    if (std::abs(out.offset - before) < 1e-9) break;
+  }
+  std::map<int, double> scores;
+  double squares = 0;
+  for (const OneOffset& one : all) {
+    const double score = one.weight * one.speed * one.speed * (one.offset - out.offset);
+    scores[one.way] += score;
+    squares += score * score;
+  }
+  double by_way = 0;
+  for (const auto& [way, score] : scores) by_way += score * score;
+  const auto n = static_cast<double>(all.size()), c = static_cast<double>(scores.size());
+  out.ways = static_cast<int>(scores.size());
+  out.independent = std::sqrt(squares * n / std::max(1., n - 1)) / out.information;
+  out.by_way = std::sqrt(by_way * c / std::max(1., c - 1)) / out.information;
+  return out;
+}
+
+/// The offset on the grid with which most images agree.
+double coarse_offset(const Predictor& predictor, const std::vector<WaySighting>& sightings) {
+  double best = 0, least = kInfinity;
+  for (int i = 0; i <= static_cast<int>(2 * kFarthest / kGrid); ++i) {
+    const double offset = i * kGrid - kFarthest;
+    double cost = 0;
+    for (const WaySighting& seen : sightings) {
+      const auto r = predictor.residuals(seen, offset);
+      const double size = r ? rms(*r) : 100;
+      cost += std::log1p(size * size);
+    }
+    if (cost < least) least = cost, best = offset;
+  }
+  return best;
+}
+
+/// Numbers each sighting of a target that looks alike from several sides as it fits best.
+void number(const OffsetInput& input, const Predictor& predictor,
+            std::vector<WaySighting>& sightings) {
+  for (WaySighting& seen : sightings) {
+    const auto open = input.open_turns.find(seen.view.target);
+    if (open == input.open_turns.end()) continue;
+    const Target& target = input.recording.rig.targets[static_cast<size_t>(seen.view.target)];
+    WaySighting best = seen;
+    double least = kInfinity;
+    for (const int quarters : open->second) {
+      static const int cosines[] = {1, 0, -1, 0};
+      Eigen::Matrix2d turn;
+      turn << cosines[quarters], -cosines[(quarters + 3) % 4], cosines[(quarters + 3) % 4],
+          cosines[quarters];
+      WaySighting turned = seen;
+      const std::vector<int> places = relabeling(target, turn);
+      if (places.empty()) continue;
+      relabel(turned.view, target, places);
+      const auto r = predictor.residuals(turned, 0);
+      if (r && rms(*r) < least) least = rms(*r), best = turned;
+    }
+    seen = best;
+  }
+}
+
+struct ClockStretch {
+  double time = 0, offset = 0, sigma = 0;
+};
+
+/// Offsets of stretches of the recording, each of some ways. A few ways do not tell their own
+/// noise, so that of all stretches, for the information that each has, is taken.
+std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double start) {
+  std::set<int> ways;
+  for (const OneOffset& one : all) ways.insert(one.way);
+  const std::vector<int> order(ways.begin(), ways.end());
+  const size_t count = std::min(kStretches, order.size() / 2);
+  std::vector<ClockStretch> out;
+  std::vector<double> information;
+  double noise = 0, sum = 0;
+  for (size_t k = 0; k < count; ++k) {
+    const int first = order[k * order.size() / count],
+              last = order[(k + 1) * order.size() / count - 1];
+    std::vector<OneOffset> some;
+    double time = 0;
+    for (const OneOffset& one : all)
+      if (one.way >= first && one.way <= last) some.push_back(one), time += one.time;
+    const MeanOffset mean = bounded_mean(some, start);
+    out.push_back({time / static_cast<double>(some.size()), mean.offset, 0});
+    information.push_back(mean.information);
+    noise += std::pow(mean.sigma() * mean.information, 2);
+    sum += mean.information;
+  }
+  for (size_t k = 0; k < out.size(); ++k) out[k].sigma = std::sqrt(noise / sum / information[k]);
+  return out;
+}
+
+/// Sum of squares, in sigmas, about a level of some stretches; the level and its sigma.
+double about_level(const std::vector<ClockStretch>& all, size_t first, size_t end, double& level,
+                   double& sigma) {
+  double sum = 0, weights = 0, squares = 0;
+  for (size_t i = first; i < end; ++i) {
+    const double w = 1 / (all[i].sigma * all[i].sigma);
+    sum += w * all[i].offset;
+    weights += w;
+  }
+  level = sum / weights;
+  sigma = 1 / std::sqrt(weights);
+  for (size_t i = first; i < end; ++i)
+    squares += std::pow((all[i].offset - level) / all[i].sigma, 2);
+  return squares;
+}
+
+/// Looks for drift and jumps.
+void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
+  if (all.size() < 3) return;
+  double level = 0, sigma = 0, w = 0, wt = 0;
+  for (const ClockStretch& s : all)
+    w += 1 / (s.sigma * s.sigma), wt += s.time / (s.sigma * s.sigma);
+  const double middle = wt / w;
+  about_level(all, 0, all.size(), level, sigma);
+  double tt = 0, ty = 0, line = 0;
+  for (const ClockStretch& s : all) {
+    const double weight = 1 / (s.sigma * s.sigma);
+    tt += weight * (s.time - middle) * (s.time - middle);
+    ty += weight * (s.time - middle) * (s.offset - level);
+  }
+  const double slope = ty / tt, slope_sigma = 1 / std::sqrt(tt);
+  for (const ClockStretch& s : all)
+    line += std::pow((s.offset - level - slope * (s.time - middle)) / s.sigma, 2);
+  const double span = all.back().time - all.front().time;
+  double best = kInfinity;
+  TimeOffset jumping = out;
+  for (size_t at = 1; at < all.size(); ++at) {
+    double before = 0, after = 0, s1 = 0, s2 = 0;
+    const double squares =
+        about_level(all, 0, at, before, s1) + about_level(all, at, all.size(), after, s2);
+    if (squares >= best) continue;
+    best = squares;
+    jumping.offset = before;
+    jumping.sigma = s1;
+    jumping.jump = after - before;
+    jumping.jump_sigma = std::hypot(s1, s2);
+    jumping.jump_time = (all[at - 1].time + all[at].time) / 2;
+  }
+  const bool drifts = std::abs(slope) > 4 * slope_sigma && std::abs(slope) * span > kLeastChange;
+  const bool jumps = std::abs(jumping.jump) > std::max(kLeastChange, 5 * jumping.jump_sigma) &&
+                     best < (drifts ? line - 4 : kInfinity);
+  if (jumps) {
+    out = jumping;
+    out.clock = TimeOffset::Clock::jumps;
+  } else if (drifts) {
+    out.clock = TimeOffset::Clock::drifts;
+    out.drift = slope;
+    out.drift_sigma = slope_sigma;
+    out.middle = middle;
+    out.offset = level;
+  }
+}
+
+}  // namespace
+
+TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySighting> sightings) {
+  TimeOffset out;
+  out.sensor = sensor;
+  const Predictor predictor(input);
+  number(input, predictor, sightings);
+  const auto unknown = [&](const WaySighting& seen) { return !predictor.residuals(seen, 0); };
+  const size_t before = sightings.size();
+  sightings.erase(std::remove_if(sightings.begin(), sightings.end(), unknown), sightings.end());
+  std::set<int> ways;
+  for (const WaySighting& seen : sightings) ways.insert(seen.before);
+  if (static_cast<int>(ways.size()) < kLeastWays) {
+    out.why_not = before == 0 ? "it saw nothing while the robot moved"
+                              : "what it saw while the robot moved is on fewer than three ways "
+                                "between rests whose targets are known there";
+    return out;
+  }
+  double offset = coarse_offset(predictor, sightings);
+  if (std::abs(offset) > kFarthest - kGrid / 2) {
+    out.why_not = "it is more than 0.4 s, or the readings are not of this robot";
+    return out;
+  }
+  MeanOffset mean;
+  std::vector<OneOffset> all;
+  for (int round = 0; round < 10; ++round) {
+    all = one_by_one(predictor, sightings, offset);
+    mean = bounded_mean(all, offset);
+    const double step = mean.offset - offset;
+    offset = std::min(kFarthest, std::max(-kFarthest, mean.offset));
+    if (std::abs(step) < 1e-7) break;
+  }
+  if (mean.ways < kLeastWays) {
+    out.why_not = "what it saw hardly moved";
+    return out;
+  }
+  out.offset = mean.offset;
+  out.sigma = mean.sigma();
+  out.images = static_cast<int>(all.size());
+  out.ways = mean.ways;
+  judge_clock(stretches_of(all, mean.offset), out);
+  return out;
+}
+
+}  // namespace kincal

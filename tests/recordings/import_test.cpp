@@ -1,0 +1,482 @@
+// From messages to samples without images: streams.h, topics.h, robot_readings.h, raw_image.h,
+// held_targets.h and import.h, on bags that are written here.
+//
+// Proves: joint states on two topics with rates of their own, of joints in messages of changing
+// names, become one sample a rest with the mean and its sigma; stamps of 0 and stamps of another
+// clock are said and replaced; the busiest topic of a joint is taken and no command; poses of /tf
+// (through a chain, static ones too), PoseStamped for a floating joint and for motion capture;
+// which topic is which camera: by frame, name, size, what is left, and what is not decided; another
+// lens and another robot are said; every encoding of an image gives the same grey; what the hand
+// holds; a diagnosis where nothing rests; near postures are left out. Images that are searched:
+// tests/program/recordings_test.py. Does not prove: that other recorders write such messages.
+#include "../../io/recordings/import.h"
+
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "../../io/document/error.h"
+#include "../../io/recordings/bag_writer.h"
+#include "../../io/recordings/bytes.h"
+#include "../../io/recordings/held_targets.h"
+#include "../../io/recordings/raw_image.h"
+#include "../../io/recordings/robot_readings.h"
+#include "../../io/recordings/written_messages.h"
+#include "../../kinematics/floating.h"
+#include "../../models/rig/configuration.h"
+#include "../../models/rig/draws.h"
+#include "../fixtures/example.h"
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+namespace {
+
+constexpr std::int64_t kStart = 1700000000000000000;
+
+std::int64_t at(double time) { return kStart + std::llround(time * 1e9); }
+
+/// A folder with a bag and a rig in it.
+struct Place {
+  std::string path;
+  std::ofstream file;
+  std::unique_ptr<BagWriter> bag;
+
+  Place() {
+    path = (std::filesystem::temp_directory_path() / "kincal-import-XXXXXX").string();
+    REQUIRE(mkdtemp(path.data()));
+  }
+  ~Place() { std::filesystem::remove_all(path); }
+
+  void open(Wire wire) {
+    file.open(path + "/a", std::ios::binary | std::ios::trunc);
+    bag = std::make_unique<BagWriter>(wire, [this](std::uint64_t where, std::string_view bytes) {
+      file.seekp(static_cast<std::streamoff>(where));
+      file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    });
+  }
+  RecordedStreams streams() {
+    bag->finish();
+    file.close();
+    return read_streams({path + "/a"});
+  }
+  RigFile rig(const std::string& text, const std::string& urdf = "") const {
+    if (!urdf.empty()) std::ofstream(path + "/robot.urdf") << urdf;
+    std::ofstream(path + "/rig.yaml") << text;
+    return read_rig(path + "/rig.yaml");
+  }
+};
+
+const std::string kRobot =
+    "<robot name='r'><link name='base'/><link name='one'/><link name='two'/><link name='wheel'/>"
+    "<joint name='a' type='revolute'><parent link='base'/><child link='one'/><origin xyz='0 0 1'/>"
+    "<axis xyz='0 0 1'/><limit lower='-3' upper='3' effort='1' velocity='1'/></joint>"
+    "<joint name='b' type='continuous'><parent link='one'/><child link='two'/><origin xyz='1 0 0'/>"
+    "<axis xyz='0 1 0'/></joint>"
+    "<joint name='w' type='continuous'><parent link='base'/><child link='wheel'/>"
+    "<axis xyz='0 1 0'/></joint></robot>";
+
+const std::string kMocap =
+    "format: kincal/1\nrobot: robot.urdf\nbase: base\njoints: {a: {sigma: 0.0001}, b: {sigma: "
+    "0.0001}}\ntargets:\n  plate: {type: points, points: [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], "
+    "mount: {link: two, pose: {}}}\nsensors:\n  mocap: {type: pose, link: base, pose: {}, sigma: "
+    "{translation: 0.0001, rotation: 0.0002}}\n";
+
+std::string pose_message(Wire wire, std::int64_t time, const Pose& pose) {
+  MessageBytes out(wire);
+  out.header(time, "world");
+  const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  for (int i = 0; i < 3; ++i) out.number(pose.translation[i]);
+  for (int i = 0; i < 4; ++i) out.number(q[i]);
+  return out.str();
+}
+
+std::string tf_message(Wire wire, std::int64_t time, const std::string& frame,
+                       const std::string& child, const Pose& pose) {
+  MessageBytes out(wire);
+  out.number(std::uint32_t{1}).header(time, frame).text(child);
+  const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  for (int i = 0; i < 3; ++i) out.number(pose.translation[i]);
+  for (int i = 0; i < 4; ++i) out.number(q[i]);
+  return out.str();
+}
+
+/// Where joints are that rest for 2 s and move for 1 s, by turns.
+double path_of(double t, double step) {
+  const double k = std::floor(t / 3), u = std::max(0., t - 3 * k - 2);
+  return step * (k + u * u * (3 - 2 * u));
+}
+
+/// Writes 5 rests: joint a at 100 Hz, b at 40 Hz on a topic of its own, poses at 50 Hz.
+void write_rests(Place& place, Wire wire, double a_scatter, double clock, bool stamped) {
+  place.open(wire);
+  Draws draws(3);
+  BagWriter& bag = *place.bag;
+  const int fast = bag.add_topic("/arm/joint_states", "sensor_msgs/JointState"),
+            slow = bag.add_topic("/hand/joint_states", "sensor_msgs/JointState"),
+            order = bag.add_topic("/arm/command", "sensor_msgs/JointState"),
+            poses = bag.add_topic("/vrpn/plate/pose", "geometry_msgs/PoseStamped");
+  for (int i = 0; i <= 2800; ++i) {
+    const double t = 0.005 * i, a = path_of(t, 0.2), b = path_of(t, -0.3);
+    if (i % 2 == 0) {
+      const double reading = a + a_scatter * draws.normal();
+      if (i % 4 == 0)
+        bag.write(fast, at(t),
+                  joint_state_message(wire, stamped ? at(t) : 0, {"a", "w"}, {reading, 5 * t}));
+      else
+        bag.write(fast, at(t), joint_state_message(wire, stamped ? at(t) : 0, {"a"}, {reading}));
+    }
+    if (i % 5 == 0) {
+      double turned = b;  // as readings of a joint that goes round: within half a turn
+      while (turned < -kPi) turned += 2 * kPi;
+      bag.write(slow, at(t), joint_state_message(wire, at(t), {"b", "gripper"}, {turned, 0.01}));
+      bag.write(order, at(t), joint_state_message(wire, at(t), {"a", "b"}, {7, 7}));
+    }
+    if (i % 4 == 0) {
+      const Pose pose{exp_so3(Vector3d(0, 0, a)), Vector3d(a, b, 1)};
+      bag.write(poses, at(t), pose_message(wire, at(t) - std::llround(clock * 1e9), pose));
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("import: joints on several topics and poses become samples of the rests") {
+  for (const Wire wire : {Wire::ros1, Wire::cdr}) {
+    Place place;
+    const double scatter = 2e-4;
+    write_rests(place, wire, scatter, 0, true);
+    const RigFile rig = place.rig(kMocap, kRobot);
+    RecordedStreams streams = place.streams();
+    CHECK(streams.losses.empty());
+    CHECK(streams.notes.empty());
+    ImportOptions options;
+    const RecordedSamples found = import_recordings({}, rig, streams, nullptr, options);
+    CHECK(found.notes.empty());
+    REQUIRE(found.samples.size() == 5);
+    for (size_t k = 0; k < 5; ++k) {
+      const Sample& sample = found.samples[k];
+      const auto n = static_cast<double>(k);
+      CHECK(sample.id == "rest_000" + std::to_string(k + 1));
+      CHECK(*sample.time == Approx(1700000001 + 3 * n).margin(0.2));
+      const int a = rig.rig.tree.find_joint("a"), b = rig.rig.tree.find_joint("b");
+      const double sigma = joint_sigma(rig.rig, sample, a);  // about 180 readings
+      CHECK(sigma == Approx(std::hypot(1e-4, scatter / std::sqrt(180.))).epsilon(0.02));
+      CHECK(sample.readings[static_cast<size_t>(a)] ==
+            Approx(0.2 * n).margin(5 * scatter / std::sqrt(180.)));
+      CHECK(sample.readings[static_cast<size_t>(b)] == Approx(-0.3 * n).margin(1e-6));
+      REQUIRE(sample.views.size() == 1);
+      CHECK(sample.views[0].z[0] == Approx(0.2 * n).margin(1e-6));
+      CHECK(sample.views[0].sigma[0] == Approx(1e-4).epsilon(0.01));
+    }
+  }
+}
+
+TEST_CASE("import: stamps of 0 and of another clock are said and replaced") {
+  Place place;
+  write_rests(place, Wire::ros1, 1e-5, 5e5, false);
+  const RigFile rig = place.rig(kMocap, kRobot);
+  RecordedStreams streams = place.streams();
+  REQUIRE(streams.notes.size() == 2);
+  CHECK(streams.notes[0].find("/arm/joint_states: 1401 messages have no stamp (0)") == 0);
+  CHECK(streams.notes[1].find("/vrpn/plate/pose: its stamps are of another clock, 500000 s away") ==
+        0);
+  CHECK(import_recordings({}, rig, streams, nullptr, ImportOptions()).samples.size() == 5);
+}
+
+TEST_CASE("import: which topics are the joints'") {
+  Place place;
+  write_rests(place, Wire::cdr, 1e-5, 0, true);
+  const RecordedStreams streams = place.streams();
+  const RigFile rig = place.rig(kMocap, kRobot);
+  TopicMap topics = find_topics(rig, streams);
+  const auto topic = [&](const char* joint) {
+    const int i = topics.joints[static_cast<size_t>(rig.rig.tree.find_joint(joint))];
+    return i < 0 ? "" : streams.joints[static_cast<size_t>(i)].topic;
+  };
+  CHECK(topic("a") == "/arm/joint_states");
+  CHECK(topic("b") == "/hand/joint_states");
+  CHECK(topics.lines.size() == 3);
+  const std::string chosen =
+      std::string(kMocap).replace(kMocap.find("joints: {"), 9, "joints: {topic: [/arm/command], ");
+  topics = find_topics(place.rig(chosen), streams);
+  CHECK(topic("a") == "/arm/command");
+  const std::string wrong = std::string(kMocap).replace(kMocap.find("joints: {"), 9,
+                                                        "joints: {topic: /arm/joint_state, ");
+  CHECK_THROWS_WITH(find_topics(place.rig(wrong), streams),
+                    Catch::Contains("joints.topic: '/arm/joint_state' is not in the recording; "
+                                    "nearest: /arm/joint_states"));
+}
+
+TEST_CASE("import: nothing rests, and postures that are there already") {
+  Place place;
+  place.open(Wire::ros1);
+  const int topic = place.bag->add_topic("/joint_states", "sensor_msgs/JointState");
+  for (int i = 0; i < 1000; ++i)
+    place.bag->write(
+        topic, at(0.01 * i),
+        joint_state_message(Wire::ros1, at(0.01 * i), {"a", "b"}, {std::sin(0.01 * i), 0.1}));
+  const RigFile rig = place.rig(kMocap, kRobot);
+  RecordedStreams streams = place.streams();
+  const RecordedSamples none = import_recordings({}, rig, streams, nullptr, ImportOptions());
+  CHECK(none.samples.empty());
+  CHECK(none.diagnosis.find("joint 'a' is never still for 0.5 s: it moves by") == 0);
+
+  Place other;
+  write_rests(other, Wire::ros1, 1e-5, 0, true);
+  RecordedStreams rests = other.streams();
+  ImportOptions options;
+  options.distinct = 0.35;  // every second posture is further away
+  CHECK(import_recordings({}, rig, rests, nullptr, options).samples.size() == 3);
+}
+
+TEST_CASE("import: the reading of a floating joint by poses and by frames") {
+  const std::string flange =
+      "format: kincal/1\nrobot: {base: base, flange: tool0}\njoints: {flange: {sigma: "
+      "{translation: 0.0001, rotation: 0.0002}}}\ntargets:\n  plate: {type: points, points: [[0, "
+      "0, "
+      "0], [0.1, 0, 0], [0, 0.1, 0]], mount: {link: tool0}}\nsensors:\n  mocap: {type: pose, link: "
+      "base, topic: /mocap/pose, sigma: {translation: 0.0001, rotation: 0.0002}}\n";
+  const Pose fixed{exp_so3(Vector3d(0.3, 0, 0)), Vector3d(0, 0, 0.5)};
+  const Pose tip{exp_so3(Vector3d(0, 0.2, 0)), Vector3d(0.1, 0, 0)};
+  for (const bool frames : {true, false}) {
+    Place place;
+    place.open(Wire::cdr);
+    const int tf =
+                  place.bag->add_topic(frames ? "/tf" : "/tcp_pose",
+                                       frames ? "tf2_msgs/TFMessage" : "geometry_msgs/PoseStamped"),
+              still = place.bag->add_topic("/tf_static", "tf2_msgs/TFMessage"),
+              mocap = place.bag->add_topic("/mocap/pose", "geometry_msgs/PoseStamped");
+    place.bag->write(still, at(0), tf_message(Wire::cdr, at(0), "base", "stand", fixed));
+    place.bag->write(still, at(0), tf_message(Wire::cdr, at(0), "wrist", "tool0", tip));
+    const auto stand_T_wrist = [](double t) {
+      return Pose{exp_so3(Vector3d(0, 0, path_of(t, 0.2))), Vector3d(path_of(t, 0.1), 0, 0)};
+    };
+    for (int i = 0; i <= 700; ++i) {
+      const double t = 0.02 * i;
+      const Pose whole = fixed * stand_T_wrist(t) * tip;
+      place.bag->write(tf, at(t),
+                       frames ? tf_message(Wire::cdr, at(t), "stand", "wrist", stand_T_wrist(t))
+                              : pose_message(Wire::cdr, at(t), whole));
+      place.bag->write(mocap, at(t), pose_message(Wire::cdr, at(t), whole));
+    }
+    const RigFile rig = place.rig(flange);
+    RecordedStreams streams = place.streams();
+    const RecordedSamples found = import_recordings({}, rig, streams, nullptr, ImportOptions());
+    INFO((found.notes.empty() ? "" : found.notes[0]) << found.diagnosis);
+    REQUIRE(found.samples.size() == 5);
+    const int joint = rig.rig.tree.find_joint("flange");
+    for (size_t k = 0; k < 5; ++k) {
+      const Pose reading = pose_reading(rig.rig.tree, joint, found.samples[k].readings);
+      const Pose truth = fixed * stand_T_wrist(3. * static_cast<double>(k) + 1) * tip;
+      CHECK(log_se3(inverse(truth) * reading).norm() < 1e-6);
+      CHECK(found.samples[k].views.size() == 1);
+    }
+  }
+}
+
+namespace {
+
+const std::string kCameras =
+    "format: kincal/1\nrobot: robot.urdf\nbase: base\ntargets:\n  plate: {type: points, points: "
+    "[[0, "
+    "0, 0], [0.1, 0, 0], [0, 0.1, 0]], mount: free}\nsensors:\n";
+
+std::string camera_entry(const std::string& name, const std::string& more) {
+  return "  " + name +
+         ": {type: camera, model: pinhole, intrinsics: [500, 500, 3, 2], sigma: 0.1, " + more +
+         "}\n";
+}
+
+void add_camera(Place& place, const std::string& space, const std::string& frame, int width,
+                double focal) {
+  const std::string pixels(static_cast<size_t>(width) * 4, 'x');
+  const int images = place.bag->add_topic(space + "/image_raw", "sensor_msgs/Image"),
+            infos = place.bag->add_topic(space + "/camera_info", "sensor_msgs/CameraInfo");
+  CameraNumbers numbers;
+  numbers.width = static_cast<std::uint32_t>(width);
+  numbers.height = 4;
+  numbers.model = "plumb_bob";
+  numbers.distortion.assign(5, 0);
+  numbers.intrinsics[0] = numbers.intrinsics[1] = focal;
+  numbers.intrinsics[2] = 3;
+  numbers.intrinsics[3] = 2;
+  for (int i = 0; i < 3; ++i) {
+    place.bag->write(images, at(i),
+                     image_message(place.bag->wire(), at(i), frame, {numbers.width, 4, pixels}));
+    place.bag->write(infos, at(i), camera_info_message(place.bag->wire(), at(i), frame, numbers));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("import: which topics are the cameras'") {
+  Place place;
+  place.open(Wire::ros1);
+  add_camera(place, "/front", "one", 6, 500);
+  add_camera(place, "/stereo/left", "x", 6, 510);
+  add_camera(place, "/stereo/right", "x", 6, 500);
+  add_camera(place, "/other", "y", 8, 500);
+  const int text = place.bag->add_topic("/robot_description", "std_msgs/String");
+  place.bag->write(text, at(0),
+                   text_message(Wire::ros1, "<robot name='q'><link name='base'/></robot>"));
+  const RecordedStreams streams = place.streams();
+  const auto found = [&](const std::string& sensors) {
+    const RigFile rig = place.rig(kCameras + sensors, kRobot);
+    return std::pair(find_topics(rig, streams), rig.rig.sensors.size());
+  };
+  const auto topic = [&](const TopicMap& map, size_t sensor) {
+    const int i = map.images[sensor];
+    return i < 0 ? "" : streams.images[static_cast<size_t>(i)].topic;
+  };
+  SECTION("by frame, name and size") {
+    const TopicMap map = found(camera_entry("eye", "link: one, image_size: [6, 4]") +
+                               camera_entry("left", "link: two, image_size: [6, 4]") +
+                               camera_entry("right", "link: two, image_size: [6, 4]") +
+                               camera_entry("wide", "link: two, image_size: [8, 4]"))
+                             .first;
+    CHECK(topic(map, 0) == "/front/image_raw");
+    CHECK(topic(map, 1) == "/stereo/left/image_raw");
+    CHECK(topic(map, 2) == "/stereo/right/image_raw");
+    CHECK(topic(map, 3) == "/other/image_raw");  // what is left
+    std::string notes;
+    for (const std::string& note : map.notes) notes += note + "\n";
+    CHECK(notes.find("sensor 'left': /stereo/left/camera_info has another lens than the rig: fx fy "
+                     "cx cy are 510 510 3 2, the rig's 500 500 3 2") != std::string::npos);
+    CHECK(notes.find("is another than the rig's") != std::string::npos);
+    CHECK(notes.find("it has no joint a, b, w") != std::string::npos);
+    CHECK(map.notes.size() == 2);
+  }
+  SECTION("what is not clear stays open") {
+    const TopicMap map = found(camera_entry("eye", "link: two, image_size: [6, 4]")).first;
+    CHECK(topic(map, 0).empty());
+    bool said = false;
+    for (const std::string& note : map.notes)
+      said = said || note.find("which images are its is not clear") != std::string::npos;
+    CHECK(said);
+  }
+  SECTION("as the rig says") {
+    const TopicMap map = found(camera_entry("eye", "link: two, topic: /other") +
+                               camera_entry("ear", "link: two, topic: /front/image_raw") +
+                               camera_entry("lost", "link: two, topic: /frond/image_raw"))
+                             .first;
+    CHECK(topic(map, 0) == "/other/image_raw");
+    CHECK(topic(map, 1) == "/front/image_raw");
+    CHECK(topic(map, 2).empty());
+    bool said = false;
+    for (const std::string& note : map.notes)
+      said = said || note.find("nearest: /front/image_raw") != std::string::npos;
+    CHECK(said);
+  }
+}
+
+namespace {
+
+/// An image of 6 x 4 pixels in an encoding, whose colour at a place is `colour`.
+Picture grey_of(const std::string& encoding, int bytes, int channels,
+                const std::function<int(int row, int column, int channel)>& value,
+                bool big_endian = false) {
+  MessageBytes message(Wire::ros1);
+  std::string pixels;
+  const int step = 6 * channels * bytes + 4;  // lines may be longer than their pixels
+  for (int r = 0; r < 4; ++r) {
+    std::string line;
+    for (int c = 0; c < 6; ++c)
+      for (int k = 0; k < channels; ++k) {
+        const int v = value(r, c, k);
+        const char low = static_cast<char>(v & 255), high = static_cast<char>(v >> 8);
+        if (bytes == 1)
+          line += low;
+        else
+          line += big_endian ? std::string{high, low} : std::string{low, high};
+      }
+    line.resize(static_cast<size_t>(step), '\x7f');
+    pixels += line;
+  }
+  message.header(0, "").number(std::uint32_t{4}).number(std::uint32_t{6}).text(encoding);
+  message.number(static_cast<std::uint8_t>(big_endian)).number(static_cast<std::uint32_t>(step));
+  message.bytes(pixels);
+  static const MessageTypes types = read_definition(
+      "sensor_msgs/Image", message_identity(Wire::ros1, "sensor_msgs/Image").definition);
+  return grey_picture(decode_message(types, Wire::ros1, message.str()));
+}
+
+}  // namespace
+
+TEST_CASE("import: every encoding gives the same grey") {
+  const auto grey = [](int r, int c) { return 20 * r + 7 * c + 10; };
+  const auto check = [&](const Picture& picture, int tolerance) {
+    REQUIRE(picture.width == 6);
+    REQUIRE(picture.height == 4);
+    for (int r = 0; r < 4; ++r)
+      for (int c = 0; c < 6; ++c)
+        CHECK(std::abs(picture.pixels[static_cast<size_t>(6 * r + c)] - grey(r, c)) <= tolerance);
+  };
+  const auto same = [&](int r, int c, int) { return grey(r, c); };
+  for (const char* encoding : {"mono8", "8UC1"}) check(grey_of(encoding, 1, 1, same), 0);
+  for (const char* encoding : {"bgr8", "rgb8", "8UC3"}) check(grey_of(encoding, 1, 3, same), 0);
+  for (const char* encoding : {"bgra8", "rgba8", "8UC4"}) check(grey_of(encoding, 1, 4, same), 0);
+  check(grey_of("yuv422", 1, 2, [&](int r, int c, int k) { return k == 1 ? grey(r, c) : 128; }), 0);
+  check(grey_of("yuv422_yuy2", 1, 2, [&](int r, int c, int k) { return k ? 128 : grey(r, c); }), 0);
+  // Red counts 0.299, blue 0.114, wherever they stand.
+  const auto red = [](const char* e, int channel) {
+    return grey_of(e, 1, 3, [=](int, int, int k) { return k == channel ? 200 : 0; }).pixels[0];
+  };
+  CHECK(red("rgb8", 0) == 60);
+  CHECK(red("bgr8", 2) == 60);
+  CHECK(red("rgb8", 2) == 23);
+  CHECK(red("bgr8", 0) == 23);
+  // Of a mosaic of one colour each pixel is that colour; red alone counts as much as it does.
+  for (const std::string pattern : {"rggb", "bggr", "gbrg", "grbg"}) {
+    const auto one = [&](char colour) {
+      return grey_of("bayer_" + pattern + "8", 1, 1, [&](int r, int c, int) {
+        return pattern[static_cast<size_t>(r % 2 * 2 + c % 2)] == colour ? 200 : 0;
+      });
+    };
+    for (const auto& pixel : one('r').pixels) CHECK(pixel == 60);
+    for (const auto& pixel : one('g').pixels) CHECK(pixel == 117);
+    for (const auto& pixel : one('b').pixels) CHECK(pixel == 23);
+  }
+  // 16 bits: the picture's own range, in either order of bytes.
+  for (const bool big : {false, true}) {
+    const Picture deep = grey_of(
+        "mono16", 2, 1, [](int r, int c, int) { return 1000 + 100 * (6 * r + c); }, big);
+    CHECK(deep.pixels[0] == 0);
+    CHECK(deep.pixels[23] == 255);
+    CHECK(std::abs(deep.pixels[12] - 133) <= 1);
+  }
+  CHECK_THROWS_AS(grey_of("32FC1", 4, 1, same), Damage);
+  CHECK(compressed_format("\xff\xd8\xff\xe0") == "jpg");
+  CHECK(compressed_format("\x89PNG\r\n") == "png");
+  CHECK(compressed_format("theora").empty());
+}
+
+TEST_CASE("import: which hand holds the board") {
+  Laboratory lab(2, 64);
+  std::vector<int> holders;  // as they were simulated
+  for (Sample& sample : lab.samples) {
+    int holder = -1;
+    std::vector<View> others;
+    for (const View& view : sample.views)
+      if (lab.rig.sensors[static_cast<size_t>(view.sensor)].type == "chain")
+        holder = view.sensor;
+      else
+        others.push_back(view);
+    sample.views = others;
+    holders.push_back(holder);
+  }
+  add_holding_chains(lab.rig, lab.samples);
+  int held = 0, right = 0;
+  for (size_t i = 0; i < lab.samples.size(); ++i) {
+    int found = -1;
+    for (const View& view : lab.samples[i].views)
+      if (lab.rig.sensors[static_cast<size_t>(view.sensor)].type == "chain") found = view.sensor;
+    held += holders[i] >= 0;
+    right += found == holders[i];
+  }
+  CHECK(held == 60);
+  CHECK(right == static_cast<int>(lab.samples.size()));
+}
