@@ -191,7 +191,10 @@ int import_hand_eye(const ImportArguments& a) {
 
 int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   a.rig = rig_path(a.rig);
-  if (is_bag(a.files[0])) import_bags(a, arguments);
+  if (is_bag(a.files[0])) {
+    if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
+    import_bags(a, arguments);
+  }
   if (a.files.size() > 1)
     throw InputError(a.files[0] + " is no recording: one such file at a time");
   if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");
