@@ -45,6 +45,7 @@ foreach(group Result Bent Mistakes WrongInput)
 endforeach()
 
 kincal_python_test(bags.Program bags_test.py cli 300 ${kincal_program} Bags)
+kincal_python_test(bags.Others bags_test.py cli 300 ${kincal_program} Others)
 kincal_python_test(bags.Data bags_test.py data 300 ${kincal_program} Data)
 
 foreach(group Arm Pr2 Said)

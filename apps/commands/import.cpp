@@ -210,7 +210,10 @@ int print_record_command(const ImportArguments& a) {
 int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   if (a.record_command) return print_record_command(a);
   a.rig = rig_path(a.rig);
-  if (is_bag(a.files[0])) import_bags(a, arguments);
+  if (is_bag(a.files[0])) {
+    if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
+    import_bags(a, arguments);
+  }
   if (a.files.size() > 1)
     throw InputError(a.files[0] + " is no recording: one such file at a time");
   if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");

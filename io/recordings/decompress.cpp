@@ -13,7 +13,7 @@ namespace kincal {
 
 namespace {
 
-constexpr size_t kStep = size_t{1} << 20;
+constexpr size_t kStep = size_t{1} << 16;
 
 /// Where it is unpacked to: room for `most` bytes and one more, which shows that there are too
 /// many. What is said of the size may be wrong, so that it grows as it is filled.

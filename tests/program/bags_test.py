@@ -2,14 +2,20 @@
 
 Proves: what `--list` says of a ROS 1 bag written here as its specification says; messages of the paper's tool become samples that
 `kincal check` reads, and their ids find sensors and targets by name and `topic`; a bag that is cut off, no bag, or not of such messages
-is said. Data.Hrp2: the paper's tool's own recording gives the samples that are there. Not proved: other messages (images, joint states).
-The containers, damage and decoding are in tests/recordings/bag_test.cpp.
+is said; killed at any moment, an import leaves whole samples or none. Data.Hrp2: the paper's tool's own recording gives the samples that are
+there. Others (skipped without node, npm, a network for npm, kincal-render): the readers of npm's @foxglove/rosbag and @mcap/core find in what
+`kincal simulate --bag` writes the samples of the simulation, and kincal reads what @mcap/core writes, with lz4 and zstd. Not proved: other
+messages (images, joint states). The containers, damage and decoding are in tests/recordings/bag_test.cpp; Debian's python3-rosbag reads written
+bags in render_test.py.
 """
 import json
 import os
+import random
+import shutil
 import struct
 import subprocess
 import sys
+import time
 import unittest
 
 import helpers
@@ -166,6 +172,88 @@ class Bags(helpers.Folder):
         p = run(other, "--rig", self.rig, "--out", self.path("x.jsonl"))
         self.assertEqual(p.returncode, 1)
         self.assertIn("no samples: no sensor of the rig measured anything in any rest", p.stderr)
+
+
+    def test_killed(self):
+        """Killed at any moment: the old samples or the new ones, whole; and the next run is not in its way."""
+        path = self.write("a.bag", bag(self.topics, [(0, 1700000000 + i, measurement("s%d" % i, {"j1": 0.25, "j2": -0.5, "tilt": 0.125}, PIXELS, RAYS)) for i in range(300)]))
+        out, command = self.path("samples.jsonl"), [KINCAL, "import", path, "--rig", self.rig, "--out", self.path("samples.jsonl"), "--force", "--quiet"]
+        start = time.monotonic()
+        subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+        took, new, seen = time.monotonic() - start, self.read("samples.jsonl"), set()
+        random.seed(5)
+        for _ in range(int(os.environ.get("KINCAL_KILLS", "20"))):
+            self.write("samples.jsonl", "old\n")
+            p = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            time.sleep(random.uniform(0, 1.2 * took))
+            p.kill()
+            p.wait()
+            self.assertIn(self.read("samples.jsonl"), ("old\n", new))
+            seen.add(self.read("samples.jsonl") == new)
+        print("killed: old and new seen" if len(seen) == 2 else "killed: only %s seen" % ("new" if seen == {True} else "old"))
+        subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+        self.assertEqual([name for name in os.listdir(os.path.dirname(out)) if "writing" in name or "replaced" in name], [])
+
+
+class Others(helpers.Folder):
+    """What is not kincal's reads what kincal writes, and the reverse."""
+
+    def setUp(self):
+        super().setUp()
+        missing = [p for p in ("node", "npm") if shutil.which(p) is None] + [p for p in ("kincal-render", "kincal-bags") if not os.path.exists(os.path.join(os.path.dirname(KINCAL), p))]
+        if missing:
+            self.skipTest("without " + ", ".join(missing))
+        shutil.copytree(os.path.join(SOURCE_DIR, "tests", "program", "readers"), self.path("readers"), ignore=shutil.ignore_patterns("node_modules"))
+        fetched = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=self.path("readers"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        if fetched.returncode != 0:
+            self.skipTest("npm fetches nothing here: " + fetched.stdout.decode()[-300:])
+
+    def node(self, *arguments):
+        p = subprocess.run(["node", self.path("readers", "bags.js"), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.assertEqual(p.returncode, 0, p.stderr.decode())
+        return p.stdout
+
+    def test_written(self):
+        """One simulation as both kinds of bags: the same messages, whose joints and images are those of its samples."""
+        self.write("arm.urdf", URDF)
+        self.write("rig.yaml", """format: kincal/1
+robot: arm.urdf
+base: base
+targets:
+  board: {type: chessboard, rows: 6, columns: 9, square: 0.02, mount: free}
+sensors:
+  eye: {type: camera, link: tool, model: brown_conrady, intrinsics: [130, 130, 80, 60], distortion: [-0.1, 0.02, 0, 0, 0], image_size: [160, 120], sigma: 0.2, pose: {xyz: [0.05, 0, 0.04]}}
+""")
+        read = {}
+        for name in ("a.bag", "a.mcap"):
+            p = subprocess.run([KINCAL, "simulate", self.path("rig.yaml"), "--samples", "3", "--seed", "4", "--out", self.path("sim"), "--force", "--bag", self.path(name),
+                                "--rest", "0.4", "--move", "0.3", "--scatter", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            self.assertEqual(p.returncode, 0, p.stderr.decode())
+            read[name] = json.loads(self.node("read", self.path(name)))
+        start = 1767225600 * 10**9
+        for name, messages in read.items():
+            joints, images, cameras, texts = ([m for m in messages if m[0] == topic] for topic in ("/joint_states", "/eye/image_raw", "/eye/camera_info", "/robot_description"))
+            self.assertEqual((len(joints), len(images), len(cameras), len(texts), len(messages)), (181, 18, 18, 1, 218), name)
+            self.assertEqual([int(m[2]) - start for m in joints], [10**7 * i for i in range(181)])
+            self.assertTrue(all(m[3]["stamp"] == m[2] for m in joints + images + cameras))
+            samples = [json.loads(line) for line in self.read("sim/samples.jsonl").splitlines()]
+            for k, sample in enumerate(samples):   # at rest, and without scatter, each is the sample's
+                for i in (70 * k, 70 * k + 20, 70 * k + 40):
+                    self.assertEqual(dict(zip(joints[i][3]["name"], joints[i][3]["position"])), sample["joints"])
+            self.assertEqual([images[0][3][key] for key in ("width", "height", "step", "encoding")], [160, 120, 160, "mono8"])
+            self.assertEqual((images[0][3]["data"][0], cameras[0][3]["k"], cameras[0][3]["d"]), (160 * 120, [130, 0, 80, 0, 130, 60, 0, 0, 1], [-0.1, 0.02, 0, 0, 0]))
+            self.assertEqual(texts[0][3]["data"], URDF)
+        for a, b in zip(*(sorted(m, key=lambda one: (one[0], int(one[2]))) for m in read.values())):
+            self.assertEqual((a[0], a[1].replace("/", "/msg/"), a[2], a[3]), (b[0], b[1], b[2], b[3]))
+
+    def test_read(self):
+        for how in ("lz4", "zstd"):
+            self.node("write", self.path("a.mcap"), how)
+            p = run(self.path("a.mcap"), "--list")
+            self.assertEqual(p.returncode, 0, p.stderr)
+            self.assertIn("MCAP, %s; 200 messages in 1.990 s from 2023-11-14 22:13:20 UTC" % how, p.stdout)
+            self.assertRegex(p.stdout, r"/joint_states sensor_msgs/JointState +200 +100.0 +0.000 s +0.010 s")
+            self.assertNotIn("LOST", p.stdout)
 
 
 class Data(helpers.Folder):
