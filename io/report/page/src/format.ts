@@ -71,7 +71,9 @@ export function plainList(names: string[], most = 3): string {
   }
   const all = [...groups], told = all.slice(0, all.length > most + 1 ? most : undefined);
   const rest = names.length - told.reduce((sum, [, of]) => sum + of.length, 0);
-  return told.map(([of, its]) => [of, its.filter(Boolean).join(', ')].filter(Boolean).join(' ')).join('; ') + (rest ? ` and ${rest} more` : '');
+  // "turn about x, y": said once.
+  const numbers = (its: string[]) => its.filter(Boolean).join(', ').replace(/(turn about .)((?:, turn about .)+)/, (_, first, more) => first + more.replaceAll('turn about ', ''));
+  return told.map(([of, its]) => [of, numbers(its)].filter(Boolean).join(' ')).join('; ') + (rest ? ` and ${rest} more` : '');
 }
 
 export function seconds(s: number | undefined): string {

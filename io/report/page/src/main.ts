@@ -88,6 +88,7 @@ function printing(): void {
   let before: string | null = null;
   let closed: HTMLDetailsElement[] = [];
   addEventListener('beforeprint', () => {
+    if (root.classList.contains('paper')) return;
     before = root.dataset.theme ?? null;
     root.classList.add('paper');
     closed = [...document.querySelectorAll<HTMLDetailsElement>('.held details:not([open])')];

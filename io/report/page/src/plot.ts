@@ -102,7 +102,7 @@ export function points(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, c
   c.globalAlpha = 1;
   return drawn;
 }
-/** The rows of the chosen sample, ringed: seen on any colour. */
+/** The rows of the chosen sample: larger and ringed, for not everybody tells their colour from the others'. */
 export function rings(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, rows: Iterable<number>): void {
   const { c } = pen;
   for (const i of rows) {
@@ -111,8 +111,8 @@ export function rings(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, ro
     c.beginPath();
     c.arc(x, y, 4, 0, 2 * Math.PI);
     c.fillStyle = pen.colour.chosen;
-    c.strokeStyle = pen.colour.ground;
-    c.lineWidth = 1;
+    c.strokeStyle = pen.colour.text;
+    c.lineWidth = 1.2;
     c.fill();
     c.stroke();
   }

@@ -32,6 +32,7 @@ describe('text', () => {
   test('in lists the numbers of one pose stand together, and those left out are counted', () => {
     const names = ['joint/a/origin.x', 'joint/a/origin.rz', 'joint/b/offset', 'sensor/c/pose.y', 'sensor/d/pose.x', 'sensor/d/pose.y', 'sensor/e/pose.x'];
     expect(plainList(names.slice(0, 3))).toBe('a: origin x, turn about z; b: zero offset');
+    expect(plainList(['x', 'y', 'rx', 'ry', 'rz'].map((part) => `joint/a/origin.${part}`))).toBe('a: origin x, y, turn about x, y, z');
     expect(plainList(names, 3)).toBe('a: origin x, turn about z; b: zero offset; c: mount y and 3 more');
   });
   test('CSV quotes what it has to and starts no formula', () => {
