@@ -9,6 +9,7 @@
 #include <cstring>
 #include <ctime>
 #include <filesystem>
+#include <iostream>
 
 #include "../io/document/files.h"
 #include "../io/document/names.h"
@@ -323,6 +324,33 @@ ResultFiles make_files(const Job& job, const Report& report, const CalibrateSett
     files.report_html = report_page({files.result_json, files.samples_csv, files.residuals_csv,
                                      files.loops_csv, files.covariance_csv});
   return files;
+}
+
+void add_page_settings(CLI::App& command, PageSettings& s) {
+  command.add_option("--report", s.file, "write a page for a browser into this file")
+      ->type_name("FILE");
+  command.add_flag("--force", s.force, "replace an existing page")->needs("--report");
+}
+
+void check_page_file(const PageSettings& s) {
+  if (s.file.empty()) return;
+  say_cleared(clear_leftovers(s.file));
+  check_output_file(s.file, s.force);
+}
+
+ResultOptions page_record(const PageSettings& s, const std::string& samples) {
+  ResultOptions record;
+  record.command = s.command;
+  record.date = date_now();
+  record.samples_hash = sha256(samples);
+  record.version = KINCAL_VERSION;
+  return record;
+}
+
+void write_page(const PageSettings& s, const std::string& page, bool say) {
+  begin_writing();
+  write_file(s.file, page, s.force);
+  if (say) std::cout << "Written to " << s.file << "\n";
 }
 
 void add_settings(CLI::App& command, CalibrateSettings& s) {

@@ -97,6 +97,19 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings);
 
+/// PageSettings say where a command that writes no folder puts its page; no file: nowhere.
+struct PageSettings {
+  std::string file, command;  // the command line, for the record
+  bool force = false;
+};
+void add_page_settings(CLI::App& command, PageSettings& settings);
+/// Refuses a file that is there, before any work is done. @throws InputError
+void check_page_file(const PageSettings& settings);
+/// Returns what the page records of where it comes from; `samples` is their text.
+ResultOptions page_record(const PageSettings& settings, const std::string& samples);
+/// Writes the page, and says so on standard output if `say`. @throws InputError
+void write_page(const PageSettings& settings, const std::string& page, bool say);
+
 /// Adds the options that calibrate and batch share.
 void add_settings(CLI::App& command, CalibrateSettings& settings);
 

@@ -69,10 +69,10 @@ int main(int argc, char** argv) try {
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
   const std::vector<Command> commands = {
       init_command(app),
-      check_command(app),
+      check_command(app, line),
       calibrate_command(app, line),
       batch_command(app, line),
-      evaluate_command(app),
+      evaluate_command(app, line),
       diff_command(app),
       apply_command(app),
       show_command(app),

@@ -28,7 +28,7 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
-foreach(group Data Command Show Browser)
+foreach(group Data Command Inputs Show Browser)
   kincal_python_test(report.${group} report_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 

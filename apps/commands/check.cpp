@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "../../io/document/files.h"
+#include "../../io/report/input_page.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"
@@ -17,18 +18,20 @@ namespace {
 
 struct CheckArguments {
   std::string rig, samples, noise = "latent";
+  PageSettings page;
   int threads = 1;
   bool json = false, quiet = false;
 };
 
 int check(const CheckArguments& a) {
+  check_page_file(a.page);
   const RigFile rig_file = read_rig(rig_path(a.rig));
   for (const std::string& warning : rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   now("reading " + a.samples);
   Progress progress(a.quiet || a.json);
-  std::vector<Sample> samples =
-      parse_samples(read_file(a.samples), a.samples, rig_file.rig, progress);
+  const std::string text = read_file(a.samples);
+  std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
@@ -55,13 +58,19 @@ int check(const CheckArguments& a) {
               << (diagnosis->findings.empty() && explained(*diagnosis)
                       ? "Next: kincal calibrate " + a.rig + " " + a.samples + " --out result\n"
                       : "");
+  if (!a.page.file.empty())
+    write_page(a.page,
+               check_page(rig_file, recording, *diagnosis, explained(*diagnosis),
+                          page_record(a.page, text)),
+               !a.json);
   return kConverged;
 }
 
 }  // namespace
 
-Command check_command(CLI::App& app) {
+Command check_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<CheckArguments>();
+  a->page.command = command_line;
   CLI::App* command = app.add_subcommand(
       "check", "Test the usual mistakes as hypotheses and say which one explains the data");
   command->add_option("RIG", a->rig, "rig.yaml")->required();
@@ -72,6 +81,7 @@ Command check_command(CLI::App& app) {
   command->add_option("--threads", a->threads, "the result is the same for any number")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
+  add_page_settings(*command, a->page);
   command->add_flag("--json", a->json, "print {findings, chi2, dof, verdict, tested} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(

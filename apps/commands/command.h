@@ -18,8 +18,8 @@ struct Command {
 
 Command calibrate_command(CLI::App& app, const std::string& command_line);
 Command batch_command(CLI::App& app, const std::string& command_line);
-Command check_command(CLI::App& app);
-Command evaluate_command(CLI::App& app);
+Command check_command(CLI::App& app, const std::string& command_line);
+Command evaluate_command(CLI::App& app, const std::string& command_line);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
 Command show_command(CLI::App& app);

@@ -5,6 +5,7 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
+#include "../../io/report/input_page.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/report/warnings.h"
@@ -20,15 +21,17 @@ namespace {
 struct EvaluateArguments {
   std::string rig, samples, urdf, noise = "latent";
   std::vector<std::string> free;
+  PageSettings page;
   bool json = false, quiet = false;
 };
 
 int evaluate(const EvaluateArguments& a) {
+  check_page_file(a.page);
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   now("reading " + a.samples);
   Progress progress(a.quiet || a.json);
-  const std::vector<Sample> samples =
-      parse_samples(read_file(a.samples), a.samples, rig_file.rig, progress);
+  const std::string text = read_file(a.samples);
+  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
     clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
@@ -43,7 +46,7 @@ int evaluate(const EvaluateArguments& a) {
     std::vector<Warning> words = warnings(evaluation);
     for (Warning& w : words) w.text = in_program_words(w.text);
     if (a.json) {
-      std::cout << evaluation_json(evaluation, words);
+      std::cout << json_text(evaluation_json(evaluation, words));
     } else {
       std::cout << residual_table(evaluation.sensors, false)
                 << unfinished_text(evaluation.unfinished);
@@ -53,6 +56,10 @@ int evaluate(const EvaluateArguments& a) {
       std::printf("\n");
     }
     for (const Warning& w : words) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
+    if (!a.page.file.empty())
+      write_page(a.page,
+                 evaluation_page(rig_file, recording, evaluation, words, page_record(a.page, text)),
+                 !a.json);
     return evaluation.converged ? kConverged : kNotConverged;
   } catch (const NameError& error) {
     throw with_nearest(error);
@@ -61,8 +68,9 @@ int evaluate(const EvaluateArguments& a) {
 
 }  // namespace
 
-Command evaluate_command(CLI::App& app) {
+Command evaluate_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<EvaluateArguments>();
+  a->page.command = command_line;
   CLI::App* command = app.add_subcommand(
       "evaluate",
       "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
@@ -79,6 +87,7 @@ Command evaluate_command(CLI::App& app) {
   command->add_option("--noise", a->noise, "as in calibrate")
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
+  add_page_settings(*command, a->page);
   command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(

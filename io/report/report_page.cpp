@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "../document/error.h"
 #include "../document/files.h"
@@ -250,13 +251,25 @@ size_t loops_written(const OrderedJson& result) {
   return every.is_number_unsigned() && every > 0 ? every.get<size_t>() : 1;
 }
 
+/// Poses that the rig leaves open: they did not change, for they were nowhere before.
+std::set<std::string> open_poses(const OrderedJson& result) {
+  std::set<std::string> out;
+  for (const char* kind : {"sensor", "target"})
+    for (const OrderedJson& part : member(result, "/scene/" + std::string(kind) + "s"))
+      if (part.is_object() && part.contains("before") && part["before"].is_null())
+        out.insert(std::string(kind) + "/" + part.at("name").get<std::string>() + "/pose");
+  return out;
+}
+
 /// The component that changed most, as tables weigh changes: a thousandth of a metre, a radian or a
 /// ratio and a tenth of a pixel alike.
-OrderedJson largest_change(const OrderedJson& parameters) {
+OrderedJson largest_change(const OrderedJson& result) {
   OrderedJson out;
   double most = 0;
+  const OrderedJson parameters = member(result, "/parameters");
+  const std::set<std::string> open = open_poses(result);
   for (const auto& [name, p] : parameters.items())
-    for (size_t c = 0; c < p.at("value").size(); ++c) {
+    for (size_t c = 0; c < p.at("value").size() && !open.count(name); ++c) {
       if (p.at("sigma").at(c) == 0 || !p.at("value").at(c).is_number()) continue;  // held
       const double change = p.at("value").at(c).get<double>() - p.at("initial").at(c).get<double>();
       const double weight = std::abs(change) * (p.at("unit").at(c) == "px" ? 10 : 1e3);
@@ -295,7 +308,7 @@ OrderedJson overview_entry(const OverviewEntry& e) {
       one["after"] = folds.at(name).at("rms_as_read"), one["from"] = "cross_validation";
     out["sensors"][name] = one;
   }
-  out["largest_change"] = largest_change(member(result, "/parameters"));
+  out["largest_change"] = largest_change(result);
   out["link"] = e.link.empty() ? OrderedJson(nullptr) : OrderedJson(e.link);
   return out;
 }

@@ -54,7 +54,8 @@ std::string residuals_csv(const Report& report) {
       add_numbers(out, r.raw.data() + b * rows, rows, 6);
       add_numbers(out, found == before.end() ? nullptr : found->second->raw.data() + b * rows,
                   found == before.end() ? 0 : rows, 3);
-      out += "," + shortest(r.whitened.segment(b * white, white).norm());
+      const double norm = r.whitened.segment(b * white, white).norm();
+      add_numbers(out, &norm, 1, 1);
       add_numbers(out, r.view->z.data() + b * numbers, numbers, 3);
       add_numbers(out, r.whitened.data() + b * white, static_cast<int>(white), 6, 6);
       out += "\n";

@@ -389,12 +389,11 @@ Json result_json(const Report& report) {
   return json;
 }
 
-std::string evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings) {
-  const Json json = {{"chi2", number(evaluation.chi2)},
-                     {"dof", evaluation.dof},
-                     {"sensors", sensor_table(evaluation.sensors, false)},
-                     {"warnings", warning_list(warnings)}};
-  return json_text(json);
+Json evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings) {
+  return {{"chi2", number(evaluation.chi2)},
+          {"dof", evaluation.dof},
+          {"sensors", sensor_table(evaluation.sensors, false)},
+          {"warnings", warning_list(warnings)}};
 }
 
 Json findings_json(const std::vector<Finding>& findings) {

@@ -19,8 +19,8 @@ std::string status_name(Status status);
 /// robot.
 Json result_json(const Report& report);
 
-/// Returns an evaluation as JSON text: chi2, dof, sensors and warnings.
-std::string evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings);
+/// Returns {chi2, dof, sensors, warnings}.
+Json evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings);
 
 /// Returns [{id, text, where, chi2_as_is, chi2_corrected}].
 Json findings_json(const std::vector<Finding>& findings);

@@ -309,7 +309,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     how.noise = noise;
     how.with_dof = true;
     if (progress) how.progress = [&](double share) { progress((done + share * count) / all); };
-    const Judged now = judge(recording, samples, table.initial, table.initial, how);
+    Judged now = judge(recording, samples, table.initial, table.initial, how);
     done += count;
     how.noise = NoiseMode::none;
     how.with_dof = false;
@@ -335,6 +335,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
       SplitStatistics& s = train ? sensor.train : sensor.test;
       set_statistics(now.sums[i], read.sums[i], Sums(), sensor.measures_pose, s);
     }
+    append(now.residuals, out.views);
   }
   out.converged = out.unfinished.empty();
   for (int p : open)

@@ -70,6 +70,7 @@ struct Evaluation {
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;  // without rms_before
+  std::vector<ViewResiduals> views;   // what their rms is of
   std::vector<std::string> open;      // poses absent from the rig that were estimated in each split
   std::vector<std::string>
       without_effect;  // names that were to be freed and on which no measurement depends

@@ -133,8 +133,8 @@ bool goes_before(const std::string& id, const Warning* other) {
 
 std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "chi2" && report.solution.chi2_per_dof() < 1)
-    return "nothing, for the errors are smaller than the sigmas say; or state the sigmas that are "
-           "seen";
+    return "state the sigmas that are seen, or leave it at that: the errors are smaller than the "
+           "sigmas say";
   if (id == "chi2" || id == "unexplained")
     return "look for what is wrong, or state the sigmas that are seen";
   if (id == "noise")
@@ -308,6 +308,24 @@ std::string why_unexplained(const Report& report) {
          "more is freed";
 }
 
+namespace {
+
+/// What to do about data that the model does not explain, where no finding says it.
+std::vector<std::string> next_for_unexplained(const Report& report) {
+  if (report.unexplained.empty() || decisive_finding(report) || likely_finding(report)) return {};
+  const std::string worst =
+      "look at what fits worst: its link, its target, units, samples whose readings are late";
+  if (uneven(report).empty())
+    return {"state " + sigmas_seen(report, data_misfit(report)) + ", or have the noise estimated"};
+  if (report.diagnosis && !report.diagnosis->readings.empty())
+    return {"state the noise of the joint readings in the rig (joints), if they can be that bad",
+            "else free what may be wrong of the robot's geometry (lengths, gears), or find what is "
+            "loose or bends"};
+  return {worst, "calibrate without it, before more is freed"};
+}
+
+}  // namespace
+
 Verdict verdict(const Report& report) {
   const Solution& solution = report.solution;
   const auto is_cause = [&](const Warning& w) {
@@ -323,7 +341,7 @@ Verdict verdict(const Report& report) {
       (solution.status == Status::converged || solution.message == loose))
     return {"no", cause + ". Only then does it count that " + loose};
   if (solution.status != Status::converged && solution.message != loose)
-    return {"no", solution.message};
+    return {"no", solution.message, next_for_unexplained(report)};
   if (!loose.empty()) return {"no", loose, next_for_loose(report)};
 
   std::string found;

@@ -250,13 +250,14 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
   std::vector<Case> joints;
   for (const auto& x : excess) {
     const std::string name = rig.tree.joints[x.first].name;
-    joints.push_back({name,
-                      "joint '" + name + "': its error exceeds 4 sigmas in " +
-                          count_text(static_cast<size_t>(x.second.count), "sample") +
-                          ", at worst " +
-                          text("%+.3g sigmas (%.3g) in sample '", x.second.worst, x.second.error) +
-                          solution.samples()[x.second.sample].id + "'",
-                      std::abs(x.second.worst)});
+    joints.push_back(
+        {name,
+         "joint '" + name + "': its error exceeds 4 sigmas in " +
+             count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
+             text("%+.3g sigmas (%.3g %s) in sample '", x.second.worst, 1e3 * x.second.error,
+                  rig.tree.joints[x.first].type == JointType::prismatic ? "mm" : "mrad") +
+             solution.samples()[x.second.sample].id + "'",
+         std::abs(x.second.worst)});
   }
   warn("joint_error", "joints have errors above 4 sigmas", std::move(joints), out);
 }

@@ -2,7 +2,7 @@
 
 Proves: the data in report.html are those of the files beside it (every residual, sample, loop and correlation, to the digits that are
 drawn); `report` makes the same page again from the folder alone; hostile names end no script and are no markup; what is missing or broken
-is named; several results, and a batch, get a page that leads to each. Browser (skipped without Chromium, node and npm, or without a network
+is named; several results, and a batch, get a page that leads to each; the pages of evaluate and check have what these print. Browser (skipped without Chromium, node and npm, or without a network
 for npm): the built template is what its sources build, the functions of the sources work, and a real browser shows every section with
 the result's numbers, marks a chosen sample everywhere, turns the 3-D view and keeps hostile names as text (io/report/page/tests).
 Not proved: that it reads well; pictures were looked at.
@@ -276,6 +276,17 @@ class Command(Case):
         self.assertAlmostEqual(first["chi2_dof"], result["chi2_data"] / result["dof_data"], places=12)
         self.assertEqual(first["link"], "../first/report.html")
         self.assertIsNone(second["link"])
+        changes = {name: max(abs(v - i) for v, i, s in zip(p["value"], p["initial"], p["sigma"]) if s) for name, p in result["parameters"].items() if any(p["sigma"])}
+        self.assertEqual(first["largest_change"]["parameter"], max(changes, key=changes.get))
+        largest = first["largest_change"]["parameter"]
+        # A pose that the rig leaves open did not change, however far it is from where its search began.
+        result["parameters"]["sensor/forearm_left/pose"] = {"unit": ["m"] * 3 + ["rad"] * 3, "initial": [0] * 6, "value": [9] * 6, "sigma": [1] * 6, "step": "all"}
+        next(s for s in result["scene"]["sensors"] if s["name"] == "forearm_left")["before"] = None
+        os.mkdir(self.path("open"))
+        with open(self.path("open", "result.json"), "w") as f:
+            json.dump(result, f)
+        self.kincal("report", "first", "open", "--out", "open.html")
+        self.assertEqual([e["largest_change"]["parameter"] for e in data_of(self.path("open.html"))["overview"]], [largest, largest])
         for name, sensor in result["sensors"].items():
             split = "test" if sensor["test"]["points"] else "train"
             self.assertEqual(first["sensors"][name], {"unit": sensor["unit"], "before": sensor[split]["rms_before"], "after": sensor[split]["rms_as_read"], "from": split})
@@ -294,6 +305,71 @@ class Command(Case):
         self.assertRegex(entries["broken"]["verdict"]["text"], r"samples\.jsonl:33")
         self.kincal("batch", "fleet", "--out", "bare", "--no-report", "--quiet", code=1)
         self.assertFalse(os.path.exists(self.path("bare", "report.html")))
+
+
+class Inputs(Case):
+    """Pages of evaluate and check, which leave no folder."""
+
+    def test_evaluate(self):
+        """Every residual in it adds up to the printed figures; the folder of the result gets nothing."""
+        self.calibrated()
+        before = sorted(os.listdir(self.path("out")))
+        printed = json.loads(self.kincal("evaluate", "out", "robot/samples.jsonl", "--json", "--report", "page.html"))
+        self.assertEqual(sorted(os.listdir(self.path("out"))), before)
+        data = data_of(self.path("page.html"))
+        result, r = data["result"], data["residuals"]
+        self.assertEqual((result["kind"], result["serial"], data["title"]), ("evaluation", "A-17 <7>", "pr2_like"))
+        self.assertIn("evaluate out robot/samples.jsonl", result["input"]["command"])
+        for key in ("chi2", "dof", "sensors", "warnings"):
+            self.assertEqual(result[key], printed[key])
+        for name, sensor in printed["sensors"].items():
+            for split, train in (("train", 1), ("test", 0)):
+                rows = [i for i, s in enumerate(r["sensor"]) if data["names"]["sensors"][s] == name and data["samples"]["train"][r["sample"][i]] == train]
+                self.assertEqual(len(rows), sensor[split]["points"])
+                if rows:
+                    squares = sum((r[c][i] or 0) ** 2 for i in rows for c in ("x", "y", "z") if c in r)
+                    self.assertAlmostEqual(math.sqrt(squares / len(rows)), sensor[split]["rms"], delta=1e-4 * sensor[split]["rms"])
+        with open(self.path("robot", "samples.jsonl")) as f:
+            self.assertEqual([json.loads(line)["id"] for line in f], data["samples"]["id"])
+
+    def test_check(self):
+        """What was found and looked for, the text that is printed, and where each sensor saw something."""
+        self.example()
+        with open(self.path("robot", "samples.jsonl")) as f:
+            samples = [json.loads(line) for line in f]
+        self.assertIn("Written to fine.html", self.kincal("check", "robot/rig.yaml", "robot/samples.jsonl", "--report", "fine.html"))
+        fine = data_of(self.path("fine.html"))
+        self.assertEqual((fine["result"]["kind"], fine["result"]["findings"], fine["result"]["explained"]), ("check", [], True))
+        pixels = [z for s in samples for v in s["views"] if v["sensor"] == "wide_left" for z in v["pixels"]]
+        index, r = fine["names"]["sensors"].index("wide_left"), fine["residuals"]
+        seen = [(u, v) for s, u, v in zip(r["sensor"], r["measured_1"], r["measured_2"]) if s == index]
+        self.assertEqual(len(seen), len(pixels))
+        for (u, v), z in zip(seen, pixels):
+            self.assertAlmostEqual(u, z[0], delta=1e-3)
+            self.assertAlmostEqual(v, z[1], delta=1e-3)
+        self.assertNotIn("x", r)                    # nothing was predicted
+        for sample in samples:
+            sample["joints"]["head_pan_joint"] *= -1
+        with open(self.path("robot", "samples.jsonl"), "w") as f:
+            f.writelines(json.dumps(sample) + "\n" for sample in samples)
+        printed = json.loads(self.kincal("check", "robot/rig.yaml", "robot/samples.jsonl", "--json", "--report", "bad.html"))
+        bad = data_of(self.path("bad.html"))["result"]
+        self.assertEqual([bad[key] for key in ("findings", "tested", "chi2", "dof", "said")], [printed[key] for key in ("findings", "tested", "chi2", "dof", "verdict")])
+        self.assertIn("head_pan_joint", bad["findings"][0]["text"])
+
+    def test_files(self):
+        """An existing file stays, before any work is done; without --report nothing is written."""
+        self.example()
+        with open(self.path("page.html"), "w") as f:
+            f.write("mine")
+        for command in ("evaluate", "check"):
+            self.assertIn("page.html", self.kincal(command, "nowhere.yaml", "robot/samples.jsonl", "--report", "page.html", code=1))
+            with open(self.path("page.html")) as f:
+                self.assertEqual(f.read(), "mine")
+            self.kincal(command, "robot/rig.yaml", "robot/samples.jsonl", "--force", code=1)       # of what?
+        self.kincal("evaluate", "robot/rig.yaml", "robot/samples.jsonl", "--report", "page.html", "--force")
+        self.assertEqual(data_of(self.path("page.html"))["result"]["kind"], "evaluation")
+        self.assertEqual(sorted(os.listdir(self.dir)), ["page.html", "robot"])
 
 
 class Show(Case):
@@ -384,6 +460,9 @@ class Browser(Case):
         # 1 s is asked of a machine that has nothing else to do; other tests run beside this one.
         self.run_there("node", "tests/browser.mjs", self.path("out", "report.html"), "--within", "3000")
         self.run_there("node", "tests/browser.mjs", self.path("overview.html"), "--within", "3000")
+        for command in ("evaluate", "check"):
+            self.kincal(command, "robot/rig.yaml", "robot/samples.jsonl", "--report", command + ".html")
+            self.run_there("node", "tests/browser.mjs", self.path(command + ".html"), "--within", "3000")
 
 
 def main():

@@ -88,7 +88,7 @@ export function errorCard(title: string, heads: [string, string], lines: Line[],
         const unit = shown(line.unit);
         const text = (v: number | null) => (v === null ? none : digits(v * unit.factor));
         return h('tr', {}, h('th', { scope: 'row' }, ...breakable(line.count > 1 ? `${line.name} (${line.count})` : line.name)),
-          h('td', { class: 'n before' }, text(line.before)),
+          h('td', { class: heads[0] === 'before' ? 'n before' : 'n' }, text(line.before)),
           h('td', { class: 'n after' }, h('b', {}, text(line.after)), ` ${unit.name}`));
       }))),
     h('p', { class: 'small' }, small));

@@ -25,9 +25,13 @@ function worstSample(context: Context): HTMLElement {
 function evaluationScreen(context: Context): HTMLElement {
   const { result } = context;
   const { word, ok } = fitWord(result);
-  const look: Look = ok ? { use: 'good', sign: '✓', word: 'As good as the noise allows.', say: '' }
-    : { use: 'doubts', sign: '?', word: 'Not as the rig states.', say: '' };
-  look.say = 'Residuals at the rig’s own values; nothing was calibrated.';
+  const ratio = chi2PerDof(result) ?? 0;
+  const look: Look = {
+    ...(ok ? { use: 'good', sign: '✓', word: 'As good as the noise allows.' }
+      : ratio > 5 ? { use: 'no', sign: '✕', word: 'These values do not explain the samples.' }     // as a calibration's limit
+      : { use: 'doubts', sign: '?', word: 'Not as the rig states.' }),
+    say: 'Residuals at the rig’s own values; nothing was calibrated.',
+  };
   const steps = nextSteps(result);
   return h('div', { class: 'first', id: 'verdict' },
     judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`),
@@ -39,8 +43,9 @@ function evaluationScreen(context: Context): HTMLElement {
 }
 
 // ---- check
-const perDof = (chi2: number | null | undefined, dof: number | undefined) =>
-  (typeof chi2 === 'number' && dof ? chi2 / dof : null);
+// Sums of squares as they are: what a mistake leaves out of the fit has taken degrees of freedom with it, and how many
+// is not told.
+const expected = ({ dof }: Result) => (dof ? `Some ${digits(dof, 2)} are expected where nothing else is wrong.` : '');
 
 function checkScreen(context: Context): HTMLElement {
   const { result } = context;
@@ -54,10 +59,10 @@ function checkScreen(context: Context): HTMLElement {
   return h('div', { class: 'first', id: 'verdict' },
     judgement(look, capital(result.said ?? '')),
     h('div', { class: 'cards' },
-      fitCard(result),
-      h('div', { class: 'card' }, h('h2', {}, 'With what was found undone'),
-        best ? h('p', { class: 'figure' }, h('b', {}, digits(perDof(best.chi2_corrected, result.dof))), h('span', {}, ' chi²/dof')) : h('p', {}, findings.length ? 'No fit is concerned.' : 'Nothing was found.'),
-        best ? h('p', { class: 'small' }, `${best.id}; near 1: this was all that is wrong.`) : null),
+      chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'As it is, no fit can start.')) : fitCard(result),
+      findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With what was found undone'),
+        best ? h('p', { class: 'figure' }, h('b', {}, digits(best.chi2_corrected)), h('span', {}, ' chi²')) : h('p', {}, 'No fit is concerned.'),
+        best ? h('p', { class: 'small' }, `${best.id}; ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} as it is. ` : ''}${expected(result)}`) : null),
       h('div', { class: 'card' }, h('h2', {}, 'Looked at'),
         h('p', { class: 'figure' }, h('b', {}, String(result.tested?.length ?? 0)), h('span', {}, ' kinds of mistakes')),
         h('p', {}, `${plural(context.samples.id.length, 'sample')}, ${plural(points, 'point')}, ${plural(context.sensors.length, 'sensor')}`),
@@ -73,17 +78,17 @@ function bar(value: number | null, most: number): Child {
 
 function findingsSection(result: Result): Section {
   return section('findings', 'What was found',
-    'Each mistake was undone and the samples fitted again: the more chi²/dof falls, the surer it is. Near 1 it explains everything.',
+    `Each mistake was undone and the samples fitted again: the more the sum of squared residuals (chi²) falls, the surer it is. ${expected(result)}`,
     (host) => {
       const findings = result.findings ?? [];
       if (!findings.length) return void host.append(h('p', {}, capital(result.said ?? 'Nothing.')));
-      const as = (finding: Finding) => perDof(finding.chi2_as_is, result.dof), undone = (finding: Finding) => perDof(finding.chi2_corrected, result.dof);
+      const as = (finding: Finding) => finding.chi2_as_is ?? null, undone = (finding: Finding) => finding.chi2_corrected ?? null;
       const most = Math.max(...findings.map((finding) => as(finding) ?? 0), 1);
       host.append(dataTable(findings, [
-        { title: 'Mistake', cell: (row) => row.id },
+        { title: 'Mistake', cell: (row) => h('span', { class: 'nowrap' }, row.id), value: (row) => row.id },
         { title: 'What, and what undoes it', cell: (row) => row.text },
         { title: 'Where', cell: (row) => list(row.where ?? []) || none },
-        { title: 'chi²/dof as it is', cell: (row) => h('div', { class: 'barred' }, digits(as(row)), bar(as(row), most)), value: as, numeric: true },
+        { title: 'chi² as it is', cell: (row) => h('div', { class: 'barred' }, digits(as(row)), bar(as(row), most)), value: as, numeric: true },
         { title: 'undone', cell: (row) => h('div', { class: 'barred' }, digits(undone(row)), bar(undone(row), most)), value: undone, numeric: true },
       ], { caption: 'Findings, what explains most first; bars are logarithmic.', file: 'findings' }));
     });

@@ -38,7 +38,8 @@ function noiseRatio(context: Context, sensor: string): number | null {
 export function errorsSection(context: Context): Section {
   return section('errors', 'Errors of each sensor',
     (context.result.kind ? 'At the rig’s own values. "Explained" is' : 'Read it across: "before" is the robot as it was, "explained"') +
-    ' what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word. Held-out figures well above those of the fit mean too many numbers for these data.',
+    ' what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word.' +
+    (context.result.kind ? '' : ' Held-out figures well above those of the fit mean too many numbers for these data.'),
     (host) => {
       const rows = errorRows(context);
       if (!rows.length) return void host.append(missing('The result has no errors of sensors.'));
@@ -87,7 +88,7 @@ export function errorsSection(context: Context): Section {
         ...(cross ? [{ title: 'Cross-validated, in use', cell: (row: ErrorRow) => digits(crossed(row)), value: crossed, numeric: true }] : []),
         ...(anyNoise ? [{ title: 'Against stated noise', cell: (row: ErrorRow) => { const r = row.rotation ? null : noiseRatio(context, row.sensor); return r === null ? none : `× ${digits(r, 2)}`; }, value: (row: ErrorRow) => noiseRatio(context, row.sensor), numeric: true, hint: 'Noise seen in the residuals over the noise stated in the rig; 1 is right' }] : []),
         ...(anyBefore ? [{ title: 'Before □ to in use ● (logarithmic)', cell: drawing, drawing: true }] : []),
-      ], { caption: `Root mean square error of each sensor; ${anyTest ? 'the dots are of held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors', row: (element, row) => { element.dataset.part = `sensor/${row.sensor}`; } }));
+      ], { caption: context.result.kind ? 'Root mean square error of each sensor.' : `Root mean square error of each sensor; ${anyTest ? 'the dots are of held-out data' : cross ? 'of the fit, and cross-validated' : 'nothing was held out'}.`, file: 'errors', row: (element, row) => { element.dataset.part = `sensor/${row.sensor}`; } }));
     });
 }
 
