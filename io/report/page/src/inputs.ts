@@ -45,7 +45,7 @@ function evaluationScreen(context: Context): HTMLElement {
 // ---- check
 // Sums of squares as they are: what a mistake leaves out of the fit has taken degrees of freedom with it, and how many
 // is not told.
-const expected = ({ dof }: Result) => (dof ? `Some ${digits(dof, 2)} are expected where nothing else is wrong.` : '');
+const expected = ({ dof }: Result) => (dof ? `Some ${Number(dof.toPrecision(2)).toLocaleString('en-US')} are expected where nothing else is wrong.` : '');
 
 function checkScreen(context: Context): HTMLElement {
   const { result } = context;
@@ -62,7 +62,7 @@ function checkScreen(context: Context): HTMLElement {
       chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'As it is, no fit can start.')) : fitCard(result),
       findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With what was found undone'),
         best ? h('p', { class: 'figure' }, h('b', {}, digits(best.chi2_corrected)), h('span', {}, ' chi²')) : h('p', {}, 'No fit is concerned.'),
-        best ? h('p', { class: 'small' }, `${best.id}; ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} as it is. ` : ''}${expected(result)}`) : null),
+        best ? h('p', { class: 'small' }, `${best.id}. ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} as it is. ` : ''}${expected(result)}`) : null),
       h('div', { class: 'card' }, h('h2', {}, 'Looked at'),
         h('p', { class: 'figure' }, h('b', {}, String(result.tested?.length ?? 0)), h('span', {}, ' kinds of mistakes')),
         h('p', {}, `${plural(context.samples.id.length, 'sample')}, ${plural(points, 'point')}, ${plural(context.sensors.length, 'sensor')}`),
