@@ -320,7 +320,12 @@ std::string with_data(const std::string& data) {
   std::string out;
   out.reserve(page.size() + data.size() + data.size() / 50);
   out.append(page, 0, at);
-  for (const char c : data) c == '<' ? out.append("\\u003c") : out.append(1, c);
+  for (size_t from = 0; from < data.size();) {
+    const size_t to = std::min(data.find('<', from), data.size());
+    out.append(data, from, to - from);
+    if (to < data.size()) out += "\\u003c";
+    from = to + 1;
+  }
   return out.append(page, at + sizeof kPlaceholder - 1, std::string::npos);
 }
 

@@ -113,7 +113,8 @@ if (overview) {
       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
       return d.some((v, i) => i % 4 === 3 && v);
     }).length);
-    check(await until(async () => (await marked()) >= 2), `and in ${await marked()} plots of its sensor`);
+    // (What is drawn above on the way moves it out of the window again.)
+    check(await until(async () => { await holder.scrollIntoViewIfNeeded(); return (await marked()) >= 2; }), `and in ${await marked()} plots of its sensor`);
     await button.press('ArrowRight');
     check((await page.locator('.strip select').evaluate((s) => s.selectedIndex)) === ((chosen + 1) % data.samples.id.length) + 1, 'the arrow key goes to the next sample');
     await reach('samples');
