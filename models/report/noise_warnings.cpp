@@ -63,14 +63,20 @@ std::string flange_entry(const Rig& rig, const std::vector<NoiseLevel>& levels) 
          of.substr(of.find('/') + 1) + ": {sigma: {" + sigmas + "}}}";
 }
 
-/// Joints that the data show to be noisier than one factor for all sigmas makes them: only sensors
-/// have been stated too noisy then, and what the joints decide is known less well than it is said.
-std::string noisier_joints(const Report& report) {
+/// Joints that the data show to be noisier than one factor for all sigmas makes them, with what is
+/// seen: only sensors have been stated too noisy then, and what the joints decide is known less
+/// well than it is said.
+std::vector<std::string> noisier_joints(const Report& report) {
   constexpr double kNoisier = 2;
   std::vector<std::string> joints;
   for (const NoiseLevel& level : report.noise_levels)
     if (level.joint >= 0 && level.seen > kNoisier * level.used)
       joints.push_back(level_name(level) + text(" (%.2g ", level.seen) + level.unit + ")");
+  return joints;
+}
+
+std::string noisier_joints_text(const Report& report) {
+  const std::vector<std::string> joints = noisier_joints(report);
   return joints.empty() ? ""
                         : ". But joints look noisier than that, so sigmas may be too small: " +
                               listed(joints, kNamed) +
@@ -85,6 +91,13 @@ std::pair<double, double> used_shares(const Report& report) {
     out = {std::min(out.first, share), std::max(out.second, share)};
   }
   return out;
+}
+
+/// Whether noise that somebody stated was found to be larger.
+bool any_stated_is_larger(const Report& report) {
+  return std::any_of(
+      report.noise_levels.begin(), report.noise_levels.end(),
+      [](const NoiseLevel& level) { return !level.unstated && level.used > level.assumed; });
 }
 
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
@@ -126,8 +139,8 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     return begin +
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
            all + "); the rig of the result has them so. The estimates are the same with either" +
-           noisier_joints(report) +
-           (all_sigmas_lowered(report)
+           noisier_joints_text(report) +
+           (noise_is_doubtful(report)
                 ? text(". If only some were stated too large, the sigmas of the result are up to "
                        "%.2g times too small",
                        1 / most)
@@ -140,14 +153,16 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
 
 }  // namespace
 
-bool all_sigmas_lowered(const Report& report) {
-  constexpr double kLowered = 0.5;
+bool noise_is_doubtful(const Report& report) {
+  constexpr double kLowered = 0.5, kLarger = 1.25;  // chi2/dof
   if (!report.noise_estimated || !std::isfinite(report.noise_estimated->stated)) return false;
+  if (report.noise_estimated->stated > kLarger && any_stated_is_larger(report)) return true;
   std::set<std::string> kinds;  // that are stated apart: of joints, of sensors by their unit
   for (const NoiseLevel& level : report.noise_levels)
     kinds.insert(level.joint >= 0 ? "joints" : level.unit);
   const auto [least, most] = used_shares(report);
-  return kinds.size() > 1 && most < kLowered && most < kOneFactor * least;
+  return kinds.size() > 1 && most < 1 && most < kOneFactor * least &&
+         (most < kLowered || !noisier_joints(report).empty());
 }
 
 std::string sensors_as_seen(const Report& report) {
@@ -163,6 +178,27 @@ std::string sensors_as_seen(const Report& report) {
     out += (out.empty() ? "" : ", ") + sensor +
            ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
   return "sensors: {" + out + "}";
+}
+
+void warn_of_quiet_joints(const Report& report, Warnings& out) {
+  std::vector<std::string> joints, names;
+  for (const NoiseLevel& level : report.noise_levels) {
+    if (level.joint < 0 || level.unstated || level.used != level.assumed || !level.differs() ||
+        !(kNoisy * level.seen < level.assumed))
+      continue;
+    names.push_back(level_name(level));
+    joints.push_back(level_name(level) +
+                     text(" (stated %.3g, seen %.2g ", level.assumed, level.seen) + level.unit +
+                     ")");
+  }
+  if (joints.empty()) return;
+  out.push_back({"quiet_joints",
+                 std::to_string(joints.size()) +
+                     (joints.size() == 1 ? " joint is" : " joints are") +
+                     " at most a third as noisy as stated: " + listed(joints, kNamed) +
+                     ". Noise that is not there hides what the data tell of the robot: state what "
+                     "is seen, or have it estimated, and calibrate again",
+                 names});
 }
 
 void warn_of_noise(const Report& report, Warnings& out) {

@@ -8,11 +8,16 @@ namespace kincal {
 
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
-/// Returns whether the automatic path multiplied all sigmas by one factor below a half, of several
-/// kinds of noise: if only one of them was stated too large, the result's sigmas are too small.
-bool all_sigmas_lowered(const Report& report);
+/// Returns whether the noise that the automatic path estimated leaves a doubt: residuals are larger
+/// than stated and no mistake explains it, so that what the model lacks may have been taken for
+/// noise; or all sigmas, of several kinds of noise, were multiplied by one factor, which is below a
+/// half or makes joints more exact than they are seen to be: if only one of them was stated too
+/// large, the result's sigmas are too small.
+bool noise_is_doubtful(const Report& report);
 /// What to write into a rig for the noise of its sensors, as the data show it.
 std::string sensors_as_seen(const Report& report);
+/// Warns of joints that are far less noisy than stated, where that was not estimated.
+void warn_of_quiet_joints(const Report& report, Warnings& out);
 /// Warns where sigmas were estimated from the data (the automatic path, --estimate-noise).
 void warn_of_noise(const Report& report, Warnings& out);
 

@@ -1,5 +1,6 @@
 #include "trial_warnings.h"
 
+#include <algorithm>
 #include <set>
 
 #include "../rig/words.h"
@@ -26,6 +27,30 @@ void warn_of_doubted_priors(const Report& report, Warnings& out) {
                             "the place of these; correct it, or leave it away",
                             prior.factor, prior.gain),
                    {prior.pattern}});
+}
+
+void warn_of_use(const Residuals& residuals, Warnings& out) {
+  constexpr double kWorse = 1.1;  // times as large
+  const bool held_out = std::any_of(residuals.sensors.begin(), residuals.sensors.end(),
+                                    [](const SensorResult& s) { return s.test.points > 0; });
+  std::vector<std::string> worse, names;
+  for (const SensorResult& s : residuals.sensors) {
+    const SplitStatistics& errors = held_out ? s.test : s.train;
+    if (errors.rms_as_read < errors.rms_before) return;  // something is better: a trade
+    if (!(errors.rms_as_read > kWorse * errors.rms_before)) continue;
+    names.push_back(s.name);
+    worse.push_back("sensor '" + s.name + "' " + shown_text(errors.rms_as_read, s.unit) +
+                    ", before " + shown_text(errors.rms_before, s.unit));
+  }
+  if (worse.empty()) return;
+  out.push_back({"in_use",
+                 std::string("in use, with joint readings taken as they are, errors are larger "
+                             "than before") +
+                     (held_out ? ", on data that were held out: " : ": ") + listed(worse, kNamed) +
+                     ". Either readings are stated noisier than they are (state what is seen), or "
+                     "what the model lacks was taken for their noise. Do not replace the robot's "
+                     "numbers by these",
+                 names});
 }
 
 /// So many outliers that the majority need not be right.

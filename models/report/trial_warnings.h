@@ -16,6 +16,9 @@ std::string shown_text(double value, const std::string& unit);
 
 /// Warns of priors of the rig that the data contradict (automatic path).
 void warn_of_doubted_priors(const Report& report, Warnings& out);
+/// Warns where the robot's own software, which takes readings as they are, sees larger errors than
+/// before.
+void warn_of_use(const Residuals& residuals, Warnings& out);
 /// Warns of so many outliers that the majority need not be right.
 void warn_of_rejected(const Report& report, Warnings& out);
 /// Warns where the mounts alone are better on data that were not used.

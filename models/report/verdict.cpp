@@ -116,19 +116,45 @@ bool nobody_freed(const Report& report, const std::string& number) {
 /// before all of these.
 bool is_doubt(const Report& report, const Warning& w) {
   const std::string& id = w.id;
-  if (id == "noise") return all_sigmas_lowered(report);
+  if (id == "noise") return noise_is_doubtful(report);
   if (id == "rescaled")
     return std::any_of(w.names.begin(), w.names.end(),
                        [&](const std::string& name) { return nobody_freed(report, name); });
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "chi2" || id == "unexplained" || id == "joint_error" ||
-         id == "prior" || id == "sigma" || starts_with(id, "outlier_");
+         id == "prior" || id == "sigma" || id == "in_use" || starts_with(id, "outlier_");
+}
+
+/// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
+bool taken_for_noise(const Report& report) {
+  return report.noise_estimated && report.noise_estimated->stated > 1;
+}
+
+/// What is furthest from what was stated of its noise.
+std::string noisiest_words(const Report& report) {
+  const NoiseLevel* worst = nullptr;
+  for (const NoiseLevel& l : report.noise_levels)
+    if (!l.unstated && l.used > l.assumed &&
+        (!worst || l.used * worst->assumed > worst->used * l.assumed))
+      worst = &l;
+  return worst ? text(". Furthest off is %s (%.2g times)", worst->of.c_str(),
+                      worst->used / worst->assumed)
+               : "";
+}
+
+/// A doubt in a sentence of the verdict.
+std::string doubt_words(const Report& report, const Warning& w) {
+  if (w.id == "noise" && taken_for_noise(report))
+    return text("residuals are larger than the stated noise allows (chi2/dof %.3g)",
+                report.noise_estimated->stated) +
+           " and no mistake explains that; they were taken for noise";
+  return w.text;
 }
 
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
   return !other || id == "width" || id == "identity" ||
-         (id == "noise" && other->id == "joint_error");
+         (id == "noise" && (other->id == "joint_error" || other->id == "chi2"));
 }
 
 std::string what_to_do(const Report& report, const std::string& id) {
@@ -137,6 +163,15 @@ std::string what_to_do(const Report& report, const std::string& id) {
            "sigmas say";
   if (id == "chi2" || id == "unexplained")
     return "look for what is wrong, or state the sigmas that are seen";
+  if (id == "noise" && taken_for_noise(report))
+    return "are joints and sensors that noisy? Then state it in the rig. Else the robot has what "
+           "is "
+           "not estimated (gears: the group gears; play, bending, an error of a sensor), and "
+           "sigmas are too small for that" +
+           noisiest_words(report);
+  if (id == "in_use")
+    return "state the noise of the joints that is seen, calibrate again, and keep the robot's own "
+           "numbers until errors in use are smaller";
   if (id == "noise")
     return "state in the rig what you know of the noise; if that of the joints is right: " +
            sensors_as_seen(report);
@@ -367,8 +402,8 @@ Verdict verdict(const Report& report) {
   if (!found.empty()) return {"doubts", found + more + held_words(report.automatic) + unmet};
   if (doubt)
     return {"doubts",
-            "converged, but " + doubt->text + ". What to do: " + what_to_do(report, doubt->id) +
-                more + held_words(report.automatic) + unmet,
+            "converged, but " + doubt_words(report, *doubt) + ". What to do: " +
+                what_to_do(report, doubt->id) + more + held_words(report.automatic) + unmet,
             {what_to_do(report, doubt->id)}};
   if (!open.empty())
     return {"doubts",

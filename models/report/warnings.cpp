@@ -425,15 +425,14 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged", "unobservable",   "few_turns",       "unexplained",
-      "implausible",   "outside_image",  "duplicates",      "few_data",
-      "undefined",     "outlier_sample", "outlier_view",    "outlier_point",
-      "no_consensus",  "chi2",           "joint_error",     "joint_noise",
-      "noise",         "prior",          "sigma",           "minima",
-      "given_pose",    "rescaled",       "no_start",        "ambiguous_start",
-      "moved",         "identity",       "unfinished",      "joint_model",
-      "no_effect",     "few_poses",      "repeated",        "last_zero",
-      "base_frame",    "unused_prior",   "undefined_before"};
+      "not_converged",   "unobservable",    "few_turns",    "unexplained",  "implausible",
+      "outside_image",   "duplicates",      "few_data",     "undefined",    "outlier_sample",
+      "outlier_view",    "outlier_point",   "no_consensus", "chi2",         "in_use",
+      "joint_error",     "joint_noise",     "noise",        "quiet_joints", "prior",
+      "sigma",           "minima",          "given_pose",   "rescaled",     "no_start",
+      "ambiguous_start", "moved",           "identity",     "unfinished",   "joint_model",
+      "no_effect",       "few_poses",       "repeated",     "last_zero",    "base_frame",
+      "unused_prior",    "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -472,6 +471,8 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_unexplained(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_joint_noise(report, out);
+  warn_of_quiet_joints(report, out);
+  warn_of_use(report.residuals, out);
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
   warn_of_rescaled(report.solution, out);
