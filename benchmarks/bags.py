@@ -1,7 +1,8 @@
+#!/usr/bin/env python3
 """Speed and memory of the readers of recordings: python3 benchmarks/bags.py [--kincal build/release/kincal] [--size MB] [--only WORD]
 
 Makes a bag of each container and compression in a temporary folder (--size of messages each, 400 MB by default): grey images of
-640 x 480 with noise, and joint states between them, in chunks of 768 kB as rosbag writes them. Then, from the page cache, thrice in turns: `cat`, the library that unpacks,
+640 x 480, half dark and half with noise, and joint states between them, in chunks of 768 kB as rosbag writes them. Then, from the page cache, thrice in turns: `cat`, the library that unpacks,
 by itself on the same chunks, and `kincal import --list`, which reads every message. Prints seconds of CPU (user and system, the best of
 three), MB of messages a second of CPU, and kincal's peak memory. The chunks are 16 different ones again and again, so that writing is
 quick; nothing that is measured knows. Needs numpy, liblz4 and libzstd as kincal-bags does, and Debian's package time.
@@ -79,7 +80,9 @@ def messages(cdr):
     for c in range(16):
         chunk, k = [], 0
         while sum(len(m[2]) for m in chunk) < CHUNK:
-            pixels = (smooth + random.normal(0, 2, smooth.shape)).astype(numpy.uint8).tobytes()
+            pixels = smooth + random.normal(0, 2, smooth.shape)
+            pixels[:240] = 16
+            pixels = pixels.astype(numpy.uint8).tobytes()
             for _ in range(3):
                 chunk.append((0, (START + c) * 10**9 + k * 10**7, header(k) + random.bytes(150)))   # listed, not decoded
                 k += 1
