@@ -340,7 +340,10 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
     std::vector<int> candidates;
     for (size_t i = 0; i < streams.poses.size(); ++i) {
       const PoseStream& s = streams.poses[i];
-      if (!s.fixed && s.topic != "/tf" && s.topic != "tf" &&
+      const bool a_sensors = std::any_of(
+          rig.rig.sensors.begin(), rig.rig.sensors.end(),
+          [&](const Sensor& sensor) { return given_topic(rig, sensor.name) == s.topic; });
+      if (!a_sensors && !s.fixed && s.topic != "/tf" && s.topic != "tf" &&
           (given.empty() || std::count(given.begin(), given.end(), s.topic)))
         candidates.push_back(static_cast<int>(i));
     }
