@@ -192,7 +192,7 @@ MeanOffset bounded_mean(std::vector<OneOffset>& all, double start) {
   const auto n = static_cast<double>(all.size()), c = static_cast<double>(scores.size());
   out.ways = static_cast<int>(scores.size());
   out.independent = std::sqrt(squares * n / std::max(1., n - 1)) / out.information;
-  out.by_way = std::sqrt(by_way * c / std::max(1., c - 1)) / out.information;
+  out.by_way = std::sqrt(by_way * (c + 1) / std::max(1., c - 1)) / out.information;
   return out;
 }
 
@@ -247,7 +247,7 @@ std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double
   std::set<int> ways;
   for (const OneOffset& one : all) ways.insert(one.way);
   const std::vector<int> order(ways.begin(), ways.end());
-  const size_t count = std::min(kStretches, order.size() / 2);
+  const size_t count = std::min(kStretches, order.size() / 3);
   std::vector<ClockStretch> out;
   std::vector<double> information;
   double noise = 0, sum = 0;
@@ -286,7 +286,7 @@ double about_level(const std::vector<ClockStretch>& all, size_t first, size_t en
 
 /// Looks for drift and jumps.
 void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
-  if (all.size() < 3) return;
+  if (all.size() < 4) return;  // few ways do not tell their own noise
   double level = 0, sigma = 0, w = 0, wt = 0;
   for (const ClockStretch& s : all)
     w += 1 / (s.sigma * s.sigma), wt += s.time / (s.sigma * s.sigma);
@@ -304,7 +304,7 @@ void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
   const double span = all.back().time - all.front().time;
   double best = kInfinity;
   TimeOffset jumping = out;
-  for (size_t at = 1; at < all.size(); ++at) {
+  for (size_t at = 2; at + 2 <= all.size(); ++at) {
     double before = 0, after = 0, s1 = 0, s2 = 0;
     const double squares =
         about_level(all, 0, at, before, s1) + about_level(all, at, all.size(), after, s2);
