@@ -242,7 +242,7 @@ struct ClockStretch {
 };
 
 /// Offsets of stretches of the recording, each of some ways. A few ways do not tell their own
-/// noise, so that of all stretches, for the information that each has, is taken.
+/// noise, so that of all stretches, for the information that each has, is taken where it is more.
 std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double start) {
   std::set<int> ways;
   for (const OneOffset& one : all) ways.insert(one.way);
@@ -259,12 +259,13 @@ std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double
     for (const OneOffset& one : all)
       if (one.way >= first && one.way <= last) some.push_back(one), time += one.time;
     const MeanOffset mean = bounded_mean(some, start);
-    out.push_back({time / static_cast<double>(some.size()), mean.offset, 0});
+    out.push_back({time / static_cast<double>(some.size()), mean.offset, mean.sigma()});
     information.push_back(mean.information);
     noise += std::pow(mean.sigma() * mean.information, 2);
     sum += mean.information;
   }
-  for (size_t k = 0; k < out.size(); ++k) out[k].sigma = std::sqrt(noise / sum / information[k]);
+  for (size_t k = 0; k < out.size(); ++k)
+    out[k].sigma = std::max(out[k].sigma, std::sqrt(noise / sum / information[k]));
   return out;
 }
 

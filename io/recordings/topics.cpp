@@ -336,7 +336,8 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
     const Joint& joint = tree.joints[j];
     if (joint.first_axis < 0) continue;
     PoseSource& source = out.floating[j];
-    const std::string& child = tree.links[static_cast<size_t>(joint.child)];
+    const Tree& written = rig.urdf.tree;  // links of opened joints have names of their own
+    const std::string& child = written.links[static_cast<size_t>(written.joints[j].child)];
     std::vector<int> candidates;
     for (size_t i = 0; i < streams.poses.size(); ++i) {
       const PoseStream& s = streams.poses[i];
@@ -349,7 +350,7 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
     }
     std::string why = "as the rig says";
     if (given.empty()) {
-      const std::string& parent = tree.links[static_cast<size_t>(joint.parent)];
+      const std::string& parent = written.links[static_cast<size_t>(written.joints[j].parent)];
       source = frames_source(streams, parent, child);
       if (source.known()) {
         out.lines.push_back("joint " + joint.name + ": transforms from " + parent + " to " + child);
