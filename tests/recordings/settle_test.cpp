@@ -65,7 +65,7 @@ void check_stops(const Series& series, int stops) {
 TEST_CASE("settle: the scatter at rest, with motion around it") {
   Draws draws(1);
   for (const double scatter : {1e-5, 1e-4, 1e-3})
-    CHECK(scatter_at_rest(stops_and_ways(60, scatter, draws)) == Approx(scatter).epsilon(0.06));
+    CHECK(scatter_at_rest(stops_and_ways(60, scatter, draws)) == Approx(scatter).epsilon(0.15));
   Series never = stops_and_ways(1, 0, draws);  // slow motion all the time is no noise
   for (size_t i = 0; i < never.size(); ++i) never.values[i] = std::sin(never.times[i]);
   CHECK(scatter_at_rest(never) < 1e-4);
