@@ -15,6 +15,7 @@ namespace {
 constexpr double kFarthest = 0.4, kGrid = 0.02;  // s
 constexpr double kDifference = 0.5e-3;           // s, of differences
 constexpr double kHuber = 1.5;                   // in scales
+constexpr double kInterpolation = 5e-5;          // s, see the header
 constexpr int kLeastWays = 3;
 constexpr double kLeastSpeed = 5;                         // px / s
 constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
@@ -369,7 +370,7 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
     return out;
   }
   out.offset = mean.offset;
-  out.sigma = mean.sigma();
+  out.sigma = std::hypot(mean.sigma(), kInterpolation);
   out.images = static_cast<int>(all.size());
   out.ways = mean.ways;
   judge_clock(stretches_of(all, mean.offset), out);
