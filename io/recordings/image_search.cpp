@@ -52,7 +52,11 @@ struct SearchParts {
       } catch (const cv::Exception&) {  // one image must not end the others
         continue;
       }
-      if (found.ids.empty()) continue;
+      // A part of a board without markers may be numbered from the wrong end.
+      const ImageTarget& target = targets.at(t);
+      const bool plain =
+          target.kind == ImageTarget::Kind::chessboard || target.kind == ImageTarget::Kind::circles;
+      if (found.ids.empty() || (plain && found.ids.size() < target.points.size())) continue;
       Sighting seen;
       seen.target = t;
       seen.layouts = found.layouts;

@@ -81,7 +81,9 @@ struct Importer {
       return;
     }
     const Intervals still = readings.still(recorded(), options.still_joints);
-    for (TimeInterval one : still) {
+    for (const TimeInterval& band : still) {
+      if (band.length() < options.rest) continue;
+      const TimeInterval one = readings.without_slow_ends(band);
       if (one.length() < options.rest) continue;
       const double margin = std::min(kRestMargin, kRestMarginShare * one.length());
       rests.push_back({one.begin + margin, one.end - margin});
@@ -369,6 +371,7 @@ struct Importer {
       readings.average(interval, sample);
       add_cameras(views[static_cast<int>(r)], interval, sample);
       add_poses(interval, sample);
+      add_beams(static_cast<int>(r), sample);
       if (sample.views.empty()) continue;
       sample.time =
           static_cast<double>(streams.origin) * 1e-9 + (interval.begin + interval.end) / 2;
@@ -516,8 +519,17 @@ struct Importer {
     rest_of_sample = std::move(kept_rests);
   }
 
+  /// The joints that the views of a sample depend on.
+  std::set<size_t> joints_of(const Sample& sample) const {
+    std::set<size_t> all;
+    for (const View& view : sample.views)
+      for (const int j : view_readings(rig, view.sensor, view.target))
+        all.insert(static_cast<size_t>(j));
+    return all;
+  }
+
   bool near(const Sample& a, const Sample& b) const {
-    for (size_t j = 0; j < a.readings.size(); ++j)
+    for (const size_t j : joints_of(a))
       if (std::isnan(a.readings[j]) != std::isnan(b.readings[j]) ||
           std::abs(a.readings[j] - b.readings[j]) > options.distinct)
         return false;

@@ -31,7 +31,7 @@ std::string info_of(std::string image) {
   return (slash == std::string::npos ? "" : image.substr(0, slash)) + "/camera_info";
 }
 
-struct Topics {
+struct TopicsToRecord {
   std::vector<std::string> all;
   std::vector<std::string> notes;
 
@@ -45,7 +45,7 @@ struct Topics {
   }
 };
 
-void add_joints(const RigFile& rig, Topics& topics) {
+void add_joints(const RigFile& rig, TopicsToRecord& topics) {
   const std::vector<std::string> given = joint_topics(rig);
   for (const std::string& topic : given) topics.add(topic);
   bool readings = false, poses = false;
@@ -62,7 +62,7 @@ void add_joints(const RigFile& rig, Topics& topics) {
 }  // namespace
 
 RecordCommand record_command(const RigFile& rig) {
-  Topics topics;
+  TopicsToRecord topics;
   add_joints(rig, topics);
   const Node* sensors = rig.node.find("sensors");
   for (const Sensor& sensor : rig.rig.sensors) {

@@ -105,7 +105,10 @@ AveragePose average_pose(const PoseStream& poses, const TimeInterval& over) {
 }
 
 RobotReadings::RobotReadings(const Rig& rig, RecordedStreams& streams, const TopicMap& topics)
-    : rig_(rig), series_(rig.tree.joints.size()), gaps_(rig.tree.joints.size(), 0) {
+    : rig_(rig),
+      series_(rig.tree.joints.size()),
+      gaps_(rig.tree.joints.size(), 0),
+      scatter_(rig.tree.joints.size(), 0) {
   const std::set<int> matter = joints_that_matter(rig);
   TimeInterval span{kInfinity, -kInfinity};
   const auto widen = [&](const std::vector<double>& times) {
@@ -120,15 +123,18 @@ RobotReadings::RobotReadings(const Rig& rig, RecordedStreams& streams, const Top
     if (rig.tree.joints[j].type == JointType::continuous) without_turns(series_[j]);
     gaps_[j] = longest_gap(series_[j].times);
     widen(series_[j].times);
-    if (matter.count(static_cast<int>(j))) watched_.push_back(static_cast<int>(j));
+    if (!matter.count(static_cast<int>(j))) continue;
+    watched_.push_back(static_cast<int>(j));
+    scatter_[j] = scatter_at_rest(series_[j]);
   }
   streams.joints.clear();
   for (size_t j = 0; j < topics.floating.size(); ++j) {
     if (!topics.floating[j].known()) continue;
-    Floating one{static_cast<int>(j), poses_of(streams, topics.floating[j]), 0, {}};
+    Floating one{static_cast<int>(j), poses_of(streams, topics.floating[j]), 0, {}, {}};
     if (one.poses.times.empty()) continue;
     one.gap = longest_gap(one.poses.times);
     one.series = pose_series(one.poses);
+    for (const Series& s : one.series) one.scatter.push_back(scatter_at_rest(s));
     widen(one.poses.times);
     floating_.push_back(std::move(one));
   }
@@ -155,6 +161,16 @@ Intervals RobotReadings::still(const TimeInterval& during, double tolerance) con
     for (const Series& s : f.series)
       out = intersected(out, still_or_absent(s, tolerance, f.gap, during));
   return out;
+}
+
+TimeInterval RobotReadings::without_slow_ends(TimeInterval rest) const {
+  for (const int j : watched_)
+    rest = kincal::without_slow_ends(series_[static_cast<size_t>(j)], rest,
+                                     scatter_[static_cast<size_t>(j)]);
+  for (const Floating& f : floating_)
+    for (size_t k = 0; k < f.series.size(); ++k)
+      rest = kincal::without_slow_ends(f.series[k], rest, f.scatter[k]);
+  return rest;
 }
 
 std::string RobotReadings::restless(double length, double tolerance) const {

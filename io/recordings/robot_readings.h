@@ -25,6 +25,9 @@ class RobotReadings {
   /// each joint's own (still_tolerance() of settle.h).
   Intervals still(const TimeInterval& during, double tolerance) const;
 
+  /// Returns a rest without the slow ends of ways in the readings of single joints.
+  TimeInterval without_slow_ends(TimeInterval rest) const;
+
   /// True if there are readings of such joints at all.
   bool any() const { return !watched_.empty() || !floating_.empty(); }
 
@@ -46,13 +49,15 @@ class RobotReadings {
     int joint;
     PoseStream poses;
     double gap;
-    std::vector<Series> series;  // x y z and the quaternion
+    std::vector<Series> series;   // x y z and the quaternion
+    std::vector<double> scatter;  // of these, at rest
   };
 
   const Rig& rig_;
-  std::vector<Series> series_;  // by joint
-  std::vector<double> gaps_;    // by joint: the longest in which it is interpolated
-  std::vector<int> watched_;    // joints that have to rest
+  std::vector<Series> series_;   // by joint
+  std::vector<double> gaps_;     // by joint: the longest in which it is interpolated
+  std::vector<double> scatter_;  // by joint, at rest; of those that have to rest
+  std::vector<int> watched_;     // joints that have to rest
   std::vector<Floating> floating_;
   TimeInterval span_;
 };

@@ -10,15 +10,46 @@ namespace kincal {
 namespace {
 
 constexpr double kNoiseWindow = 0.25;                    // s
-constexpr size_t kLeastInWindow = 4;                     // values
+constexpr size_t kLeastInWindow = 8;                     // values
 constexpr double kQuantile = 0.1;                        // of windows
 constexpr double kQuantileNormal = -1.2815515655446004;  // of the standard Gaussian at kQuantile
 constexpr double kTolerance = 6;                         // in scatters
 constexpr double kStepTolerance = 1.5;                   // in steps of an encoder
 
-/// The quantile of the standard deviation of n values of a Gaussian with sigma 1.
-double usual_deviation(double n) {
-  const double k = n - 1, a = 2 / (9 * k), cube = 1 - a + kQuantileNormal * std::sqrt(a);
+/// The standard deviation of some values about a parabola.
+double deviation_from_parabola(const Series& s, size_t first, size_t end) {
+  const size_t n = end - first;
+  const double begin = s.times[first], half = (s.times[end - 1] - begin) / 2;
+  std::vector<double> basis[3], left(n);
+  for (size_t i = 0; i < n; ++i) {
+    const double t = (s.times[first + i] - begin) / half - 1;
+    basis[0].push_back(1);
+    basis[1].push_back(t);
+    basis[2].push_back(t * t);
+    left[i] = s.values[first + i] - s.values[first];
+  }
+  const auto dot = [&](const std::vector<double>& a, const std::vector<double>& b) {
+    double sum = 0;
+    for (size_t i = 0; i < n; ++i) sum += a[i] * b[i];
+    return sum;
+  };
+  for (int k = 0; k < 3; ++k) {  // Gram and Schmidt
+    for (int j = 0; j < k; ++j) {
+      const double share = dot(basis[k], basis[j]);
+      for (size_t i = 0; i < n; ++i) basis[k][i] -= share * basis[j][i];
+    }
+    const double length = std::sqrt(dot(basis[k], basis[k]));
+    if (length < 1e-9) return 0;  // all at one time
+    for (double& b : basis[k]) b /= length;
+    const double share = dot(left, basis[k]);
+    for (size_t i = 0; i < n; ++i) left[i] -= share * basis[k][i];
+  }
+  return std::sqrt(dot(left, left) / static_cast<double>(n - 3));
+}
+
+/// The quantile of a standard deviation of k degrees of freedom of a Gaussian with sigma 1.
+double usual_deviation(double k) {
+  const double a = 2 / (9 * k), cube = 1 - a + kQuantileNormal * std::sqrt(a);
   return std::sqrt(std::max(1e-3, cube * cube * cube));
 }
 
@@ -82,24 +113,15 @@ double scatter_at_rest(const Series& series) {
   std::vector<double> deviations;
   for (size_t first = 0; first < series.size();) {
     size_t end = first;
-    Mean mean;
-    while (end < series.size() && series.times[end] < series.times[first] + kNoiseWindow)
-      mean.sum += series.values[end++], ++mean.count;
-    if (end - first >= kLeastInWindow) {
-      double squares = 0;
-      for (size_t i = first; i < end; ++i)
-        squares += (series.values[i] - mean.value()) * (series.values[i] - mean.value());
-      const auto n = static_cast<double>(mean.count);
-      deviations.push_back(std::sqrt(squares / (n - 1)) / usual_deviation(n));
-    }
+    while (end < series.size() &&
+           (series.times[end] < series.times[first] + kNoiseWindow || end - first < kLeastInWindow))
+      ++end;
+    if (end - first >= kLeastInWindow)
+      deviations.push_back(deviation_from_parabola(series, first, end) /
+                           usual_deviation(static_cast<double>(end - first) - 3));
     first = end;
   }
-  if (deviations.empty()) {  // few values a window: their steps
-    for (size_t i = 1; i < series.size(); ++i)
-      deviations.push_back(std::abs(series.values[i] - series.values[i - 1]) / std::sqrt(2.) /
-                           0.6745);
-    return median(deviations, 0);
-  }
+  if (deviations.empty()) return 0;
   const auto at = deviations.begin() +
                   static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(deviations.size()));
   std::nth_element(deviations.begin(), at, deviations.end());
@@ -152,6 +174,28 @@ Intervals still_intervals(const Series& series, double tolerance, double longest
             [](const Stretch& a, const Stretch& b) { return a.first < b.first; });
   Intervals out;
   for (const Stretch& s : taken) out.push_back({series.times[s.first], series.times[s.last]});
+  return out;
+}
+
+TimeInterval without_slow_ends(const Series& series, const TimeInterval& rest, double scatter) {
+  constexpr size_t block = 8;
+  const double quarter = rest.length() / 4;
+  const double middle = average(series, {rest.begin + quarter, rest.end - quarter}).mean;
+  // A mean of readings that count is known to a part of a step.
+  const double sigma = std::max(scatter, smallest_step(series) / std::sqrt(12.)) /
+                       std::sqrt(static_cast<double>(block));
+  auto [first, end] = range_of(series, rest);
+  const auto off = [&](size_t from) {
+    Mean mean;
+    for (size_t i = from; i < from + block; ++i) mean.sum += series.values[i], ++mean.count;
+    return std::abs(mean.value() - middle) > 3 * sigma;
+  };
+  TimeInterval out = rest;
+  while (first + block < end && series.times[first + block] < rest.begin + quarter && off(first))
+    out.begin = series.times[first += block];
+  while (end > first + block && series.times[end - 1 - block] > rest.end - quarter &&
+         off(end - block))
+    out.end = series.times[(end -= block) - 1];
   return out;
 }
 

@@ -1,15 +1,17 @@
 // When something is still, and what it is then: series of numbers over time.
 //
-// Noise. The scatter of a series at rest is that inside windows of 1/4 s. A robot that moves for
-// much of the time makes most windows larger, so a low quantile (a tenth) of the windows' standard
-// deviations is taken, divided by what that quantile is of a Gaussian's (chi^2 of n - 1 degrees of
-// freedom, by Wilson and Hilferty).
-// Encoders that count have no scatter at all while they rest; the smallest step between two
-// readings stands beside it.
+// Noise. The scatter of a series at rest is what a parabola leaves inside windows of 1/4 s (of 8
+// values at least), so that motion makes little of it. Motion that no parabola follows makes some
+// windows larger, so a low quantile (a tenth) of the windows' standard deviations is taken, divided
+// by what that quantile is of a Gaussian's (chi^2 of n - 3 degrees of freedom, by Wilson and
+// Hilferty). Encoders that count have no scatter at all while they rest; the smallest step between
+// two readings stands beside it.
 //
 // Rest. A stretch is still if all its values are within a band of twice the tolerance. Of all
 // stretches that cannot be made longer the longest are taken first, so that a rest is whole and
-// what creeps is cut outside of it.
+// what creeps is cut outside of it. Ways begin and end slowly, inside the band: at the ends blocks
+// of eight values are cut off whose mean is more than three of its sigmas from the mean of the
+// middle half.
 //
 // Averages. n readings of scatter s have a mean of scatter s / sqrt(n). What a rest does not
 // average away (gears, bending, the lens) is in the rig's sigma: the mean's own is
@@ -52,6 +54,10 @@ double still_tolerance(const Series& series);
 /// Returns the stretches in which all values are within +-tolerance of their middle; none goes over
 /// a gap of more than `longest_gap` s without values. Single values are no stretch.
 Intervals still_intervals(const Series& series, double tolerance, double longest_gap);
+
+/// Returns a rest without the beginnings of ways at its ends; half of it stays at least. `scatter`
+/// is of one value.
+TimeInterval without_slow_ends(const Series& series, const TimeInterval& rest, double scatter);
 
 /// Returns the gap between two values that is unusual: five times the usual one, at least 0.1 s.
 double longest_gap(const std::vector<double>& times);

@@ -36,7 +36,8 @@ Intervals still_frames(const std::vector<CornerFrame>& frames, double tolerance,
 struct ViewRest {
   TimeInterval still;  // from the first to the last frame of the longest run
   size_t frames = 0;   // in it
-  double motion = 0;   // px: the largest distance of a frame from the median corners
+  double motion = 0;   // px: the largest distance of a frame from the median corners, root mean
+                       // square of coordinates
 };
 
 /// Finds the longest run of frames whose corners are within `tolerance` px (root mean square) of

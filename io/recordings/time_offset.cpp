@@ -15,6 +15,7 @@ namespace {
 constexpr double kFarthest = 0.4, kGrid = 0.02;  // s
 constexpr double kDifference = 0.5e-3;           // s, of differences
 constexpr double kHuber = 1.5;                   // in scales
+constexpr double kInterpolation = 5e-5;          // s, see the header
 constexpr int kLeastWays = 3;
 constexpr double kLeastSpeed = 5;                         // px / s
 constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
@@ -192,7 +193,7 @@ MeanOffset bounded_mean(std::vector<OneOffset>& all, double start) {
   const auto n = static_cast<double>(all.size()), c = static_cast<double>(scores.size());
   out.ways = static_cast<int>(scores.size());
   out.independent = std::sqrt(squares * n / std::max(1., n - 1)) / out.information;
-  out.by_way = std::sqrt(by_way * c / std::max(1., c - 1)) / out.information;
+  out.by_way = std::sqrt(by_way * (c + 1) / std::max(1., c - 1)) / out.information;
   return out;
 }
 
@@ -242,12 +243,12 @@ struct ClockStretch {
 };
 
 /// Offsets of stretches of the recording, each of some ways. A few ways do not tell their own
-/// noise, so that of all stretches, for the information that each has, is taken.
+/// noise, so that of all stretches, for the information that each has, is taken where it is more.
 std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double start) {
   std::set<int> ways;
   for (const OneOffset& one : all) ways.insert(one.way);
   const std::vector<int> order(ways.begin(), ways.end());
-  const size_t count = std::min(kStretches, order.size() / 2);
+  const size_t count = std::min(kStretches, order.size() / 3);
   std::vector<ClockStretch> out;
   std::vector<double> information;
   double noise = 0, sum = 0;
@@ -259,12 +260,13 @@ std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double
     for (const OneOffset& one : all)
       if (one.way >= first && one.way <= last) some.push_back(one), time += one.time;
     const MeanOffset mean = bounded_mean(some, start);
-    out.push_back({time / static_cast<double>(some.size()), mean.offset, 0});
+    out.push_back({time / static_cast<double>(some.size()), mean.offset, mean.sigma()});
     information.push_back(mean.information);
     noise += std::pow(mean.sigma() * mean.information, 2);
     sum += mean.information;
   }
-  for (size_t k = 0; k < out.size(); ++k) out[k].sigma = std::sqrt(noise / sum / information[k]);
+  for (size_t k = 0; k < out.size(); ++k)
+    out[k].sigma = std::max(out[k].sigma, std::sqrt(noise / sum / information[k]));
   return out;
 }
 
@@ -286,7 +288,7 @@ double about_level(const std::vector<ClockStretch>& all, size_t first, size_t en
 
 /// Looks for drift and jumps.
 void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
-  if (all.size() < 3) return;
+  if (all.size() < 4) return;  // few ways do not tell their own noise
   double level = 0, sigma = 0, w = 0, wt = 0;
   for (const ClockStretch& s : all)
     w += 1 / (s.sigma * s.sigma), wt += s.time / (s.sigma * s.sigma);
@@ -304,7 +306,7 @@ void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
   const double span = all.back().time - all.front().time;
   double best = kInfinity;
   TimeOffset jumping = out;
-  for (size_t at = 1; at < all.size(); ++at) {
+  for (size_t at = 2; at + 2 <= all.size(); ++at) {
     double before = 0, after = 0, s1 = 0, s2 = 0;
     const double squares =
         about_level(all, 0, at, before, s1) + about_level(all, at, all.size(), after, s2);
@@ -368,7 +370,7 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
     return out;
   }
   out.offset = mean.offset;
-  out.sigma = mean.sigma();
+  out.sigma = std::hypot(mean.sigma(), kInterpolation);
   out.images = static_cast<int>(all.size());
   out.ways = mean.ways;
   judge_clock(stretches_of(all, mean.offset), out);

