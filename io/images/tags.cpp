@@ -181,7 +181,7 @@ Markers search_all(const cv::Mat& image, const ImageTarget& target, int& border)
 }
 
 /// The tags that agree with one homography, of all that were found, and those that their view adds.
-TagGrid second_look(const cv::Mat& image, const ImageTarget& target, std::string& reason) {
+TagGrid all_looks(const cv::Mat& image, const ImageTarget& target, std::string& reason) {
   TagGrid grid;
   const Markers found = search_all(image, target, grid.border);
   if (found.empty()) {
@@ -227,7 +227,7 @@ Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
   // Where dark squares touch the corners, these are better known than by the tag's edges.
   const auto squares = [&] { return grid.border == 2 && target.gap > 0; };
   if (!first_look(image, target, grid))
-    grid = second_look(image, target, reason);
+    grid = all_looks(image, target, reason);
   else if (!squares())
     for (auto& one : grid.tags) one.second = sharp(image, target, grid, one.second);
   if (!reason.empty()) return missing(reason);
