@@ -1,11 +1,14 @@
 // `kincal check`: which of the usual mistakes explains the data.
 #include <cstdio>
 #include <iostream>
+#include <map>
 #include <memory>
 
 #include "../../io/document/files.h"
+#include "../../io/document/names.h"
 #include "../../io/report/input_page.h"
 #include "../../io/results/result_json.h"
+#include "../../io/rig/alike.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"
 #include "../../models/rig/selection.h"
@@ -22,6 +25,31 @@ struct CheckArguments {
   int threads = 1;
   bool json = false, quiet = false;
 };
+
+/// Samples, by target, with views whose numbers nothing decides.
+std::map<std::string, std::vector<std::string>> open_numbers(const RigFile& rig,
+                                                             const std::vector<Sample>& samples) {
+  std::map<std::string, std::vector<std::string>> out;
+  for (const auto& [sample, view] : undecided_numbers(rig, samples)) {
+    const Sample& one = samples[static_cast<size_t>(sample)];
+    const int target = one.views[static_cast<size_t>(view)].target;
+    std::vector<std::string>& ids = out[rig.rig.targets[static_cast<size_t>(target)].name];
+    if (ids.empty() || ids.back() != one.id) ids.push_back(one.id);
+  }
+  return out;
+}
+
+std::string open_numbers_text(const std::map<std::string, std::vector<std::string>>& open) {
+  std::string out;
+  for (const auto& [target, samples] : open)
+    out += "Numbering: target '" + target +
+           "' looks the same from several sides, and the joint readings do not tell from which "
+           "it was numbered in " +
+           (samples.size() == 1 ? "sample " : "samples ") + comma_separated(samples) +
+           ". Look whether point 0 is the same corner there (kincal detect --draw), or record "
+           "postures that turn the board about other axes.\n";
+  return out;
+}
 
 int check(const CheckArguments& a) {
   check_page_file(a.page);
@@ -50,14 +78,20 @@ int check(const CheckArguments& a) {
   } catch (const NameError& error) {
     throw with_nearest(error);
   }
+  std::map<std::string, std::vector<std::string>> open;
+  if (diagnosis->findings.empty()) open = open_numbers(rig_file, recording->samples);
   progress.clear();
-  if (a.json)
-    std::cout << json_text(diagnosis_json(*diagnosis));
-  else
-    std::cout << diagnosis_text(*diagnosis)
+  if (a.json) {
+    Json json = diagnosis_json(*diagnosis);
+    json["open_numbering"] = Json::object();
+    for (const auto& [target, samples] : open) json["open_numbering"][target] = samples;
+    std::cout << json_text(json);
+  } else {
+    std::cout << diagnosis_text(*diagnosis) << open_numbers_text(open)
               << (diagnosis->findings.empty() && explained(*diagnosis)
                       ? "Next: kincal calibrate " + a.rig + " " + a.samples + " --out result\n"
                       : "");
+  }
   if (!a.page.file.empty())
     write_page(a.page,
                check_page(rig_file, recording, *diagnosis, explained(*diagnosis),
@@ -82,7 +116,8 @@ Command check_command(CLI::App& app, const std::string& command_line) {
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   add_page_settings(*command, a->page);
-  command->add_flag("--json", a->json, "print {findings, chi2, dof, verdict, tested} as JSON");
+  command->add_flag("--json", a->json,
+                    "print {findings, chi2, dof, verdict, tested, open_numbering} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another "

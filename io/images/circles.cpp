@@ -139,13 +139,17 @@ bool find_grid(const cv::Mat& image, const ImageTarget& target, std::vector<cv::
   parameters.minDistBetweenBlobs = 4;
   parameters.minConvexity = 0.8f;
   const int kind = target.asymmetric ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
-  for (const int colour : {0, 255})
-    for (const int way : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)}) {
-      parameters.blobColor = static_cast<uchar>(colour);
-      if (cv::findCirclesGrid(image, {target.columns, target.rows}, found, kind | way,
-                              cv::SimpleBlobDetector::create(parameters)))
-        return true;
-    }
+  const auto look = [&](float step, uchar colour, int way) {
+    parameters.thresholdStep = step;
+    parameters.blobColor = colour;
+    return cv::findCirclesGrid(image, {target.columns, target.rows}, found, kind | way,
+                               cv::SimpleBlobDetector::create(parameters));
+  };
+  // Half of the thresholds find dark circles unless their contrast is small.
+  if (look(20, 0, 0)) return true;
+  for (const uchar colour : {0, 255})
+    for (const int way : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)})
+      if (look(10, colour, way)) return true;
   return false;
 }
 

@@ -44,7 +44,7 @@ void judge(const cv::Mat& image, Detection& found) {
   if (box.width < 5 || box.height < 5) return;
   const cv::Mat part = image(box);
   std::array<int, 256> levels{};
-  std::vector<float> steepness;
+  std::vector<int> steepness;                          // squared, of 8 times the slope
   const int step = 1 + part.cols * part.rows / 20000;  // so many are enough
   for (int y = 1; y + 1 < part.rows; ++y) {
     const uchar *up = part.ptr(y - 1), *here = part.ptr(y), *down = part.ptr(y + 1);
@@ -54,8 +54,7 @@ void judge(const cv::Mat& image, Detection& found) {
       const int above = up[x - 1] + 2 * up[x] + up[x + 1];
       const int below = down[x - 1] + 2 * down[x] + down[x + 1];
       ++levels[here[x]];
-      steepness.push_back(
-          0.125f * std::hypot(static_cast<float>(right - left), static_cast<float>(below - above)));
+      steepness.push_back((right - left) * (right - left) + (below - above) * (below - above));
     }
   }
   if (steepness.empty()) return;
@@ -71,7 +70,7 @@ void judge(const cv::Mat& image, Detection& found) {
   const auto steep = steepness.begin() + place(0.995);
   std::nth_element(steepness.begin(), steep, steepness.end());
   const double height = level(0.95) - level(0.05);
-  const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, 1. * *steep));
+  const double width = height / (std::sqrt(2 * CV_PI) * std::max(1e-3, 0.125 * std::sqrt(*steep)));
   found.contrast = height / 255;
   constexpr double kOwn = 5. / 12;  // px^2, of the pixel and of the difference across two of them
   found.blur = std::sqrt(std::max(0.0, width * width - kOwn));

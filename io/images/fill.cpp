@@ -188,9 +188,11 @@ Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageT
   work_all(tasks, options);
   Filled out;
   const std::vector<std::string> layouts = agree_on_layouts(known, tasks, options);
+  std::map<std::string, int> unusual;  // what is, and how many images
   ImageTargets targets;
   std::set<std::pair<int, int>> found;  // sample and view
   for (ImageTask& task : tasks) {
+    for (const std::string& note : task.image.notes) ++unusual[note];
     if (!task.image.error.empty()) {
       ++out.unusable;
       out.lines.push_back(task.shown + ": UNUSABLE: the image " + task.image.error);
@@ -229,6 +231,9 @@ Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageT
   }
   out.notes = renumber(rig, targets, filled, kept);
   out.notes.insert(out.notes.begin(), layouts.begin(), layouts.end());
+  for (const auto& [note, count] : unusual)
+    out.notes.push_back(std::to_string(count) + " of " + std::to_string(tasks.size()) +
+                        " images: each " + note);
   for (const Json& sample : kept) out.text += sample.dump() + "\n";
   out.samples = static_cast<int>(kept.size());
   return out;

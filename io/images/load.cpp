@@ -1,6 +1,8 @@
 #include "load.h"
 
+#include <array>
 #include <filesystem>
+#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -11,13 +13,22 @@ std::string size_text(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height);
 }
 
+/// Whether there is EXIF in the head of a JPEG.
+bool has_exif(const std::string& path) {
+  std::array<char, 4096> head{};
+  std::ifstream in(path, std::ios::binary);
+  in.read(head.data(), head.size());
+  return std::string_view(head.data(), static_cast<size_t>(in.gcount())).find("Exif") !=
+         std::string_view::npos;
+}
+
 /// Whether the file asks viewers to turn the image (EXIF): the decoder then returns another one if
-/// it may. Only formats that can say so are decoded twice.
+/// it may. Only files that can say so are decoded twice.
 bool asks_to_be_turned(const std::string& path, const cv::Mat& stored) {
   std::string extension = std::filesystem::path(path).extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  if (extension != ".jpg" && extension != ".jpeg" && extension != ".tif" && extension != ".tiff")
-    return false;
+  const bool tiff = extension == ".tif" || extension == ".tiff";
+  if (!tiff && ((extension != ".jpg" && extension != ".jpeg") || !has_exif(path))) return false;
   const cv::Mat turned = cv::imread(path, cv::IMREAD_ANYDEPTH | cv::IMREAD_GRAYSCALE);
   return turned.size() != stored.size() ||
          (!turned.empty() && cv::norm(turned, stored, cv::NORM_INF) > 0);

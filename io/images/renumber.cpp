@@ -5,6 +5,7 @@
 #include "../../models/fitting/numbering.h"
 #include "../../models/rig/targets.h"
 #include "../document/error.h"
+#include "../rig/alike.h"
 #include "../rig/samples_file.h"
 
 namespace kincal {
@@ -36,15 +37,11 @@ void renumber_view(const Target& target, int quarters, Json& view) {
 }  // namespace
 
 std::vector<int> open_turns(const ImageTarget& target) {
-  const bool square = target.rows == target.columns;
-  if (target.kind == ImageTarget::Kind::chessboard) {
-    if (square && target.rows % 2 == 0) return {0, 1, 2, 3};
-    return square || (target.rows + target.columns) % 2 == 0 ? std::vector<int>{0, 2}
-                                                             : std::vector<int>{0};
-  }
-  if (target.kind != ImageTarget::Kind::circles || target.large_origin) return {0};
-  if (target.asymmetric) return target.rows % 2 == 0 ? std::vector<int>{0, 2} : std::vector<int>{0};
-  return square ? std::vector<int>{0, 1, 2, 3} : std::vector<int>{0, 2};
+  using Kind = ImageTarget::Kind;
+  if (target.kind != Kind::chessboard && target.kind != Kind::circles) return {0};
+  GridLayout grid{GridLayout::Kind::corners, target.rows, target.columns, target.asymmetric};
+  if (target.kind == Kind::circles) grid.kind = GridLayout::Kind::circles;
+  return turns_alike(grid, target.large_origin);
 }
 
 std::vector<std::string> renumber(const RigFile& rig,

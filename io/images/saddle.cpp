@@ -1,9 +1,9 @@
 #include "saddle.h"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
 #include "finders.h"
 
@@ -14,6 +14,7 @@ constexpr double kSmooth = 0.9;   // px, sigma of the Gaussian before gradients
 constexpr double kMost = 10;      // px: farther away the lens bends the edges
 constexpr int kMargin = 4;        // px around the window that filters need
 constexpr double kFloor = 0.003;  // px, of a coordinate: what sampling does
+constexpr size_t kSigmas = 20;    // corners of a view whose sigma is worked out, or a few less
 
 /// A Window is the weights around a corner: a cross along the edges, 1 at the corner and 0 where
 /// what is plain ends.
@@ -30,14 +31,7 @@ struct Window {
     return x >= reach[0] || y >= reach[1] || (x >= strip[0] && y >= strip[1]);
   }
 
-  /// Returns the weight of a place beside the corner, in units.
-  double operator()(const cv::Vec2d& at) const {
-    if (beside(at)) return 0;
-    return std::max(hill(at[0] / reach[0]) * hill(at[1] / strip[1]),
-                    hill(at[1] / reach[1]) * hill(at[0] / strip[0]));
-  }
-
-  /// Returns the same and its derivative.
+  /// Returns the weight of a place beside the corner, in units, and its derivative.
   double operator()(const cv::Vec2d& at, cv::Vec2d& derivative) const {
     if (beside(at)) return 0;
     const double a = hill(at[0] / reach[0]), b = hill(at[1] / strip[1]), c = hill(at[1] / reach[1]),
@@ -50,75 +44,125 @@ struct Window {
   }
 };
 
-/// One pixel of the window.
-struct Seen {
-  int x, y;
-  cv::Vec2d g, away;  // the gradient; the way from the corner, px
-  double w;
-  cv::Vec2d dw;  // derivative of w by the way
+/// Weights of a Gaussian of kSmooth, and of its derivative (of differences of neighbours).
+struct Filters {
+  std::array<float, 2 * kMargin + 1> smooth{}, slope{};
+  Filters() {
+    double sum = 0;
+    const auto bell = [](int i) { return std::exp(-0.5 * i * i / (kSmooth * kSmooth)); };
+    for (int i = 1 - kMargin; i < kMargin; ++i) sum += bell(i);
+    const auto weight = [&](int i) { return std::abs(i) < kMargin ? bell(i) / sum : 0; };
+    for (int i = -kMargin; i <= kMargin; ++i) {
+      smooth[i + kMargin] = static_cast<float>(weight(i));
+      slope[i + kMargin] = static_cast<float>(0.5 * (weight(i - 1) - weight(i + 1)));
+    }
+  }
 };
 
-std::vector<Seen> seen_pixels(const cv::Mat& dx, const cv::Mat& dy, const Window& window,
-                              const cv::Point2d& q) {
-  std::vector<Seen> out;
-  for (int y = kMargin; y < dx.rows - kMargin; ++y)
-    for (int x = kMargin; x < dx.cols - kMargin; ++x) {
-      const cv::Vec2d away(x - q.x, y - q.y);
-      cv::Vec2d dw;
-      const double w = window(window.units * away, dw);
-      if (w > 0)
-        out.push_back(
-            {x, y, {dx.at<float>(y, x), dy.at<float>(y, x)}, away, w, window.units.t() * dw});
-    }
+const Filters& filters() {
+  static const Filters known;
+  return known;
+}
+
+/// A Patch is a few square pixels of numbers: patch(x, y).
+using Patch = Eigen::ArrayXXf;
+using Line = Eigen::ArrayXf;
+
+/// Filtered along x, then along y; the rim of kMargin is cut off.
+Patch filtered(const Patch& in, const std::array<float, 2 * kMargin + 1>& along,
+               const std::array<float, 2 * kMargin + 1>& across) {
+  const Eigen::Index width = in.rows() - 2 * kMargin, height = in.cols() - 2 * kMargin;
+  Patch lines = Patch::Zero(width, in.cols()), out = Patch::Zero(width, height);
+  for (int k = 0; k <= 2 * kMargin; ++k)
+    lines += along[static_cast<size_t>(k)] * in.middleRows(k, width);
+  for (int k = 0; k <= 2 * kMargin; ++k)
+    out += across[static_cast<size_t>(k)] * lines.middleCols(k, height);
   return out;
 }
 
+/// The gradients around a corner.
+struct Slopes {
+  Patch dx, dy;
+};
+
+/// Gradients of a square of pixels, `half` to every side of the middle; beyond the rim of the image
+/// its pixels are repeated.
+Slopes slopes_around(const cv::Mat& image, const cv::Point& middle, int half) {
+  const int reach = half + kMargin;
+  Patch grey(2 * reach + 1, 2 * reach + 1);
+  for (int y = 0; y < grey.cols(); ++y) {
+    const uchar* from = image.ptr(std::clamp(middle.y + y - reach, 0, image.rows - 1));
+    for (int x = 0; x < grey.rows(); ++x)
+      grey(x, y) = from[std::clamp(middle.x + x - reach, 0, image.cols - 1)];
+  }
+  const Filters& f = filters();
+  return {filtered(grey, f.slope, f.smooth), filtered(grey, f.smooth, f.slope)};
+}
+
 /// Gram matrix of the gradients, and how far they would move the corner: a step from q, px.
-cv::Vec2d step_from(const cv::Mat& dx, const cv::Mat& dy, const Window& window,
-                    const cv::Point2d& q, cv::Matx22d& gram) {
+cv::Vec2d step_from(const Slopes& slopes, const Window& window, const cv::Point2d& q,
+                    cv::Matx22d& gram) {
+  const Eigen::Index width = slopes.dx.rows();
+  const Line right =
+      Line::LinSpaced(width, 0, static_cast<float>(width - 1)) - static_cast<float>(q.x);
+  const cv::Matx22f units = window.units;
+  const cv::Vec2f reach(1 / window.reach[0], 1 / window.reach[1]),
+      strip(1 / window.strip[0], 1 / window.strip[1]);
+  const auto hill = [](const auto& x) { return (1 - x.square()).max(0).square(); };
+  Line a(width), b(width), weights(width), r(width);
   double xx = 0, xy = 0, yy = 0, x0 = 0, y0 = 0;
-  for (int y = kMargin; y < dx.rows - kMargin; ++y) {
-    const float *gx = dx.ptr<float>(y), *gy = dy.ptr<float>(y);
-    for (int x = kMargin; x < dx.cols - kMargin; ++x) {
-      const cv::Vec2d away(x - q.x, y - q.y);
-      const double w = window(window.units * away);
-      if (w == 0) continue;
-      const double r = w * (gx[x] * away[0] + gy[x] * away[1]);
-      xx += w * gx[x] * gx[x], xy += w * gx[x] * gy[x], yy += w * gy[x] * gy[x];
-      x0 += r * gx[x], y0 += r * gy[x];
-    }
+  for (Eigen::Index y = 0; y < slopes.dx.cols(); ++y) {
+    const auto gx = slopes.dx.col(y), gy = slopes.dy.col(y);
+    const float down = static_cast<float>(static_cast<double>(y) - q.y);
+    a = units(0, 0) * right + units(0, 1) * down;
+    b = units(1, 0) * right + units(1, 1) * down;
+    weights =
+        (hill(reach[0] * a) * hill(strip[1] * b)).max(hill(reach[1] * b) * hill(strip[0] * a));
+    r = gx * right + gy * down;
+    xx += (weights * gx * gx).sum(), xy += (weights * gx * gy).sum();
+    yy += (weights * gy * gy).sum();
+    x0 += (weights * r * gx).sum(), y0 += (weights * r * gy).sum();
   }
   gram = cv::Matx22d(xx, xy, xy, yy);
   return gram.inv() * cv::Vec2d(x0, y0);
 }
 
 /// The covariance of the corner for noise of one grey level in every pixel.
-cv::Matx22d covariance(const std::vector<Seen>& seen, const cv::Matx22d& gram, cv::Size size) {
-  cv::Mat a(size, CV_32FC2, cv::Scalar()), b(size, CV_32FC2, cv::Scalar());
+cv::Matx22d covariance(const Slopes& slopes, const Window& window, const cv::Point2d& q,
+                       const cv::Matx22d& gram) {
+  const Patch nothing = Patch::Zero(slopes.dx.rows() + 4 * kMargin, slopes.dx.cols() + 4 * kMargin);
+  std::array<Patch, 2> a = {nothing, nothing}, b = a;  // of F's two rows
   cv::Matx22d j = gram;
-  for (const Seen& one : seen) {
-    const double r = one.g.dot(one.away);
-    j += r * one.g * one.dw.t();
-    a.at<cv::Vec2f>(one.y, one.x) = one.w * (cv::Vec2d(r, 0) + one.away[0] * one.g);
-    b.at<cv::Vec2f>(one.y, one.x) = one.w * (cv::Vec2d(0, r) + one.away[1] * one.g);
-  }
-  cv::Sobel(a, a, CV_32F, 1, 0, 1, -0.5);
-  cv::Sobel(b, b, CV_32F, 0, 1, 1, -0.5);
-  cv::Mat c = a + b;
-  cv::GaussianBlur(c, c, {2 * kMargin - 1, 2 * kMargin - 1}, kSmooth);
-  cv::Matx22d cc = cv::Matx22d::zeros();
-  for (int y = 0; y < c.rows; ++y)
-    for (int x = 0; x < c.cols; ++x) {
-      const cv::Vec2d v = c.at<cv::Vec2f>(y, x);
-      cc += v * v.t();
+  for (int y = 0; y < slopes.dx.cols(); ++y)
+    for (int x = 0; x < slopes.dx.rows(); ++x) {
+      const cv::Vec2d g(slopes.dx(x, y), slopes.dy(x, y)), away(x - q.x, y - q.y);
+      cv::Vec2d dw;
+      const double w = window(window.units * away, dw);
+      if (w == 0) continue;
+      const double r = g.dot(away);
+      j += r * g * (window.units.t() * dw).t();
+      for (const int k : {0, 1}) {
+        const cv::Vec2d of_slopes =
+            w * (away * g[k] + (k == 0 ? cv::Vec2d(r, 0) : cv::Vec2d(0, r)));
+        a[static_cast<size_t>(k)](x + 2 * kMargin, y + 2 * kMargin) =
+            static_cast<float>(of_slopes[0]);
+        b[static_cast<size_t>(k)](x + 2 * kMargin, y + 2 * kMargin) =
+            static_cast<float>(of_slopes[1]);
+      }
     }
+  const Filters& f = filters();
+  const auto of_pixels = [&](size_t k) -> Patch {
+    return filtered(a[k], f.slope, f.smooth) + filtered(b[k], f.smooth, f.slope);
+  };
+  const Patch c0 = of_pixels(0), c1 = of_pixels(1);
+  const cv::Matx22d cc((c0 * c0).sum(), (c0 * c1).sum(), (c0 * c1).sum(), (c1 * c1).sum());
   const cv::Matx22d inverse = j.inv();
   return inverse * cc * inverse.t();
 }
 
 }  // namespace
 
-bool refine(const cv::Mat& image, Saddle& saddle) {
+bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma) {
   const cv::Point2d at = saddle.pixel;
   const double room =
       std::min(std::min(at.x, at.y), std::min(image.cols - 1 - at.x, image.rows - 1 - at.y));
@@ -135,26 +179,24 @@ bool refine(const cv::Mat& image, Saddle& saddle) {
     thin = std::min(thin, window.strip[k] * side);
     half += window.reach[k] * cv::Vec2d(std::abs(saddle.sides(0, k)), std::abs(saddle.sides(1, k)));
   }
-  const int size = static_cast<int>(std::ceil(std::max(half[0], half[1]))) + 2 + kMargin;
-  const cv::Point middle(cvRound(saddle.pixel.x), cvRound(saddle.pixel.y));
-  cv::Mat smooth, dx, dy;
-  cv::getRectSubPix(image, {2 * size + 1, 2 * size + 1}, cv::Point2f(middle), smooth, CV_32F);
-  cv::GaussianBlur(smooth, smooth, {2 * kMargin - 1, 2 * kMargin - 1}, kSmooth);
-  cv::Sobel(smooth, dx, CV_32F, 1, 0, 1, 0.5);
-  cv::Sobel(smooth, dy, CV_32F, 0, 1, 1, 0.5);
-  const cv::Point2d corner = middle - cv::Point(size, size), start = saddle.pixel - corner;
+  const int size = static_cast<int>(std::ceil(std::max(half[0], half[1]))) + 2;
+  const cv::Point middle(cvRound(at.x), cvRound(at.y)), corner = middle - cv::Point(size, size);
+  const Slopes slopes = slopes_around(image, middle, size);
+  const cv::Point2d start = at - cv::Point2d(corner);
   cv::Point2d q = start;
   cv::Matx22d gram;
   for (int pass = 0; pass < 30; ++pass) {
-    const cv::Vec2d step = step_from(dx, dy, window, q, gram);
+    const cv::Vec2d step = step_from(slopes, window, q, gram);
     if (!(cv::determinant(gram) > 1e-3 * gram(0, 0) * gram(1, 1))) return false;  // one edge
     q += cv::Point2d(step[0], step[1]);
     if (!(cv::norm(q - start) < std::max(1.5, 0.5 * thin))) return false;
     if (cv::norm(step) < 1e-3) break;
   }
-  const cv::Matx22d c = covariance(seen_pixels(dx, dy, window, q), gram, smooth.size());
-  saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
-  saddle.pixel = q + corner;
+  if (with_sigma) {
+    const cv::Matx22d c = covariance(slopes, window, q, gram);
+    saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
+  }
+  saddle.pixel = q + cv::Point2d(corner);
   return true;
 }
 
@@ -163,18 +205,22 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
   for (const Saddle& one : saddles) out.pixels.push_back(one.pixel);
   judge(image, out);
   out.pixels.clear();
-  double squares = 0;
+  const size_t stride = 1 + saddles.size() / kSigmas;
+  double floor = 0, noise = 0;  // squared sigmas
+  int count = 0;                // of noise
   for (Saddle& one : saddles) {
     const double across = std::abs(cv::determinant(one.sides)) /
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
     const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
-    if (blurs < 1.4 || !refine(image, one)) continue;
+    const bool with_sigma = out.ids.size() % stride == 0;
+    if (blurs < 1.4 || !refine(image, one, with_sigma)) continue;
     const double beside = 0.12 * std::exp(-1.4 * blurs);  // px: what is next to the strip does
-    squares += std::pow(out.noise * one.sigma, 2) + kFloor * kFloor + beside * beside;
+    floor += kFloor * kFloor + beside * beside;
+    if (with_sigma) noise += std::pow(out.noise * one.sigma, 2), ++count;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);
   }
-  if (!out.ids.empty()) out.sigma = std::sqrt(squares / static_cast<double>(out.ids.size()));
+  if (count > 0) out.sigma = std::sqrt(noise / count + floor / static_cast<double>(out.ids.size()));
   return out;
 }
 

@@ -29,10 +29,11 @@ struct Saddle {
 };
 
 /// Moves a corner to where the picture has it. Returns false, and changes nothing, where there is
-/// none, or it runs away.
-bool refine(const cv::Mat& image, Saddle& saddle);
+/// none, or it runs away. `with_sigma`: and says how well it is known, which takes as long again.
+bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma = true);
 
-/// Refines the corners of a target, in the order of their ids, and says how well they are known.
+/// Refines the corners of a target, in the order of their ids, and says how well they are known,
+/// by every few of them.
 /// Left out are those that cannot be located: no saddle, or the strip is too thin for the blur.
 Detection refined(const cv::Mat& image, std::vector<Saddle> saddles);
 

@@ -9,6 +9,7 @@
 #include <opencv2/aruco/charuco.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 #include "../../io/document/yaml.h"
 #include "../../models/rig/targets.h"
@@ -187,7 +188,7 @@ TEST_CASE("images: Kalibr's grid of AprilTags is found, whole and in part") {
       {GridLayout::Kind::tags, 4, 5, false, 0.3});
   const auto print = [](double x, double y) { return tags(x, y, 4, 5); };
   const std::vector<PictureCamera> cameras = upright(postures(3.1, 2.45, 11), 3.1, 2.45, 11);
-  check_target(target, cameras, print, 0.15, 0.9);  // OpenCV misses a tag now and then
+  check_target(target, cameras, print, 0.15);
   PictureCamera camera = cameras[1];
   camera.translation[0] += 3;
   const Errors e = errors_of(camera, target, detect(render(camera, print), target));
@@ -198,8 +199,42 @@ TEST_CASE("images: Kalibr's grid of AprilTags is found, whole and in part") {
   camera.rotation = turned(0.1, 10 * CV_PI / 180, 0.1) * turned(CV_PI, 0, 0);
   aim(camera, 3.1, 2.45, 11);
   const Errors blurred = errors_of(camera, target, detect(render(camera, print), target));
-  CHECK(blurred.count >= 64);
+  CHECK(blurred.count == 80);
   CHECK(blurred.rms < 0.1);
+}
+
+TEST_CASE("images: tags that no contour shows are read, and none that is not there") {
+  const ImageTarget target = target_of(
+      "{type: apriltag_grid, rows: 4, columns: 5, tag: 0.03, spacing: 0.3, family: tag36h11}",
+      {GridLayout::Kind::tags, 4, 5, false, 0.3});
+  const auto print = [](double x, double y) { return tags(x, y, 4, 5); };
+  const PictureCamera camera = upright(postures(3.1, 2.45, 11), 3.1, 2.45, 11)[0];
+  const cv::Mat image = render(camera, print);
+  cv::Mat dim;
+  image.convertTo(dim, CV_8U, 0.09, 20);
+  CHECK(errors_of(camera, target, detect(dim, target)).count >= 76);
+  // Tag 6 covered, tag 7 with another's code, tag 8 scratched: one cell of its border is bright.
+  const auto spoilt = [&](double x, double y) {
+    if (x > 1.2 && x < 2.4 && y > 1.2 && y < 2.4) return 0.3;
+    if (x > 2.6 && x < 3.6 && y > 1.3 && y < 2.3)
+      return marker(3.6 - x, y - 1.3, cv::aruco::DICT_APRILTAG_36h11, 400, 2);
+    if (x > 4.3 && x < 4.4 && y > 1.3 && y < 1.4) return 1.0;
+    return print(x, y);
+  };
+  const Detection found = detect(render(camera, spoilt), target);
+  std::set<int> read;
+  for (const int id : found.ids) read.insert(id / 4);
+  CHECK(read.count(6) + read.count(7) == 0);
+  CHECK(read.count(8) == 1);
+  CHECK(read.size() == 18);
+  // A grid of plain tags: only its edges are there to be located.
+  const auto plain = [](double x, double y) {
+    const int c = static_cast<int>(std::floor(x / 1.3)), r = static_cast<int>(std::floor(y / 1.3));
+    const double u = x - 1.3 * c, v = y - 1.3 * r;
+    if (c < 0 || r < 0 || c > 4 || r > 3 || u > 1 || v > 1) return 1.0;
+    return marker(1 - u, v, cv::aruco::DICT_APRILTAG_36h11, 5 * r + c, 1);
+  };
+  check_target(target, upright(postures(3.1, 2.45, 11), 3.1, 2.45, 11), plain, 0.15);
 }
 
 TEST_CASE("images: grids of circles are found, and big ones seen obliquely are where they are") {

@@ -1,12 +1,15 @@
 // Proves what only all images of a set tell: a ChArUco board with an odd number of columns that is
 // seen in part suits both of OpenCV's layouts, and is read by the one that the other images have;
-// where no image tells, that is said. Not proved: other files and tables (program/detect_test.py).
+// where no image tells, that is said. What is unusual about images is counted. Not proved: other
+// files and tables (program/detect_test.py).
 #include "../../io/images/fill.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sstream>
 
 #include "../../io/images/print.h"
 #include "../fixtures/render.h"
@@ -95,4 +98,30 @@ TEST_CASE("images: which layout a ChArUco board has is told by all images togeth
   for (const std::string& note : both.notes)
     said = said || note.find("part.png: board: read again") != std::string::npos;
   CHECK(said);
+}
+
+TEST_CASE("images: turns that EXIF asks for are named and counted, and not done") {
+  const Folder folder;
+  std::filesystem::remove(folder.path / "part.png");
+  std::vector<uchar> jpeg;
+  cv::imencode(".jpg", render(folder.whole, bright_first), jpeg, {cv::IMWRITE_JPEG_QUALITY, 98});
+  for (const char* name : {"plain.jpg", "turned.jpg", "turned_too.JPG"}) {
+    const bool plain = name[0] == 'p';
+    const std::vector<uchar> bytes = plain ? jpeg : asking_for_a_turn(jpeg);
+    std::ofstream(folder.path / name, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
+  }
+  const Filled filled = folder.fill();
+  REQUIRE(filled.found == 3);
+  std::istringstream samples(filled.text);
+  for (std::string line; std::getline(samples, line);) CHECK(worst_of(line, folder.whole) < 0.2);
+  int named = 0;
+  for (const std::string& line : filled.lines)
+    named += line.find("turned") != std::string::npos &&
+             line.find("the image asks to be turned (EXIF)") != std::string::npos;
+  CHECK(named == 2);
+  REQUIRE(!filled.notes.empty());
+  CHECK(std::count_if(filled.notes.begin(), filled.notes.end(), [](const std::string& note) {
+          return note.find("2 of 3 images: each asks to be turned (EXIF)") == 0;
+        }) == 1);
 }

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
+#include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
 using namespace kincal;
@@ -41,22 +42,13 @@ std::vector<uchar> encoded(const std::string& ending, const cv::Mat& image) {
   return out;
 }
 
-/// A JPEG whose EXIF asks for a quarter turn (orientation 6), before all else in the file.
-std::vector<uchar> turned_jpeg() {
-  std::vector<uchar> out = encoded(".jpg", slope());
-  const std::vector<uchar> exif = {0xFF, 0xE1, 0, 34, 'E', 'x', 'i', 'f', 0,    0,    'M', 'M',
-                                   0,    42,   0, 0,  0,   8,   0,   1,   0x01, 0x12, 0,   3,
-                                   0,    0,    0, 1,  0,   6,   0,   0,   0,    0,    0,   0};
-  out.insert(out.begin() + 2, exif.begin(), exif.end());
-  return out;
-}
-
 }  // namespace
 
 TEST_CASE("images: a turn that EXIF asks for is said and not done") {
   const ImageFolder folder;
   for (const char* name : {"turned.jpg", "turned.JPG"}) {
-    const std::string path = folder.write(name, turned_jpeg());
+    const std::string path =
+        folder.write(name, fixtures::asking_for_a_turn(encoded(".jpg", slope())));
     REQUIRE(cv::imread(path, cv::IMREAD_GRAYSCALE).size() == cv::Size(40, 60));  // it would be done
     const LoadedImage image = load_image(path, 60, 40);
     REQUIRE(image.error.empty());

@@ -1125,6 +1125,35 @@ class Answer(unittest.TestCase):
         self.assertEqual(report.code, 0, report.err)
         self.assertRegex(report.out, r"(?i)\bno(thing|ne)?\b")
 
+    def test_numbering_that_nothing_decides(self):
+        """A board that looks the same after half a turn: two views, or turns by a quarter about its normal alone, could be numbered either way."""
+        camera = {"type": "camera", "link": "tool", "model": "pinhole", "image_size": [1280, 960], "intrinsics": [900, 900, 640, 480], "sigma": 0.1,
+                  "pose": {"xyz": [0, 0, 0]}}
+        tilts = [((0, 0, 1), 0.0), ((0, 0, 1), 0.001), ((0, 0, 1), math.pi / 2), ((1, 0, 0), 0.4), ((0, 1, 0), -0.4), ((0.6, 0.8, 0), 0.5)]
+        for columns, used, open_in in ((7, (0, 3), ["p0", "p3"]), (7, (0, 1, 2), ["p2"]), (7, (0, 1, 2, 3, 4, 5), None), (6, (0, 3), None)):
+            board = {"type": "chessboard", "rows": 5, "columns": columns, "square": 0.03, "mount": {"link": "base", "pose": {"xyz": [-0.09, -0.06, 0.9]}}}
+            samples = []
+            for k in used:
+                axis, angle = tilts[k]
+                link = frame((0, 0, 0), NO)
+                turn = axis_angle(axis, angle)
+                for i in range(3):
+                    link[i][:3] = turn[i]
+                pixels = [project(camera, move(inverse(link), [x - 0.09, y - 0.06, 0.9])) for x, y, _ in corners(board)]
+                quat = [x * math.sin(angle / 2) for x in axis] + [math.cos(angle / 2)]
+                samples.append({"id": "p%d" % k, "joints": {"flange": {"xyz": [0, 0, 0], "quat": quat}},
+                                "views": [{"sensor": "eye", "target": "board", "pixels": pixels}]})
+            rig = {"format": "kincal/1", "robot": {"base": "base", "flange": "tool"}, "joints": {"flange": {"sigma": {"translation": 0.001, "rotation": 0.001}}},
+                   "targets": {"board": board}, "sensors": {"eye": camera}}
+            files = files_of(rig, samples)
+            report = run("check", *files, "--json")
+            self.assertEqual((report.code, report.findings), (0, []), report.err + report.out)
+            self.assertEqual(strict_json(report.out)["open_numbering"], {"board": open_in} if open_in else {}, (columns, used))
+            text = run("check", *files).out
+            self.assertEqual("Numbering: target 'board' looks the same from several sides" in text, open_in is not None, text)
+            if open_in:
+                self.assertIn(", ".join(open_in), text)
+
     def test_same_answer(self):
         """Order of the samples changes nothing but the order of names."""
         s = scene("eye")

@@ -299,6 +299,7 @@ class Detect(Case):
         for words in ("empty.pgm: UNUSABLE: the image is empty", "broken.png: UNUSABLE", "small.pgm: UNUSABLE: the image has 400 x 200 pixels, the rig's image_size is 400 x 300",
                       "grey.pgm: board: NOT FOUND", "blurred.pgm: board: NOT FOUND", "4 of 9 views found, 3 images not usable; 4 samples"):
             self.assertIn(words, self.out)
+        self.assertIn("1 of 9 images: each has more than 8 bits: its range was mapped to 8", self.out)
         self.detect("rig.yaml", "images/grey.pgm", "--out", "none.jsonl", code=1)
         self.assertFalse(os.path.exists(os.path.join(self.dir, "none.jsonl")))
 
