@@ -1,16 +1,20 @@
 #include "hand_eye.h"
 
 #include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
+#include "../rig/configuration.h"
 #include "../rig/words.h"
 
 namespace kincal {
 namespace {
 
-constexpr size_t kFewestFlangePoses = 3;
+constexpr size_t kFewestPoses = 3;
 constexpr double kEnoughTurn = 10 * kPi / 180;
 
 /// The floating joint, if nothing else moves; else -1.
@@ -28,43 +32,122 @@ int only_flange(const Tree& tree) {
   return flange;
 }
 
-}  // namespace
+/// How far something turned from where it was first: at most, and about other axes than the one
+/// that it turned about most; rad.
+struct Turns {
+  double most = 0, others = 0;
+};
 
-FlangeLack flange_lack(const Recording& recording) {
-  const Tree& tree = recording.rig.tree;
-  const int flange = only_flange(tree);
-  if (flange < 0) return {};
-  const int last_axis = tree.joints[flange].first_axis + 2 * kPoseAxes - 1;
-  const std::string link = "the flange ('" + tree.links[tree.joints[last_axis].child] + "')";
-  const char* turn = "turn it about at least two axes that are not parallel, by 30 degrees or more";
+Turns turns_of(const std::vector<Matrix3d>& rotations) {
   std::vector<Vector3d> turns;
-  Matrix3d first = Matrix3d::Identity(), spread = Matrix3d::Zero();
-  for (const int i : recording.training()) {
-    const Pose pose = pose_reading(tree, flange, recording.samples[i].readings);
-    if (!pose.rotation.allFinite()) continue;
-    if (turns.empty()) first = pose.rotation;
-    turns.push_back(log_so3(Matrix3d(pose.rotation * first.transpose())));
+  Matrix3d spread = Matrix3d::Zero();
+  for (const Matrix3d& rotation : rotations) {
+    turns.push_back(log_so3(Matrix3d(rotation * rotations[0].transpose())));
     spread += turns.back() * turns.back().transpose();
   }
-  const size_t poses = count_postures(recording);
-  if (poses < kFewestFlangePoses)
-    return {text("%zu pose%s of ", poses, poses == 1 ? "" : "s") + link +
-                (poses == 1 ? " is" : " are") +
-                " too few to tell where things sit on it and around it",
-            "take at least 3 poses, better 15, and " + std::string(turn)};
   const Vector3d axis = symmetric_eigen(spread).vectors.col(2);
-  double most = 0, others = 0;
+  Turns out;
   for (const Vector3d& t : turns) {
-    most = std::max(most, t.norm());
-    others = std::max(others, (t - axis * axis.dot(t)).norm());
+    out.most = std::max(out.most, t.norm());
+    out.others = std::max(out.others, (t - axis * axis.dot(t)).norm());
   }
+  return out;
+}
+
+/// What turned against what, and how: of the pair that turned best.
+struct Turned {
+  std::string what, it;  // "the flange ('tool0')", "it"
+  Turns turns;
+};
+
+Turned turned_flange(const Recording& recording, int flange) {
+  const Tree& tree = recording.rig.tree;
+  const int last_axis = tree.joints[flange].first_axis + 2 * kPoseAxes - 1;
+  std::vector<Matrix3d> rotations;
+  for (const int i : recording.training()) {
+    const Pose pose = pose_reading(tree, flange, recording.samples[i].readings);
+    if (pose.rotation.allFinite()) rotations.push_back(pose.rotation);
+  }
+  return {"the flange ('" + tree.links[tree.joints[last_axis].child] + "')", "it",
+          turns_of(rotations)};
+}
+
+/// Of sensors against mounted targets; `what` is empty where that is not all that is seen, and of a
+/// robot that cannot turn about two axes.
+Turned turned_sensor(const Recording& recording) {
+  const Rig& rig = recording.rig;
+  const bool can_turn =
+      std::any_of(rig.tree.joints.begin(), rig.tree.joints.end(),
+                  [](const Joint& j) { return j.moves() && j.type != JointType::prismatic; });
+  if (!can_turn || only_turning_axis(rig.tree)) return {};
+  std::map<std::pair<int, int>, std::vector<Matrix3d>> pairs;
+  for (const int i : recording.training()) {
+    const Sample& sample = recording.samples[i];
+    const std::vector<double> readings = completed(sample.readings);
+    const Configuration robot(rig, recording.table, recording.table.initial, readings);
+    for (const View& v : sample.views) {
+      const Sensor& sensor = rig.sensors[v.sensor];
+      const MeasurementKind kind = sensor.model->measurement_kind();
+      const bool one_pose = kind == MeasurementKind::rays || kind == MeasurementKind::pose;
+      if (!one_pose || rig.targets[v.target].link < 0) return {};
+      pairs[{v.sensor, v.target}].push_back(
+          robot.a_T_b(sensor.link, rig.targets[v.target].link).rotation);
+    }
+  }
+  Turned out;
+  for (const auto& [pair, rotations] : pairs) {
+    const Turns turns = turns_of(rotations);
+    if (!out.what.empty() && turns.others <= out.turns.others) continue;
+    out = {"sensor '" + rig.sensors[pair.first].name + "' against target '" +
+               rig.targets[pair.second].name + "'",
+           "one of them", turns};
+  }
+  return out;
+}
+
+}  // namespace
+
+Matrix3d turned_at_zero(const Tree& tree, int link) {
+  Matrix3d out = Matrix3d::Identity();
+  for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
+    out = tree.joints[j].parent_T_joint.rotation * out;
+  return out;
+}
+
+std::optional<Vector3d> only_turning_axis(const Tree& tree) {
+  constexpr double kParallel = 0.999;
+  std::optional<Vector3d> out;
+  for (const Joint& joint : tree.joints) {
+    if (joint.type == JointType::floating || joint.type == JointType::planar) return {};
+    if (!joint.moves() || joint.type == JointType::prismatic) continue;
+    const Vector3d axis = turned_at_zero(tree, joint.child) * joint.axis;
+    if (out && std::abs(out->dot(axis)) < kParallel) return {};
+    out = axis;
+  }
+  return out;
+}
+
+MotionLack motion_lack(const Recording& recording) {
+  const int flange = only_flange(recording.rig.tree);
+  const Turned turned = flange < 0 ? turned_sensor(recording) : turned_flange(recording, flange);
+  if (turned.what.empty()) return {};
+  const std::string turn =
+      "turn " + turned.it + " about at least two axes that are not parallel, by 30 degrees or more";
+  const size_t poses = count_postures(recording);
+  if (poses < kFewestPoses)
+    return {text("%zu ", poses) + (flange < 0 ? "posture" : "pose") + (poses == 1 ? "" : "s") +
+                " of " + (flange < 0 ? "the robot" : turned.what) + (poses == 1 ? " is" : " are") +
+                " too few to tell where things sit on it and around it",
+            text("take at least %zu poses, better 15, and ", kFewestPoses) + turn};
+  const auto [most, others] = turned.turns;
   if (most < kEnoughTurn)
-    return {link + " hardly turned (by " + angle_text(most) +
+    return {turned.what + " hardly turned (by " + angle_text(most) +
                 " at most): sliding alone does not tell where things sit on it",
             turn};
   if (others < kEnoughTurn)
-    return {link + " turned about one axis only (by " + angle_text(most) + ", about others by " +
-                angle_text(others) + "): along this axis things can slide unseen",
+    return {turned.what + " turned about one axis only (by " + angle_text(most) +
+                ", about others by " + angle_text(others) +
+                "): along this axis things can slide unseen",
             turn};
   return {};
 }

@@ -1,22 +1,33 @@
-// What the motion of a flange lacks to tell where things sit on it (hand-eye calibration).
+// What the motion of a robot lacks to tell where things sit on it (hand-eye calibration).
 //
-// A robot that is known by the poses of its flange only has two unknown poses, of what is on the
-// flange and of what stands still: A_i X = Y B_i. Two poses of the flange leave a turn and a slide
-// along the axis between them open; turns about one axis, however many, a slide along that; without
-// turns translations of X are not seen at all (Tsai and Lenz 1989).
+// Of a camera and a board that both sit on a robot, or one of them around it, two poses are
+// unknown: A_i X = Y B_i. Two poses leave a turn and a slide along the axis between them open;
+// turns about one axis, however many, a slide along that; without turns translations of X are not
+// seen at all (Tsai and Lenz 1989).
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "../rig/recording.h"
 
 namespace kincal {
 
-/// A FlangeLack is what is missing, and what to record; both are empty where nothing is.
-struct FlangeLack {
+/// A MotionLack is what is missing, and what to record; both are empty where nothing is.
+struct MotionLack {
   std::string why, cure;
 };
-/// Looks at the training samples. Of a robot with other joints that move it says nothing.
-FlangeLack flange_lack(const Recording& recording);
+/// Looks at the training samples: at how the flange turned of a robot that is known by its poses,
+/// else at how sensors turned against mounted targets, by the readings and the rig's geometry. It
+/// says nothing where some view tells more than one pose of these: of a target that is not mounted,
+/// by a sensor of single points, by a scanner.
+MotionLack motion_lack(const Recording& recording);
+
+/// Returns how the frame of a link is turned in the root's, with all joints at zero.
+Matrix3d turned_at_zero(const Tree& tree, int link);
+
+/// Returns the direction of all axes that turn, in the root's frame; nothing where there are none,
+/// or they are not parallel.
+std::optional<Vector3d> only_turning_axis(const Tree& tree);
 
 }  // namespace kincal

@@ -175,7 +175,8 @@ class ReasonFinder {
   void search() {
     const double parts = effects_.parts();
     if (!(parts > 0)) return nothing();
-    if (const FlangeLack lack = flange_lack(scene_.recording()); !lack.why.empty() && !lens()) {
+    if (const MotionLack lack = places_only() ? motion_lack(scene_.recording()) : MotionLack();
+        !lack.why.empty()) {
       out_.kind = "hand_eye";
       out_.why = lack.why;
       out_.cure = lack.cure;
@@ -309,6 +310,15 @@ class ReasonFinder {
     out_.cure = "no posture helps: hold " + first() +
                 " or give it a prior, or mount what is seen beside this axis";
     return true;
+  }
+
+  /// Where things sit, and nothing of lenses, sizes and zeros.
+  bool places_only() const {
+    return std::all_of(columns_.begin(), columns_.end(), [&](int c) {
+      const ParameterKind kind = scene_.table().all[scene_.columns()[c].parameter].kind;
+      return kind == ParameterKind::sensor_pose || kind == ParameterKind::target_pose ||
+             kind == ParameterKind::joint_origin;
+    });
   }
 
   bool lens() const {

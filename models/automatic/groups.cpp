@@ -11,17 +11,6 @@
 #include "../rig/numbers.h"
 
 namespace kincal {
-namespace {
-
-// Widths that groups begin with.
-constexpr double kOffset = 0.005, kSlide = 0.001;  // rad, m
-constexpr double kLength = 0.001, kAngle = 0.002;  // m, rad
-constexpr double kSize = 0.02, kBaseline = 0.002;  // share, m
-constexpr double kLens = 0.02, kDistortion = 0.5;  // share of the focal length; as the numbers are
-constexpr double kScanScale = 0.02, kScanOffset = 0.01, kGear = 1e-3;
-
-/// Two cameras that are one thing: on the same link, in the same place, one with a baseline (a
-/// rectified pair).
 bool is_pair(const Rig& rig, int a, int b) {
   const auto baseline = [&](const Sensor& s) {
     for (const ParameterBlock& block : s.parameters)
@@ -33,6 +22,15 @@ bool is_pair(const Rig& rig, int a, int b) {
   return s.type == "camera" && t.type == "camera" && s.link == t.link && apart.norm() < 1e-9 &&
          baseline(s) != baseline(t);
 }
+
+namespace {
+
+// Widths that groups begin with.
+constexpr double kOffset = 0.005, kSlide = 0.001;  // rad, m
+constexpr double kLength = 0.001, kAngle = 0.002;  // m, rad
+constexpr double kSize = 0.02, kBaseline = 0.002;  // share, m
+constexpr double kLens = 0.02, kDistortion = 0.5;  // share of the focal length; as the numbers are
+constexpr double kScanScale = 0.02, kScanOffset = 0.01, kGear = 1e-3;
 
 class GroupMaker {
  public:

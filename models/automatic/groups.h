@@ -64,6 +64,10 @@ struct GroupChoice {
   std::vector<std::string> with, without;
 };
 
+/// Returns whether two cameras are one thing, a rectified pair: on the same link, in the same
+/// place, with another baseline.
+bool is_pair(const Rig& rig, int a, int b);
+
 /// Returns the groups of a recording that its training samples depend on.
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.

@@ -59,6 +59,19 @@ struct Look {
   size_t index;
 };
 
+/// Whether a fit made a size that is free next to nothing: then all that is seen may be one point,
+/// which explains everything.
+bool has_collapsed(const Trial& t) {
+  constexpr double kNothing = 1e-4;
+  const ParameterTable& table = t.recording.table;
+  if (t.fit.values.shared.size() == 0) return false;
+  return std::any_of(table.target_square.begin(), table.target_square.end(), [&](int square) {
+    if (square < 0) return false;
+    const int at = table.all[square].start;
+    return std::abs(t.fit.values.shared(at)) < kNothing * std::abs(table.initial(at));
+  });
+}
+
 /// `recording`: what the hypothesis is tried on, all samples or some.
 Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
                      const TrialFit& now, Effort effort) {
@@ -77,7 +90,7 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   effort.closed_form = h.new_poses;
   try {
     t.fit = best_fit(t.recording, context, t.stage, effort);
-    t.cost = t.fit.score();
+    t.cost = has_collapsed(t) ? kInfinity : t.fit.score();
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
   if (h.leaves_out)
@@ -94,16 +107,15 @@ bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool
   if (!before.complete())
     return per_dof < Thresholds::overwhelming ||
            (now.complete() && now.typical() < Thresholds::overwhelming);
-  if (per_dof < Thresholds::clean && !strict) {
-    double worst = 0;  // a sensor's share of all may be small
-    for (size_t s = 0; s < before.sensor.size(); ++s)
-      if (before.sensor[s] > Thresholds::good)
-        worst = std::max(worst, before.sensor[s] / now.sensor[s]);
+  double worst = 0;  // a sensor's share of all may be small
+  for (size_t s = 0; s < std::min(before.sensor.size(), now.sensor.size()); ++s)
+    if (before.sensor[s] > Thresholds::good)
+      worst = std::max(worst, before.sensor[s] / now.sensor[s]);
+  if (per_dof < Thresholds::clean && !strict)
     return before.cost > Thresholds::clean_gain * now_cost ||
            (worst > Thresholds::decisive && before.cost > now_cost);
-  }
-  return before.cost >
-         (per_dof < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
+  const bool little = per_dof < Thresholds::noise || (worst > Thresholds::of_a_sensor && !strict);
+  return before.cost > (little ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
 }
 
 bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {

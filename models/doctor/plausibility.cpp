@@ -181,22 +181,25 @@ void check_lengths(const Rig& rig, std::vector<Finding>& out) {
           "The fields of target " + quoted(target.name) +
               text(" are %.4g m large in the rig. ", target.square) +
               (small ? "Measure, and write metres"
-                     : text("Write metres: millimetres would be %.4g", target.square / 1000))));
+                     : text("Write metres: %.4g if these are millimetres, %.4g if centimetres",
+                            target.square / 1000, target.square / 100))));
     if (!target.grid && target.points.cols() > 0 &&
         target.points.cwiseAbs().maxCoeff() > kFarMounted)
-      out.push_back(implausible("square", target.name,
-                                "Points of target " + quoted(target.name) +
-                                    text(" are %.4g m from its origin in the rig. Write metres: "
-                                         "millimetres have to be divided by 1000",
-                                         target.points.cwiseAbs().maxCoeff())));
+      out.push_back(
+          implausible("square", target.name,
+                      "Points of target " + quoted(target.name) +
+                          text(" are %.4g m from its origin in the rig. Write metres: "
+                               "millimetres have to be divided by 1000, centimetres by 100",
+                               target.points.cwiseAbs().maxCoeff())));
   }
   const auto mounted = [&](const std::string& what, const std::string& name, const Pose& pose) {
     if (pose.translation.norm() > kFarMounted)
-      out.push_back(implausible("units", name,
-                                what + " " + quoted(name) +
-                                    text(" stands %.4g m from its link in the rig. Write metres: "
-                                         "millimetres have to be divided by 1000",
-                                         pose.translation.norm())));
+      out.push_back(
+          implausible("units", name,
+                      what + " " + quoted(name) +
+                          text(" stands %.4g m from its link in the rig. Write metres: "
+                               "millimetres have to be divided by 1000, centimetres by 100",
+                               pose.translation.norm())));
   };
   for (const Sensor& s : rig.sensors) mounted("Sensor", s.name, s.link_T_sensor);
   for (const Target& t : rig.targets)
@@ -230,11 +233,12 @@ void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
   for (size_t s = 0; s < distances.size(); ++s) {
     const double middle = median(std::move(distances[s]), 0);
     if (middle > kFarAway)
-      out.push_back(implausible("square", rig.sensors[s].name,
-                                "Sensor " + quoted(rig.sensors[s].name) +
-                                    text(" measures points %.4g m away. Write metres into its "
-                                         "views: millimetres have to be divided by 1000",
-                                         middle)));
+      out.push_back(
+          implausible("square", rig.sensors[s].name,
+                      "Sensor " + quoted(rig.sensors[s].name) +
+                          text(" measures points %.4g m away. Write metres into its "
+                               "views: millimetres have to be divided by 1000, centimetres by 100",
+                               middle)));
   }
 }
 

@@ -38,6 +38,9 @@ struct Thresholds {
   static constexpr double decisive = 4;
   /// A hypothesis is believed if chi2 falls by this factor, even if more than noise remains.
   static constexpr double overwhelming = 12;
+  /// Where more than noise remains `decisive` is enough if the mean square of a sensor's residuals
+  /// falls by this factor.
+  static constexpr double of_a_sensor = 50;
   /// An estimate is far from the rig's value if it moved by this (m, rad, share of a length): right
   /// start values do not need it.
   static constexpr double far = 0.25;

@@ -72,9 +72,29 @@ std::vector<Pose> poses_in_front(const Matrix3Xd& p, const Matrix3Xd& d) {
   return out;
 }
 
+/// The largest singular value's vectors, and how much larger than the next it is.
+struct Dominant {
+  Eigen::Matrix<double, 9, 1> u, v;
+  double gap = 0;
+};
+
+Dominant dominant(const Eigen::Matrix<double, 9, 9>& t) {
+  const SingularValues svd = singular_values(t, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return {svd.u.col(0), svd.v.col(0), svd.values(0) - svd.values(1)};
+}
+
+/// The same to half the digits, in a tenth of the time.
+Dominant roughly_dominant(const Eigen::Matrix<double, 9, 9>& t) {
+  const SymmetricEigen squares = symmetric_eigen(t.transpose() * t);
+  const double first = std::sqrt(std::max(0.0, squares.values(8))),
+               second = std::sqrt(std::max(0.0, squares.values(7)));
+  const Eigen::Matrix<double, 9, 1> v = squares.vectors.col(8);
+  return {(t * v).normalized(), v, first - second};
+}
+
 /// X and Y of A_i X = Y B_i. False if the rotations do not determine them.
-bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x,
-                          Pose& y) {
+bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b, Pose& x, Pose& y,
+                          Dominant (*decompose)(const Eigen::Matrix<double, 9, 9>&) = dominant) {
   const Eigen::Index n = static_cast<Eigen::Index>(a.size());
   if (n < 3) return false;
   Eigen::Matrix<double, 9, 9> t =
@@ -83,10 +103,10 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
     for (int r = 0; r < 3; ++r)
       for (int c = 0; c < 3; ++c)
         t.block<3, 3>(3 * r, 3 * c) += b[i].rotation(r, c) * a[i].rotation;
-  const SingularValues svd = singular_values(t, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  if (svd.values(0) - svd.values(1) < 1e-4 * n) return false;
-  Eigen::Matrix<double, 9, 1> vx = svd.v.col(0), vy = svd.u.col(0);
-  Matrix3d rx = Eigen::Map<Matrix3d>(vx.data()), ry = Eigen::Map<Matrix3d>(vy.data());
+  const Dominant found = decompose(t);
+  if (found.gap < 1e-4 * static_cast<double>(n)) return false;
+  Matrix3d rx = Eigen::Map<const Matrix3d>(found.v.data()),
+           ry = Eigen::Map<const Matrix3d>(found.u.data());
   if (rx.determinant() < 0) rx = -rx;
   if (ry.determinant() < 0) ry = -ry;
   x.rotation = nearest_rotation(rx);
@@ -307,7 +327,8 @@ bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<P
     const size_t i = draws.bits() % n, j = draws.bits() % n, k = draws.bits() % n;
     Pose trial_x, trial_y;
     if (i == j || j == k || k == i ||
-        !robot_world_hand_eye({a[i], a[j], a[k]}, {b[i], b[j], b[k]}, trial_x, trial_y))
+        !robot_world_hand_eye({a[i], a[j], a[k]}, {b[i], b[j], b[k]}, trial_x, trial_y,
+                              roughly_dominant))
       continue;
     const double one = middle(trial_x, trial_y);
     if (one < least) least = one, x = trial_x, y = trial_y, better = true;

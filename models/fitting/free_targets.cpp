@@ -138,16 +138,11 @@ bool some_sensor_tells_no_pose(const Rig& rig) {
   });
 }
 
-std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
+namespace {
+
+/// The better of a view's poses, with its residuals minimised.
+std::optional<Pose> minimised_pose(const Rig& rig, const ParameterTable& table,
                                    const VectorXd& values, const View& view) {
-  const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
-  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target),
-                                          view_ids(view, rig.targets[view.target]));
-  if (kind == MeasurementKind::chain) return Pose();
-  if (kind != MeasurementKind::pose && !((kind == MeasurementKind::points ||
-                                          (kind == MeasurementKind::rays && points.cols() >= 4)) &&
-                                         !on_a_line(points)))
-    return std::nullopt;
   // Alone with its sensor at the origin of a one-view problem: the same refinement as for free
   // targets.
   Rig alone;
@@ -183,6 +178,25 @@ std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
     return std::nullopt;
   }
   return result.targets[{0, 0}];
+}
+
+}  // namespace
+
+std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
+                                   const VectorXd& values, const View& view,
+                                   ViewPosesMemory* memory) {
+  const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
+  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target),
+                                          view_ids(view, rig.targets[view.target]));
+  if (kind == MeasurementKind::chain) return Pose();
+  if (kind != MeasurementKind::pose && !((kind == MeasurementKind::points ||
+                                          (kind == MeasurementKind::rays && points.cols() >= 4)) &&
+                                         !on_a_line(points)))
+    return std::nullopt;
+  if (!memory) return minimised_pose(rig, table, values, view);
+  std::optional<std::optional<Pose>>& known = memory->of(rig, table, values, view).minimised;
+  if (!known) known = minimised_pose(rig, table, values, view);
+  return *known;
 }
 
 }  // namespace kincal

@@ -36,6 +36,7 @@ bool some_sensor_tells_no_pose(const Rig& rig);
 /// where it does not determine one (fewer than four pixels or three points, points on a line, a
 /// scan).
 std::optional<Pose> pose_from_view(const Rig& rig, const ParameterTable& table,
-                                   const VectorXd& values, const View& view);
+                                   const VectorXd& values, const View& view,
+                                   ViewPosesMemory* memory = nullptr);
 
 }  // namespace kincal

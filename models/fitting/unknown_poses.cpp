@@ -118,7 +118,8 @@ PoseGraph::PoseGraph(const Recording& recording, const std::vector<int>& samples
     for (const View& v : recording.samples[index].views)
       if (!known_sensor(v) ||
           (rig_.targets[v.target].link >= 0 && !known_[table_.target_pose[v.target]]))
-        relations_.push_back({index, &v, pose_from_view(rig_, table_, values.shared, v)});
+        relations_.push_back(
+            {index, &v, pose_from_view(rig_, table_, values.shared, v, how.memory)});
 }
 
 /// base_T_target where sensors with known poses see a free target that another one sees as well, or

@@ -133,21 +133,26 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
   }
 }
 
-const std::vector<Pose>& ViewPosesMemory::of(const Rig& rig, const ParameterTable& table,
-                                             const VectorXd& values, const View& view) {
+ViewPosesMemory::Told& ViewPosesMemory::of(const Rig& rig, const ParameterTable& table,
+                                           const VectorXd& values, const View& view) {
+  constexpr size_t kMost = 50'000;  // views; then it begins anew
   const Sensor& sensor = rig.sensors[view.sensor];
   const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target),
                                           view_ids(view, rig.targets[view.target]));
   std::vector<double> numbers = view.z;
-  numbers.insert(numbers.end(), points.data(), points.data() + points.size());
+  const auto add = [&](const double* first, Eigen::Index count) {
+    numbers.insert(numbers.end(), first, first + count);
+  };
+  add(points.data(), points.size());
   for (size_t b = 0; b < sensor.parameters.size(); ++b) {
     const Parameter& p = table.all[table.sensor_block[view.sensor] + static_cast<int>(b)];
-    const double* first = values.data() + p.start;
-    numbers.insert(numbers.end(), first, first + p.size());
+    add(values.data() + p.start, p.size());
   }
-  const auto [at, is_new] = known_.try_emplace({sensor.model, std::move(numbers)});
-  if (is_new) at->second = view_poses(rig, table, values, view);
-  return at->second;
+  for (const std::vector<double>* sigma : {&sensor.sigma, &view.sigma})
+    add(sigma->data(), static_cast<Eigen::Index>(sigma->size()));
+  for (const Matrix3d& covariance : view.covariance) add(covariance.data(), covariance.size());
+  if (known_.size() >= kMost) known_.clear();
+  return known_[{sensor.model, std::move(numbers)}];
 }
 
 Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
@@ -177,8 +182,14 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
   const Pose base_T_sensor =
       Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) *
       get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
-  std::vector<Pose> out =
-      memory ? memory->of(rig, table, values, view) : view_poses(rig, table, values, view);
+  std::vector<Pose> out;
+  if (memory) {
+    std::optional<std::vector<Pose>>& known = memory->of(rig, table, values, view).poses;
+    if (!known) known = view_poses(rig, table, values, view);
+    out = *known;
+  } else {
+    out = view_poses(rig, table, values, view);
+  }
   for (Pose& p : out) p = base_T_sensor * p;
   return out;
 }

@@ -5,6 +5,8 @@
 
 #include <map>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "../rig/parameters.h"
@@ -28,18 +30,22 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
 Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                                 const Sample& sample, const View& view);
 
-/// A memory of view_poses() for fits that ask for the same ones again and again, as the trials of
-/// many hypotheses about one recording do.
+/// A memory of what single views tell, for fits that ask for the same again and again, as the
+/// trials of many hypotheses about one recording do.
 class ViewPosesMemory {
  public:
-  /// Returns view_poses().
-  const std::vector<Pose>& of(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                              const View& view);
+  /// What one view tells, as far as it was asked for.
+  struct Told {
+    std::optional<std::vector<Pose>> poses;        // view_poses()
+    std::optional<std::optional<Pose>> minimised;  // pose_from_view()
+  };
+  /// Returns what is remembered of a view: by its numbers, its target's points and its sensor's
+  /// numbers and noise, which are all that these poses depend on. The reference holds until the
+  /// next call.
+  Told& of(const Rig& rig, const ParameterTable& table, const VectorXd& values, const View& view);
 
  private:
-  /// By all that they depend on.
-  std::map<std::pair<std::shared_ptr<const SensorModel>, std::vector<double>>, std::vector<Pose>>
-      known_;
+  std::map<std::pair<std::shared_ptr<const SensorModel>, std::vector<double>>, Told> known_;
 };
 
 /// Returns the poses base_T_target that one view proposes if its sensor's pose is known.

@@ -1,4 +1,5 @@
-// Two cameras that came out in each other's place: somebody exchanged their names. Where their
+// Cameras that came out where the rig has none: two in each other's place, for somebody exchanged
+// their names; the two of a rectified pair apart along its baseline, for that is wrong. Where their
 // poses are free nothing else shows it, for the data are explained as well.
 #pragma once
 
@@ -13,5 +14,9 @@ namespace kincal {
 /// was found where the other was given: within a quarter of the distance of these, and farther than
 /// three quarters from its own.
 std::vector<Finding> exchanged_cameras(const Solution& solution);
+
+/// Returns a finding (`baseline`) for each rectified pair whose cameras, at one place in the rig,
+/// were found apart along the baseline by more than 3 % of it and five sigmas of that distance.
+std::vector<Finding> pairs_apart(const Solution& solution);
 
 }  // namespace kincal

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "../analysis/hand_eye.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 
@@ -131,37 +132,11 @@ JudgedSigma judged_sigma(const std::vector<FreeZero>& zeros, const ParameterEsti
   return out;
 }
 
-namespace {
-
-/// How the frame of a link is turned in the root's, all joints at zero.
-Matrix3d turned_at_zero(const Tree& tree, int link) {
-  Matrix3d out = Matrix3d::Identity();
-  for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
-    out = tree.joints[j].parent_T_joint.rotation * out;
-  return out;
-}
-
-/// The direction of all turning axes; nothing: there are none, or they are not parallel.
-std::optional<Vector3d> one_direction(const Tree& tree) {
-  constexpr double kParallel = 0.999;
-  std::optional<Vector3d> out;
-  for (const Joint& joint : tree.joints) {
-    if (joint.type == JointType::floating || joint.type == JointType::planar) return {};
-    if (!joint.moves() || joint.type == JointType::prismatic) continue;
-    const Vector3d axis = turned_at_zero(tree, joint.child) * joint.axis;
-    if (out && std::abs(out->dot(axis)) < kParallel) return {};
-    out = axis;
-  }
-  return out;
-}
-
-}  // namespace
-
 std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c) {
   constexpr double kAlong = 0.3;  // a length whose share along the axes is as large
   const Solution& solution = report.solution;
   const Rig& rig = solution.rig();
-  const std::optional<Vector3d> up = one_direction(rig.tree);
+  const std::optional<Vector3d> up = only_turning_axis(rig.tree);
   if (!up || c > 2) return "";
   const auto along = [&](const ParameterEstimate& pose, size_t component) {
     const Parameter& p = solution.table().all[pose.parameter];

@@ -165,7 +165,8 @@ void warn_of_unseen(const Solution& solution, Warnings& out) {
   add(unseen.given, true,
       test +
           "to judge them it is estimated from them alone, and the result keeps the rig's value, "
-          "which predictions take as exact");
+          "which predictions take as exact. That is right for places of a test; to have it "
+          "estimated, let training samples show it");
   if (!all.text.empty()) out.push_back(std::move(all));
 }
 

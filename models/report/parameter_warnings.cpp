@@ -74,10 +74,11 @@ void warn_of_movements(const Solution& solution, Warnings& out) {
     if (!(moved > 1) && !(turned > 1)) continue;
     const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
                       by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
-    poses.push_back({e.name,
-                     e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
-                         " from its initial value: is that possible?",
-                     std::max(moved, turned)});
+    poses.push_back(
+        {e.name,
+         e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
+             " from its initial value: is that possible, or is its link or what it sees another?",
+         std::max(moved, turned)});
   }
   warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
 }
@@ -106,7 +107,11 @@ void warn_of_parameters(const Report& report, Warnings& out) {
        report.automatic.empty() ? "parameters are more than 3 prior sigmas from their priors"
                                 : "parameters are off by more than 3 times what is usual here",
        std::move(priors), out);
-  warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas), out);
+  if (!sigmas.empty()) {
+    warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas),
+         out);
+    out.back().text += ". What to do: record more varied postures";
+  }
   for (const FreeZero& zero : zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
 }
 

@@ -152,12 +152,15 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
   return rig;
 }
 
-/// Whether a mistake explains the data, but for noise.
+/// Whether a mistake explains the data, but for noise, or clearly and but for as much as the
+/// geometry of a robot makes, which is held there.
 bool explains_all(const Diagnosis& diagnosis) {
-  constexpr double kNoise = 3;  // chi2/dof
+  constexpr double kNoise = 3, kOfTheRobot = 25, kClearly = 100;  // chi2/dof; share of chi2
   return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Finding& f) {
-    return f.id != "sigma" && f.chi2_corrected &&
-           *f.chi2_corrected < kNoise * static_cast<double>(diagnosis.dof);
+    if (f.id == "sigma" || !f.chi2_corrected) return false;
+    const double left = *f.chi2_corrected / static_cast<double>(diagnosis.dof);
+    const bool clear = f.chi2_as_is && *f.chi2_as_is > kClearly * *f.chi2_corrected;
+    return left < (clear ? kOfTheRobot : kNoise);
   });
 }
 
@@ -611,8 +614,9 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     if (options.diagnose && solution.status == Status::converged && !report.automatic.empty())
       look_for_a_wrong_length(recording->rig, options, report);
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
-      std::vector<Finding> exchanged = exchanged_cameras(solution);
-      if (!exchanged.empty()) report.diagnosis.emplace().findings = std::move(exchanged);
+      std::vector<Finding> elsewhere = exchanged_cameras(solution);
+      if (elsewhere.empty()) elsewhere = pairs_apart(solution);
+      if (!elsewhere.empty()) report.diagnosis.emplace().findings = std::move(elsewhere);
     }
   } catch (const StudyCancelled&) {
     return std::nullopt;

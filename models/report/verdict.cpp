@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "../analysis/hand_eye.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "free_zeros.h"
@@ -148,7 +149,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
     return text("residuals are larger than the stated noise allows (chi2/dof %.3g)",
                 report.noise_estimated->stated) +
            " and no mistake explains that; they were taken for noise";
-  return w.text;
+  return w.text.substr(0, w.text.find(". What to do: "));
 }
 
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
@@ -190,6 +191,11 @@ std::string what_to_do(const Report& report, const std::string& id) {
            "for mistakes";
   if (id == "prior") return "see which of the two is wrong, the prior or the data";
   if (id == "sigma") return "record more varied postures";
+  if (std::any_of(report.warnings.begin(), report.warnings.end(),
+                  [](const Warning& w) { return w.id == "joint_noise"; }))
+    return "state the noise of the joints that is seen (joint_noise), or have it estimated; if it "
+           "is "
+           "right, look at these, or leave them out";
   return "look at these, or leave them out";
 }
 
@@ -285,10 +291,14 @@ std::string loose_mount(const Report& report) {
            ": all axes that turn are parallel, so along them the places of what is mounted at the "
            "base and at the other end are one number, which no posture tells. " +
            hold_words(hold);
-  return loose.pose->name + " is known to " +
-         (loose.pose->units[loose.component] == "rad" ? text("%.3g degrees", sigma * 180 / kPi)
-                                                      : text("%.3g m", sigma)) +
-         " only: record more varied postures, or give it a prior";
+  const std::string known =
+      loose.pose->name + " is known to " +
+      (loose.pose->units[loose.component] == "rad" ? text("%.3g degrees", sigma * 180 / kPi)
+                                                   : text("%.3g m", sigma)) +
+      " only: ";
+  const MotionLack lack = motion_lack(*report.solution.recording);
+  return known + (lack.why.empty() ? "record more varied postures, or give it a prior"
+                                   : lack.why + "; so " + lack.cure);
 }
 
 namespace {
@@ -298,6 +308,8 @@ std::vector<std::string> next_for_loose(const Report& report) {
   if (!loose.pose) return {};
   if (const std::string hold = height_to_hold(report, *loose.pose, loose.component); !hold.empty())
     return {hold_words(hold)};
+  if (const MotionLack lack = motion_lack(*report.solution.recording); !lack.cure.empty())
+    return {lack.cure};
   return {"record more varied postures, or give " + loose.pose->name + " a prior"};
 }
 

@@ -30,6 +30,9 @@ bool falls_short(double ratio, double dof) {
   return dof > 0 && ratio < std::min(0.8, 1 - 4 * std::sqrt(2 / dof));
 }
 
+constexpr char kLookOrState[] =
+    ". What to do: look for what is wrong, or state the sigmas that are seen";
+
 std::string excess_text(double ratio) {
   return text("chi2/dof is %.3g: the residuals are larger than the rig's sigmas allow", ratio);
 }
@@ -86,7 +89,8 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
     lost.push_back(
         {name,
          name + " is absent from the rig and " +
-             (types.empty() ? "nothing with a known pose ties it down: it starts at the identity"
+             (types.empty() ? "nothing with a known pose ties it down: it starts at the "
+                              "identity. Give it, or a pose that it hangs on, in the rig"
                             : "a sensor of type " + types +
                                   " gives no pose to start from: it starts at the identity, and "
                                   "the result may be "
@@ -179,22 +183,25 @@ void warn_of_directions(const Report& report, Warnings& out) {
   std::vector<Case> directions;
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
     std::string sum;
-    for (const auto& c : solution.unobservable[i])
+    std::vector<std::string> numbers;
+    for (const auto& c : solution.unobservable[i]) {
       sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
+      numbers.push_back(c.first);
+    }
     const std::vector<WeakDirection>& weak =
         report.explanation.weak;  // those of `unobservable` stand first
     const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure
                                             : "hold one of these or give it a prior";
-    directions.push_back(
-        {sum, "the data do not determine " + sum + ": " + why + "; their sigmas are unknown"});
+    directions.push_back({sum, "the data do not determine " + listed(numbers, kNamed) +
+                                   (numbers.size() > 1 ? " together: " : ": ") + why});
   }
   warn("unobservable", "directions are not determined", std::move(directions), out);
 }
 
-/// A flange that did not turn enough, of mounts that are hardly known for that.
-void warn_of_flange(const Report& report, Warnings& out) {
+/// A robot that did not turn enough, of mounts that are hardly known for that.
+void warn_of_motion(const Report& report, Warnings& out) {
   if (!report.solution.unobservable.empty() || !has_open_mount(report)) return;
-  const FlangeLack lack = flange_lack(*report.solution.recording);
+  const MotionLack lack = motion_lack(*report.solution.recording);
   if (!lack.why.empty()) out.push_back({"few_turns", lack.why + ". What to do: " + lack.cure, {}});
 }
 
@@ -223,8 +230,11 @@ void warn_of_chi2(const Report& report, Warnings& out) {
   Warnings parts;
   warn("chi2", "sensors have larger residuals than their sigmas allow", std::move(sensors), parts);
   if (parts.empty() && whole.empty()) return;
+  const bool larger = !parts.empty() || ratio > 1;
   if (parts.empty()) parts.push_back({"chi2", "", {}});
-  parts[0].text = whole + (whole.empty() || parts[0].text.empty() ? "" : "; ") + parts[0].text;
+  parts[0].text =
+      whole + (whole.empty() || parts[0].text.empty() ? "" : "; ") + parts[0].text +
+      (larger ? kLookOrState : ". What to do: state those that are seen, or leave it so");
   out.push_back(std::move(parts[0]));
 }
 
@@ -259,7 +269,9 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
              solution.samples()[x.second.sample].id + "'",
          std::abs(x.second.worst)});
   }
+  if (joints.empty()) return;
   warn("joint_error", "joints have errors above 4 sigmas", std::move(joints), out);
+  out.back().text += ". What to do: look at these samples, or state more noise of these joints";
 }
 
 void warn_of_joint_noise(const Report& report, Warnings& out) {
@@ -279,12 +291,14 @@ void warn_of_joint_noise(const Report& report, Warnings& out) {
                     ")");
   }
   if (!names.empty())
-    out.push_back({"joint_noise",
-                   count_text(names.size(), "joint") +
-                       " at least three times noisier than stated: " + listed(words, kShown) +
-                       ". What is stated of them is wrong, or the model lacks something of them; "
-                       "the sigmas of the result are too small",
-                   names});
+    out.push_back(
+        {"joint_noise",
+         count_text(names.size(), "joint") +
+             " at least three times noisier than stated: " + listed(words, kShown) +
+             ". State the noise that is seen, or have it estimated; if they are that good, "
+             "the model lacks something of them (a gear, play) and the sigmas of the result "
+             "are too small",
+         names});
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -346,7 +360,8 @@ void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>
   out.push_back({id,
                  count_text(found.size(), kind) +
                      " with residuals or joint errors far beyond what is usual here: " +
-                     listed(words, kShown),
+                     listed(words, kShown) +
+                     ". What to do: look at what was recorded there, or leave it out",
                  names});
 }
 
@@ -465,7 +480,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_undefined(report.residuals, out);
   warn_of_steps(report, out);
   warn_of_directions(report, out);
-  warn_of_flange(report, out);
+  warn_of_motion(report, out);
   warn_of_unfinished(report.residuals.unfinished, out);
   warn_of_chi2(report, out);
   warn_of_unexplained(report, out);
@@ -502,7 +517,7 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
         {"not_converged", "the estimation of targets or joint errors did not converge", {}});
   const double dof = static_cast<double>(evaluation.dof);
   if (exceeds(evaluation.chi2 / dof, dof))
-    out.push_back({"chi2", excess_text(evaluation.chi2 / dof), {}});
+    out.push_back({"chi2", excess_text(evaluation.chi2 / dof) + kLookOrState, {}});
   std::vector<Case> open;
   for (const std::string& name : evaluation.open)
     open.push_back({name, name + " is absent from the rig: it was estimated from the samples of "

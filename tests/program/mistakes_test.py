@@ -9,11 +9,14 @@ import copy
 import json
 import math
 import os
+import random
 import re
 import subprocess
 import sys
 import tempfile
 import unittest
+
+from cli_test import axis_angle, frame, move, mul
 
 SOURCE_DIR = KINCAL = FOLDER = None
 SCENES = {}
@@ -284,6 +287,13 @@ class Units(Case):
         _, result, _ = scene.calibrate()
         self.assertEqual([(f["id"], f["where"]) for f in result["findings"]], [("baseline", ["cam2"])])
         self.assertRegex(result["findings"][0]["text"], r"the rig says 0\.132 m, the data say 0\.(12|1199\d|1200\d) m")
+        for given, found in (("0.12", []), ("0.132", [("baseline", ["cam2"])])):   # of poses of their own calibrate sees it all the same
+            scene = Scene("stereo")
+            scene.rig = scene.rig.replace("baseline: 0.12", "baseline: " + given)
+            _, result, _ = scene.calibrate()
+            self.assertEqual([(f["id"], f["where"]) for f in result.get("findings", [])], found, result["verdict"])
+        self.assertRegex(result["findings"][0]["text"], r"1[12](\.\d+)? mm apart along their baseline: the rig says 0\.132 m, the data say 0\.1(2|199\d|200\d+) m")
+        self.assertEqual(result["verdict"]["use"], "doubts")
         scene = Scene("stereo")
         for rig in (scene.rig, re.sub(", pose: {[^}]*}(?=, baseline|})", "", scene.rig)):
             scene.rig = rig.replace("baseline: 0.12", "baseline: -0.12")
@@ -295,7 +305,49 @@ class Units(Case):
             self.assertIn(found[0]["text"][:-1], result["verdict"]["text"])
 
 
+def touching(axes, ball, goal, rng):
+    """Readings at which the ball in the hand is at `goal`: one joint after the other turns it there."""
+    vector = lambda text: [float(v) for v in text.split()]
+    q = [rng.uniform(-0.8, 0.8) for _ in axes]
+    for _ in range(400):
+        for k in reversed(range(len(axes))):
+            frames = [frame([0, 0, 0], [0, 0, 0])]
+            for (xyz, axis), angle in zip(axes, q):
+                frames.append(mul(frames[-1], axis_angle(vector(axis), angle, vector(xyz))))
+            at, centre, tip = move(frames[-1], ball), move(frames[k + 1], (0, 0, 0)), move(frames[k + 1], vector(axes[k][1]))
+            a = [x - y for x, y in zip(tip, centre)]
+            u, w = ([x - y - h * z for x, y, z in zip(p, centre, a)]
+                    for p in (at, goal) for h in [sum((x - y) * z for x, y, z in zip(p, centre, a))])
+            cross = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]]
+            q[k] += math.atan2(sum(x * y for x, y in zip(a, cross)), sum(x * y for x, y in zip(u, w)))
+        if math.dist(at, goal) < 1e-5:
+            return q
+    return None
+
+
 class Points(Case):
+    def test_sockets_in_millimetres(self):
+        """A ball in the hand touches sockets. Of an arm that is not as drawn more than noise is left with metres: then a ball where the first axes
+        meet, which never moves, and sockets of no size would explain all."""
+        axes = [AXES[0], ("0 0 0.1", "0 1 0")] + AXES[2:]
+        drawn = axes[:3] + [("0.3 0 0.058", axes[3][1])] + axes[4:]
+        rng, ball, samples = random.Random(2), [0.05, 0.02, 0.1], []
+        sockets = {"s%d" % k: [0.45 + 0.1 * (k % 2), -0.15 + 0.3 * (k // 2), 0.25] for k in range(4)}
+        for name, at in sockets.items():
+            for i in range(16):
+                q = touching(axes, ball, [at[0] + 0.05 * (i % 2)] + at[1:], rng)
+                if q:
+                    joints = {"j%d" % k: math.remainder(a, 2 * math.pi) + rng.gauss(0, 1e-4) for k, a in enumerate(q, 1)}
+                    samples.append({"id": "%s_%d" % (name, i), "joints": joints, "views": [{"sensor": "ball", "target": name, "ids": [i % 2], "points": [[0, 0, 0]]}]})
+        rig = (HEAD.replace('joints:\n  "*": {sigma: 0.0002}\n', "")
+               + "".join("  %s: {type: points, points: [[0, 0, 0], [50, 0, 0]], mount: {link: base, pose: {xyz: [%g, %g, %g]}}}\n" % (n, *p) for n, p in sockets.items())
+               + "sensors:\n  ball: {type: point, link: l6, pose: {xyz: %s}, sigma: 0.0003}\n" % ball)
+        scene = Scene("tool")
+        scene.urdf, scene.samples = robot(arm(drawn)), samples
+        found = scene.check(rig)
+        self.assertEqual([f["id"] for f in found], ["square"], found)
+        self.assertEqual(set(found[0]["where"]), set(sockets))
+
     def test_order_of_reflectors(self):
         for order in ((3, 2, 1, 0), (0, 2, 1, 3), (2, 0, 3, 1)):
             with self.subTest(order=order):

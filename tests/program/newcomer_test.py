@@ -395,9 +395,33 @@ class Words(Case):
         result, text = self.calibrate(samples, code=2)
         self.assertEqual(result["status"], "unobservable", text)
         self.assertEqual(result["verdict"]["use"], "no")
-        self.assertIn("record more varied postures", result["verdict"]["text"])
+        self.assertRegex(result["verdict"]["text"], "sensor 'cam' against target 'board' hardly turned .* turn one of them about at least two axes")
         with open(self.path("out", "rig.yaml"), encoding="utf-8") as file:
             self.assertIn("do not rely", file.readline())
+
+    def test_turns_about_one_axis_are_told_in_these_words(self):
+        """Two joints whose axes are parallel move, the others stand still."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        first = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)[0]
+        rng = random.Random(5)
+        turned = [{"id": "t%d" % k, "joints": dict(first["joints"], j2=first["joints"]["j2"] + rng.uniform(-0.3, 0.3),
+                                                   j3=first["joints"]["j3"] + rng.uniform(-0.2, 0.2)),
+                   "views": [{"sensor": "cam", "target": "board"}]} for k in range(12)]
+        self.write("turned.jsonl", "".join(json.dumps(p) + "\n" for p in turned))
+        self.kincal("simulate", "rig.yaml", "--samples", "12", "--seed", "2", "--postures", "turned.jsonl", "--truth", "truth.json", "--out", "turned")
+        with open(self.path("turned", "samples.jsonl"), encoding="utf-8") as file:
+            samples = [json.loads(line) for line in file]
+        for steps, code in (("", 2), ("estimate:\n  - {step: mounts, free: [sensor/cam/pose, target/board/pose]}\n", 0)):
+            with self.subTest(steps=steps):
+                self.write("open.yaml", CAMERA + steps)
+                result, text = self.calibrate(samples, code=code, rig="open.yaml")
+                self.assertEqual(result["verdict"]["use"], "no")
+                said = result["verdict"]["text"]
+                self.assertIn("sensor 'cam' against target 'board' turned about one axis only", said)
+                self.assertIn("turn one of them about at least two axes that are not parallel", said)
+                self.assertNotRegex(said, r"[-+][0-9.]+ sensor/cam/pose")   # coefficients stand in result.json
 
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)

@@ -189,7 +189,7 @@ class Words(Case):
             w = warnings[kind]
             self.assertGreater(len(w["names"]), 6)
             self.assertTrue(w["text"].startswith(what % (len(w["names"]), w["names"][0])), w["text"])
-            self.assertTrue(w["text"].endswith("; then %s and %d more" % (", ".join(w["names"][1:4]), len(w["names"]) - 4)), w["text"])
+            self.assertIn("; then %s and %d more" % (", ".join(w["names"][1:4]), len(w["names"]) - 4), w["text"])
         self.assertEqual(list(warnings), ["chi2", "joint_error", "joint_noise", "prior"])
         printed, _ = self.kincal("calibrate", tight, self.samples, "--out", self.out, "--force", "--no-report", "--tables")
         lines = printed[printed.index("\nWarnings\n"):].splitlines()
