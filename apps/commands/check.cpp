@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "../../io/document/files.h"
-#include "../../io/report/input_page.h"
+#include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/doctor/doctor.h"
@@ -60,8 +60,8 @@ int check(const CheckArguments& a) {
                       : "");
   if (!a.page.file.empty())
     write_page(a.page,
-               check_page(rig_file, recording, *diagnosis, explained(*diagnosis),
-                          page_record(a.page, text)),
+               check_files(rig_file, recording, *diagnosis, explained(*diagnosis),
+                           page_record(a.page, text)),
                !a.json);
   return kConverged;
 }
