@@ -347,7 +347,9 @@ ResultOptions page_record(const PageSettings& s, const std::string& samples) {
   return record;
 }
 
-void write_page(const PageSettings& s, const std::string& page, bool say) {
+void write_page(const PageSettings& s, const ResultFiles& files, bool say) {
+  const std::string page =
+      report_page({files.result_json, files.samples_csv, files.residuals_csv, "", ""});
   begin_writing();
   write_file(s.file, page, s.force);
   if (say) std::cout << "Written to " << s.file << "\n";

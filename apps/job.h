@@ -108,7 +108,7 @@ void check_page_file(const PageSettings& settings);
 /// Returns what the page records of where it comes from; `samples` is their text.
 ResultOptions page_record(const PageSettings& settings, const std::string& samples);
 /// Writes the page, and says so on standard output if `say`. @throws InputError
-void write_page(const PageSettings& settings, const std::string& page, bool say);
+void write_page(const PageSettings& settings, const ResultFiles& files, bool say);
 
 /// Adds the options that calibrate and batch share.
 void add_settings(CLI::App& command, CalibrateSettings& settings);

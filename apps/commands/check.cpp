@@ -6,7 +6,7 @@
 
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
-#include "../../io/report/input_page.h"
+#include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/alike.h"
 #include "../../io/rig/samples_file.h"
@@ -94,8 +94,8 @@ int check(const CheckArguments& a) {
   }
   if (!a.page.file.empty())
     write_page(a.page,
-               check_page(rig_file, recording, *diagnosis, explained(*diagnosis),
-                          page_record(a.page, text)),
+               check_files(rig_file, recording, *diagnosis, explained(*diagnosis),
+                           page_record(a.page, text)),
                !a.json);
   return kConverged;
 }

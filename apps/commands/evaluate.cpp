@@ -5,7 +5,7 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
-#include "../../io/report/input_page.h"
+#include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/report/warnings.h"
@@ -57,9 +57,10 @@ int evaluate(const EvaluateArguments& a) {
     }
     for (const Warning& w : words) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
     if (!a.page.file.empty())
-      write_page(a.page,
-                 evaluation_page(rig_file, recording, evaluation, words, page_record(a.page, text)),
-                 !a.json);
+      write_page(
+          a.page,
+          evaluation_files(rig_file, recording, evaluation, words, page_record(a.page, text)),
+          !a.json);
     return evaluation.converged ? kConverged : kNotConverged;
   } catch (const NameError& error) {
     throw with_nearest(error);

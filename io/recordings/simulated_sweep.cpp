@@ -7,9 +7,9 @@
 namespace kincal {
 namespace {
 
-constexpr size_t kRays = 32;               // of a spot
-constexpr double kInk = 0.12, kPaper = 1;  // light that comes back
-constexpr double kBack = 0.5;              // of a sheet, between ink and paper
+constexpr size_t kRays = 32;                                 // of a spot
+constexpr double kInkIntensity = 0.12, kPaperIntensity = 1;  // light that comes back
+constexpr double kBackOfSheet = 0.5;                         // of a sheet, between ink and paper
 
 /// What a ray sees.
 struct Sight {
@@ -55,8 +55,8 @@ Sight look_along(const LaserScene& scene, const std::vector<const Sheet*>& sheet
     const Vector3d at = inverse(print) * Vector3d(ray.origin + range * ray.direction) / sheet.unit;
     if (!sheet.print->sheet.contains(cv::Point2d(at.x(), at.y()))) continue;
     const bool front = (slope > 0) != sheet.y_up;
-    const double brightness = front ? sheet.print->brightness(at.x(), at.y()) : kBack;
-    out = {range, kInk + (kPaper - kInk) * brightness, brightness};
+    const double brightness = front ? sheet.print->brightness(at.x(), at.y()) : kBackOfSheet;
+    out = {range, kInkIntensity + (kPaperIntensity - kInkIntensity) * brightness, brightness};
   }
   return out;
 }

@@ -1,11 +1,10 @@
-#include "input_page.h"
+#include "input_files.h"
 
 #include "../../models/rig/numbers.h"
 #include "../document/files.h"
-#include "../results/csv.h"
-#include "../results/result_json.h"
-#include "../results/scene_json.h"
-#include "report_page.h"
+#include "csv.h"
+#include "result_json.h"
+#include "scene_json.h"
 
 namespace kincal {
 namespace {
@@ -18,8 +17,8 @@ Report as_it_is(const std::shared_ptr<const Recording>& recording) {
   return out;
 }
 
-std::string page(const char* kind, const RigFile& rig_file, const ResultOptions& record,
-                 const Report& report, const Json& found) {
+ResultFiles files(const char* kind, const RigFile& rig_file, const ResultOptions& record,
+                  const Report& report, const Json& found) {
   Json json = {{"kind", kind},
                {"kincal", record.version},
                {"input",
@@ -32,8 +31,11 @@ std::string page(const char* kind, const RigFile& rig_file, const ResultOptions&
   if (!rig_file.time.empty()) json["time"] = rig_file.time;
   json.update(found);
   json["scene"] = scene_json(report, rig_file.urdf);
-  return report_page(
-      {json_text(json), samples_csv(report.solution), residuals_csv(report), "", ""});
+  ResultFiles out;
+  out.result_json = json_text(json);
+  out.samples_csv = samples_csv(report.solution);
+  out.residuals_csv = residuals_csv(report);
+  return out;
 }
 
 /// What was measured, without anything that it is compared with.
@@ -51,24 +53,24 @@ std::vector<ViewResiduals> measured(const Recording& recording) {
 
 }  // namespace
 
-std::string evaluation_page(const RigFile& rig_file,
-                            const std::shared_ptr<const Recording>& recording,
-                            const Evaluation& evaluation, const std::vector<Warning>& warnings,
-                            const ResultOptions& record) {
+ResultFiles evaluation_files(const RigFile& rig_file,
+                             const std::shared_ptr<const Recording>& recording,
+                             const Evaluation& evaluation, const std::vector<Warning>& warnings,
+                             const ResultOptions& record) {
   Report report = as_it_is(recording);
   report.residuals.after = evaluation.views;
-  return page("evaluation", rig_file, record, report, evaluation_json(evaluation, warnings));
+  return files("evaluation", rig_file, record, report, evaluation_json(evaluation, warnings));
 }
 
-std::string check_page(const RigFile& rig_file, const std::shared_ptr<const Recording>& recording,
-                       const Diagnosis& diagnosis, bool explained, const ResultOptions& record) {
+ResultFiles check_files(const RigFile& rig_file, const std::shared_ptr<const Recording>& recording,
+                        const Diagnosis& diagnosis, bool explained, const ResultOptions& record) {
   Report report = as_it_is(recording);
   report.residuals.after = measured(*recording);
   Json found = diagnosis_json(diagnosis);
   found["said"] = found["verdict"];
   found.erase("verdict");
   found["explained"] = explained;
-  return page("check", rig_file, record, report, found);
+  return files("check", rig_file, record, report, found);
 }
 
 }  // namespace kincal
