@@ -23,6 +23,7 @@ using Eigen::Vector4d;
 
 constexpr double kReach = 0.45;       // squares: half of a corner's window
 constexpr double kMostPixels = 12e6;  // of a picture
+constexpr double kSeen = 1e-6;        // weight of a pixel that a beam has seen
 
 double median(std::vector<double> all) {
   if (all.empty()) return 0;
@@ -42,8 +43,16 @@ double quantile(std::vector<double> all, double share) {
 /// A BeamPicture is the intensities with square pixels; the pixel (x, y) is at u = left + pitch x,
 /// v = top + pitch y.
 struct BeamPicture {
-  cv::Mat grey;  // 8 bits
+  cv::Mat level;                // CV_32F, from `dark` to `bright`
+  double dark = 0, bright = 0;  // nearly all beams are between them
   double left = 0, top = 0, pitch = 1;
+
+  cv::Mat grey() const {
+    cv::Mat out;
+    const double scale = 255 / std::max(1e-12, bright - dark);
+    level.convertTo(out, CV_8U, scale, -scale * dark);
+    return out;
+  }
 };
 
 /// What no beam has seen gets the mean of what is around it, from near to far.
@@ -52,50 +61,50 @@ void fill_gaps(cv::Mat& sum, cv::Mat& weight) {
     cv::Mat wide, count;
     cv::blur(sum, wide, {size, size});
     cv::blur(weight, count, {size, size});
-    const cv::Mat gaps = (weight <= 1e-6) & (count > 1e-6);
+    const cv::Mat gaps = (weight <= kSeen) & (count > kSeen);
     wide.copyTo(sum, gaps);
     count.copyTo(weight, gaps);
   }
 }
 
-BeamPicture picture_of(const Beams& beams, double pitch) {
-  double right = -1e300, bottom = -1e300;
+/// A Box is where beams are.
+struct Box {
+  Vector2d low = Vector2d(1e300, 1e300), high = -low;
+
+  void take(const Vector2d& p) { low = low.cwiseMin(p), high = high.cwiseMax(p); }
+};
+
+Vector2d place_of(const Beam& b) { return {b.u, b.v}; }
+
+BeamPicture picture_of(const std::vector<const Beam*>& beams, const Vector2d& step, double pitch) {
   BeamPicture out;
-  out.left = out.top = 1e300;
-  out.pitch = pitch;
+  Box box;
   std::vector<double> levels;
-  for (const Beam& b : beams.all) {
-    out.left = std::min(out.left, b.u), right = std::max(right, b.u);
-    out.top = std::min(out.top, b.v), bottom = std::max(bottom, b.v);
-    levels.push_back(b.intensity);
-  }
-  const int width = static_cast<int>((right - out.left) / pitch) + 2,
-            height = static_cast<int>((bottom - out.top) / pitch) + 2;
+  for (const Beam* b : beams) box.take(place_of(*b)), levels.push_back(b->intensity);
+  out.left = box.low(0), out.top = box.low(1), out.pitch = pitch;
+  out.dark = quantile(levels, 0.02), out.bright = quantile(levels, 0.98);
+  const Vector2d size = (box.high - box.low) / pitch;
+  const int width = static_cast<int>(size(0)) + 2, height = static_cast<int>(size(1)) + 2;
   cv::Mat sum = cv::Mat::zeros(height, width, CV_32F), weight = sum.clone();
-  const double reach_x = std::max(1., beams.step_u / pitch),
-               reach_y = std::max(1., beams.step_v / pitch);
-  const double dark = quantile(levels, 0.02), bright = quantile(levels, 0.98);
-  for (const Beam& b : beams.all) {
-    const double x = (b.u - out.left) / pitch, y = (b.v - out.top) / pitch;
-    const double level = std::clamp(b.intensity, dark, bright);
+  const double reach_x = std::max(1., step(0) / pitch), reach_y = std::max(1., step(1) / pitch);
+  for (const Beam* b : beams) {
+    const double x = (b->u - out.left) / pitch, y = (b->v - out.top) / pitch;
+    const double level = std::clamp(b->intensity, out.dark, out.bright);
     const int first_x = std::max(0, static_cast<int>(std::ceil(x - reach_x))),
               last_x = std::min(width - 1, static_cast<int>(std::floor(x + reach_x)));
     const int first_y = std::max(0, static_cast<int>(std::ceil(y - reach_y))),
               last_y = std::min(height - 1, static_cast<int>(std::floor(y + reach_y)));
     for (int row = first_y; row <= last_y; ++row)
       for (int column = first_x; column <= last_x; ++column) {
-        const double w =
-            (1 - std::abs(column - x) / reach_x) * (1 - std::abs(row - y) / reach_y) + 1e-5;
+        const double w = (1 - std::abs(column - x) / reach_x) * (1 - std::abs(row - y) / reach_y);
         sum.at<float>(row, column) += static_cast<float>(w * level);
         weight.at<float>(row, column) += static_cast<float>(w);
       }
   }
   fill_gaps(sum, weight);
-  cv::Mat mean = cv::Mat(height, width, CV_32F, cv::Scalar(0.5 * (dark + bright)));
+  out.level = cv::Mat(height, width, CV_32F, cv::Scalar(0.5 * (out.dark + out.bright)));
   cv::divide(sum, weight, sum);
-  sum.copyTo(mean, weight > 1e-6);
-  mean.convertTo(out.grey, CV_8U, 255 / std::max(1e-12, bright - dark),
-                 -255 * dark / std::max(1e-12, bright - dark));
+  sum.copyTo(out.level, weight > kSeen);
   return out;
 }
 
@@ -129,8 +138,6 @@ struct Edge {
     return std::sqrt(2 / kPi) / sigma * std::exp(-0.5 * a * a / (sigma * sigma));
   }
 };
-
-Vector2d place_of(const Beam& b) { return {b.u, b.v}; }
 
 void take_beams(const std::vector<const Beam*>& near, Corner& corner) {
   const Matrix2d units = corner.sides.inverse();
@@ -175,6 +182,17 @@ double step(Corner& c) {
   return length;
 }
 
+/// Variance of where an edge is in the gap between the two beams beside it, squares^2.
+double unseen(const Corner& c, const Edge& edge) {
+  double before = -kReach, after = kReach;
+  for (const Beam* beam : c.beams) {
+    const double a = edge.place(place_of(*beam) - c.at);
+    (a < 0 ? before : after) = a < 0 ? std::max(before, a) : std::min(after, a);
+  }
+  const double gap = std::max(0., after - before - 3 * edge.sigma);
+  return gap * gap * gap / (12 * std::max(1e-12, after - before));
+}
+
 /// The covariance of a corner that is fitted.
 Matrix2d covariance_of(const Corner& c) {
   const Edge ea(c, 0), eb(c, 1);
@@ -190,7 +208,8 @@ Matrix2d covariance_of(const Corner& c) {
     const double leverage = j.dot(inverse * j);
     middle += r * r / std::max(0.05, 1 - leverage) * j * j.transpose();
   }
-  return (inverse * middle * inverse).topLeftCorner<2, 2>();
+  const Matrix2d gaps = Vector2d(unseen(c, ea), unseen(c, eb)).asDiagonal();
+  return (inverse * middle * inverse).topLeftCorner<2, 2>() + c.sides * gaps * c.sides.transpose();
 }
 
 /// Fits a corner to the beams around it. Returns false where there is none.
@@ -213,7 +232,7 @@ std::vector<Corner> corners_of(const Beams& beams, const BeamPicture& picture,
                                const ImageTarget& target, const Detection& found) {
   std::vector<cv::Point2d> plane;
   for (const int id : found.ids) plane.push_back(target.points[static_cast<size_t>(id)]);
-  const PlaneView view = fit_plane_view(plane, found.pixels, picture.grey.size());
+  const PlaneView view = fit_plane_view(plane, found.pixels, picture.level.size());
   std::vector<int> ids = found.ids;
   if (target.kind == ImageTarget::Kind::chessboard) {  // it is seen whole
     ids.resize(target.points.size());
@@ -238,15 +257,15 @@ std::vector<Corner> corners_of(const Beams& beams, const BeamPicture& picture,
 
 /// The beams in the box around all corners and their windows.
 std::vector<const Beam*> beams_near(const Beams& beams, const std::vector<Corner>& corners) {
-  Vector2d low(1e300, 1e300), high = -low;
+  Box box;
   for (const Corner& c : corners) {
     const Vector2d half = c.sides.cwiseAbs().rowwise().sum();
-    low = low.cwiseMin(c.at - half);
-    high = high.cwiseMax(c.at + half);
+    box.take(c.at - half), box.take(c.at + half);
   }
   std::vector<const Beam*> out;
   for (const Beam& b : beams.all)
-    if (b.u > low(0) && b.u < high(0) && b.v > low(1) && b.v < high(1)) out.push_back(&b);
+    if ((place_of(b) - box.low).minCoeff() > 0 && (box.high - place_of(b)).minCoeff() > 0)
+      out.push_back(&b);
   return out;
 }
 
@@ -314,10 +333,6 @@ void fit_all(const Beams& beams, std::vector<Corner>& corners) {
     if (std::abs(c.half) > 0.4 * contrast &&
         c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
       c.covariance = covariance_of(c);
-      for (int k = 0; k < 2; ++k) {
-        const double gap = std::max(0., pitch(k) - 3 * spot(k));
-        c.covariance(k, k) += gap * gap * gap / (12 * pitch(k));
-      }
       corners.push_back(c);
     }
 }
@@ -487,8 +502,9 @@ std::vector<std::vector<const Beam*>> heaps(const Beams& beams, double level) {
   return out;
 }
 
-/// The range of a patch in a direction: of a plane through the beams that see nothing else.
-void range_of(const std::vector<const Beam*>& beams, BeamPoint& p) {
+/// The range of a patch at a place, from beams that see nothing else, and how it changes from there
+/// with u and v.
+Vector2d range_of(const std::vector<const Beam*>& beams, BeamPoint& p) {
   std::vector<const Beam*> kept = beams;
   Vector3d line = Vector3d::Zero();
   double scatter = 0;
@@ -519,47 +535,63 @@ void range_of(const std::vector<const Beam*>& beams, BeamPoint& p) {
   }
   p.range = line(0);
   p.range_sigma = scatter * std::sqrt(jtj.inverse()(0, 0));
+  return line.tail<2>();
 }
 
 /// The middle of the light of a heap of bright beams, above what is around it.
 BeamPoint middle_of(const Beams& beams, const std::vector<const Beam*>& heap) {
-  Vector2d low(1e300, 1e300), high = -low;
-  for (const Beam* b : heap) low = low.cwiseMin(place_of(*b)), high = high.cwiseMax(place_of(*b));
-  const Vector2d pitch(beams.step_u, beams.step_v), rim = 2 * pitch + 0.2 * (high - low);
+  Box box;
+  for (const Beam* b : heap) box.take(place_of(*b));
+  const Vector2d step(beams.step_u, beams.step_v), rim = 2 * step + 0.2 * (box.high - box.low);
   std::vector<const Beam*> near;
   std::vector<double> around, inside, deviations;
   for (const Beam& b : beams.all) {
-    const Vector2d out = (low - place_of(b)).cwiseMax(place_of(b) - high);
+    const Vector2d out = (box.low - place_of(b)).cwiseMax(place_of(b) - box.high);
     if ((out - rim).maxCoeff() > 0) continue;
     near.push_back(&b);
-    if ((out - pitch).maxCoeff() > 0) around.push_back(b.intensity);
+    if ((out - step).maxCoeff() > 0) around.push_back(b.intensity);
   }
   for (const Beam* b : heap) inside.push_back(b->intensity);
   const double ground = median(around), top = quantile(inside, 0.8);
   for (const double level : around) deviations.push_back(std::abs(level - ground));
   const double noise = 1.4826 * median(deviations);
-  double light = 0;
-  Vector2d at = Vector2d::Zero(), variance = at;
-  for (const Beam* b : near) {
-    light += b->intensity - ground;
-    at += (b->intensity - ground) * place_of(*b);
-  }
-  at /= light;
-  for (const Beam* b : near)
-    variance += (place_of(*b) - at).cwiseAbs2() * std::pow(noise / light, 2);
-  const double radius = std::sqrt(static_cast<double>(heap.size()) / kPi);
-  variance += pitch.cwiseAbs2() / (12 * kPi * radius);
+  const BeamPicture picture = picture_of(near, step, 0.5 * step.minCoeff());
+  Vector2d slope = Vector2d::Zero(), variance = slope;  // of the range, relative to it
   BeamPoint out;
-  out.u = at(0), out.v = at(1);
-  out.covariance = variance.asDiagonal();
-  out.time = time_at(heap, at, out.span);
+  const auto centre = [&] {
+    double light = 0;
+    Vector2d sum = Vector2d::Zero();
+    for (int y = 0; y < picture.level.rows; ++y)
+      for (int x = 0; x < picture.level.cols; ++x) {
+        const Vector2d place(picture.left + picture.pitch * x, picture.top + picture.pitch * y);
+        const double farther = 1 + slope.dot(place - Vector2d(out.u, out.v));
+        const double share = std::pow(farther, 4) * (picture.level.at<float>(y, x) - ground);
+        light += share;
+        sum += share * place;
+      }
+    out.u = sum(0) / light, out.v = sum(1) / light;
+  };
+  centre();
   std::vector<const Beam*> whole, any;  // those that see nothing else
   for (const Beam* b : heap)
     if (b->range > 0) {
       any.push_back(b);
       if (b->intensity > ground + 0.8 * (top - ground)) whole.push_back(b);
     }
-  if (!any.empty()) range_of(whole.size() >= 6 ? whole : any, out);
+  if (any.empty()) return out;
+  const std::vector<const Beam*>& ranged = whole.size() >= 6 ? whole : any;
+  slope = range_of(ranged, out) / out.range;
+  centre();
+  range_of(ranged, out);
+  const Vector2d at(out.u, out.v);
+  double of_beams = 0;
+  for (const Beam* b : near) of_beams += b->intensity - ground;
+  for (const Beam* b : near)
+    variance += (place_of(*b) - at).cwiseAbs2() * std::pow(noise / of_beams, 2);
+  const double radius = std::sqrt(static_cast<double>(heap.size()) / kPi);
+  variance += step.cwiseAbs2() / (12 * kPi * radius);
+  out.covariance = variance.asDiagonal();
+  out.time = time_at(heap, at, out.span);
   return out;
 }
 
@@ -573,14 +605,16 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
   }
   Detection found;
   BeamPicture picture;
-  const double coarse = std::max(beams.step_u, beams.step_v),
-               fine = std::min(beams.step_u, beams.step_v);
-  double width = 0, height = 0;
-  for (double pitch = coarse; pitch > 0.3 * fine && found.ids.empty(); pitch *= 0.5) {
-    if (pitch < coarse && width * height * 4 > kMostPixels) break;
-    picture = picture_of(beams, pitch);
-    width = picture.grey.cols, height = picture.grey.rows;
-    found = detect(picture.grey, target);
+  std::vector<const Beam*> all;
+  Box box;
+  for (const Beam& b : beams.all) all.push_back(&b), box.take(place_of(b));
+  const Vector2d step(beams.step_u, beams.step_v);
+  const double finest =
+      std::max(0.3 * step.minCoeff(), std::sqrt((box.high - box.low).prod() / kMostPixels));
+  for (double pitch = std::max(step.maxCoeff(), finest); pitch >= finest && found.ids.empty();
+       pitch *= 0.5) {
+    picture = picture_of(all, step, pitch);
+    found = detect(picture.grey(), target);
   }
   if (found.ids.empty()) {
     out.reason = found.reason;

@@ -14,9 +14,9 @@
 // that an error of S is none of q. Covariance: (J'J)^-1 (sum j j' r^2 / (1 - l)) (J'J)^-1 with the
 // residuals r themselves and their leverages l: what the model does not know (steps of the
 // intensity, jitter, the spot's true shape) is not the same everywhere, but largest on the edges,
-// which alone tell where the corner is. Where beams are so far apart (d) that an edge can lie
-// between two without being seen, in a gap of g = d - 3 w, residuals do not know it: a share g / d
-// of the edges is anywhere in it, which is a variance of g^3 / (12 d).
+// which alone tell where the corner is. An edge that lies between two beams (d apart, as it sees
+// them) that are farther apart than its blur can be anywhere in the gap g = d - 3 s_a, and no
+// residual knows it; a share g / d of all edges is there, which is a variance of g^3 / (12 d).
 //
 // Ranges. Beams on the edge of something are far and near at once, and dark squares have other
 // ranges than bright ones (less light: noisier, and often too far by some mm), so only beams that
@@ -29,10 +29,12 @@
 // would make the board's distance known too well.) Sigma: scatter about these means / sqrt(n).
 //
 // A reflector is the heap of neighbouring beams that are brighter than half the brightest. Its
-// middle is the centroid of the light above what is around; the variance is what noise does to
-// that, and of a lattice of beams: a circle of radius r (in steps) has 2 pi r cells on its rim,
-// each of which is half seen with a variance of 1/12, so the middle has one of  1 / (12 pi r)
-// steps^2. The range is that of a plane through the beams that are wholly on it.
+// middle is that of the patch, not of its picture: with r the range of a plane through the beams
+// that are wholly on it, a pixel that sees the light I above what is around shows an area ~ r^3, at
+// r times its direction, so the middle is in direction  sum I r^4 (u, v) / sum I r^4. Variance:
+// what noise does to that, and the lattice of beams: a circle of radius R (in steps) has 2 pi R
+// cells on its rim, each half seen with a variance of 1/12, so the middle has one of
+// 1 / (12 pi R)  steps^2. Of a sphere it is the surface that is measured.
 #pragma once
 
 #include <functional>
