@@ -276,7 +276,7 @@ LooseNumber loosest(const Report& report) {
 
 /// What to do where one length is a choice.
 std::string hold_words(const std::string& number) {
-  return "Hold " + number + " (`fix`) at what is measured there, which the rig's pose gives";
+  return "Write a pose with what is measured there into the rig, and hold " + number + " (`fix`)";
 }
 
 }  // namespace
