@@ -35,6 +35,7 @@ int record_bag(const Arguments& a) {
   options.joint_rate = a.journey.joint_rate;
   options.frame_rate = a.journey.frame_rate;
   options.camera_delay = a.journey.camera_delay;
+  options.sweep = {a.journey.sweeps, a.journey.scan_rate};
   options.look = {a.look.blur, a.look.noise, a.look.vignetting, a.look.background};
   options.seed = a.seed;
   options.force = a.force;
@@ -47,8 +48,9 @@ int record_bag(const Arguments& a) {
   const RecordedBag bag = render_bag(rig, a.samples, a.truth, a.bag, options);
   progress.clear();
   if (!bag.written) return say_interrupted();
-  std::printf("%d images and %d readings of the joints in %.1f s\nWritten to %s\n", bag.images,
-              bag.readings, bag.duration, a.bag.c_str());
+  const std::string scans = bag.scans > 0 ? std::to_string(bag.scans) + " scans, " : "";
+  std::printf("%s%d images and %d readings of the joints in %.1f s\nWritten to %s\n", scans.c_str(),
+              bag.images, bag.readings, bag.duration, a.bag.c_str());
   return kConverged;
 }
 

@@ -49,7 +49,11 @@ std::vector<CLI::Option*> add_journey_options(CLI::App& command, JourneyArgument
           add("--joint-rate", a.joint_rate, 1, 10000, "with --bag: readings of the joints, Hz"),
           add("--frame-rate", a.frame_rate, 0.1, 1000, "with --bag: images of each camera, Hz"),
           add("--camera-delay", a.camera_delay, -1, 1,
-              "with --bag: by how much images are stamped later than readings, s")};
+              "with --bag: by how much images are stamped later than readings, s"),
+          add("--sweeps", a.sweeps, 0, 3600,
+              "with --bag: tilting lasers sweep up and down in every rest, each way in so many "
+              "seconds; 0: they do not"),
+          add("--scan-rate", a.scan_rate, 1, 1000, "with --sweeps: scans of each laser, Hz")};
 }
 
 std::vector<std::string> words_of(const JourneyArguments& a, const std::string& bag) {
@@ -59,7 +63,9 @@ std::vector<std::string> words_of(const JourneyArguments& a, const std::string& 
           "--scatter",      shortest(a.scatter),
           "--joint-rate",   shortest(a.joint_rate),
           "--frame-rate",   shortest(a.frame_rate),
-          "--camera-delay", shortest(a.camera_delay)};
+          "--camera-delay", shortest(a.camera_delay),
+          "--sweeps",       shortest(a.sweeps),
+          "--scan-rate",    shortest(a.scan_rate)};
 }
 
 std::string ends_as_a_bag(const std::string& path) {

@@ -22,7 +22,8 @@ std::vector<std::string> words_of(const RenderArguments& a);
 
 /// How a robot moves that is recorded, and how often it logs.
 struct JourneyArguments {
-  double rest = 1.5, move = 1, scatter = 0.3, joint_rate = 100, frame_rate = 10, camera_delay = 0;
+  double rest = 1.5, move = 1, scatter = 0.3, joint_rate = 100, frame_rate = 10, camera_delay = 0,
+         sweeps = 0, scan_rate = 40;
 };
 
 std::vector<CLI::Option*> add_journey_options(CLI::App& command, JourneyArguments& a);

@@ -20,7 +20,13 @@ constexpr size_t kAtOnce = 16;     // frames that are in memory
 constexpr double kInstant = 1e-9;  // s; ends are met in spite of rounding
 
 /// What makes streams of random numbers differ: kind of draw by what it is for.
-enum BagStream : std::uint64_t { kReadings = 1, kExposures = 2, kNoise = 3 };
+enum BagStream : std::uint64_t {
+  kReadings = 1,
+  kExposures = 2,
+  kNoise = 3,
+  kScans = 4,
+  kTilts = 5
+};
 
 /// A Frame is one picture of a camera.
 struct Frame {
@@ -150,32 +156,96 @@ std::int64_t stamp(double time) {
   return kRecordingStart + static_cast<std::int64_t>(std::llround(time * 1e9));
 }
 
-/// Writes all messages, readings and images in the order of their stamps.
-RecordedBag record(const RigFile& rig, const Studio& studio, const Journey& journey,
-                   std::vector<RecordedCamera>& cameras, BagWriter& bag,
+/// A Logger writes readings and scans in the order of their stamps, as time goes on.
+class Logger {
+ public:
+  Logger(const RigFile& rig, const Journey& journey, const std::vector<SimulatedLaser>& lasers,
+         BagWriter& bag, const BagOptions& options)
+      : rig_(rig),
+        journey_(journey),
+        lasers_(lasers),
+        bag_(bag),
+        options_(options),
+        reading_draws_(~options.seed, kReadings),
+        tilt_draws_(~options.seed, kTilts) {
+    const int description = bag.add_topic("/robot_description", "std_msgs/String");
+    joints_ = bag.add_topic("/joint_states", "sensor_msgs/JointState");
+    bag.write(description, stamp(0), text_message(bag.wire(), rig.urdf.text));
+    for (const Joint& joint : rig.rig.tree.joints) names_.push_back(joint.name);
+    for (const SimulatedLaser& laser : lasers)
+      topics_.push_back(bag.add_topic("/" + sensor(laser).name + "/scan", "sensor_msgs/LaserScan"));
+  }
+
+  /// Writes what is stamped up to a time, s.
+  void until(double time, RecordedBag& out) {
+    std::vector<double> starts;
+    const auto from = static_cast<std::uint64_t>(scans_);
+    for (; !lasers_.empty() && scans_ / options_.sweep.scan_rate <= time; ++scans_)
+      starts.push_back(scans_ / options_.sweep.scan_rate);
+    std::vector<LaserScan> scans(starts.size() * lasers_.size());
+    in_parallel(
+        scans.size(), options_.threads,
+        [&](size_t i) {
+          const std::uint64_t number = from * lasers_.size() + i;
+          scans[i] = lasers_[i % lasers_.size()].scan(journey_, starts[i / lasers_.size()],
+                                                      Draws(~options_.seed, kScans + 4 * number));
+        },
+        nullptr);
+    for (size_t i = 0; i < scans.size(); ++i) {
+      readings_until(scans[i].time, out);
+      const size_t k = i % lasers_.size();
+      const std::string& frame = rig_.rig.tree.links[static_cast<size_t>(sensor(lasers_[k]).link)];
+      const std::int64_t at = stamp(scans[i].time);
+      bag_.write(topics_[k], at, laser_scan_message(bag_.wire(), at, frame, scans[i]));
+      ++out.scans;
+    }
+    readings_until(time, out);
+  }
+
+ private:
+  const Sensor& sensor(const SimulatedLaser& laser) const {
+    return rig_.rig.sensors[static_cast<size_t>(laser.sensor())];
+  }
+
+  void readings_until(double time, RecordedBag& out) {
+    for (; out.readings / options_.joint_rate <= time; ++out.readings) {
+      const double t = out.readings / options_.joint_rate;
+      std::vector<double> logged = journey_.logged(t, reading_draws_);
+      for (const SimulatedLaser& laser : lasers_)
+        logged[static_cast<size_t>(laser.joint())] = laser.reading(t) + options_.journey.scatter *
+                                                                            sensor(laser).sigma[0] *
+                                                                            tilt_draws_.normal();
+      bag_.write(joints_, stamp(t), joint_state_message(bag_.wire(), stamp(t), names_, logged));
+    }
+  }
+
+  const RigFile& rig_;
+  const Journey& journey_;
+  const std::vector<SimulatedLaser>& lasers_;
+  BagWriter& bag_;
+  const BagOptions& options_;
+  Draws reading_draws_, tilt_draws_;
+  std::vector<std::string> names_;
+  std::vector<int> topics_;      // by laser
+  int joints_ = -1, scans_ = 0;  // the topic; scans that each laser has taken
+};
+
+/// Writes all messages, readings, scans and images in the order of their stamps.
+RecordedBag record(const Studio& studio, const Journey& journey,
+                   std::vector<RecordedCamera>& cameras, Logger& logger, BagWriter& bag,
                    const BagOptions& options) {
   RecordedBag out;
   out.duration = journey.duration();
-  const int description = bag.add_topic("/robot_description", "std_msgs/String"),
-            joints = bag.add_topic("/joint_states", "sensor_msgs/JointState");
   for (RecordedCamera& c : cameras) {
-    const std::string name = "/" + rig.rig.sensors[c.sensor].name;
+    const std::string name = "/" + studio.rig.sensors[c.sensor].name;
     c.images = bag.add_topic(name + "/image_raw", "sensor_msgs/Image");
     c.infos = bag.add_topic(name + "/camera_info", "sensor_msgs/CameraInfo");
   }
-  std::vector<std::string> names;
-  for (const Joint& joint : rig.rig.tree.joints) names.push_back(joint.name);
-  bag.write(description, stamp(0), text_message(bag.wire(), rig.urdf.text));
-  Draws draws(~options.seed, kReadings);
-  const auto readings_until = [&](double time) {
-    for (; out.readings / options.joint_rate <= time; ++out.readings) {
-      const double t = out.readings / options.joint_rate;
-      bag.write(joints, stamp(t),
-                joint_state_message(bag.wire(), stamp(t), names, journey.logged(t, draws)));
-    }
-  };
   Photographer photographer(studio, journey, cameras, options);
   const std::vector<Frame> frames = frames_of(journey, cameras.size(), options.frame_rate);
+  const auto progress = [&](double time) {
+    if (options.progress) options.progress(std::min(1., time / out.duration));
+  };
   for (size_t first = 0; first < frames.size(); first += kAtOnce) {
     const std::vector<Frame> block(
         frames.begin() + static_cast<std::ptrdiff_t>(first),
@@ -184,8 +254,8 @@ RecordedBag record(const RigFile& rig, const Studio& studio, const Journey& jour
     for (size_t i = 0; i < block.size(); ++i, ++out.images) {
       const RecordedCamera& c = cameras[block[i].camera];
       const double time = block[i].time + options.camera_delay;
-      readings_until(std::min(time, out.duration + kInstant));
-      const std::string& frame = rig.rig.tree.links[rig.rig.sensors[c.sensor].link];
+      logger.until(std::min(time, out.duration + kInstant), out);
+      const std::string& frame = studio.rig.tree.links[studio.rig.sensors[c.sensor].link];
       const GreyPicture picture{
           c.numbers.width,
           c.numbers.height,
@@ -194,10 +264,13 @@ RecordedBag record(const RigFile& rig, const Studio& studio, const Journey& jour
       bag.write(c.infos, stamp(time),
                 camera_info_message(bag.wire(), stamp(time), frame, c.numbers));
     }
-    if (options.progress)
-      options.progress(static_cast<double>(first) / static_cast<double>(frames.size()));
+    progress(block.back().time);
   }
-  readings_until(out.duration + kInstant);
+  for (double time = frames.empty() ? 0 : frames.back().time; time < out.duration; time += 1) {
+    logger.until(time, out);
+    progress(time);
+  }
+  logger.until(out.duration + kInstant, out);
   bag.finish();
   return out;
 }
@@ -210,27 +283,37 @@ RecordedBag render_bag(const RigFile& rig, const std::string& samples, const std
     if (joint.first_axis >= 0)
       throw InputError("--bag: joint '" + joint.name +
                        "' is floating: a pose is no reading of a joint_states message");
-  const std::vector<Stop> stops = stops_of(parse_samples(read_file(samples), samples, rig.rig),
-                                           rig.rig, read_true_postures(truth, rig.rig), truth);
+  const std::vector<Sample> logged = parse_samples(read_file(samples), samples, rig.rig);
+  const std::vector<Stop> stops =
+      stops_of(logged, rig.rig, read_true_postures(truth, rig.rig), truth);
+  JourneyOptions way = options.journey;
+  if (options.sweep.seconds > 0)
+    way.rest = std::max(way.rest, 2 * (options.sweep.seconds + kQuiet));
+  std::vector<SimulatedLaser> lasers;
   Studio studio = make_studio(rig, truth);
   std::vector<RecordedCamera> cameras;
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];
     const int index = static_cast<int>(s);
+    if (sensor.scanning_joint >= 0 && options.sweep.seconds > 0)
+      lasers.emplace_back(studio, index, logged, stops, options.sweep, way);
     if (sensor.type != "camera") continue;
     if (sensor.image_width < 1)
       throw InputError("--bag: camera '" + sensor.name + "' has no image_size in the rig");
     prepare_camera(studio, index);
     cameras.push_back({index, -1, -1, camera_numbers(rig, studio.table, index)});
   }
-  const Journey journey(rig.rig, studio.table, studio.truth, stops, options.journey);
+  if (options.sweep.seconds > 0 && lasers.empty())
+    throw InputError("--sweeps: the rig has no tilting laser");
+  const Journey journey(rig.rig, studio.table, studio.truth, stops, way);
   const bool mcap = path.size() > 5 && path.compare(path.size() - 5, 5, ".mcap") == 0;
   RecordedBag out;
   out.written = write_file_in_pieces(
       path,
       [&](const auto& put) {
         BagWriter bag(mcap ? Wire::cdr : Wire::ros1, put);
-        out = record(rig, studio, journey, cameras, bag, options);
+        Logger logger(rig, journey, lasers, bag, options);
+        out = record(studio, journey, cameras, logger, bag, options);
       },
       options.force, options.go_on);
   return out;

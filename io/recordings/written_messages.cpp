@@ -18,6 +18,7 @@ std::vector<std::string> parts_of(const std::string& type) {
       {"std_msgs/String", {}},
       {"sensor_msgs/JointState", {"std_msgs/Header"}},
       {"sensor_msgs/Image", {"std_msgs/Header"}},
+      {"sensor_msgs/LaserScan", {"std_msgs/Header"}},
       {"sensor_msgs/CameraInfo", {"std_msgs/Header", "sensor_msgs/RegionOfInterest"}},
       {"geometry_msgs/PoseStamped",
        {"std_msgs/Header", "geometry_msgs/Pose", "geometry_msgs/Point",
@@ -59,6 +60,7 @@ MessageIdentity message_identity(Wire wire, const std::string& type) {
       {"sensor_msgs/JointState", "3066dcd76a6cfaef579bd0f34173e9fd"},
       {"sensor_msgs/Image", "060021388200f6f0f447d0fcd9c64743"},
       {"sensor_msgs/CameraInfo", "c9a58c1b0b154e0e6da7578cb991d214"},
+      {"sensor_msgs/LaserScan", "90c7ef2dc6895d81024acba2ac42f369"},
       {"geometry_msgs/PoseStamped", "d3812c3cbc69362b77dc0b19b345f8f5"},
       {"tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"}};
   MessageIdentity out;
@@ -102,6 +104,12 @@ MessageBytes& MessageBytes::header(std::int64_t nanoseconds, std::string_view fr
 MessageBytes& MessageBytes::doubles(const std::vector<double>& numbers) {
   number(static_cast<std::uint32_t>(numbers.size()));
   for (double n : numbers) number(n);
+  return *this;
+}
+
+MessageBytes& MessageBytes::floats(const std::vector<float>& numbers) {
+  number(static_cast<std::uint32_t>(numbers.size()));
+  for (float n : numbers) number(n);
   return *this;
 }
 
@@ -155,6 +163,18 @@ std::string camera_info_message(Wire wire, std::int64_t time, std::string_view f
   for (int i = 0; i < 2; ++i) out.number(std::uint32_t{0});  // binning
   for (int i = 0; i < 4; ++i) out.number(std::uint32_t{0});  // region of interest: all
   return out.number(std::uint8_t{0}).str();
+}
+
+std::string laser_scan_message(Wire wire, std::int64_t time, std::string_view frame,
+                               const LaserScan& scan) {
+  const auto beams = static_cast<double>(scan.ranges.size());
+  MessageBytes out(wire);
+  out.header(time, frame);
+  for (const double n :
+       {scan.angle_min, scan.angle_min + (beams - 1) * scan.angle_increment, scan.angle_increment,
+        scan.time_increment, 2 * kPi / scan.angle_increment * scan.time_increment, 0.1, 30.})
+    out.number(static_cast<float>(n));
+  return out.floats(scan.ranges).floats(scan.intensities).str();
 }
 
 }  // namespace kincal

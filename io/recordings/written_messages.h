@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "message.h"
+#include "sweep.h"
 
 namespace kincal {
 
@@ -34,6 +35,7 @@ class MessageBytes {
   /// std_msgs/Header.
   MessageBytes& header(std::int64_t nanoseconds, std::string_view frame);
   MessageBytes& doubles(const std::vector<double>& numbers);  ///< an array of any length
+  MessageBytes& floats(const std::vector<float>& numbers);    ///< likewise, of float32
   MessageBytes& bytes(std::string_view bytes);                ///< likewise, of uint8
   const std::string& str() const { return bytes_; }
 
@@ -67,5 +69,9 @@ struct CameraNumbers {
 };
 std::string camera_info_message(Wire wire, std::int64_t time, std::string_view frame,
                                 const CameraNumbers& camera);
+
+/// One turn of a scanner, of ranges from 0.1 to 30 m.
+std::string laser_scan_message(Wire wire, std::int64_t time, std::string_view frame,
+                               const LaserScan& scan);
 
 }  // namespace kincal

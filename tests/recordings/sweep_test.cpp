@@ -1,0 +1,284 @@
+// Proves of sweeps and clouds, on simulated ones whose truth comes from the rig's geometry alone:
+// corners of a large board come out without bias, each as well as the view's sigma says, in every
+// coordinate, with noise, coarse intensities, a tilt that is fast or read with noise, dark squares
+// that seem farther, and the board oblique and far; a reflector too; ids, readings and times are
+// those of the beams; up and down are cut apart; what cannot be found has its reason.
+// Does not prove: that real lasers are as the simulated one (its spot is a Gaussian, its ranges on
+// an edge are means).
+#include "../../io/recordings/sweep.h"
+
+#include <random>
+
+#include "../../io/document/error.h"
+#include "../fixtures/sweeps.h"
+#include "catch2/catch.hpp"
+
+using namespace fixtures;
+
+namespace {
+
+/// Errors of points in each of three coordinates.
+struct Errors {
+  Vector3d sum = Vector3d::Zero(), squares = sum, in_sigmas = sum;
+  int count = 0;
+
+  void add(const Vector3d& e, const Vector3d& sigma) {
+    sum += e;
+    squares += e.cwiseAbs2();
+    in_sigmas += e.cwiseQuotient(sigma).cwiseAbs2();
+    ++count;
+  }
+  Vector3d bias() const { return sum / count; }
+  Vector3d rms() const { return (squares / count).cwiseSqrt(); }
+  Vector3d nees() const { return in_sigmas / count; }
+};
+
+Vector3d number(const BeamView& found, size_t i) {
+  return Vector3d(found.view.z[3 * i], found.view.z[3 * i + 1], found.view.z[3 * i + 2]);
+}
+
+Errors errors_of_sweeps(const LaserBench& bench, int seeds, size_t least) {
+  Errors out;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const BeamView found = find_in_sweep(bench.rig, 0, 0, bench.sweep(seed));
+    INFO(found.words());
+    REQUIRE(found.view.ids.size() >= least);
+    const Vector3d sigma(found.view.sigma[0], found.view.sigma[1], found.view.sigma[2]);
+    for (size_t i = 0; i < found.view.ids.size(); ++i)
+      out.add(number(found, i) - bench.truth(found.view.ids[i]), sigma);
+  }
+  return out;
+}
+
+/// A cloud of a lidar in the base, at the origin of the laser's tilt: rings, or beams anywhere; in
+/// no order.
+Cloud cloud_of(const LaserBench& bench, std::uint64_t seed, bool rings, double ahead) {
+  Cloud out;
+  Draws draws(seed);
+  const LaserScene scene = bench.scene(seed);
+  std::vector<Vector3d> points;
+  std::vector<double> intensities;
+  for (int i = 0; i < 128; ++i)
+    for (int k = 0; k < 512; ++k) {
+      double azimuth = ahead - 0.8 + 1.6 * k / 512, elevation = -0.39 + 0.78 * i / 127;
+      if (!rings)
+        azimuth = ahead + draws.uniform(-0.8, 0.8), elevation = draws.uniform(-0.39, 0.39);
+      Pose beam;
+      beam.rotation = rotation_about(Vector3d::UnitZ(), azimuth) *
+                      rotation_about(Vector3d::UnitY(), -elevation);
+      const Beam seen = shoot(scene, beam, bench.look, draws);
+      points.push_back(beam.rotation.col(0) * seen.range);
+      intensities.push_back(seen.intensity);
+    }
+  std::vector<size_t> order(points.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::shuffle(order.begin(), order.end(), std::mt19937(1));
+  for (const size_t i : order)
+    out.points.push_back(points[i]), out.intensities.push_back(intensities[i]);
+  return out;
+}
+
+/// A round bright patch on a dull sheet.
+LaserBench reflector_bench() {
+  LaserBench out("  spot: {type: points, points: [[0, 0, 0]], mount: free}");
+  out.print = Print{[](double x, double y) { return x * x + y * y < 0.05 * 0.05 ? 3. : 0.4; },
+                    cv::Rect2d(-0.2, -0.2, 0.4, 0.4)};
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("sweep: corners have no bias, and errors as large as the sigmas say") {
+  struct Row {
+    std::string name;
+    double distance, yaw, pitch, roll;
+    std::function<void(LaserBench&)> change;
+    Vector3d rms;        // mrad, mrad, mm: at most
+    double least, most;  // of the mean of (error / sigma)^2 in each coordinate
+  };
+  const std::vector<Row> rows = {
+      {"3 m", 3, 0, 0, 0, [](LaserBench&) {}, {0.1, 0.1, 2}, 0.6, 1.5},
+      {"oblique", 3, 0.7, 0.35, 0.1, [](LaserBench&) {}, {0.12, 0.12, 2.5}, 0.4, 1.5},
+      {"5 m", 5, -0.3, 0.2, 0, [](LaserBench&) {}, {0.2, 0.2, 4}, 0.6, 1.5},
+      {"fast", 3, 0.2, 0.1, 0, [](LaserBench& b) { b.speed = 0.3; }, {0.5, 0.2, 3.5}, 0.5, 1.6},
+      {"noisy",
+       3,
+       0.2,
+       0.1,
+       0,
+       [](LaserBench& b) { b.look.range_noise = 0.02, b.look.intensity_noise = 200; },
+       {0.3, 0.3, 5},
+       0.5,
+       1.5},
+      {"coarse steps",
+       3,
+       0.2,
+       0.1,
+       0,
+       [](LaserBench& b) { b.look.step = 200, b.look.intensity_noise = 20; },
+       {0.2, 0.25, 2},
+       0.4,
+       3},
+      {"dark squares 2 cm farther",
+       3,
+       0.2,
+       0.1,
+       0,
+       [](LaserBench& b) { b.look.ink_range = 0.02; },
+       {0.1, 0.1, 2},
+       0.5,
+       1.5},
+      // Corners of a row share the noise of the joint's readings, so that each alone is better.
+      {"readings of the joint with 0.2 mrad",
+       3,
+       0.2,
+       0.1,
+       0,
+       [](LaserBench& b) { b.tilt_noise = 2e-4; },
+       {0.15, 0.1, 2},
+       0.1,
+       1.5},
+  };
+  for (const Row& row : rows) {
+    LaserBench bench(kLargeBoard);
+    bench.place(row.distance, row.yaw, row.pitch, row.roll);
+    row.change(bench);
+    const Errors errors = errors_of_sweeps(bench, 3, 40);
+    INFO(row.name << ": bias " << 1e3 * errors.bias().transpose() << ", rms "
+                  << 1e3 * errors.rms().transpose() << " mrad, mrad, mm; (error / sigma)^2 "
+                  << errors.nees().transpose());
+    for (int k = 0; k < 3; ++k) {
+      CHECK(std::abs(errors.bias()(k)) < 0.35 * errors.rms()(k));
+      CHECK(1e3 * errors.rms()(k) < row.rms(k));
+      CHECK(errors.nees()(k) > row.least);
+      CHECK(errors.nees()(k) < row.most);
+    }
+  }
+}
+
+TEST_CASE("sweep: a recording is cut into ways, and both ways find the board") {
+  LaserBench bench(kLargeBoard);
+  bench.place(3, 0.2, 0.1, 0);
+  const Sweep up = bench.sweep(1);
+  std::swap(bench.from, bench.to);
+  Sweep both = up, down = bench.sweep(2);
+  const double later = up.tilt.back().time + 0.5;
+  for (double t = up.tilt.back().time + 0.01; t < later; t += 0.01)  // it rests in between
+    both.tilt.push_back({t, up.tilt.back().reading});
+  for (TiltReading r : down.tilt) both.tilt.push_back({r.time + later, r.reading});
+  for (LaserScan scan : down.scans) scan.time += later, both.scans.push_back(scan);
+  const std::vector<Sweep> ways = one_way_sweeps(both);
+  REQUIRE(ways.size() == 2);
+  for (const Sweep& way : ways) {
+    const BeamView found = find_in_sweep(bench.rig, 0, 0, way);
+    REQUIRE(found.view.ids.size() == 42);
+    for (size_t i = 0; i < 42; ++i) {
+      CHECK((number(found, i) - bench.truth(static_cast<int>(i))).head<2>().norm() < 6e-4);
+      // When the joint was there.
+      const double before = found.times[i] - 0.05, after = found.times[i] + 0.05;
+      double low = 1e9, high = -1e9;
+      for (const TiltReading& r : way.tilt)
+        if (r.time > before && r.time < after)
+          low = std::min(low, r.reading), high = std::max(high, r.reading);
+      CHECK(found.view.z[3 * i] > low - 1e-3);
+      CHECK(found.view.z[3 * i] < high + 1e-3);
+    }
+  }
+}
+
+TEST_CASE("sweep: a corner that is hidden is left out, and said") {
+  LaserBench bench(kLargeBoard);
+  bench.place(3, 0.2, 0.1, 0);
+  Sweep sweep = bench.sweep(1);
+  const Vector3d hidden = bench.truth(0);
+  for (LaserScan& scan : sweep.scans) {  // no range, as of a hole
+    for (size_t i = 0; i < scan.ranges.size(); ++i)
+      if (std::abs(scan.angle_min + static_cast<double>(i) * scan.angle_increment - hidden(1)) <
+          0.015)
+        if (std::abs(bench.reading(scan.time) - hidden(0)) < 0.015) scan.ranges[i] = 0;
+  }
+  const BeamView found = find_in_sweep(bench.rig, 0, 0, sweep);
+  REQUIRE(found.view.ids.size() == 41);
+  CHECK(found.view.ids[0] == 1);
+  CHECK(found.words().find("1 corners are hidden, or have no range") != std::string::npos);
+}
+
+TEST_CASE("sweep: what cannot be found has its reason") {
+  LaserBench bench(kLargeBoard);
+  bench.place(3, 0.2, 0.1, 0);
+  const auto reason = [&](const Sweep& sweep) {
+    const BeamView found = find_in_sweep(bench.rig, 0, 0, sweep);
+    CHECK(found.view.ids.empty());
+    return found.reason;
+  };
+  const Sweep whole = bench.sweep(1);
+  Sweep dark = whole, few = whole, still = whole;
+  for (LaserScan& scan : dark.scans) scan.intensities.clear();
+  CHECK(reason(dark) == "the scans have no intensities: switch them on in the driver");
+  few.scans.resize(3);
+  CHECK(reason(few).find("only 3 scans") != std::string::npos);
+  for (TiltReading& r : still.tilt) r.time += 1000;
+  CHECK(reason(still) == "no beam has a range, an intensity and a reading of its joint");
+  bench.place(3, 0, 0, 0, 5);  // above what the sweep sees
+  CHECK(reason(bench.sweep(1)).find("no chessboard of 6 x 7") != std::string::npos);
+  const LaserBench points("  three: {type: points, points: [[0, 0, 0], [1, 0, 0]], mount: free}");
+  CHECK_THROWS_WITH(find_in_sweep(points.rig, 0, 0, whole),
+                    Catch::Contains("target 'three' (points) is not found in what a laser sees"));
+}
+
+TEST_CASE("sweep: a reflector is found where its middle is") {
+  for (const double yaw : {0., 0.5}) {
+    LaserBench bench = reflector_bench();
+    bench.place(3, yaw, 0.2, 0);
+    const Errors errors = errors_of_sweeps(bench, 4, 1);
+    INFO(1e3 * errors.bias().transpose() << "; " << errors.nees().transpose());
+    CHECK((1e3 * errors.rms().head<2>()).maxCoeff() < 0.3);
+    CHECK(1e3 * errors.rms()(2) < 2);
+    CHECK(errors.nees().maxCoeff() < 3);  // of four
+  }
+}
+
+TEST_CASE("cloud: a board's corners, wherever it stands, in beams of any order") {
+  for (const bool rings : {true, false})
+    for (const double ahead : {0., kPi}) {  // before the lidar, and where azimuths begin and end
+      LaserBench bench(kLargeBoard);
+      bench.place(2.4, 0.4, 0.2, 0.1);
+      bench.base_T_target.translation.z() -= 1.2;
+      Pose turn;
+      turn.rotation = rotation_about(Vector3d::UnitZ(), ahead);
+      bench.base_T_target = turn * bench.base_T_target;
+      const Eigen::Matrix3Xd points = target_points(bench.rig.rig.targets[0]);
+      double sum = 0, worst = 0, n = 0;
+      for (int seed = 1; seed <= 2; ++seed) {
+        const BeamView found = find_in_cloud(bench.rig, 1, 0, cloud_of(bench, seed, rings, ahead));
+        INFO(found.words());
+        REQUIRE(found.view.ids.size() == 42);
+        for (size_t i = 0; i < 42; ++i, n += 3) {
+          const Vector3d e =
+              number(found, i) - bench.base_T_target * Vector3d(points.col(static_cast<int>(i)));
+          sum += e.dot(found.view.covariance[i].inverse() * e);
+          worst = std::max(worst, e.norm());
+        }
+      }
+      CHECK(worst < 0.015);
+      CHECK(sum / n > 0.6);
+      CHECK(sum / n < 1.8);
+    }
+}
+
+TEST_CASE("cloud: a reflector") {
+  LaserBench bench = reflector_bench();
+  bench.place(2, 0.4, 0.2, 0);
+  bench.base_T_target.translation.z() -= 1.2;
+  for (const bool rings : {true, false}) {
+    const BeamView found = find_in_cloud(bench.rig, 1, 0, cloud_of(bench, 1, rings, 0));
+    INFO(found.words());
+    REQUIRE(found.view.ids.size() == 1);
+    const Vector3d e = number(found, 0) - bench.base_T_target.translation;
+    CHECK(e.norm() < 0.004);
+    CHECK(e.dot(found.view.covariance[0].inverse() * e) < 16);
+  }
+  Cloud dark = cloud_of(bench, 1, true, 0);
+  dark.intensities.clear();
+  CHECK(find_in_cloud(bench.rig, 1, 0, dark).reason == "the cloud has no intensities");
+}
