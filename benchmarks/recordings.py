@@ -157,7 +157,7 @@ def one(kincal, robot, seed, ending):
         step = result["steps"][-1]
         offsets = [(float(a), float(b)) for a, b in re.findall(r"stamped (-?[\d.]+) \+- ([\d.]+) ms", said)]
         errors, numbers = nees(folder, result)
-        return {"robot": robot, "seed": seed, "ending": ending, "samples": said.count("\n") and int(re.search(r"(\d+) samples", said).group(1)), "chi2": step["chi2"], "dof": step["dof"],
+        return {"robot": robot, "seed": seed, "ending": ending, "samples": int(re.search(r": (\d+) samples\n", said).group(1)), "chi2": step["chi2"], "dof": step["dof"],
                 "nees": errors, "numbers": numbers, "delay": 1e3 * delay, "offsets": offsets, "clocks": said.count("THE CLOCK")}
 
 

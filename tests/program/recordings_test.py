@@ -1,7 +1,7 @@
 """From a simulated recording to a calibrated robot: python3 recordings_test.py SOURCE_DIR KINCAL [TEST ...]
 
 Proves: `simulate --bag` -> `import` -> `calibrate` gives the truth within the stated covariance (e' C^-1 e in its 99.9 % interval), for an arm with one camera
-(MCAP) and for a robot like the PR2, with boards in two hands (ROS 1); the offset in time is found within three sigmas and 1 ms, and no clock is called
+(MCAP) and for a robot like the PR2, with boards in two hands (ROS 1; with KINCAL_SLOW); the offset in time is found within three sigmas and 1 ms, and no clock is called
 unsteady; threads do not change the samples; `--list`, `--record-command`, `--images` and wrong use are said; nothing is written where no target is seen. Not proved: real
 recordings. Ten seeds of each are in benchmarks/recordings.py, whose robots these are.
 """
@@ -53,7 +53,7 @@ class Arm(Whole):
 
 class Pr2(Whole):
     def test_to_the_truth(self):
-        self.assertEqual(self.whole_path("pr2", 3, ".bag")["samples"], 30)
+        self.assertEqual(self.whole_path("pr2", 3, ".bag")["samples"], 24)
 
 
 class Said(helpers.Folder):
@@ -111,4 +111,7 @@ class Said(helpers.Folder):
 
 if __name__ == "__main__":
     SOURCE_DIR, KINCAL = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    if sys.argv[3:] == ["Pr2"] and not os.environ.get("KINCAL_SLOW"):
+        print("skipped: it takes a minute and a half; scripts/test-all sets KINCAL_SLOW")
+        sys.exit(77)
     unittest.main(argv=sys.argv[:1] + sys.argv[3:])

@@ -18,6 +18,8 @@ const cures: Record<string, string> = {
   chi2: 'Look at the sensor that fits worst (Errors of each sensor, column "Against stated noise"): wrong intrinsics, board size, time shift or outliers; else state the noise that is seen.',
   joint_error: 'Look at the sample that is named: its joint readings may belong to another posture. Many samples of one joint: its zero, its gear or a link near it is wrong, or its stated noise is too small.',
   joint_noise: 'State the joint noise that is seen (--estimate-noise), or look for what the model lacks: backlash, a wrong gear, a bent link.',
+  quiet_joints: 'State the joint noise that is seen (--estimate-noise), and calibrate again.',
+  in_use: "Keep the robot's own numbers until its errors in use become smaller by these.",
   outlier_sample: outliers, outlier_view: outliers, outlier_point: outliers,
   sigma: 'Record more varied postures, above all ones that move what is named.',
   moved: 'Ask of each pose that is named: can it have been that far off? If not, something else is wrong.',
