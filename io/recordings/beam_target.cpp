@@ -21,7 +21,8 @@ using Eigen::Matrix4d;
 using Eigen::Vector2d;
 using Eigen::Vector4d;
 
-constexpr double kReach = 0.45;       // squares: half of a corner's window
+constexpr size_t kFewest = 24;   // beams of a corner; with fewer residuals do not know its error
+constexpr double kReach = 0.45;  // squares: half of a corner's window
 constexpr double kMostPixels = 12e6;  // of a picture
 constexpr double kSeen = 1e-6;        // weight of a pixel that a beam has seen
 
@@ -217,7 +218,7 @@ bool fit(const std::vector<const Beam*>& near, Corner& corner) {
   const Vector2d start = corner.at;
   for (int pass = 0; pass < 2; ++pass) {  // with the window where the corner was, then where it is
     take_beams(near, corner);
-    if (corner.beams.size() < 12) return false;
+    if (corner.beams.size() < kFewest) return false;
     for (int k = 0; k < 20; ++k) {
       const double length = step(corner);
       if (!((corner.sides.inverse() * (corner.at - start)).norm() < 0.4)) return false;
@@ -628,7 +629,8 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
   const size_t wanted = corners.size();
   fit_all(beams, corners);
   if (corners.size() < 4) {
-    out.reason = "its squares have too few beams";
+    out.reason =
+        "it is there, but too few beams see its squares: nearer, larger or slower is better";
     return out;
   }
   out.points = points_of(beams, corners, out);
