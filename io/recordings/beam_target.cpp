@@ -23,6 +23,7 @@ using Eigen::Vector4d;
 
 constexpr size_t kFewest = 24;   // beams of a corner; with fewer residuals do not know its error
 constexpr double kReach = 0.45;  // squares: half of a corner's window
+constexpr double kUnlike = 0.4;  // of the contrast: residuals of what is no chessboard
 constexpr double kMostPixels = 12e6;  // of a picture
 constexpr double kSeen = 1e-6;        // weight of a pixel that a beam has seen
 
@@ -228,12 +229,28 @@ bool fit(const std::vector<const Beam*>& near, Corner& corner) {
   return true;
 }
 
-/// The corners of a board as its picture shows them, and how the board lies there.
-std::vector<Corner> corners_of(const Beams& beams, const BeamPicture& picture,
-                               const ImageTarget& target, const Detection& found) {
+/// How a board lies in its picture.
+PlaneView view_of(const BeamPicture& picture, const ImageTarget& target, const Detection& found) {
   std::vector<cv::Point2d> plane;
   for (const int id : found.ids) plane.push_back(target.points[static_cast<size_t>(id)]);
-  const PlaneView view = fit_plane_view(plane, found.pixels, picture.level.size());
+  return fit_plane_view(plane, found.pixels, picture.level.size());
+}
+
+/// A corner where the picture shows the point p of a board's plane.
+Corner corner_at(const BeamPicture& picture, const PlaneView& view, const cv::Point2d& p) {
+  const cv::Point2d at = view(p);
+  const cv::Point2d x = view(p + cv::Point2d(0.4, 0)) - view(p - cv::Point2d(0.4, 0)),
+                    y = view(p + cv::Point2d(0, 0.4)) - view(p - cv::Point2d(0, 0.4));
+  Corner c;
+  c.at = {picture.left + picture.pitch * at.x, picture.top + picture.pitch * at.y};
+  c.sides << x.x, y.x, x.y, y.y;
+  c.sides *= picture.pitch / 0.8;
+  return c;
+}
+
+/// The corners of a board as its picture shows them.
+std::vector<Corner> corners_of(const BeamPicture& picture, const PlaneView& view,
+                               const ImageTarget& target, const Detection& found) {
   std::vector<int> ids = found.ids;
   if (target.kind == ImageTarget::Kind::chessboard) {  // it is seen whole
     ids.resize(target.points.size());
@@ -241,17 +258,9 @@ std::vector<Corner> corners_of(const Beams& beams, const BeamPicture& picture,
   }
   std::vector<Corner> out;
   for (const int id : ids) {
-    const cv::Point2d p = target.points[static_cast<size_t>(id)], at = view(p);
-    const cv::Point2d x = view(p + cv::Point2d(0.4, 0)) - view(p - cv::Point2d(0.4, 0)),
-                      y = view(p + cv::Point2d(0, 0.4)) - view(p - cv::Point2d(0, 0.4));
-    Corner c;
-    c.id = id;
-    c.at = {picture.left + picture.pitch * at.x, picture.top + picture.pitch * at.y};
-    c.sides << x.x, y.x, x.y, y.y;
-    c.sides *= picture.pitch / 0.8;
-    if (target.kind == ImageTarget::Kind::charuco) c.strip = 0.45 * (1 - target.marker);
-    c.spot = {0.5 * beams.step_u, 0.5 * beams.step_v};
-    out.push_back(c);
+    out.push_back(corner_at(picture, view, target.points[static_cast<size_t>(id)]));
+    out.back().id = id;
+    if (target.kind == ImageTarget::Kind::charuco) out.back().strip = 0.45 * (1 - target.marker);
   }
   return out;
 }
@@ -302,9 +311,44 @@ std::vector<Corner> fitted(const std::vector<const Beam*>& near, std::vector<Cor
   return out;
 }
 
+/// Whether a chessboard goes on beyond one of its sides: the corners there, which are none if it is
+/// the whole board, have four fields as the others have. (At the rim of a board two fields meet the
+/// paper around: half of that.)
+bool goes_on(const Beams& beams, const BeamPicture& picture, const PlaneView& view,
+             const ImageTarget& target, const std::vector<Corner>& corners) {
+  std::vector<double> contrasts;
+  for (const Corner& c : corners) contrasts.push_back(std::abs(c.half));
+  const double whole = median(contrasts);
+  for (int side = 0; side < 4; ++side) {
+    const bool across = side < 2;  // beyond the first or last column, else row
+    const double beyond = side % 2 == 0 ? -1 : across ? target.columns : target.rows;
+    std::vector<Corner> rim;
+    for (int i = 0; i < (across ? target.rows : target.columns); ++i)
+      rim.push_back(
+          corner_at(picture, view, across ? cv::Point2d(beyond, i) : cv::Point2d(i, beyond)));
+    const std::vector<const Beam*> near = beams_near(beams, rim);
+    size_t such = 0;
+    for (Corner& c : rim) {
+      c.spot = corners[0].spot;
+      take_beams(near, c);
+      const Edge ea(c, 0), eb(c, 1);
+      double n = 0, x = 0, y = 0, xx = 0, xy = 0;  // of the line: intensity by A B
+      for (const Beam* b : c.beams) {
+        const Vector2d away = place_of(*b) - c.at;
+        const double ab = ea.step(ea.place(away)) * eb.step(eb.place(away));
+        n += 1, x += ab, y += b->intensity, xx += ab * ab, xy += ab * b->intensity;
+      }
+      such += std::abs(n * xy - x * y) > 0.75 * whole * (n * xx - x * x) && n >= 12;
+    }
+    if (10 * such > 7 * rim.size()) return true;
+  }
+  return false;
+}
+
 /// Fits all corners with the spot that suits them best together, from a fifth of the beams'
-/// distance on. Keeps those that are as good as the others.
-void fit_all(const Beams& beams, std::vector<Corner>& corners) {
+/// distance on. Keeps those that are as good as the others. Returns whether the squares are there
+/// that were taken for a board.
+bool fit_all(const Beams& beams, std::vector<Corner>& corners) {
   const std::vector<const Beam*> near = beams_near(beams, corners);
   for (Corner& c : corners) start_levels(near, c);
   const Vector2d pitch(beams.step_u, beams.step_v);
@@ -330,12 +374,14 @@ void fit_all(const Beams& beams, std::vector<Corner>& corners) {
   }
   const double contrast = median(contrasts), error = median(errors);
   corners.clear();
+  if (std::sqrt(error) > kUnlike * contrast) return false;
   for (Corner& c : kept)
     if (std::abs(c.half) > 0.4 * contrast &&
         c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
       c.covariance = covariance_of(c);
       corners.push_back(c);
     }
+  return true;
 }
 
 // -------------------------------------------------------------------------------------- the ranges
@@ -611,7 +657,7 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
   for (const Beam& b : beams.all) all.push_back(&b), box.take(place_of(b));
   const Vector2d step(beams.step_u, beams.step_v);
   const double finest =
-      std::max(0.3 * step.minCoeff(), std::sqrt((box.high - box.low).prod() / kMostPixels));
+      std::max(0.5 * step.minCoeff(), std::sqrt((box.high - box.low).prod() / kMostPixels));
   for (double pitch = std::max(step.maxCoeff(), finest); pitch >= finest && found.ids.empty();
        pitch *= 0.5) {
     picture = picture_of(all, step, pitch);
@@ -625,12 +671,21 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
     out.reason = "only " + several(found.ids.size(), "of its corners were found");
     return out;
   }
-  std::vector<Corner> corners = corners_of(beams, picture, target, found);
+  const PlaneView view = view_of(picture, target, found);
+  std::vector<Corner> corners = corners_of(picture, view, target, found);
   const size_t wanted = corners.size();
-  fit_all(beams, corners);
+  if (!fit_all(beams, corners)) {
+    out.reason = "something looks like it, but its squares are not there";
+    return out;
+  }
   if (corners.size() < 4) {
     out.reason =
         "it is there, but too few beams see its squares: nearer, larger or slower is better";
+    return out;
+  }
+  if (target.kind == ImageTarget::Kind::chessboard &&
+      goes_on(beams, picture, view, target, corners)) {
+    out.reason = "a part of a larger chessboard looks like it";
     return out;
   }
   out.points = points_of(beams, corners, out);

@@ -285,6 +285,24 @@ TEST_CASE("sweep: a laser's mount is calibrated to what its covariance says") {
   CHECK(chi2 / dof < 1.1);
 }
 
+TEST_CASE("sweep: a part of a larger chessboard is not a smaller one") {
+  for (const double yaw : {0., 0.5})
+    for (const char* rows : {"rows: 4, columns: 5", "rows: 6, columns: 5"}) {
+      const std::string small = std::string("  small: {type: chessboard, ") + rows +
+                                ", square: 0.0245, mount: free}\n" + kLargeBoard;
+      LaserBench bench(small);
+      const Target& large = bench.rig.rig.targets[1];
+      bench.print = print_of(image_target(bench.rig, large));
+      bench.rig.rig.targets[0].square = large.square;  // how the print lies
+      bench.place(2.5, yaw, 0.1, 0);
+      const Sweep sweep = bench.sweep(1);
+      const BeamView found = find_in_sweep(bench.rig, 0, 0, sweep);
+      INFO(rows << ": " << found.words());
+      CHECK(found.view.ids.empty());
+      CHECK(find_in_sweep(bench.rig, 0, 1, sweep).view.ids.size() == 42);
+    }
+}
+
 TEST_CASE("sweep: what cannot be found has its reason") {
   LaserBench bench(kLargeBoard);
   bench.place(3, 0.2, 0.1, 0);
