@@ -7,6 +7,7 @@
 
 #include "../../models/rig/numbers.h"
 #include "../document/error.h"
+#include "../document/json.h"
 #include "../document/names.h"
 #include "bytes.h"
 #include "message.h"
@@ -149,6 +150,11 @@ struct MeasurementReader {
         types[raw.topic], raw.topic->encoding == "cdr" ? Wire::cdr : Wire::ros1, raw.data);
     Sample sample;
     sample.id = std::string(text_of(field(value, "sample_id")));
+    if (!is_utf8(sample.id)) {
+      sample.id = "measurement_" + std::to_string(out.samples.size() + 1);
+      notes.insert("a sample_id is no UTF-8, which a file of samples has to be: the sample is '" +
+                   sample.id + "'");
+    }
     sample.readings.assign(rig.rig.tree.joints.size(), kNan);
     const int target = ids.target(std::string(text_of(field(value, "target_id"))), notes);
     for (const MessageValue& chain : list_of(field(value, "M_chain"))) readings(chain, sample);

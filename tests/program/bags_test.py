@@ -137,6 +137,15 @@ class Bags(helpers.Folder):
         p = run(few, "--rig", self.rig, "--out", self.path("few.jsonl"))
         self.assertIn("sample 's': 'left' has 3 points, target 'board' has 4: left out", p.stderr)
 
+    def test_an_id_that_is_no_text(self):
+        """A sample_id that is no UTF-8 made a file of samples that nothing could read."""
+        message = measurement("s_", {"j1": 0.25, "j2": -0.5, "tilt": 0.125}, PIXELS).replace(b"s_", b"s\xb1", 1)
+        path = self.write("a.bag", bag(self.topics, [(0, 1700000000, message)]))
+        p = run(path, "--rig", self.rig, "--out", self.path("samples.jsonl"))
+        self.assertEqual(p.returncode, 0, p.stderr)
+        self.assertIn("a sample_id is no UTF-8", p.stderr)
+        self.assertEqual([json.loads(line)["id"] for line in self.read("samples.jsonl").splitlines()], ["measurement_1"])
+
     def test_list(self):
         """Topics, types, counts, rates, gaps; fields of what is not known."""
         path = self.write("a.bag", bag(self.topics, self.messages + [(1, 1700000012.5, struct.pack("<dI", 1, 0))]))
