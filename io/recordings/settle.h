@@ -32,7 +32,7 @@ struct Series {
   size_t size() const { return times.size(); }
 };
 
-/// An TimeInterval of time, s.
+/// A TimeInterval, s.
 struct TimeInterval {
   double begin = 0, end = 0;
 
