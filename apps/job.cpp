@@ -28,6 +28,7 @@ const std::map<std::string, NoiseMode> kNoiseModes = {{"latent", NoiseMode::late
                                                       {"none", NoiseMode::none}};
 const std::map<std::string, LinearSolver> kLinearSolvers = {{"auto", LinearSolver::automatic},
                                                             {"dense", LinearSolver::dense},
+                                                            {"sparse", LinearSolver::sparse},
                                                             {"cholmod", LinearSolver::cholmod}};
 
 namespace {

@@ -26,6 +26,7 @@
 #include "../solver/levenberg_marquardt.h"
 #include "bal.h"
 #include "ceres_bal.h"
+#include "ceres_cell.h"
 #include "ceres_pr2_like.h"
 #include "pr2_like.h"
 
@@ -35,8 +36,8 @@ namespace {
 using nlohmann::json;
 
 constexpr double kSameStart = 1e-12;  // relative, of costs at the start: the same function
-const std::vector<std::string> kProblems = {"pr2-like-60", "pr2-like-500", "bal-16-22106",
-                                            "bal-49-7776", "synthetic-500"};
+const std::vector<std::string> kProblems = {"pr2-like-60",  "pr2-like-500", "cell-20",
+                                            "bal-16-22106", "bal-49-7776",  "synthetic-500"};
 
 struct Settings {
   int rounds = 7;
@@ -173,7 +174,8 @@ void compare_threads(const std::string& problem, const std::string& who,
 
 // ---------------------------------------------------------------- robots
 
-Run solve_robot(const RobotProblem& p, int threads) {
+Run solve_robot(const RobotProblem& p, int threads,
+                LinearSolver linear_solver = LinearSolver::automatic) {
   Run run;
   const double before = cpu_seconds();
   Estimation estimation(p, p.training(), p.setup);
@@ -182,6 +184,7 @@ Run solve_robot(const RobotProblem& p, int threads) {
   SolverOptions options;
   options.threads = threads;
   options.relative_decrease = 1e-6;
+  options.linear_solver = linear_solver;
   LevenbergMarquardt lm(estimation, options);
   const SolveSummary summary = lm.solve(state);
   run.seconds = cpu_seconds() - cpu;
@@ -219,6 +222,30 @@ std::pair<double, double> robot(int boards, const Settings& settings, json& repo
       p.name, "kincal", [&](int threads) { return solve_robot(p, threads); }, settings.rounds,
       report);
   return {median(contestants[0].runs), median(contestants[1].runs)};
+}
+
+/// 20 boards between each two of 20 stations: kincal with CHOLMOD (its own choice) and dense.
+void cell_of_robots(const Settings& settings, json& report) {
+  const RobotProblem p = cell(20, 400);
+  const Counts c = count(Estimation(p, p.training(), p.setup));
+  std::printf("\n%s: %ld residuals, %ld shared and %ld private unknowns\n", p.name.c_str(), c.rows,
+              c.shared, c.private_unknowns);
+  CeresCell ceres(p);
+  std::vector<Contestant> contestants = {
+      {"kincal", [&] { return solve_robot(p, 1); }},
+      {"kincal, reduced system dense", [&] { return solve_robot(p, 1, LinearSolver::dense); }},
+      {"kincal, reduced system by CHOLMOD",
+       [&] { return solve_robot(p, 1, LinearSolver::cholmod); }},
+      {"ceres analytic, SPARSE_SCHUR", [&] { return ceres.solve(true); }},
+      {"ceres analytic, DENSE_SCHUR", [&] { return ceres.solve(false); }, true},
+  };
+  race(p.name, contestants, settings.rounds, 1e-6);
+  for (const Contestant& contestant : contestants) print_contestant(contestant);
+  for (size_t i = 1; i < contestants.size(); ++i)
+    compare_with(p.name, contestants[0], contestants[i], contestants[i].name, report);
+  compare_threads(
+      p.name, "kincal", [&](int threads) { return solve_robot(p, threads); }, settings.rounds,
+      report);
 }
 
 // ---------------------------------------------------------------- joint noise
@@ -368,8 +395,8 @@ int run(int argc, char** argv) {
   app.add_flag("--quick", quick, "5 runs of each instead of 7");
   app.add_option(
          "--problem", settings.problems,
-         "Only this one (may be repeated): pr2-like-60, pr2-like-500, bal-16-22106, bal-49-7776,\n"
-         "synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
+         "Only this one (may be repeated): pr2-like-60, pr2-like-500, cell-20, bal-16-22106,\n"
+         "bal-49-7776, synthetic-500. The bal files are looked for in $KINCAL_DATA/bal.")
       ->check(CLI::IsMember(kProblems))
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -399,6 +426,7 @@ int run(int argc, char** argv) {
                         {"kincal", kincal},
                         {"ceres_strongest", ceres}};
   }
+  if (settings.wanted("cell-20")) cell_of_robots(settings, report);
   const std::string large_set = settings.data + "/pr2-simulated-large";
   if (settings.problems.empty() && access((large_set + "/rig.yaml").c_str(), R_OK) == 0)
     compare_noise(large_set, settings, report);

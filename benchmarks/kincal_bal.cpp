@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   KincalBalOptions options;
   const std::map<std::string, LinearSolver> solvers = {{"automatic", LinearSolver::automatic},
                                                        {"dense", LinearSolver::dense},
+                                                       {"sparse", LinearSolver::sparse},
                                                        {"cholmod", LinearSolver::cholmod}};
   app.add_option("FILE", file, "Text file as published, plain or .xz; or 'synthetic'")->required();
   app.add_option("--threads", options.threads, "Threads; the result is the same to the last bit")

@@ -106,8 +106,9 @@ void add_board(Rig& rig) {
 
 // ---------------------------------------------------------------- what is estimated
 
-/// Frees offsets, scales, poses of sensors and fx fy cx cy k1 k2, each with a weak prior.
-void free_all(RobotProblem& p) {
+/// Frees offsets, scales, poses of sensors and fx fy cx cy k1 k2, each with a weak prior; `whole`:
+/// the origins of joints and the rest of the distortion as well.
+void free_all(RobotProblem& p, bool whole = false) {
   const auto add = [&](const std::string& pattern, double sigma) {
     const std::vector<Freed> found = p.table.select(pattern);
     merge(p.setup.free, found);
@@ -116,10 +117,15 @@ void free_all(RobotProblem& p) {
   };
   add("joint/*/offset", 0.1);
   add("joint/*/scale", 0.1);
+  if (whole) add("joint/*/origin", 0.1);
   for (const Sensor& s : p.rig.sensors) {
     add("sensor/" + s.name + "/pose", 0.1);
     if (s.parameters.empty()) continue;
     add("sensor/" + s.name + "/intrinsics", 50);
+    if (whole) {
+      add("sensor/" + s.name + "/distortion", 0.5);
+      continue;
+    }
     add("sensor/" + s.name + "/distortion.k1", 0.5);
     add("sensor/" + s.name + "/distortion.k2", 0.5);
   }
@@ -348,6 +354,54 @@ RobotProblem four_arms(int samples) {
     draw_sample(p, {facing * exp_so3(random.vector(0.3)), at}, limbs, 5000, random);
   }
   check(p, 480L * samples + 116, 116, 6L * samples);
+  return p;
+}
+
+RobotProblem cell(int arms, int boards) {
+  // Stations in a ring, 1.26 m apart, that look towards its middle: x ahead, y to the left. Board k
+  // is between the stations k and k + 1.
+  const double radius = 1.26 * arms / (2 * kPi);
+  const auto station = [&](double k) {
+    const double angle = 2 * kPi * k / arms;
+    return Pose{rotation_from_rpy({0, 0, angle + kPi}),
+                Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0)};
+  };
+  Rig rig;
+  rig.tree.links = {"base"};
+  std::vector<int> hands, fixed;
+  for (int a = 0; a < arms; ++a) {
+    const std::string number = std::to_string(a);
+    const std::vector<int> arm = add_arm(rig, "arm" + number + "_", station(a));
+    hands.push_back(add_camera(rig, "hand" + number, arm[6], {0.1, 0, 0}, 0, 430, 0.25));
+    const Pose mast = station(a) * Pose{Matrix3d::Identity(), Vector3d(-0.4, 0, 0.5)};
+    fixed.push_back(add_camera(rig, "fixed" + number, 0, {0, 0, 0}, 0, 430, 0.25));
+    Sensor& camera = rig.sensors.back();
+    camera.link_T_sensor =
+        mast * Pose{rotation_from_rpy({0, 0.3, 0}), Vector3d::Zero()} * camera.link_T_sensor;
+  }
+  add_board(rig);
+  finish_tree(rig.tree);
+
+  RobotProblem p("cell-" + std::to_string(arms), std::move(rig));
+  free_all(p, true);
+  Random random(3);
+  draw_truth(p, random);
+  Matrix3d facing;
+  facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  while (static_cast<int>(p.samples.size()) < boards) {
+    const int k = static_cast<int>(p.samples.size()) % arms, next = (k + 1) % arms;
+    const Vector3d at(random.uniform(0.9, 1.3), random.uniform(-0.2, 0.2),
+                      random.uniform(-0.4, 0.2));
+    // From its station an arm has the board on its left or right, so its shoulder turns there.
+    ArmLimits left = arm_limits(1), right = arm_limits(-1);
+    left[0] = {-1, 0.2}, right[0] = {-0.2, 1};
+    draw_sample(p, station(k + 0.5) * Pose{facing * exp_so3(random.vector(0.3)), at},
+                {{0, {}, {fixed[k], fixed[next]}},
+                 {7 * k, left, {hands[k]}},
+                 {7 * next, right, {hands[next]}}},
+                5000, random);
+  }
+  check(p, 384L * boards + 86 * arms, 86L * arms, 6L * boards);
   return p;
 }
 

@@ -36,4 +36,12 @@ RobotProblem pr2_like(int boards);
 /// one iteration.
 RobotProblem four_arms(int samples);
 
+/// A cell of `arms` stations in a ring, each an arm of 7 joints with a camera in its hand and a
+/// fixed camera. A sample is one free board between two neighbouring stations, seen by their four
+/// cameras, so that what is shared by all samples is sparse: 86 parameters a station (offset, scale
+/// and origin of each joint, poses and all numbers of both cameras), coupled to those of two
+/// others.
+/// @throws std::logic_error if the counts are not boards * 384 + arms * 86, arms * 86, boards * 6.
+RobotProblem cell(int arms, int boards);
+
 }  // namespace kincal::benchmarks

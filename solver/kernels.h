@@ -35,6 +35,9 @@ struct Kernels {
   /// Replaces the lower triangle by its Cholesky factor L; the diagonal then holds 1 / L(i, i).
   /// False if it is not positive definite to rounding.
   bool (*cholesky)(double* a, int n, int ld);
+  /// The same for the first `columns` columns only, [L11; L21]; from the triangle behind them it
+  /// subtracts L21 L21'. What is above the diagonal there is scratch.
+  bool (*partial_cholesky)(double* a, int n, int columns, int ld);
   /// These compute b <- L^-1 b and b <- L^-T b with such a factor (b has slack).
   void (*solve_lower)(const double* factor, int n, int ld, double* b);
   void (*solve_lower_transposed)(const double* factor, int n, int ld, double* b);

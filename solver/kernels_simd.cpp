@@ -200,25 +200,47 @@ inline void solve_below(const double* corner, double* x, int ld) {
   }
 }
 
-bool cholesky(double* a, int n, int ld) {
-  if (n == 3) return small_cholesky<3>(a, ld);
-  if (n == 6) return small_cholesky<6>(a, ld);
-  for (int strip = 0; strip < n; strip += kStrip) {
-    const int strip_end = strip + kStrip < n ? strip + kStrip : n;
+/// The same below a corner of fewer columns.
+inline void solve_below_few(const double* corner, int columns, double* x, int ld) {
+  for (int j = 0; j < columns; ++j) {
+    Pack s = load(x + static_cast<std::ptrdiff_t>(j) * ld);
+    for (int p = 0; p < j; ++p)
+      s -= load(x + static_cast<std::ptrdiff_t>(p) * ld) *
+           corner[j + static_cast<std::ptrdiff_t>(p) * ld];
+    store(x + static_cast<std::ptrdiff_t>(j) * ld,
+          s * corner[j + static_cast<std::ptrdiff_t>(j) * ld]);
+  }
+}
+
+bool partial_cholesky(double* a, int n, int columns, int ld) {
+  for (int strip = 0; strip < columns; strip += kStrip) {
+    const int strip_end = strip + kStrip < columns ? strip + kStrip : columns;
     for (int k = strip; k < strip_end; k += kPanel) {
-      const int end = k + kPanel < n ? k + kPanel : n;
+      const int end = k + kPanel < columns ? k + kPanel : columns, width = end - k;
       double* corner = a + k + static_cast<std::ptrdiff_t>(k) * ld;
-      if (!cholesky_corner(corner, end - k, ld)) return false;
+      if (!cholesky_corner(corner, width, ld)) return false;
       if (end == n) return true;
-      for (int i = kPanel; i < n - k; i += kLanes) solve_below(corner, corner + i, ld);
-      subtract_columns(corner + kPanel * (static_cast<std::ptrdiff_t>(ld) + 1), n - end,
-                       strip_end - end, ld, corner + kPanel, kPanel, ld);
+      for (int i = width; i < n - k; i += kLanes) {
+        if (width == kPanel)
+          solve_below(corner, corner + i, ld);
+        else
+          solve_below_few(corner, width, corner + i, ld);
+      }
+      subtract_columns(corner + width * (static_cast<std::ptrdiff_t>(ld) + 1), n - end,
+                       strip_end - end, ld, corner + width, width, ld);
     }
     double* rest = a + strip_end * (static_cast<std::ptrdiff_t>(ld) + 1);
     subtract_product(rest, n - strip_end, ld,
-                     a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, kStrip, ld);
+                     a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, strip_end - strip,
+                     ld);
   }
   return true;
+}
+
+bool cholesky(double* a, int n, int ld) {
+  if (n == 3) return small_cholesky<3>(a, ld);
+  if (n == 6) return small_cholesky<6>(a, ld);
+  return partial_cholesky(a, n, n, ld);
 }
 
 void solve_lower(const double* factor, int n, int ld, double* b) {
@@ -410,6 +432,7 @@ const Kernels kKernels = {KINCAL_ISA_NAME,
                           gram,
                           subtract_product,
                           cholesky,
+                          partial_cholesky,
                           solve_lower,
                           solve_lower_transposed,
                           solve_rows,

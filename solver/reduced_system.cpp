@@ -8,20 +8,21 @@
 #ifdef KINCAL_CHOLMOD
 #include <cholmod.h>
 #else
+#include <Eigen/OrderingMethods>
 #include <Eigen/SparseCholesky>
 #endif
 
 namespace kincal {
 
 #ifdef KINCAL_CHOLMOD
-struct ReducedSystem::Sparse {
+struct ReducedSystem::Cholmod {
   cholmod_common common;
   cholmod_sparse matrix{};
   cholmod_factor* factor = nullptr;
   cholmod_dense *x = nullptr, *y = nullptr, *e = nullptr;
 
   /// `order`: permutation of the columns.
-  Sparse(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>& order) {
+  Cholmod(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>& order) {
     cholmod_start(&common);
     common.print = 0;
 #ifdef KINCAL_SUPERNODAL
@@ -62,7 +63,7 @@ struct ReducedSystem::Sparse {
     cholmod_finish(&c);
     return order;
   }
-  ~Sparse() {
+  ~Cholmod() {
     cholmod_free_dense(&x, &common);
     cholmod_free_dense(&y, &common);
     cholmod_free_dense(&e, &common);
@@ -88,11 +89,11 @@ struct ReducedSystem::Sparse {
   }
 };
 #else
-struct ReducedSystem::Sparse {
+struct ReducedSystem::Cholmod {
   Eigen::SparseMatrix<double> matrix;
   Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor;
 
-  Sparse(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>&) {
+  Cholmod(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>&) {
     const std::vector<double> ones(row.size(), 1);
     matrix = Eigen::Map<const Eigen::SparseMatrix<double>>(n, n, static_cast<int>(row.size()),
                                                            start.data(), row.data(), ones.data());
@@ -103,9 +104,15 @@ struct ReducedSystem::Sparse {
     factor.factorize(matrix);
     return factor.info() == Eigen::Success;
   }
-  static std::vector<int> amd(int n, std::vector<int>&, std::vector<int>&) {
-    return std::vector<int>(n);
-  }  // Eigen's own ordering
+  static std::vector<int> amd(int n, std::vector<int>& start, std::vector<int>& row) {
+    const std::vector<double> ones(row.size(), 1);
+    const Eigen::Map<const Eigen::SparseMatrix<double>> lower(
+        n, n, static_cast<int>(row.size()), start.data(), row.data(), ones.data());
+    const Eigen::SparseMatrix<double> whole = lower.selfadjointView<Eigen::Lower>();
+    Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> order;
+    Eigen::AMDOrdering<int>()(whole, order);
+    return {order.indices().data(), order.indices().data() + n};
+  }
   void solve(double* b) {
     Eigen::Map<VectorXd> x(b, matrix.rows());
     x = factor.solve(x).eval();
@@ -135,7 +142,7 @@ ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, Linea
   if (dense_)
     place_dense(work);
   else
-    place_sparse(graph);
+    place_sparse(graph, choice == LinearSolver::cholmod);
 }
 
 /// Runs: neighbours that the same groups touch. A group's set of columns is recognised by hashes,
@@ -217,7 +224,7 @@ void ReducedSystem::place_dense(const Work& work) {
   place_blocks([](int a, int b) { return a * (a + 1) / 2 + b; });
 }
 
-void ReducedSystem::place_sparse(RunGraph& graph) {
+void ReducedSystem::place_sparse(RunGraph& graph, bool cholmod) {
   const int runs = static_cast<int>(runs_.size());
   column_start_.push_back(0);
   for (int r = 0; r < runs; ++r)
@@ -258,10 +265,22 @@ void ReducedSystem::place_sparse(RunGraph& graph) {
       }
     }
   }
-  std::vector<int> order;
-  for (int r : Sparse::amd(runs, graph.start, graph.row))
-    for (int q = 0; q < runs_[r].size; ++q) order.push_back(runs_[r].first + q);
-  sparse_ = std::make_unique<Sparse>(n_, column_start_, row_of_, order);
+  const std::vector<int> order = Cholmod::amd(runs, graph.start, graph.row);
+  if (cholmod) {
+    std::vector<int> columns;
+    for (const int r : order)
+      for (int q = 0; q < runs_[r].size; ++q) columns.push_back(runs_[r].first + q);
+    cholmod_ = std::make_unique<Cholmod>(n_, column_start_, row_of_, columns);
+    return;
+  }
+  std::vector<int> first;
+  for (const Run& run : runs_) first.push_back(run.first);
+  first.push_back(n_);
+  std::vector<SparseBlock> blocks;
+  for (int b = 0; b < runs; ++b)
+    for (int k = graph.start[b]; k < graph.start[b + 1]; ++k)
+      blocks.push_back({graph.row[k], b, begin_of[k]});
+  fronts_ = std::make_unique<SparseCholesky>(first, blocks, step_, order);
 }
 
 ReducedSystem::~ReducedSystem() = default;
@@ -365,11 +384,13 @@ MatrixXd ReducedSystem::full(const double* values) const {
 }
 
 bool ReducedSystem::factor(double* values) {
-  return dense_ ? kernels().cholesky(values, n_, ld_) : sparse_->compute(values);
+  if (dense_) return kernels().cholesky(values, n_, ld_);
+  return fronts_ ? fronts_->factor(values) : cholmod_->compute(values);
 }
 
 void ReducedSystem::solve(const double* factored, double* b) {
-  if (!dense_) return sparse_->solve(b);
+  if (fronts_) return fronts_->solve(b);
+  if (cholmod_) return cholmod_->solve(b);
   kernels().solve_lower(factored, n_, ld_, b);
   kernels().solve_lower_transposed(factored, n_, ld_, b);
 }

@@ -3,10 +3,11 @@
 //
 // Dense: a square array with leading dimension ld() (lower triangle; row n holds the vector that
 // the elimination subtracts from b), own Cholesky kernel. Sparse: the lower triangle in compressed
-// columns over the union of the groups' column sets, CHOLMOD's simplicial Cholesky (LGPL; the
-// supernodal module is GPL: KINCAL_SUPERNODAL) analysed once, ordered by AMD over runs. A run is a
-// range of columns that the same groups touch (a camera's numbers): all its columns have the same
-// pattern, so that the place of a whole block is one number.
+// columns over the union of the groups' column sets, analysed once, ordered by CHOLMOD's AMD over
+// runs. A run is a range of columns that the same groups touch (a camera's numbers): all its
+// columns have the same pattern, so that the place of a whole block is one number. Factored by
+// fronts (sparse_cholesky.h), or by CHOLMOD's simplicial Cholesky (LGPL; the supernodal module is
+// GPL: KINCAL_SUPERNODAL), which is there to compare with.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,21 +15,22 @@
 #include <vector>
 
 #include "problem.h"
+#include "sparse_cholesky.h"
 
 namespace kincal {
 
-enum class LinearSolver { automatic, dense, cholmod };
+enum class LinearSolver { automatic, dense, sparse, cholmod };
 
 class ReducedSystem {
  public:
   /// Chooses a method and analyses the structure. `automatic` means dense up to 400 unknowns or
-  /// when more than 30 % of the entries are there. `ranges` says that the groups are those of a
-  /// RangeProblem.
+  /// when more than 30 % of the entries are there, else sparse. `ranges` says that the groups are
+  /// those of a RangeProblem.
   ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice,
                 bool ranges = false);
   ~ReducedSystem();
 
-  const char* name() const { return dense_ ? "dense" : "cholmod"; }
+  const char* name() const { return dense_ ? "dense" : fronts_ ? "sparse" : "cholmod"; }
   bool dense() const { return dense_; }
   /// Returns the numbers of one accumulator (so that several workers can have one each).
   size_t storage() const {
@@ -83,7 +85,7 @@ class ReducedSystem {
   struct Run {
     int first, size;
   };
-  struct Sparse;
+  struct Cholmod;
   /// A RunGraph has the runs below each run that some group touches with it (itself first), run by
   /// run: compressed columns of the lower triangle.
   struct RunGraph {
@@ -97,7 +99,7 @@ class ReducedSystem {
   Work place_runs();
   RunGraph graph_of_runs(size_t& entries) const;
   void place_dense(const Work& work);
-  void place_sparse(RunGraph& graph);
+  void place_sparse(RunGraph& graph, bool cholmod);
   template <class BlockOf>
   void place_blocks(const BlockOf& block_of);
 
@@ -121,7 +123,8 @@ class ReducedSystem {
       step_;  // step_: start of each column as blocks below the diagonal see it
   size_t diagonal_storage_ = 0;
   std::vector<int> column_start_, row_of_;  // lower triangle, compressed columns, diagonal first
-  std::unique_ptr<Sparse> sparse_;
+  std::unique_ptr<SparseCholesky> fronts_;  // or:
+  std::unique_ptr<Cholmod> cholmod_;
 };
 
 }  // namespace kincal

@@ -1,5 +1,6 @@
 #include "robot_measurement.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -86,6 +87,9 @@ struct MeasurementReader {
       const int joint = rig.rig.tree.find_joint(name);
       if (joint < 0)
         notes.insert("joint '" + name + "' of the recording is not in the robot: left out");
+      else if (!std::isfinite(positions[i]))
+        notes.insert("sample '" + sample.id + "': the reading of joint '" + name +
+                     "' is no finite number: left out");
       else
         sample.readings[joint] = positions[i];
     }
@@ -111,6 +115,16 @@ struct MeasurementReader {
     return &sample.views.back();
   }
 
+  /// Takes the last view out again, with a note, where not all that it measured are finite numbers.
+  void check_numbers(Sample& sample) {
+    const View& view = sample.views.back();
+    if (std::all_of(view.z.begin(), view.z.end(), [](double z) { return std::isfinite(z); }))
+      return;
+    notes.insert("sample '" + sample.id + "': '" + rig.rig.sensors[view.sensor].name +
+                 "' has numbers that are not finite: left out");
+    sample.views.pop_back();
+  }
+
   void cameras(const MessageValue& message, int target, Sample& sample) {
     for (const MessageValue& one : list_of(field(message, "M_cam"))) {
       const std::int64_t stamp = nanoseconds_of(field(one, "header.stamp"));
@@ -124,6 +138,7 @@ struct MeasurementReader {
         view->z.push_back(number_of(field(p, "x")));
         view->z.push_back(number_of(field(p, "y")));
       }
+      check_numbers(sample);
     }
   }
 
@@ -140,6 +155,7 @@ struct MeasurementReader {
         if (position.size() != 3) throw Damage("a laser's point has not three numbers");
         for (size_t i = 0; i < 3; ++i) view->z.push_back(position[i]);
       }
+      check_numbers(sample);
     }
   }
 

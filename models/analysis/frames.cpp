@@ -129,7 +129,7 @@ Unknowns last_unknowns(const Linearisation& at) {
     const std::vector<Component>& all = solution.prediction->columns;
     const MatrixXd directions = std::exchange(out.undetermined, {});
     out.undetermined.setZero(static_cast<Eigen::Index>(all.size()), directions.cols());
-    for (size_t i = 0; i < all.size(); ++i)
+    for (size_t i = 0; directions.size() > 0 && i < all.size(); ++i)
       for (size_t j = 0; j < out.columns.size(); ++j)
         if (all[i] == out.columns[j])
           out.undetermined.row(static_cast<Eigen::Index>(i)) =

@@ -749,7 +749,7 @@ class WrongKinds(Case):
 class WrongArguments(Case):
     def test_options(self):
         for args, words in ((("--nose", "latent"), ("--nose",)), (("--noise", "latnt"), ("latnt", "latent")), (("--threads", "0"), ("threads",)),
-                            (("--threads", "two"), ("threads",)), (("--linear-solver", "magic"), ("magic", "dense", "cholmod")), (("--step",), ("step",)),
+                            (("--threads", "two"), ("threads",)), (("--linear-solver", "magic"), ("magic", "dense", "sparse", "cholmod")), (("--step",), ("step",)),
                             (("extra",), ("extra",))):
             with self.subTest(args=args):
                 self.fails(self.calibrate(*args), *words)
@@ -983,7 +983,7 @@ class Results(Case):
             self.assertAlmostEqual(s["history"][0][0], s["chi2_initial"], delta=1e-9 * s["chi2_initial"])
             self.assertAlmostEqual(s["history"][-1][0], s["chi2"], delta=1e-6 * s["chi2"])
             self.assertLess(s["chi2"], s["chi2_initial"])
-            self.assertIn(s["linear_solver"], ("dense", "cholmod"))
+            self.assertIn(s["linear_solver"], ("dense", "sparse", "cholmod"))
             self.assertEqual((s["unused"], s["held_out"], s["unobservable"]), ([], [], []))
         self.assertEqual(r["steps"][-1]["chi2"], r["chi2"])
         self.assertEqual(r["steps"][-1]["dof"], r["dof"])

@@ -1,4 +1,5 @@
-// solver/: observability, planted gauges, Levenberg-Marquardt, threads, dense against CHOLMOD.
+// solver/: observability, planted gauges, Levenberg-Marquardt, threads, dense against sparse and
+// CHOLMOD.
 //
 // Proves: observe() gives the inverse of the dense normal matrix, the rank and the degrees of
 // freedom of the stacked Jacobian, also where a sample does not determine its own unknowns; every
@@ -885,17 +886,21 @@ TEST_CASE(
     }
 }
 
-TEST_CASE("levenberg-marquardt: dense and CHOLMOD agree") {
+TEST_CASE("levenberg-marquardt: dense, sparse and CHOLMOD agree") {
   for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal}) {
-    double chi2[2];
-    VectorXd shared[2], sigma;
-    for (const int k : {0, 1}) {
+    double chi2[3];
+    VectorXd shared[3], sigma;
+    for (const int k : {0, 1, 2}) {
       Setting s = nasty_in(mode, {}, 8, 101, 5e-3);
       VectorXd state = s.start();
       SolverOptions options;
-      options.linear_solver = k ? LinearSolver::cholmod : LinearSolver::dense;
+      options.linear_solver = k == 0   ? LinearSolver::dense
+                              : k == 1 ? LinearSolver::sparse
+                                       : LinearSolver::cholmod;
       LevenbergMarquardt solver(*s.problem, options);
-      CHECK(std::string(solver.linear_solver()) == (k ? "cholmod" : "dense"));
+      CHECK(std::string(solver.linear_solver()) == (k == 0   ? "dense"
+                                                    : k == 1 ? "sparse"
+                                                             : "cholmod"));
       const SolveSummary summary = solver.solve(state);
       REQUIRE(summary.outcome == Outcome::converged);
       chi2[k] = summary.cost.chi2;
@@ -913,14 +918,17 @@ TEST_CASE("levenberg-marquardt: dense and CHOLMOD agree") {
       }
       sigma = o.covariance.diagonal().cwiseSqrt();
     }
-    CHECK(std::abs(chi2[0] / chi2[1] - 1) < 1e-10);
-    CHECK(((shared[0] - shared[1]).cwiseQuotient(sigma)).cwiseAbs().maxCoeff() < 1e-6);
+    for (const int k : {1, 2}) {
+      CHECK(std::abs(chi2[0] / chi2[k] - 1) < 1e-10);
+      CHECK(((shared[0] - shared[k]).cwiseQuotient(sigma)).cwiseAbs().maxCoeff() < 1e-6);
+    }
   }
 }
 
 TEST_CASE("levenberg-marquardt: the same bits with any number of threads") {
   for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal})
-    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+    for (const LinearSolver choice :
+         {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
       VectorXd first;
       SolveSummary one;
       for (const int threads : {1, 2, 3, 2}) {

@@ -3,8 +3,8 @@
 // Proves: a Crew does every piece exactly once, with workers in range, over very many short runs
 // and pieces of any number; what a piece throws comes out, and nobody waits for ever; the
 // estimation of a PR2-like robot and of the nasty one ends in the same bits for 1, 2, 3 and 5
-// threads, dense and CHOLMOD, with and without joint noise. Does not prove: that there are no data
-// races (run this under a thread sanitizer), nor speed.
+// threads, dense, sparse and CHOLMOD, with and without joint noise. Does not prove: that there are
+// no data races (run this under a thread sanitizer), nor speed.
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <cstring>
@@ -167,9 +167,9 @@ TEST_CASE("threads: a PR2-like robot, the same bits") {
   auto robot = std::make_shared<benchmarks::RobotProblem>(benchmarks::pr2_like(60));
   for (JointSettings& j : robot->rig.joints) j.sigma = 0.001;
   for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
-    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
-      INFO("mode " << static_cast<int>(mode) << ", "
-                   << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+    for (const LinearSolver choice :
+         {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
+      INFO("mode " << static_cast<int>(mode) << ", linear solver " << static_cast<int>(choice));
       same_bits(
           [&] {
             EstimationSetup setup = robot->setup;
@@ -184,10 +184,10 @@ TEST_CASE("threads: a PR2-like robot, the same bits") {
 
 TEST_CASE("threads: a robot with every type of sensor, the same bits") {
   for (const NoiseMode mode : {NoiseMode::none, NoiseMode::latent})
-    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod})
+    for (const LinearSolver choice :
+         {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod})
       for (const Loss& loss : {Loss{LossKind::none, 1}, Loss{LossKind::cauchy, 2}}) {
-        INFO("mode " << static_cast<int>(mode) << ", "
-                     << (choice == LinearSolver::dense ? "dense" : "cholmod"));
+        INFO("mode " << static_cast<int>(mode) << ", linear solver " << static_cast<int>(choice));
         same_bits(
             [&] {
               const std::shared_ptr<Setting> s(new Setting(

@@ -398,7 +398,8 @@ TEST_CASE("bundle adjustment: unpack is the way back") {
 }
 
 TEST_CASE("bundle adjustment: points and cameras that nobody observes stay where they are") {
-  for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+  for (const LinearSolver choice :
+       {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
     const auto d = noisy(make(6, 30, 851,
                               [](int c, int p) {
                                 return c != 1 && c != 4 && c != 5 && p != 0 && p != 13 && p != 29;
@@ -428,15 +429,15 @@ TEST_CASE("bundle adjustment: points and cameras that nobody observes stay where
 }
 
 TEST_CASE("bundle adjustment: exact data lead to a cost of nothing, dense and CHOLMOD") {
-  for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+  for (const LinearSolver choice :
+       {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
     const auto d = noisy(make(8, 60, 861, [](int c, int p) { return (c + p) % 8 < 5; }), 0, 1, 862);
     REQUIRE(plain_cost(d) > 1000);
     BundleAdjustment problem(d);
     SolverOptions options;
     options.linear_solver = choice;
     LevenbergMarquardt solver(problem, options);
-    CHECK(std::string(solver.linear_solver()) ==
-          (choice == LinearSolver::dense ? "dense" : "cholmod"));
+    CHECK(std::string(solver.linear_solver()) == linear_solver_name(choice));
     VectorXd state = problem.initial();
     const SolveSummary& summary = solver.solve(state);
     INFO(summary.iterations << " iterations");
@@ -514,7 +515,8 @@ TEST_CASE("bundle adjustment: noisy data, the minimum of a dense solver") {
     const double expected = dense_minimum(d);
     CHECK(expected < 2 * 240);
     std::vector<double> costs;
-    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+    for (const LinearSolver choice :
+         {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
       BundleAdjustment problem(d);
       SolverOptions options;
       options.linear_solver = choice;
@@ -601,7 +603,8 @@ TEST_CASE(
 
 TEST_CASE("bundle adjustment: the same bits with any number of threads") {
   for (const bool pairs : {false, true})
-    for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+    for (const LinearSolver choice :
+         {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
       const auto d = noisy(make(20, 900, 891,
                                 [&](int c, int p) {
                                   return pairs ? (p % 10 + 10 - c / 2) % 10 < 2
@@ -651,7 +654,8 @@ TEST_CASE("bundle adjustment: points whose depth nobody knows do no harm") {
     without.point_of.push_back(full.point_of[i]);
     without.pixels.insert(without.pixels.end(), {full.pixels[2 * i], full.pixels[2 * i + 1]});
   }
-  for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
+  for (const LinearSolver choice :
+       {LinearSolver::dense, LinearSolver::sparse, LinearSolver::cholmod}) {
     double cost[2];
     for (const int k : {0, 1}) {
       BundleAdjustment problem(k ? without : full);
