@@ -71,7 +71,7 @@ int main(int argc, char** argv) try {
       init_command(app),
       check_command(app, line),
       calibrate_command(app, line),
-      batch_command(app, line),
+      batch_command(app, line, {argv, argv + argc}),
       evaluate_command(app, line),
       diff_command(app),
       apply_command(app),

@@ -9,15 +9,11 @@
 #include "signals.h"
 
 namespace kincal {
-namespace {
 
-/// Longer lines would be broken, and their beginnings stay.
 size_t columns_of_terminal() {
   winsize size{};
   return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col - 1u : 79;
 }
-
-}  // namespace
 
 std::string time_text(double seconds) {
   char text[32];

@@ -33,6 +33,10 @@ class Progress {
   Clock::time_point begin_, last_;
 };
 
+/// Returns how long a line of progress may be: longer ones would be broken, and their beginnings
+/// stay.
+size_t columns_of_terminal();
+
 /// "12 s", "3 min", "1.5 h"
 std::string time_text(double seconds);
 

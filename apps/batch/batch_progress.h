@@ -17,7 +17,10 @@ class BatchProgress {
  public:
   BatchProgress(bool quiet, size_t todo);
 
-  void update(size_t done, size_t failing);
+  /// `note`: what else there is to say.
+  void update(size_t done, size_t failing, const std::string& note = "");
+  /// The rate counts from here: what is done so far was not done in the time that this has seen.
+  void restart(size_t done);
 
   /// Removes the line.
   void end();
@@ -27,7 +30,7 @@ class BatchProgress {
 
  private:
   bool quiet_, terminal_, open_ = false;
-  size_t todo_;
+  size_t todo_, before_ = 0;
   Clock::time_point start_ = Clock::now();
   double last_ = 0;
 };

@@ -7,8 +7,13 @@
 #endif
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <map>
+#include <optional>
 
 #include "../../io/document/files.h"
 #include "batch_progress.h"
@@ -61,6 +66,44 @@ namespace fs = std::filesystem;
   }
 }
 
+/// Starts a child that calibrates a set into its result directory; returns its process id, -1 if
+/// there cannot be one more.
+pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings,
+                const sigset_t& signals_before) {
+  const pid_t parent = getpid(), child = fork();
+  if (child != 0) return child;
+#ifdef __linux__
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // what a child of a dead parent finds would not be read
+#endif
+  if (getppid() != parent) _exit(kInterrupted);
+  for (const int s : {SIGINT, SIGTERM})
+    std::signal(s, SIG_IGN);  // they reach all; the parent decides
+  sigprocmask(SIG_SETMASK, &signals_before, nullptr);
+  calibrate_set(set, output, settings);
+}
+
+/// Returns the summary of a child that ended with `status` (of waitpid).
+SetSummary summary_of(const Set& set, const Output& output, int status) {
+  if (WIFSIGNALED(status))
+    return failed(set, 128 + WTERMSIG(status),
+                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
+                      strsignal(WTERMSIG(status)) + ")");
+  const int code = WEXITSTATUS(status);
+  std::error_code ignored;
+  if (code == kConverged || code == kUnobservable || code == kNotConverged ||
+      code == kToleranceNotMet || code == kNotExplained) {
+    std::optional<BatchRecord> record =
+        read_record((output.result(set.name) / "batch.json").string());
+    if (record) {
+      record->set.name = set.name;
+      return record->set;
+    }
+  } else if (fs::exists(output.error(set.name), ignored)) {
+    return failed(set, code, read_file(output.error(set.name).string()));
+  }
+  return failed(set, kBadInput, output.result(set.name).string() + ": cannot be written");
+}
+
 }  // namespace
 
 std::string options_text(const CalibrateSettings& s) {
@@ -82,18 +125,47 @@ std::string options_text(const CalibrateSettings& s) {
   return out;
 }
 
-pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings,
-                const sigset_t& signals_before) {
-  const pid_t parent = getpid(), child = fork();
-  if (child != 0) return child;
-#ifdef __linux__
-  prctl(PR_SET_PDEATHSIG, SIGKILL);  // what a child of a dead parent finds would not be read
-#endif
-  if (getppid() != parent) _exit(kInterrupted);
-  std::signal(SIGINT, SIG_IGN);  // Ctrl-C reaches all; the parent decides
-  std::signal(SIGTERM, SIG_DFL);
-  sigprocmask(SIG_SETMASK, &signals_before, nullptr);
-  calibrate_set(set, output, settings);
+bool calibrate_each(const std::vector<Set>& sets, const Output& output, const BatchArguments& a,
+                    const Signals& signals, const std::function<void(size_t, SetSummary)>& ended,
+                    const std::function<void()>& look) {
+  struct Child {
+    size_t set;
+    Clock::time_point start;
+  };
+  std::map<pid_t, Child> running;
+  std::fflush(nullptr);  // else children would write it a second time
+  for (size_t next = 0; next < sets.size() || !running.empty();) {
+    while (running.size() < static_cast<size_t>(a.jobs) && next < sets.size()) {
+      const size_t i = next;
+      const pid_t pid = start_set(sets[i], output, a.settings, signals.before);
+      if (pid < 0 && !running.empty()) break;  // not now: when one of them has ended
+      ++next;
+      if (pid < 0)
+        ended(i, failed(sets[i], kBadInput,
+                        std::string("no process can be started: ") + std::strerror(errno)));
+      else
+        running[pid] = {i, Clock::now()};
+    }
+    look();
+    if (running.empty()) continue;
+    if (signals.wait(500)) {
+      for (const auto& child : running) kill(child.first, SIGKILL);
+      for (const auto& child : running) waitpid(child.first, nullptr, 0);
+      return false;
+    }
+    int status;
+    for (pid_t pid; (pid = waitpid(-1, &status, WNOHANG)) > 0;) {
+      const auto child = running.find(pid);
+      if (child == running.end()) continue;
+      const size_t i = child->second.set;
+      SetSummary summary = summary_of(sets[i], output, status);
+      if (summary.status == "failed") summary.seconds = seconds_since(child->second.start);
+      running.erase(child);
+      ended(i, std::move(summary));
+    }
+  }
+  look();
+  return true;
 }
 
 SetSummary failed(const Set& set, int code, const std::string& error) {
@@ -103,27 +175,6 @@ SetSummary failed(const Set& set, int code, const std::string& error) {
   summary.exit_code = code;
   summary.error = error;
   return summary;
-}
-
-SetSummary summary_of(const Set& set, const Output& output, int status) {
-  if (WIFSIGNALED(status))
-    return failed(set, 128 + WTERMSIG(status),
-                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
-                      strsignal(WTERMSIG(status)) + ")");
-  const int code = WEXITSTATUS(status);
-  std::error_code ignored;
-  if (code == kConverged || code == kUnobservable || code == kNotConverged ||
-      code == kToleranceNotMet || code == kNotExplained) {
-    std::optional<BatchRecord> record =
-        read_record((output.result(set.name) / "batch.json").string());
-    if (record) {
-      record->set.name = set.name;
-      return record->set;
-    }
-  } else if (fs::exists(output.error(set.name), ignored)) {
-    return failed(set, code, read_file(output.error(set.name).string()));
-  }
-  return failed(set, kBadInput, output.result(set.name).string() + ": cannot be written");
 }
 
 }  // namespace kincal

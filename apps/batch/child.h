@@ -1,26 +1,27 @@
-// One set of a batch, calibrated in a process of its own.
+// Sets of a batch, each calibrated in a process of its own.
 #pragma once
 
-#include <csignal>
+#include <functional>
 #include <string>
+#include <vector>
 
 #include "../job.h"
+#include "batch.h"
 #include "output.h"
+#include "work.h"
 
 namespace kincal {
 
 /// Returns the options that make a difference to results, as a command line.
 std::string options_text(const CalibrateSettings& settings);
 
-/// Starts a child that calibrates a set into its result directory; returns its process id, -1 if
-/// there cannot be one more.
-pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings,
-                const sigset_t& signals_before);
+/// Calibrates each of these sets in a child, at most a.jobs at once. `ended` hears of each one that
+/// has ended, by its place; `look` is called between. Returns false if it was interrupted.
+bool calibrate_each(const std::vector<Set>& sets, const Output& output, const BatchArguments& a,
+                    const Signals& signals, const std::function<void(size_t, SetSummary)>& ended,
+                    const std::function<void()>& look);
 
 /// Returns the summary of a set that failed with this exit code and message.
 SetSummary failed(const Set& set, int code, const std::string& error);
-
-/// Returns the summary of a child that ended with `status` (of waitpid).
-SetSummary summary_of(const Set& set, const Output& output, int status);
 
 }  // namespace kincal

@@ -28,12 +28,33 @@ void put_back(const fs::path& folder) {
   for (const fs::path& path : moved) say_cleared(clear_leftovers(path.string()));
 }
 
+/// Locks a scratch folder for as long as this process or one of its children lives. False: it is
+/// locked.
+bool lock_folder(const fs::path& scratch) {
+  const int lock = open((scratch / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+  if (lock < 0)
+    throw InputError((scratch / "lock").string() + ": cannot be made: " + std::strerror(errno));
+  // Children of a batch that was just killed hold the lock for a moment. (A file system without
+  // locks goes without.)
+  for (int tries = 0; flock(lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK; ++tries) {
+    if (tries == 50) return false;
+    usleep(100000);
+  }
+  return true;
+}
+
 }  // namespace
 
 void Output::clean() const {
   std::error_code ignored;
   for (const fs::directory_entry& entry : fs::directory_iterator(scratch, ignored))
-    if (entry.path().filename() != "lock") fs::remove_all(entry.path(), ignored);
+    if (entry.path().filename() != "lock" && entry.path().filename() != "slurm")
+      fs::remove_all(entry.path(), ignored);
+}
+
+void Output::tidy() const {
+  clean();
+  put_back(folder);
 }
 
 Output open_output(const std::string& out) {
@@ -48,18 +69,17 @@ Output open_output(const std::string& out) {
     fs::create_directory(path, error);
     if (error) throw InputError(path.string() + ": cannot be made: " + error.message());
   }
-  const int lock = open((output.scratch / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-  if (lock < 0)
-    throw InputError((output.scratch / "lock").string() +
-                     ": cannot be made: " + std::strerror(errno));
-  // Children of a batch that was just killed hold the lock for a moment. (A file system without
-  // locks goes without.)
-  for (int tries = 0; flock(lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK; ++tries) {
-    if (tries == 50) throw InputError(out + ": another batch is writing here");
-    usleep(100000);
-  }
+  if (!lock_folder(output.scratch)) throw InputError(out + ": another batch is writing here");
+  return output;
+}
+
+Output open_scratch(const std::string& out, const fs::path& scratch) {
+  const Output output{out, scratch};
+  std::error_code error;
+  fs::create_directory(scratch, error);
+  if (error) throw InputError(scratch.string() + ": cannot be made: " + error.message());
+  if (!lock_folder(scratch)) throw InputError(scratch.string() + ": another process writes here");
   output.clean();
-  put_back(output.folder);
   return output;
 }
 

@@ -17,12 +17,18 @@ struct Output {
 
   std::filesystem::path result(const std::string& name) const { return folder / name; }
   std::filesystem::path error(const std::string& name) const { return scratch / (name + ".error"); }
-  /// Removes what is being written.
+  /// Removes what is being written, but not the folder of a Slurm job (shares.h).
   void clean() const;
+  /// Does so, and puts results back that a batch which was killed had moved away. Nobody else may
+  /// be writing here.
+  void tidy() const;
 };
 
 /// Makes the folder, or takes up that of a batch, and locks it. @throws InputError
 Output open_output(const std::string& out);
+/// Makes a scratch folder of a task's own for the results in `out`, and locks it. @throws
+/// InputError
+Output open_scratch(const std::string& out, const std::filesystem::path& scratch);
 
 /// Returns a set's summary if its result is there and of these inputs and options; else `why` says
 /// why not ("": never calibrated).

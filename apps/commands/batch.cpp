@@ -10,10 +10,11 @@
 
 namespace kincal {
 
-Command batch_command(CLI::App& app, const std::string& command_line) {
+Command batch_command(CLI::App& app, const std::string& command_line,
+                      const std::vector<std::string>& arguments) {
   auto a = std::make_shared<BatchArguments>();
   a->settings.command = command_line;
-  a->jobs = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  a->slurm.arguments = arguments;
   CLI::App* command = app.add_subcommand(
       "batch", "Calibrate many sample sets, each into a result directory of its own");
   command
@@ -29,12 +30,35 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
                    "one to go on")
       ->required();
   command
-      ->add_option("--jobs", a->jobs,
-                   "how many calibrations run at once (default: as many as there are cores)")
+      ->add_option(
+          "--jobs", a->jobs,
+          "how many calibrations run at once (default: as many as there are cores; with --slurm "
+          "1, in each task)")
       ->check(CLI::Range(1, 1024));
   add_settings(*command, a->settings);
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--json", a->json, "print summary.json on standard output instead of tables");
+  CLI::Option* slurm = command->add_flag(
+      "--slurm", a->slurm.use,
+      "on a cluster: submit an array of tasks and wait for it; Ctrl-C cancels it. DIR must be "
+      "shared between the nodes");
+  command->add_option("--partition", a->slurm.partition, "the partition that Slurm takes")
+      ->needs(slurm);
+  command
+      ->add_option("--tasks", a->slurm.tasks,
+                   "how many tasks share the sets (default: one for 200 sets, at most 1000)")
+      ->check(CLI::Range(1, 1000000))
+      ->needs(slurm);
+  command
+      ->add_option(
+          "--sbatch", a->slurm.sbatch,
+          "more options of sbatch, in one word: --sbatch '--time=1:00:00 --mem-per-cpu=1G'")
+      ->needs(slurm);
+  command
+      ->add_flag("--detach", a->slurm.detach,
+                 "do not wait: the same command later shows how far it is, or ends with the "
+                 "summary")
+      ->needs(slurm);
   command->footer(
       "A set whose result is there, of the same inputs, options and version, is not calibrated "
       "again; so the same command goes on after "
@@ -44,7 +68,13 @@ Command batch_command(CLI::App& app, const std::string& command_line) {
       "unexplained: see "
       "`status` in summary.csv) or do not\n"
       "meet a --require, or bad usage; 130 interrupted, what is finished stays.");
-  return {command, [a] { return batch(*a); }};
+  return {command, [a] {
+            if (a->jobs == 0)
+              a->jobs = a->slurm.use
+                            ? 1
+                            : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+            return batch(*a);
+          }};
 }
 
 }  // namespace kincal

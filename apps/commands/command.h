@@ -17,7 +17,8 @@ struct Command {
 };
 
 Command calibrate_command(CLI::App& app, const std::string& command_line);
-Command batch_command(CLI::App& app, const std::string& command_line);
+Command batch_command(CLI::App& app, const std::string& command_line,
+                      const std::vector<std::string>& arguments);
 Command check_command(CLI::App& app, const std::string& command_line);
 Command evaluate_command(CLI::App& app, const std::string& command_line);
 Command simulate_command(CLI::App& app);
