@@ -13,6 +13,7 @@ bag_packages=(libsqlite3-dev liblz4-dev libzstd-dev libbz2-dev zlib1g-dev)  # fo
 image_packages=(libopencv-contrib-dev)  # for kincal-detect and kincal-render, which are left out without it
 # Python: an independent implementation to compare with.
 test_packages=(catch2 python3-numpy python3-scipy python3-yaml "${image_packages[@]}" "${bag_packages[@]}")
+cluster_packages=(slurm-wlm munge)  # a Slurm that its tests start for themselves; without it they are skipped
 
 fail() {
   printf '%s\n' "$@" >&2

@@ -28,6 +28,10 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group Same Ends Detached Slurm)
+  kincal_python_test(slurm.${group} slurm_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Data Command Inputs Show Browser)
   kincal_python_test(report.${group} report_test.py cli 600 ${kincal_program} ${group})
 endforeach()

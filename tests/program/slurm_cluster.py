@@ -111,6 +111,13 @@ class Cluster:
         return subprocess.run(command, env=self.env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True,
                               timeout=30).stdout
 
+    def end_jobs(self):
+        self.run("scancel", "--state=PENDING", "--user=root")
+        self.run("scancel", "--signal=KILL", "--full", "--user=root")
+        end = time.time() + 20
+        while self.run("squeue", "-h") and time.time() < end:
+            time.sleep(0.1)
+
     def logs(self):
         text = ""
         for name in sorted(os.listdir(self.dir)):
@@ -121,11 +128,7 @@ class Cluster:
 
     def __exit__(self, *_):
         if len(self.daemons) == 3 and all(d.poll() is None for d in self.daemons):
-            self.run("scancel", "--state=PENDING", "--user=root")
-            self.run("scancel", "--signal=KILL", "--full", "--user=root")
-            end = time.time() + 10
-            while self.run("squeue", "-h") and time.time() < end:
-                time.sleep(0.2)
+            self.end_jobs()
         for daemon in reversed(self.daemons):
             daemon.send_signal(signal.SIGTERM)
             try:
