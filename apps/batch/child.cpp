@@ -168,13 +168,4 @@ bool calibrate_each(const std::vector<Set>& sets, const Output& output, const Ba
   return true;
 }
 
-SetSummary failed(const Set& set, int code, const std::string& error) {
-  SetSummary summary;
-  summary.name = set.name;
-  summary.status = "failed";
-  summary.exit_code = code;
-  summary.error = error;
-  return summary;
-}
-
 }  // namespace kincal

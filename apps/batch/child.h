@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "../job.h"
-#include "batch.h"
+#include "batch_arguments.h"
 #include "output.h"
 #include "work.h"
 
@@ -20,8 +20,5 @@ std::string options_text(const CalibrateSettings& settings);
 bool calibrate_each(const std::vector<Set>& sets, const Output& output, const BatchArguments& a,
                     const Signals& signals, const std::function<void(size_t, SetSummary)>& ended,
                     const std::function<void()>& look);
-
-/// Returns the summary of a set that failed with this exit code and message.
-SetSummary failed(const Set& set, int code, const std::string& error);
 
 }  // namespace kincal

@@ -22,7 +22,7 @@ constexpr size_t kSetsOfTask = 200, kMostTasks = 1000;
 constexpr double kUntilSeen = 90;  // seconds; what other nodes wrote, a network may show that late
 const char kTask[] = "KINCAL_SLURM_TASK";
 
-JobFolder job_folder(const std::string& out) { return {fs::path(out) / ".batch" / "slurm"}; }
+fs::path job_folder(const std::string& out) { return fs::path(out) / ".batch" / "slurm"; }
 
 /// A word for the shell.
 std::string shell_quoted(const std::string& word) {
@@ -58,38 +58,38 @@ std::string task_script(const std::string& token, const std::vector<std::string>
 
 /// Submits a job for all sets that are not known.
 SlurmJob start_job(const Work& work, const BatchArguments& a, const std::string& options) {
-  const JobFolder folder = job_folder(a.out);
   std::vector<Set> sets;
   for (const size_t i : work.todo)
     if (!work.known(i)) sets.push_back(work.sets[i]);
   SlurmJob job;
   std::random_device random;
-  for (int i = 0; i < 4; ++i) job.token += std::to_string(random());
+  job.token = std::to_string(random()) + std::to_string(random());
   job.options = options;
   job.command = a.settings.command;
   job.tasks = a.slurm.tasks > 0
                   ? std::min(static_cast<size_t>(a.slurm.tasks), sets.size())
                   : std::min((sets.size() + kSetsOfTask - 1) / kSetsOfTask, kMostTasks);
+  const JobFolder folder{job_folder(a.out), job.token};
   work.output.tidy();
   write_job(folder, job, sets);
   try {
-    const std::string path = whole_path(folder.path);
+    const std::string path = whole_path(folder.file(""));
     Array array;
     array.tasks = job.tasks;
     array.cpus = static_cast<size_t>(a.jobs) * static_cast<size_t>(std::max(a.settings.threads, 1));
     array.options = words_for_sbatch(a.slurm);
-    if (seen_by_a_node(path + "/job", array.options) == "missing")
+    if (seen_by_a_node(path + "0.sets", array.options) == "missing")
       throw InputError("--slurm: a node does not see " + whole_path(a.out) +
                        ": the folder must be shared between this machine and all nodes, by the "
                        "same path");
-    array.script = path + "/task";
+    array.script = path + "task";
     for (const char c : path) array.output += c == '%' ? "%%" : std::string(1, c);
-    array.output += "/%a.out";
+    array.output += "%a.out";
     write_file(array.script, task_script(job.token, a.slurm.arguments), true);
     job.id = submit(array);
     write_id(folder, job.id);
   } catch (const InputError&) {
-    if (job.id.empty()) remove_job(folder);
+    if (job.id.empty()) remove_job(folder.path);
     throw;
   }
   return job;
@@ -99,7 +99,7 @@ SlurmJob start_job(const Work& work, const BatchArguments& a, const std::string&
 class JobWatch {
  public:
   JobWatch(const SlurmJob& job, const std::string& out, Work& work, BatchProgress& progress)
-      : job_(job), folder_(job_folder(out)), work_(work), progress_(progress) {
+      : job_(job), folder_{job_folder(out), job.token}, work_(work), progress_(progress) {
     for (size_t i = 0; i < work.sets.size(); ++i) places_[work.sets[i].name] = i;
     for (size_t task = 0; task < job.tasks; ++task) readers_.emplace_back(folder_, task, out);
   }
@@ -201,7 +201,7 @@ int end_by_user(const SlurmJob& job, const Work& work) {
 }  // namespace
 
 bool goes_on_slurm(const Output& output, const BatchArguments& a, const std::string& options) {
-  const JobFolder folder = job_folder(a.out);
+  const fs::path folder = job_folder(a.out);
   const std::optional<SlurmJob> job = read_slurm_job(folder);
   if (!job) return false;
   if (!job->id.empty()) {
@@ -222,7 +222,7 @@ bool goes_on_slurm(const Output& output, const BatchArguments& a, const std::str
 
 std::optional<int> calibrate_on_slurm(Work& work, const BatchArguments& a,
                                       const std::string& options, BatchProgress& progress) {
-  const JobFolder folder = job_folder(a.out);
+  const fs::path folder = job_folder(a.out);
   const bool silent = a.quiet || a.json;
   std::optional<SlurmJob> job = read_slurm_job(folder);
   const Signals signals;
@@ -267,8 +267,8 @@ std::optional<int> calibrate_on_slurm(Work& work, const BatchArguments& a,
 const char* task_token() { return std::getenv(kTask); }
 
 int run_task(const BatchArguments& a, const std::string& token) {
-  const JobFolder folder = job_folder(a.out);
-  const std::optional<SlurmJob> job = read_slurm_job(folder);
+  const JobFolder folder{job_folder(a.out), token};
+  const std::optional<SlurmJob> job = read_slurm_job(folder.path);
   if (!job)
     throw InputError(whole_path(folder.path) +
                      ": there is no job: the folder must be shared between all nodes and the "

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "batch.h"
+#include "batch_arguments.h"
 #include "work.h"
 
 namespace kincal {

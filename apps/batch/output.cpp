@@ -118,4 +118,13 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output,
   return summary;
 }
 
+SetSummary failed(const Set& set, int code, const std::string& error) {
+  SetSummary summary;
+  summary.name = set.name;
+  summary.status = "failed";
+  summary.exit_code = code;
+  summary.error = error;
+  return summary;
+}
+
 }  // namespace kincal

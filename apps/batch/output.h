@@ -35,4 +35,7 @@ Output open_scratch(const std::string& out, const std::filesystem::path& scratch
 std::optional<SetSummary> find_done(const Set& set, const Output& output,
                                     const std::string& options, std::string& why);
 
+/// Returns the summary of a set that failed with this exit code and message.
+SetSummary failed(const Set& set, int code, const std::string& error);
+
 }  // namespace kincal

@@ -8,7 +8,7 @@
 #include <sstream>
 
 #include "../../io/document/files.h"
-#include "child.h"
+#include "output.h"
 
 namespace kincal {
 namespace {
@@ -59,21 +59,22 @@ std::optional<Note> note_of(const std::string& line, size_t sets) {
 
 }  // namespace
 
-std::optional<SlurmJob> read_slurm_job(const JobFolder& folder) {
-  if (!file_exists(folder.file("job").string())) return std::nullopt;
-  const std::vector<std::string> texts = read_texts(folder.file("job"));
+std::optional<SlurmJob> read_slurm_job(const fs::path& folder) {
+  if (!file_exists((folder / "job").string())) return std::nullopt;
+  const std::vector<std::string> texts = read_texts(folder / "job");
   SlurmJob job;
   if (texts.size() != 4) return job;
   job.token = texts[0], job.options = texts[1], job.command = texts[2];
   job.tasks = std::stoul(texts[3]);
-  if (file_exists(folder.file("id").string())) job.id = read_file(folder.file("id").string());
+  const std::string id = (folder / "id").string();
+  if (file_exists(id)) job.id = read_file(id);
   return job;
 }
 
 void write_job(const JobFolder& folder, const SlurmJob& job, const std::vector<Set>& sets) {
-  remove_job(folder);
+  remove_job(folder.path);
   std::error_code error;
-  fs::create_directory(folder.path, error);
+  fs::create_directories(folder.path / folder.token, error);
   if (error) throw InputError(folder.path.string() + ": cannot be made: " + error.message());
   std::vector<std::vector<std::string>> shares(job.tasks);
   for (size_t i = 0; i < sets.size(); ++i)
@@ -83,17 +84,21 @@ void write_job(const JobFolder& folder, const SlurmJob& job, const std::vector<S
     write_texts(folder.file(task, ".sets"), shares[task]);
     append(folder.file(task, ".done"), "");  // there before anybody looks for it
   }
-  write_texts(folder.file("job"), {job.token, job.options, job.command, std::to_string(job.tasks)});
+  write_texts(folder.path / "job",
+              {job.token, job.options, job.command, std::to_string(job.tasks)});
 }
 
 void write_id(const JobFolder& folder, const std::string& id) {
-  write_file(folder.file("id").string(), id, true);
+  write_file((folder.path / "id").string(), id, true);
 }
 
-void remove_job(const JobFolder& folder) {
+void remove_job(const fs::path& folder) {
   std::error_code ignored;
-  fs::remove(folder.file("job"), ignored);  // what makes it one goes first
-  fs::remove_all(folder.path, ignored);
+  fs::remove(folder / "job", ignored);  // what makes it one goes first
+  for (int tries = 0; tries < 20 && fs::exists(folder, ignored); ++tries) {
+    if (tries > 0) usleep(50000);  // a task that has done its share was removing its own files
+    fs::remove_all(folder, ignored);
+  }
 }
 
 std::vector<Set> read_share(const JobFolder& folder, size_t task) {

@@ -1,13 +1,14 @@
 // The folder of a Slurm job, OUT/.batch/slurm, by which a batch and the tasks of its job know of
 // each other. It is there from before the job is submitted until its end is in the summary.
 //
-//   job     what is calibrated, and how; the token tells it from jobs that were given up
-//   id      Slurm's number of the job
-//   task    the script that Slurm runs
-//   K.sets  the sets of task K: its share
-//   K.done  what became of them, a line a set, appended by the task
-//   K.out   what the task printed
-//   K.work  what the task is writing
+//   job            what is calibrated, and how, with the job's token
+//   id             Slurm's number of the job
+//   TOKEN/         of this job: what goes on of one that was given up finds its own no more
+//     task         the script that Slurm runs
+//     K.sets       the sets of task K: its share
+//     K.done       what became of them, a line a set, appended by the task
+//     K.out        what the task printed
+//     K.work       what the task is writing
 #pragma once
 
 #include <filesystem>
@@ -29,19 +30,21 @@ struct SlurmJob {
 
 struct JobFolder {
   std::filesystem::path path;
+  std::string token;
 
-  std::filesystem::path file(const std::string& name) const { return path / name; }
+  std::filesystem::path file(const std::string& name) const { return path / token / name; }
   std::filesystem::path file(size_t task, const char* kind) const {
-    return path / (std::to_string(task) + kind);
+    return file(std::to_string(task) + kind);
   }
 };
 
 /// Returns the job of the folder; nullopt: there is none.
-std::optional<SlurmJob> read_slurm_job(const JobFolder& folder);
-/// Writes a job that is not submitted yet: set i is of the share i % tasks. @throws InputError
+std::optional<SlurmJob> read_slurm_job(const std::filesystem::path& folder);
+/// Writes a job that is not submitted yet, in place of any other: set i is of the share i % tasks.
+/// @throws InputError
 void write_job(const JobFolder& folder, const SlurmJob& job, const std::vector<Set>& sets);
 void write_id(const JobFolder& folder, const std::string& id);
-void remove_job(const JobFolder& folder);
+void remove_job(const std::filesystem::path& folder);
 /// @throws InputError
 std::vector<Set> read_share(const JobFolder& folder, size_t task);
 

@@ -4,7 +4,6 @@
 #include <optional>
 
 #include "../job.h"
-#include "child.h"
 
 namespace kincal {
 

@@ -25,7 +25,7 @@ import slurm_cluster
 
 SOURCE_DIR = KINCAL = CLUSTER = None
 NOT_A_SET = (".batch", "report.html", "summary.csv", "summary.json")
-SLOW = ("--cross-validate", "25")     # about half a second a set
+SLOW = ("--cross-validate", "12")     # about a quarter of a second a set
 
 
 class Case(unittest.TestCase):
@@ -89,6 +89,11 @@ class Case(unittest.TestCase):
 
     def job(self):
         return self.read("out", ".batch", "slurm", "id")
+
+    def notes(self):
+        """What the tasks noted."""
+        files = [os.path.join(folder, name) for folder, _, names in os.walk(self.path("out", ".batch", "slurm")) for name in names if name.endswith(".done")]
+        return "".join(self.read(path) for path in sorted(files))
 
     def tasks(self):
         """Process ids of the tasks of this test: children of Slurm's, not of a kincal."""
@@ -203,7 +208,7 @@ class Ends(Case):
         self.wait_for(lambda: "BeginTime" in CLUSTER.run("squeue", "-h", "-j", self.job(), "-o", "%r"), p)
         time.sleep(2)
         CLUSTER.run("scontrol", "update", "JobId=" + self.job(), "StartTime=now")
-        self.wait_for(lambda: self.read("out", ".batch", "slurm", "0.done").count("start ") == 2, p)
+        self.wait_for(lambda: self.notes().count("start ") == 2, p)
         out, err = p.communicate(timeout=100)
         self.assertEqual(p.returncode, 0, err)
         after = self.times()
@@ -214,34 +219,58 @@ class Ends(Case):
         """Ctrl-C cancels the job; what is finished stays."""
         p = self.start("--slurm", "--tasks", "3", *SLOW)
         self.wait_for(lambda: len(self.names()) >= 2, p)
-        job = self.job()
         os.killpg(p.pid, signal.SIGINT)
         out, err = p.communicate(timeout=60)
         self.assertEqual((p.returncode, out), (130, ""), err)
         self.assertRegex(err, r"kincal: interrupted; \d+ of 12 sets done, the same command goes on\n$")
-        self.wait_for(lambda: not CLUSTER.run("squeue", "-h", "-j", job))
         self.completes(self.times(), "--slurm", "--tasks", "3", *SLOW)
 
     def test_killed_submitter(self):
         """The job goes on, and the same command waits for it: there is no second one. Until then the folder is the job's."""
-        p = self.start("--slurm", "--tasks", "2", "--quiet", *SLOW)
+        slow = ("--cross-validate", "30")
+        p = self.start("--slurm", "--tasks", "2", "--quiet", *slow)
         self.wait_for(lambda: len(self.names()) >= 1, p)
-        second = self.batch("--slurm", *SLOW)
-        self.assertEqual(second.returncode, 1)
-        self.assertIn("another batch is writing here", second.stderr)
         p.kill()
         p.communicate()
         job = self.job()
-        for args, words in ((SLOW, "Slurm job %s is writing here: `scancel %s` ends it, --slurm waits for it" % (job, job)),
+        for args, words in ((slow, "Slurm job %s is writing here: `scancel %s` ends it, --slurm waits for it" % (job, job)),
                             (("--slurm",), "Slurm job %s is writing here, with other options (--noise latent" % job)):
             run = self.batch(*args)
             self.assertEqual((run.returncode, run.stdout), (1, ""), run.stderr)
             self.assertIn(words, run.stderr)
-        run = self.batch("--slurm", *SLOW)
+        run = self.batch("--slurm", *slow)
         self.assertEqual(run.returncode, 0, run.stderr)
         self.assertNotIn("in 1 task", run.stderr)
         self.assertEqual(int(CLUSTER.run("sbatch", "--parsable", "--wrap", "true")), int(job) + 2)     # the array's two, and this
         self.assertEqual(len(self.names()), 12)
+
+    def test_unknown_job(self):
+        """A submitter that is killed before it could note the job's number: the next one submits another, and the tasks of the first give up."""
+        slow = ("--cross-validate", "30")
+        self.assertEqual(self.batch("--slurm", "--tasks", "2", "--detach", *slow).returncode, 0)
+        self.wait_for(lambda: len(self.names()) >= 2)
+        os.remove(self.path("out", ".batch", "slurm", "id"))
+        run = self.batch("--slurm", "--tasks", "3", *slow, env=self.fake("srun", "exit 1\n"))     # there is no time to lose
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn(" sets in 3 tasks", run.stderr)
+        self.assertEqual(len(self.names()), 12)
+        self.assertEqual(os.listdir(self.path("out", ".batch")), ["lock"])
+        states = dict(line.split() for line in CLUSTER.run("squeue", "-h", "--array", "--states=all", "-o", "%A %T").splitlines())
+        self.assertEqual([states[job] for job in sorted(states, key=int)][-5:], ["FAILED"] * 2 + ["COMPLETED"] * 3)
+
+    def test_two_at_once(self):
+        p = self.start("--slurm", "--tasks", "1", "--quiet")
+        self.wait_for(lambda: os.path.exists(self.path("out", ".batch", "slurm", "id")), p)
+        p.send_signal(signal.SIGSTOP)
+        try:
+            second = self.batch("--slurm")
+        finally:
+            p.send_signal(signal.SIGCONT)
+        self.assertEqual(second.returncode, 1)
+        self.assertIn("another batch is writing here", second.stderr)
+        out, err = p.communicate(timeout=100)
+        self.assertEqual((p.returncode, out, err), (0, "", ""))
+
 
 
 class Detached(Case):
