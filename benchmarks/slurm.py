@@ -78,6 +78,7 @@ def main():
     folder = tempfile.mkdtemp(prefix="kincal_slurm_bench_")
     try:
         with slurm_cluster.Cluster() as cluster:
+            os.mkdir(os.path.join(folder, "fleet"))
             make_fleet(a.kincal, os.path.join(folder, "fleet"), a.sets, a.different)
             print("%d sets, %d tasks, %d processors, load %.1f" % (a.sets, a.tasks, cluster.cpus, os.getloadavg()[0]))
             print("a task that does nothing: %.2f s" % empty_tasks(cluster, 20), flush=True)

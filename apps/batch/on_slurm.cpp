@@ -22,7 +22,7 @@ constexpr size_t kSetsOfTask = 200, kMostTasks = 1000;
 constexpr double kUntilSeen = 90;  // seconds; what other nodes wrote, a network may show that late
 const char kTask[] = "KINCAL_SLURM_TASK";
 
-fs::path job_folder(const std::string& out) { return fs::path(out) / ".batch" / "slurm"; }
+fs::path job_folder(const fs::path& out) { return out / ".batch" / "slurm"; }
 
 /// A word for the shell.
 std::string shell_quoted(const std::string& word) {
@@ -98,10 +98,16 @@ SlurmJob start_job(const Work& work, const BatchArguments& a, const std::string&
 /// A JobWatch knows how far a job is.
 class JobWatch {
  public:
-  JobWatch(const SlurmJob& job, const std::string& out, Work& work, BatchProgress& progress)
-      : job_(job), folder_{job_folder(out), job.token}, work_(work), progress_(progress) {
+  /// `own`: this process submitted the job, so that no input was changed since without its knowing.
+  JobWatch(const SlurmJob& job, bool own, Work& work, BatchProgress& progress)
+      : job_(job),
+        own_(own),
+        folder_{job_folder(work.output.folder), job.token},
+        work_(work),
+        progress_(progress) {
     for (size_t i = 0; i < work.sets.size(); ++i) places_[work.sets[i].name] = i;
-    for (size_t task = 0; task < job.tasks; ++task) readers_.emplace_back(folder_, task, out);
+    for (size_t task = 0; task < job.tasks; ++task)
+      readers_.emplace_back(folder_, task, work.output.folder);
   }
 
   /// Waits until all sets are done, or the job is over, or (with `once`) until Slurm has said how
@@ -165,11 +171,7 @@ class JobWatch {
     for (JournalReader& reader : readers_) {
       if (reader.complete()) continue;
       whole = reader.read([&](const Set& set, SetSummary summary) {
-        const auto place = places_.find(set.name);
-        if (place == places_.end() || work_.known(place->second)) return;
-        const Set& own = work_.sets[place->second];
-        if (own.rig == set.rig && own.samples == set.samples)
-          work_.finish(place->second, std::move(summary), progress_);
+        take(set, std::move(summary));
       }) && whole;
       started = started || reader.started();
     }
@@ -178,7 +180,18 @@ class JobWatch {
     return whole;
   }
 
+  void take(const Set& set, SetSummary summary) {
+    const auto place = places_.find(set.name);
+    if (place == places_.end() || work_.known(place->second)) return;
+    const Set& wanted = work_.sets[place->second];
+    std::string why;
+    if (wanted.rig == set.rig && wanted.samples == set.samples &&
+        (own_ || summary.status == "failed" || find_done(set, work_.output, job_.options, why)))
+      work_.finish(place->second, std::move(summary), progress_);
+  }
+
   const SlurmJob& job_;
+  const bool own_;
   const JobFolder folder_;
   Work& work_;
   BatchProgress& progress_;
@@ -237,7 +250,7 @@ std::optional<int> calibrate_on_slurm(Work& work, const BatchArguments& a,
             (a.slurm.detach ? "; the same command shows how far it is" : "; Ctrl-C cancels it"));
       if (a.slurm.detach) return kConverged;
     }
-    JobWatch watch(*job, a.out, work, progress);
+    JobWatch watch(*job, submitted, work, progress);
     if (!watch.wait(signals, a.slurm.detach)) {
       progress.end();
       return end_by_user(*job, work);
@@ -250,8 +263,8 @@ std::optional<int> calibrate_on_slurm(Work& work, const BatchArguments& a,
       if (!silent) progress.say("Slurm job " + job->id + ": " + so_far + "; " + watch.tasks());
       return kConverged;
     }
-    const std::string end =
-        "Slurm job " + job->id + " ended with " + so_far + ": " + watch.losses();
+    const std::string losses = watch.losses(), end = "Slurm job " + job->id + " ended with " +
+                                                     so_far + (losses.empty() ? "" : ": " + losses);
     if (submitted) {
       std::fprintf(stderr, "kincal: error: %s; the same command goes on\n", end.c_str());
       return kBadInput;

@@ -293,6 +293,19 @@ class Detached(Case):
         self.assertIn("12 sets, 12 converged", run.stdout)
         self.assertEqual(len(self.names()), 12)
 
+    def test_input_that_changed(self):
+        """What was changed since the job calibrated it is not taken for done."""
+        self.assertEqual(self.batch("--slurm", "--detach").returncode, 0)
+        self.wait_for(lambda: self.notes().count(" result ") == 12)
+        before = self.times()
+        with open(self.path("my fleet", "robot 7", "samples.jsonl"), "a") as file:
+            file.write("\n")
+        run = self.batch("--slurm")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertRegex(run.stderr, r"1 again: robot 7 \(samples changed\)\n.*11 of 12 sets done\nSlurm job \d+: 1 set in 1 task; ")
+        after = self.times()
+        self.assertEqual([name for name in after if after[name] != before[name]], ["robot 7"])
+
 
 class Slurm(Case):
     def refused(self, run, *words):
