@@ -12,6 +12,7 @@ command to the first result, how many seconds of a processor a task costs, and w
 import argparse
 import os
 import shutil
+import signal
 import statistics
 import subprocess
 import sys
@@ -75,6 +76,7 @@ def main():
     parser.add_argument("--different", type=int, default=20)
     parser.add_argument("--no-report", action="store_true", help="without report.html in each result")
     a = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))     # the daemons end with it
     folder = tempfile.mkdtemp(prefix="kincal_slurm_bench_")
     try:
         with slurm_cluster.Cluster() as cluster:
