@@ -241,8 +241,10 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
   // A few samples or views may be all that is wrong; if many go with it, something else may be
   // wrong with these.
+  const double many = 0.1 * static_cast<double>(recording.samples.size());
   if (!best || best->fit.per_dof() > Thresholds::clean ||
-      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
+      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof) ||
+      (all[chosen].id == "bad-samples" && static_cast<double>(all[chosen].where.size()) > many))
     try_looked_at(shortlist(recording, context, question, all, 0, common));
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {
@@ -252,6 +254,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!best || (!question.by_movement && best->fit.per_dof() > Thresholds::clean)) {
     std::vector<Hypothesis> rarer;
     add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
+    add_orders_of_rows(recording.rig, recording.samples,
+                       make_survey(recording.rig, recording.samples), rarer);
     if (question.by_movement) leave_out_what_moves_nothing(rarer);
     if (!question.by_movement && !best)
       if (auto h = unfinished_move(recording, context)) {
