@@ -241,10 +241,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
   // A few samples or views may be all that is wrong; if many go with it, something else may be
   // wrong with these.
-  const double many = 0.1 * static_cast<double>(recording.samples.size());
   if (!best || best->fit.per_dof() > Thresholds::clean ||
-      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof) ||
-      (all[chosen].id == "bad-samples" && static_cast<double>(all[chosen].where.size()) > many))
+      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
     try_looked_at(shortlist(recording, context, question, all, 0, common));
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {

@@ -1,8 +1,8 @@
 // analysis/trends.h: errors of readings that go with the posture.
 //
 // Proves, of robots that are known by the poses of their flange (with Eigen alone): errors that are
-// smooth in the pose are a trend and make the verdict doubtful, with the noise stated or not, and
-// with few samples; noise of the same size is none, in 20 draws of each. Not proved: joints
+// smooth in the pose are a trend and make the verdict doubtful, with the noise stated or not,
+// from 30 samples on; noise of the same size is none, in 20 draws of each. Not proved: joints
 // (tests/program/newcomer_test.py), how clear smaller trends are.
 #include <catch2/catch.hpp>
 
@@ -39,7 +39,7 @@ Report study_of(fixture::FlangeTruth& truth, int samples, bool wrong) {
 TEST_CASE("trends: errors of a flange that go with its pose are told from noise") {
   for (const bool in_hand : {true, false})
     for (const bool stated : {true, false})
-      for (const int samples : {20, 40}) {
+      for (const int samples : {30, 45}) {
         INFO("in hand " << in_hand << ", stated " << stated << ", samples " << samples);
         fixture::FlangeTruth truth({in_hand, 2e-3, 3e-3, stated}, 5);
         fixture::FlangeTruth exact({in_hand, 2e-4, 4e-4, stated}, 5);
