@@ -34,9 +34,9 @@ namespace fs = std::filesystem;
     Job job = read_job(set.rig, set.samples, settings.holdout, silent);
     const Report report = run(job, settings, true, silent);
     if (report.solution.status == Status::undefined_start) {
-      const std::vector<Finding>& found = report.diagnosis->findings;
-      throw std::runtime_error(found.empty() ? report.solution.message
-                                             : found[0].id + ": " + found[0].text);
+      const bool found = report.diagnosis && !report.diagnosis->findings.empty();
+      const Finding* first = found ? &report.diagnosis->findings[0] : nullptr;
+      throw std::runtime_error(found ? first->id + ": " + first->text : report.solution.message);
     }
     ResultFiles files = make_files(job, report, settings);
     BatchRecord record;

@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
+#include "../../io/results/mount_texts.h"
 #include "../job.h"
 #include "../signals.h"
 #include "../tables/plan_table.h"
@@ -31,7 +32,7 @@ std::string where_text(const Report& report, const ResultFiles& files,
   if (a.tables) return out + "\n" + report.verdict.use + ": " + report.verdict.text + "\n";
   return wrapped(out, "", 2) +
          wrapped((a.settings.no_report ? "" : a.out + "/report.html (a browser), ") +
-                     "kincal show " + a.out + ", or this with --tables",
+                     "kincal show " + shell_word(a.out) + ", or this with --tables",
                  "More: ", 2);
 }
 
@@ -59,7 +60,7 @@ int calibrate(const CalibrateArguments& a) {
   }
   const Report report = run(job, a.settings, true, progress);
   if (report.solution.status == Status::undefined_start)
-    throw std::runtime_error(no_start_text(report.solution.message, *report.diagnosis));
+    throw std::runtime_error(no_start_text(report.solution.message, report.diagnosis));
   progress.stage("writing", std::nan(""));
   const ResultFiles files = make_files(job, report, a.settings);
   begin_writing();

@@ -283,7 +283,9 @@ std::string diagnosis_text(const Diagnosis& d) {
   return out + d.verdict + "\n";
 }
 
-std::string no_start_text(const std::string& message, const Diagnosis& diagnosis) {
+std::string no_start_text(const std::string& message, const std::optional<Diagnosis>& found) {
+  if (!found) return message;
+  const Diagnosis& diagnosis = *found;
   const std::string heading = "What may be wrong (kincal check):\n";
   if (diagnosis.findings.empty()) return message + "\n" + heading + diagnosis_text(diagnosis);
   const Finding& first = diagnosis.findings[0];
@@ -324,8 +326,8 @@ std::string short_text(const Report& report, const ResultFiles& files) {
                                                             : "none of the usual mistakes; ") +
                        report.diagnosis->verdict,
                    "  ", 2);
-  const Validation& v = report.validation;  // of held-out data the table above has the errors
-  if (v.cross_validation || !v.frames.empty() || !v.requirements.empty())
+  const Validation& v = report.validation;
+  if (!v.test.empty() || v.cross_validation || !v.frames.empty() || !v.requirements.empty())
     out += validation_table(report);
   if (report.restarts)
     out += "\nRestarts from other starting values\n" +

@@ -1,6 +1,7 @@
 // What calibrate prints of a result: residuals, parameters, what is weak, warnings.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,7 +18,7 @@ bool explained(const Diagnosis& diagnosis);
 /// Shows what the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
 /// Returns why a calibration could not start: what the doctor found first, then where it ended.
-std::string no_start_text(const std::string& message, const Diagnosis& diagnosis);
+std::string no_start_text(const std::string& message, const std::optional<Diagnosis>& found);
 /// Shows the essentials, in 80 columns: verdict, errors, largest changes, warnings, and what
 /// options asked for (validation, restarts, outliers taken out).
 std::string short_text(const Report& report, const ResultFiles& files);

@@ -297,14 +297,14 @@ bool write_directory(const std::string& directory,
   try {
     std::vector<std::unique_ptr<Descriptor>> written;
     for (const auto& [file, text] : files) {
-      const std::string path = work + "/" + file;
-      written.push_back(std::make_unique<Descriptor>(open_new(path)));
-      if (written.back()->number < 0) throw not_written(path);
-      write_all(written.back()->number, text, path);
+      const std::string shown = directory + "/" + file;  // (what is being written has other names)
+      written.push_back(std::make_unique<Descriptor>(open_new(work + "/" + file)));
+      if (written.back()->number < 0) throw not_written(shown);
+      write_all(written.back()->number, text, shown);
     }
     for (size_t i = 0; i < files.size(); ++i)  // all together: one is waited for
-      sync_to_disk(written[i]->number, work + "/" + files[i].first);
-    sync_to_disk(folder.number, work);
+      sync_to_disk(written[i]->number, directory + "/" + files[i].first);
+    sync_to_disk(folder.number, directory);
     if (go_on && !go_on()) {
       remove_result(work);
       return false;
@@ -333,10 +333,10 @@ bool write_file_in_pieces(const std::string& path, const std::function<void(cons
   const Descriptor file(make_work(name, work, open_new));
   try {
     fill([&](std::uint64_t at, std::string_view bytes) {
-      if (lseek(file.number, static_cast<off_t>(at), SEEK_SET) < 0) throw not_written(work);
-      write_all(file.number, bytes, work);
+      if (lseek(file.number, static_cast<off_t>(at), SEEK_SET) < 0) throw not_written(path);
+      write_all(file.number, bytes, path);
     });
-    sync_to_disk(file.number, work);
+    sync_to_disk(file.number, path);
     if (go_on && !go_on()) {
       unlink(work.c_str());
       return false;

@@ -119,4 +119,17 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
   return out;
 }
 
+cv::Size size_instead(const cv::Mat& image, const ImageTarget& target) {
+  // The larger ones first: a part of a board looks like a smaller one.
+  for (const auto& [rows, columns] :
+       {std::pair(1, 1), {1, 0}, {0, 1}, {1, -1}, {-1, 1}, {0, -1}, {-1, 0}, {-1, -1}}) {
+    const cv::Size size(target.columns + columns, target.rows + rows);
+    std::vector<cv::Point2f> found;
+    if (size.width > 2 && size.height > 2 &&
+        cv::findChessboardCornersSB(image, size, found, cv::CALIB_CB_NORMALIZE_IMAGE))
+      return size;
+  }
+  return {};
+}
+
 }  // namespace kincal

@@ -19,6 +19,7 @@
 #include "../document/names.h"
 #include "../results/json_values.h"
 #include "detect.h"
+#include "finders.h"
 #include "joint_table.h"
 #include "load.h"
 #include "parallel.h"
@@ -182,6 +183,42 @@ void put(const ImageTask::Wanted& one, bool sigma, Json& view) {
     view["sigma"] = rounded(one.found.sigma);
 }
 
+/// What to say of a chessboard that no image shows: whether one of another size is there.
+std::string never_found(const ImageTarget& target, const std::vector<ImageTask>& tasks) {
+  constexpr int kLookedAt = 5;
+  std::map<std::pair<int, int>, int> sizes;  // rows, columns: images
+  int looked = 0;
+  for (const ImageTask& task : tasks) {
+    if (looked == kLookedAt || !task.image.error.empty()) continue;
+    if (std::none_of(task.wanted.begin(), task.wanted.end(),
+                     [&](const ImageTask::Wanted& one) { return one.target == &target; }))
+      continue;
+    const LoadedImage image = load_image(task.path, task.width, task.height);
+    if (image.grey.empty()) continue;
+    ++looked;
+    const cv::Size size = size_instead(image.grey, target);
+    if (size.area() > 0) ++sizes[{size.height, size.width}];
+  }
+  const auto most = std::max_element(
+      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  const std::string begin = "target '" + target.name + "': no image shows a chessboard of " +
+                            std::to_string(target.rows) + " x " + std::to_string(target.columns) +
+                            " inner corners";
+  if (most == sizes.end())
+    return looked == 0
+               ? ""
+               : begin +
+                     ", nor one with a row or column more or less. It has to be seen whole, "
+                     "sharp and not too slantwise, with a white rim: look at an image, and "
+                     "count the corners where four squares meet";
+  return begin + ", but " + std::to_string(most->second) + " of " + std::to_string(looked) +
+         " looked at show " + std::to_string(most->first.first) + " x " +
+         std::to_string(most->first.second) +
+         ": the corners where four squares meet count, one less than there are squares. Write "
+         "rows: " +
+         std::to_string(most->first.first) + ", columns: " + std::to_string(most->first.second);
+}
+
 /// Looks for everything, writes what was found into the samples and drops what was not.
 Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageTask>& tasks,
               ImageTargets& known, const FillOptions& options) {
@@ -231,6 +268,10 @@ Filled finish(const RigFile& rig, std::vector<Json>& samples, std::vector<ImageT
   }
   out.notes = renumber(rig, targets, filled, kept);
   out.notes.insert(out.notes.begin(), layouts.begin(), layouts.end());
+  for (const auto& [name, target] : known)
+    if (target.kind == ImageTarget::Kind::chessboard && !targets.count(name))
+      if (std::string note = never_found(target, tasks); !note.empty())
+        out.notes.push_back(std::move(note));
   for (const auto& [note, count] : unusual)
     out.notes.push_back(std::to_string(count) + " of " + std::to_string(tasks.size()) +
                         " images: each " + note);

@@ -23,7 +23,8 @@ std::string in_xml(const std::string& text) {
   return out;
 }
 
-/// A word of a shell's command line.
+}  // namespace
+
 std::string shell_word(const std::string& text) {
   const auto plain = [](unsigned char c) {
     return std::isalnum(c) || c == '_' || c == '-' || c == '.' || c == '/';
@@ -33,8 +34,6 @@ std::string shell_word(const std::string& text) {
   for (const char c : text) out += c == '\'' ? "'\\''" : std::string(1, c);
   return out + "'";
 }
-
-}  // namespace
 
 std::string new_link_name(const Tree& tree, const std::string& owner,
                           const std::vector<std::string>& taken) {

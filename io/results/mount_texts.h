@@ -8,6 +8,9 @@
 
 namespace kincal {
 
+/// Returns a text as a word of a shell's command line.
+std::string shell_word(const std::string& text);
+
 /// A MountText is the pose of a sensor or mounted target that was estimated, which no joint of the
 /// URDF has. Both texts hang it on its link of the calibrated robot.
 struct MountText {

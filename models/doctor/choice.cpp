@@ -252,6 +252,8 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!best || (!question.by_movement && best->fit.per_dof() > Thresholds::clean)) {
     std::vector<Hypothesis> rarer;
     add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
+    add_orders_of_rows(recording.rig, recording.samples,
+                       make_survey(recording.rig, recording.samples), rarer);
     if (question.by_movement) leave_out_what_moves_nothing(rarer);
     if (!question.by_movement && !best)
       if (auto h = unfinished_move(recording, context)) {

@@ -193,6 +193,28 @@ bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
   return true;
 }
 
+/// What was found so far: the recording with the mistakes undone, and the fit of it.
+struct State {
+  Recording recording;
+  TrialContext context;
+  TrialFit now;
+};
+
+/// A mistake that leaves what no noise explains may have been believed in place of two others:
+/// these are looked for in what was given, and take its place if they leave far less.
+void try_two_in_their_place(const State& given, Recording& recording, TrialContext& context,
+                            TrialFit& now, std::vector<Finding>& findings) {
+  State two = given;
+  std::vector<Finding> both;
+  if (!explain_two(two.recording, two.context, two.now, both) ||
+      !(Thresholds::overwhelming * two.now.cost < now.cost))
+    return;
+  recording = std::move(two.recording);
+  context = std::move(two.context);
+  now = std::move(two.now);
+  findings = std::move(both);
+}
+
 /// As explain(), where a few samples are wrong besides, which are left for the next round.
 bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
                   std::vector<Finding>& out) {
@@ -211,6 +233,16 @@ bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
   context.given_poses_freed = frees_given_poses(recording, context.all);
   now = std::move(best->trial.fit);
   return true;
+}
+
+/// Says of mistakes that leave what no noise explains that they are not all of it.
+void say_what_is_left(const TrialFit& now, std::vector<Finding>& findings) {
+  if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
+  for (Finding& f : findings)
+    f.text += text(
+        " But something else is wrong besides, or in its place: chi2/dof %.3g is left, "
+        "which is no noise.",
+        now.per_dof());
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -245,6 +277,7 @@ struct Outcomes {
   Ended ended;  // the calibration that was diagnosed
   double per_dof_at_first;
   bool data_findings;           // some mistake shows in the data alone
+  bool wrong_numbers;           // numbers among them that nobody can mean
   bool fit_findings;            // some mistake was found by fits
   bool still_joint;             // one of the former explains the fit
   const std::string& readings;  // what errors of the joint readings would explain
@@ -304,6 +337,8 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
     out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
     out += outcomes.still_joint ? ": a joint that moved without its readings explains it."
+           : outcomes.wrong_numbers && !outcomes.fit_findings
+               ? ": correct first the numbers named above; before that no fit can tell more."
            : !outcomes.fit_findings
                ? ": none of these explains it."
                : text("; with what was found undone %.3g: none of the others explains that.",
@@ -320,6 +355,12 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   }
   out[0] = out[0] == 't' ? 'T' : out[0];
   return out;
+}
+
+/// A number that nobody can mean, as the rig or the samples themselves show.
+bool is_wrong_number(const Finding& f) {
+  return !f.chi2_corrected && (f.id == "units" || f.id == "square" || f.id == "degrees" ||
+                               f.id == "intrinsics" || f.id == "baseline");
 }
 
 /// Of those found by fits, what explains most first; then the others, without what is named
@@ -356,11 +397,7 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
     if (f.id == "duplicates" ||
         std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return named(f, g); }))
       by_fits.push_back(std::move(f));
-  if (!explained)
-    std::stable_partition(by_fits.begin(), by_fits.end(), [](const Finding& f) {
-      return !f.chi2_corrected && (f.id == "units" || f.id == "square" || f.id == "degrees" ||
-                                   f.id == "intrinsics" || f.id == "baseline");
-    });
+  if (!explained) std::stable_partition(by_fits.begin(), by_fits.end(), is_wrong_number);
   return by_fits;
 }
 
@@ -391,10 +428,13 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   if (now.complete()) out.chi2 = now.chi2;
   out.dof = now.dof;
   const double at_first = now.per_dof();
+  const State as_given = {recording, context, now};
   const bool still_joint = prove_still_joints(recording, context, now, by_data);
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
     if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint")
       break;
+  if (!by_fits.empty() && !still_joint && now.per_dof() > Thresholds::hopeless)
+    try_two_in_their_place(as_given, recording, context, now, by_fits);
   if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless)) {
     if (!explain_most(recording, context, now, by_fits))
       explain_two(recording, context, now, by_fits);
@@ -416,9 +456,11 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
       by_fits.push_back(std::move(*sigma));
   if (!good(now) && now.complete() && !still_joint && !context.usual_steps)
     out.readings = joint_noise(recording, context, now);
-  out.verdict =
-      verdict(recording, context, now,
-              {ended, at_first, !by_data.empty(), !by_fits.empty(), still_joint, out.readings});
+  out.verdict = verdict(recording, context, now,
+                        {ended, at_first, !by_data.empty(),
+                         std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
+                         !by_fits.empty(), still_joint, out.readings});
+  if (!still_joint) say_what_is_left(now, by_fits);
   out.findings = ordered(std::move(by_fits), std::move(by_data),
                          still_joint || now.per_dof() < Thresholds::noise);
   return out;

@@ -97,6 +97,28 @@ std::vector<int> logged_order(const std::vector<Sample>& samples) {
   return out;
 }
 
+/// The number at the end of a sample's id, of its name without an extension ("img_12.png"); -1:
+/// none.
+long number_of(const std::string& id) {
+  const size_t dot = id.rfind('.'), last = id.find_last_of("0123456789", dot);
+  if (last == std::string::npos) return -1;
+  const size_t before = id.find_last_not_of("0123456789", last);
+  const size_t first = before == std::string::npos ? 0 : before + 1;
+  return last - first < 9 ? std::stol(id.substr(first, last - first + 1)) : -1;
+}
+
+/// The numbers of all ids in logged order; empty where they do not grow.
+std::vector<long> growing_numbers(const std::vector<Sample>& samples,
+                                  const std::vector<int>& order) {
+  std::vector<long> out;
+  for (const int i : order) {
+    const long number = number_of(samples[i].id);
+    if (number < 0 || (!out.empty() && number <= out.back())) return {};
+    out.push_back(number);
+  }
+  return out;
+}
+
 /// Whether these are readings of all that places a view.
 bool readings_place(const Rig& rig, const View& view, const std::vector<double>& readings) {
   const Target& target = rig.targets[view.target];
@@ -188,12 +210,43 @@ void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>&
   out.push_back(std::move(h));
 }
 
+/// Of samples whose numbers have gaps, where pictures were lost: readings of the next number, or
+/// the one before; those that have no such neighbour are left out.
+void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                          std::vector<Hypothesis>& out) {
+  const std::vector<int> order = logged_order(samples);
+  const std::vector<long> numbers = growing_numbers(samples, order);
+  if (numbers.size() <= kFewest ||
+      numbers.back() - numbers.front() + 1 == static_cast<long>(numbers.size()))
+    return;
+  for (const int by : {1, -1}) {
+    auto readings = std::make_shared<ReadingsOf>();
+    for (size_t i = 0; i < order.size(); ++i) {
+      const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
+      if (other < order.size() && numbers[other] == numbers[i] + by)
+        (*readings)[samples[order[i]].id] = samples[order[other]].readings;
+    }
+    if (readings->size() < kFewest) continue;
+    Hypothesis h = shifted(by, "the views of every sample",
+                           "Pair readings and views of the same time: one of the two logs starts a "
+                           "sample too early or too late. (Seen by the numbers in the samples' "
+                           "ids; those whose neighbour is missing were left out.)");
+    for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+    h.leaves_out = true;
+    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+      replace_readings(r, *readings, changed);
+    };
+    out.push_back(std::move(h));
+  }
+}
+
 }  // namespace
 
 void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out) {
   const std::vector<int> order = logged_order(samples);
   if (order.size() <= kFewest) return;
+  add_shifts_by_number(rig, samples, survey, out);
   for (int by : {1, -1}) {
     auto readings = std::make_shared<ReadingsOf>();
     bool moves = false;
@@ -218,6 +271,96 @@ void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey
       if (survey.sensors.size() > 1 &&
           rig.sensors[s].model->measurement_kind() != MeasurementKind::chain)
         add_shift_of(s, by, rig, samples, order, out);
+  }
+}
+
+// ------------------------------------------------------------------------------------------------
+// rows in another order
+namespace {
+
+/// Where each of these numbers stands when they are sorted as texts: 1, 10, 11, 2.
+std::vector<size_t> sorted_as_texts(const std::vector<long>& numbers) {
+  std::vector<size_t> out(numbers.size());
+  for (size_t i = 0; i < out.size(); ++i) out[i] = i;
+  std::stable_sort(out.begin(), out.end(), [&](size_t a, size_t b) {
+    return std::to_string(numbers[a]) < std::to_string(numbers[b]);
+  });
+  return out;
+}
+
+/// Orders in which two lists that belong together may stand to each other: the readings of row i
+/// belong to the views of row order[i].
+std::vector<std::pair<std::string, std::vector<size_t>>> other_orders(
+    const std::vector<Sample>& samples, const std::vector<int>& order) {
+  const size_t n = order.size();
+  std::vector<size_t> as_it_is(n), reversed(n);
+  for (size_t i = 0; i < n; ++i) as_it_is[i] = i, reversed[i] = n - 1 - i;
+  std::vector<std::pair<std::string, std::vector<size_t>>> out;
+  out.emplace_back("one of the two is in reversed order", reversed);
+  const auto add = [&](const std::vector<size_t>& rows, const std::string& how) {
+    std::vector<size_t> back(n);
+    for (size_t i = 0; i < n; ++i) back[rows[i]] = i;
+    for (const auto& one : {rows, back})
+      if (one != as_it_is &&
+          std::none_of(out.begin(), out.end(), [&](const auto& o) { return o.second == one; }))
+        out.emplace_back(how, one);
+  };
+  const std::string texts = "one of the two is sorted by digits (1, 10, 11, 2)";
+  std::vector<size_t> by_number = as_it_is;
+  std::stable_sort(by_number.begin(), by_number.end(), [&](size_t a, size_t b) {
+    return number_of(samples[order[a]].id) < number_of(samples[order[b]].id);
+  });
+  add(by_number, texts);
+  std::vector<std::vector<long>> numberings = {growing_numbers(samples, order)};
+  for (const long first : {0, 1}) {
+    numberings.emplace_back();
+    for (size_t i = 0; i < n; ++i) numberings.back().push_back(first + static_cast<long>(i));
+  }
+  for (const std::vector<long>& numbers : numberings)
+    if (!numbers.empty()) add(sorted_as_texts(numbers), texts);
+  return out;
+}
+
+}  // namespace
+
+void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                        std::vector<Hypothesis>& out) {
+  const std::vector<int> order = logged_order(samples);
+  if (order.size() <= kFewest) return;
+  for (const auto& [how, rows] : other_orders(samples, order)) {
+    auto readings = std::make_shared<ReadingsOf>();
+    for (size_t i = 0; i < order.size(); ++i)
+      (*readings)[samples[order[rows[i]]].id] = samples[order[i]].readings;
+    if (!keeps_views(rig, samples, *readings)) continue;
+    Hypothesis h;
+    h.id = "shifted";
+    h.mistake = "readings and views are paired in the wrong order: " + how;
+    h.cure = "Pair readings and views by their names or times, not by their place in a list.";
+    for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+      replace_readings(r, *readings, changed);
+    };
+    out.push_back(std::move(h));
+  }
+  for (const auto& range : survey.ranges) {
+    const int joint = range.first;
+    if (!(range.second.second > range.second.first)) continue;
+    auto readings = std::make_shared<ReadingsOf>();
+    for (size_t i = 0; i + 1 < order.size(); ++i) {
+      std::vector<double> one = samples[order[i]].readings;
+      one[joint] = samples[order[i + 1]].readings[joint];
+      (*readings)[samples[order[i]].id] = std::move(one);
+    }
+    if (!keeps_views(rig, samples, *readings)) continue;
+    Hypothesis h;
+    h.id = "shifted";
+    h.where = {rig.tree.joints[joint].name};
+    h.mistake = "the readings of joint " + quoted(h.where[0]) + " are those of the sample before";
+    h.cure = "Log all joints at the time of the views: this one's readings are a sample too old.";
+    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
+      replace_readings(r, *readings, changed);
+    };
+    out.push_back(std::move(h));
   }
 }
 
@@ -415,119 +558,6 @@ std::optional<Hypothesis> unfinished_move(const Recording& recording, const Tria
     replace_readings(r, *readings, changed);
   };
   return h;
-}
-
-// ------------------------------------------------------------------------------------------------
-// links
-namespace {
-
-/// Other bodies on the way to the root, and up to six joints further out.
-std::vector<int> other_bodies(const Tree& tree, int link) {
-  constexpr int kFurtherOut = 6;
-  std::vector<int> out;
-  const int own = immobile_body(tree, link);
-  for (int l = own; tree.joint_above[l] >= 0;) {
-    l = immobile_body(tree, tree.joints[tree.joint_above[l]].parent);
-    out.push_back(l);
-  }
-  std::vector<int> last = {own};
-  for (int k = 0; k < kFurtherOut; ++k) {
-    std::vector<int> next;
-    for (const Joint& joint : tree.joints)
-      if (joint.moves() && std::count(last.begin(), last.end(), immobile_body(tree, joint.parent)))
-        next.push_back(joint.child);
-    out.insert(out.end(), next.begin(), next.end());
-    last = std::move(next);
-  }
-  return out;
-}
-
-/// What sits on a link of the rig, or of a group of these: sensors, or one target.
-struct Seat {
-  std::vector<int> sensors;
-  int target = -1, link = -1;
-};
-
-/// Whether all samples that show the seat's things have the readings of the joints between two
-/// links, and one of these moves.
-bool readings_move_between(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat,
-                           int link) {
-  const std::vector<int> joints = joints_between(rig, seat.link, link);
-  std::map<int, std::pair<double, double>> ranges;
-  for (const Sample& s : samples)
-    for (const View& v : s.views) {
-      if (v.target != seat.target &&
-          !std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor))
-        continue;
-      for (int j : joints) {
-        if (!std::isfinite(s.readings[j])) return false;
-        auto& range = ranges.insert({j, {s.readings[j], s.readings[j]}}).first->second;
-        range = {std::min(range.first, s.readings[j]), std::max(range.second, s.readings[j])};
-      }
-    }
-  return std::any_of(ranges.begin(), ranges.end(),
-                     [](const auto& r) { return r.second.second - r.second.first > 1e-3; });
-}
-
-/// Whether something that the seat's things see, or are seen by, sits on this body.
-bool faces(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat, int body) {
-  for (const Sample& s : samples)
-    for (const View& v : s.views) {
-      const bool sees = std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor) > 0;
-      if (!sees && v.target != seat.target) continue;
-      const int other = sees ? rig.targets[v.target].link : rig.sensors[v.sensor].link;
-      if (other >= 0 && immobile_body(rig.tree, other) == body) return true;
-    }
-  return false;
-}
-
-std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
-  const Survey survey = make_survey(rig, samples);
-  std::map<int, std::vector<int>> by_link;
-  for (int s : survey.sensors)
-    if (!rig.sensors[s].model->scans()) by_link[rig.sensors[s].link].push_back(s);
-  std::vector<Seat> out;
-  for (const auto& group : by_link) {
-    out.push_back({group.second, -1, group.first});
-    for (int s : group.second)
-      if (group.second.size() > 1) out.push_back({{s}, -1, group.first});
-  }
-  for (int t : survey.targets)
-    if (rig.targets[t].link >= 0) out.push_back({{}, t, rig.targets[t].link});
-  return out;
-}
-
-}  // namespace
-
-void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
-  for (const Seat& seat : seats(rig, samples))
-    for (int link : other_bodies(rig.tree, seat.link)) {
-      if (is_between_axes(rig.tree, link) || faces(rig, samples, seat, link) ||
-          !readings_move_between(rig, samples, seat, link))
-        continue;
-      Hypothesis h;
-      h.id = "wrong-link";
-      h.many = true;
-      for (int s : seat.sensors) h.where.push_back(rig.sensors[s].name);
-      if (seat.target >= 0) h.where.push_back(rig.targets[seat.target].name);
-      const std::string& name = rig.tree.links[link];
-      h.mistake = std::string(seat.target >= 0     ? "target "
-                              : h.where.size() > 1 ? "sensors "
-                                                   : "sensor ") +
-                  joined(h.where) + (h.where.size() > 1 ? " sit" : " sits") + " on link " +
-                  quoted(name) + " (or what is fixed to it), not on " +
-                  quoted(rig.tree.links[seat.link]);
-      h.cure = "Correct " +
-               (seat.target >= 0 ? "targets." + h.where[0] + ".mount.link"
-                                 : "sensors." + h.where[0] + ".link") +
-               ", and its pose, which counts from there.";
-      h.new_poses = true;
-      h.undo = [seat, link](Rig& r, std::vector<Sample>&) {
-        for (int s : seat.sensors) r.sensors[s].link = link;
-        if (seat.target >= 0) r.targets[seat.target].link = link;
-      };
-      out.push_back(std::move(h));
-    }
 }
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// Mistakes about joint readings, and about the links that they move. Functions that add append
+// Mistakes about joint readings and what they belong to. Functions that add append
 // their hypotheses.
 #pragma once
 
@@ -18,8 +18,10 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
 void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out);
 
-/// Adds sensors and mounted targets that sit on another link of their path: above theirs, or below.
-void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out);
+/// Adds readings whose rows are in another order than those of the views, reversed or sorted by
+/// their digits, and joints whose readings are those of the sample before.
+void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                        std::vector<Hypothesis>& out);
 
 /// Finds by fits how much older or newer readings are than views, in samples of one steady motion,
 /// where these follow each other in time (by their stamps, else evenly). Nothing: they do not, or

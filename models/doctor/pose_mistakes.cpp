@@ -36,13 +36,16 @@ Pose scalar_first(Pose pose) {
   return pose;
 }
 
-/// Of a rotation vector, read as roll, pitch and yaw. Two such triples make the same rotation, and
-/// a rotation vector is no longer than pi; where both could be one, which is not known (NaN).
+/// Of a rotation vector, read as roll, pitch and yaw, or as A, B, C. Two such triples make the same
+/// rotation, and a rotation vector is no longer than pi; where both could be one, which is not
+/// known (NaN).
+template <bool a_b_c>
 Pose rotation_vector(Pose pose) {
   const auto wrapped = [](double angle) { return std::remainder(angle, 2 * kPi); };
   const Vector3d rpy = rpy_from_rotation(pose.rotation),
-                 other(wrapped(rpy(0) + kPi), wrapped(kPi - rpy(1)), wrapped(rpy(2) + kPi));
-  pose.rotation = exp_so3(rpy.norm() < other.norm() ? rpy : other);
+                 other(wrapped(rpy(0) + kPi), wrapped(kPi - rpy(1)), wrapped(rpy(2) + kPi)),
+                 vector = rpy.norm() < other.norm() ? rpy : other;
+  pose.rotation = exp_so3(a_b_c ? Vector3d(vector.reverse()) : vector);
   if (std::max(rpy.norm(), other.norm()) < kPi) pose.translation.setConstant(std::nan(""));
   return pose;
 }
@@ -97,6 +100,19 @@ Pose exchanged_axes(Pose pose) {
   return pose;
 }
 
+/// Radians that were read as degrees make all turns as small (rad, but for rounding).
+constexpr double kTurnOfDegrees = 0.06, kPerDegree = 180 / kPi;
+
+/// Of numbers in radians (and, where `metres` is 1000, in metres), read as roll, pitch and yaw in
+/// degrees (and millimetres).
+Pose radians(Pose pose, bool a_b_c, bool vector, double metres) {
+  Vector3d numbers = kPerDegree * rpy_from_rotation(pose.rotation);
+  if (a_b_c) numbers.reverseInPlace();
+  pose.rotation = vector ? exp_so3(numbers) : rotation_from_rpy(numbers);
+  pose.translation *= metres;
+  return pose;
+}
+
 struct Mistake {
   const char *id, *mistake, *cure;
   Change undo;
@@ -111,8 +127,19 @@ const Mistake kMistakes[] = {
      [](Pose pose) { return inverse(pose); }},
     {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
      scalar_first},
+    {"inverted-pose",
+     "are given the wrong way round, as that of the base in the flange, and have their quaternions "
+     "with w first",
+     "Write \"quat\": [x, y, z, w], and invert the poses: a reading is parent_T_child, it maps "
+     "coordinates of the flange to the base's.",
+     [](Pose pose) { return inverse(scalar_first(pose)); }},
     {"convention", "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
-     "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector, true},
+     "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector<false>,
+     true},
+    {"convention",
+     "have rotation vectors (axis times angle, as of Universal Robots) where A, B, C of a KUKA are "
+     "read",
+     "Read them as rotation vectors (--pose-format rotvec).", rotation_vector<true>, true},
     {"convention", "have angles about x, y and z in the other order: about the axes as they move",
      "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes},
     {"convention", "have angles in the order z, y, x (A, B, C of a KUKA) where roll comes first",
@@ -141,6 +168,36 @@ const Mistake kMistakes[] = {
     {"convention", "have x and z of their positions exchanged", "Write \"xyz\": [x, y, z].",
      exchanged_axes<0, 2>}};
 
+/// Poses whose turns are all as small as those of radians that were read as degrees; those of a
+/// KUKA are read in millimetres too.
+void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, double furthest,
+                 const std::function<void(const Mistake&)>& add) {
+  for (const Sample& s : samples)
+    if (const Pose pose = pose_reading(rig.tree, joint, s.readings);
+        pose.rotation.allFinite() &&
+        rpy_from_rotation(pose.rotation).cwiseAbs().maxCoeff() > kTurnOfDegrees)
+      return;
+  const double metres = furthest < kNearBase / 10 ? 1000 : 1;
+  const std::string lengths = metres > 1 ? ", and metres as millimetres" : "";
+  for (const bool a_b_c : {false, true}) {
+    const std::string vectors =
+                          "have rotation vectors (axis times angle, as of Universal Robots, rad) "
+                          "that were read as " +
+                          std::string(a_b_c ? "A, B, C of a KUKA" : "roll, pitch and yaw") +
+                          " in degrees" + lengths,
+                      angles = std::string("have ") +
+                               (a_b_c ? "roll, pitch and yaw in radians that were read as A, B, C "
+                                        "of a KUKA in degrees"
+                                      : "angles in radians that were read as degrees") +
+                               lengths;
+    add({"convention", vectors.c_str(),
+         "Read them as rotation vectors in radians (--pose-format rotvec).",
+         [=](Pose pose) { return radians(pose, a_b_c, true, metres); }});
+    add({"convention", angles.c_str(), "Read them as radians (--pose-format rpy).",
+         [=](Pose pose) { return radians(pose, a_b_c, false, metres); }});
+  }
+}
+
 }  // namespace
 
 void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
@@ -165,6 +222,7 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const
     for (const Sample& s : samples)
       if (const Vector3d at = pose_reading(rig.tree, j, s.readings).translation; at.allFinite())
         furthest = std::max(furthest, at.norm());
+    add_radians(rig, samples, j, furthest, add);
     if (furthest < kFarFromBase) continue;
     for (const LengthUnit& unit : other_length_units()) {
       const double metres = unit.metres;

@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "../sensors/sensors.h"
@@ -376,6 +377,119 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Surv
     }
     out.push_back(h);
   }
+}
+
+// ------------------------------------------------------------------------------------------------
+// links
+namespace {
+
+/// Other bodies on the way to the root, and up to six joints further out.
+std::vector<int> other_bodies(const Tree& tree, int link) {
+  constexpr int kFurtherOut = 6;
+  std::vector<int> out;
+  const int own = immobile_body(tree, link);
+  for (int l = own; tree.joint_above[l] >= 0;) {
+    l = immobile_body(tree, tree.joints[tree.joint_above[l]].parent);
+    out.push_back(l);
+  }
+  std::vector<int> last = {own};
+  for (int k = 0; k < kFurtherOut; ++k) {
+    std::vector<int> next;
+    for (const Joint& joint : tree.joints)
+      if (joint.moves() && std::count(last.begin(), last.end(), immobile_body(tree, joint.parent)))
+        next.push_back(joint.child);
+    out.insert(out.end(), next.begin(), next.end());
+    last = std::move(next);
+  }
+  return out;
+}
+
+/// What sits on a link of the rig, or of a group of these: sensors, or one target.
+struct Seat {
+  std::vector<int> sensors;
+  int target = -1, link = -1;
+};
+
+/// Whether all samples that show the seat's things have the readings of the joints between two
+/// links, and one of these moves.
+bool readings_move_between(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat,
+                           int link) {
+  const std::vector<int> joints = joints_between(rig, seat.link, link);
+  std::map<int, std::pair<double, double>> ranges;
+  for (const Sample& s : samples)
+    for (const View& v : s.views) {
+      if (v.target != seat.target &&
+          !std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor))
+        continue;
+      for (int j : joints) {
+        if (!std::isfinite(s.readings[j])) return false;
+        auto& range = ranges.insert({j, {s.readings[j], s.readings[j]}}).first->second;
+        range = {std::min(range.first, s.readings[j]), std::max(range.second, s.readings[j])};
+      }
+    }
+  return std::any_of(ranges.begin(), ranges.end(),
+                     [](const auto& r) { return r.second.second - r.second.first > 1e-3; });
+}
+
+/// Whether something that the seat's things see, or are seen by, sits on this body.
+bool faces(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat, int body) {
+  for (const Sample& s : samples)
+    for (const View& v : s.views) {
+      const bool sees = std::count(seat.sensors.begin(), seat.sensors.end(), v.sensor) > 0;
+      if (!sees && v.target != seat.target) continue;
+      const int other = sees ? rig.targets[v.target].link : rig.sensors[v.sensor].link;
+      if (other >= 0 && immobile_body(rig.tree, other) == body) return true;
+    }
+  return false;
+}
+
+std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
+  const Survey survey = make_survey(rig, samples);
+  std::map<int, std::vector<int>> by_link;
+  for (int s : survey.sensors)
+    if (!rig.sensors[s].model->scans()) by_link[rig.sensors[s].link].push_back(s);
+  std::vector<Seat> out;
+  for (const auto& group : by_link) {
+    out.push_back({group.second, -1, group.first});
+    for (int s : group.second)
+      if (group.second.size() > 1) out.push_back({{s}, -1, group.first});
+  }
+  for (int t : survey.targets)
+    if (rig.targets[t].link >= 0) out.push_back({{}, t, rig.targets[t].link});
+  return out;
+}
+
+}  // namespace
+
+void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
+  for (const Seat& seat : seats(rig, samples))
+    for (int link : other_bodies(rig.tree, seat.link)) {
+      if (is_between_axes(rig.tree, link) || faces(rig, samples, seat, link) ||
+          !readings_move_between(rig, samples, seat, link))
+        continue;
+      Hypothesis h;
+      h.id = "wrong-link";
+      h.many = true;
+      for (int s : seat.sensors) h.where.push_back(rig.sensors[s].name);
+      if (seat.target >= 0) h.where.push_back(rig.targets[seat.target].name);
+      const std::string& name = rig.tree.links[link];
+      h.mistake = std::string(seat.target >= 0     ? "target "
+                              : h.where.size() > 1 ? "sensors "
+                                                   : "sensor ") +
+                  joined(h.where) + (h.where.size() > 1 ? " sit" : " sits") + " on link " +
+                  quoted(name) + " (or what is fixed to it), not on " +
+                  quoted(rig.tree.links[seat.link]);
+      h.cure = "Correct " +
+               (seat.target >= 0 ? "targets." + h.where[0] + ".mount.link"
+                                 : "sensors." + h.where[0] + ".link") +
+               ", and its pose, which counts from there.";
+      h.new_poses = true;
+      h.undo = [seat, link](Rig& r, std::vector<Sample>&) {
+        for (int s : seat.sensors) r.sensors[s].link = link;
+        if (seat.target >= 0) r.targets[seat.target].link = link;
+      };
+      out.push_back(std::move(h));
+    }
 }
 
 }  // namespace kincal

@@ -30,5 +30,7 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
 /// Adds bearings of scanning sensors in degrees, or with the wrong sign.
 void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                   std::vector<Hypothesis>& out);
+/// Adds sensors and mounted targets that sit on another link of their path: above theirs, or below.
+void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out);
 
 }  // namespace kincal

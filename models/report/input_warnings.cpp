@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "../../kinematics/floating.h"
 #include "../analysis/frames.h"
 #include "../estimation/estimation.h"
 #include "../rig/numbers.h"
@@ -106,6 +107,92 @@ void warn_of_few_data(const Solution& solution, Warnings& out) {
                    {}});
 }
 
+namespace {
+
+constexpr double kNearReading = 4, kSameView = 1.5;  // sigmas of a difference: each, their rms
+constexpr double kNoErrorsOfTheirOwn = 0.5;          // share of the scatter that sigmas allow
+
+/// The squared differences of two samples' readings in sigmas of a difference, over the noisy
+/// joints; infinite where the robot moved.
+Mean reading_difference(const Rig& rig, const Sample& a, const Sample& b) {
+  Mean out;
+  const auto include = [&](double difference, double sigma) {
+    if (std::isnan(difference)) difference = kInfinity;  // absent from one of the two
+    if (!(std::abs(difference) <= std::sqrt(2.0) * kNearReading * sigma)) out.sum = kInfinity;
+    if (sigma > 0) out.sum += difference * difference / (2 * sigma * sigma), ++out.count;
+  };
+  for (size_t i = 0; i < rig.joints.size() && out.sum < kInfinity; ++i) {
+    const int j = static_cast<int>(i);
+    const Joint& joint = rig.tree.joints[i];
+    if (joint.axis_of_pose != PoseAxis::none) continue;
+    if (joint.type == JointType::floating) {
+      const Pose of_a = pose_reading(rig.tree, j, a.readings),
+                 of_b = pose_reading(rig.tree, j, b.readings);
+      if (!of_a.translation.allFinite() && !of_b.translation.allFinite()) continue;
+      const Vector6d difference = log_se3(inverse(of_a) * of_b);
+      for (int k = 0; k < kPoseAxes; ++k)
+        include(difference(k), joint_sigma(rig, a, joint.first_axis + kPoseAxes + k));
+    } else if (!std::isnan(a.readings[i]) || !std::isnan(b.readings[i])) {
+      include(a.readings[i] - b.readings[i], joint_sigma(rig, a, j));
+    }
+  }
+  return out;
+}
+
+double largest_sigma(const View& view) {
+  double out = 0;
+  for (const double sigma : view.sigma) out = std::max(out, sigma);
+  for (const Matrix3d& covariance : view.covariance)
+    out = std::max(out, std::sqrt(covariance.diagonal().maxCoeff()));
+  return out;
+}
+
+/// Whether two views show the same, but for their noise, in what both see.
+bool same_view(const View& a, const View& b) {
+  if (a.sensor != b.sensor || a.target != b.target) return false;
+  const double sigma = largest_sigma(a);
+  std::map<int, size_t> places;
+  for (size_t i = 0; i < b.ids.size(); ++i) places[b.ids[i]] = i;
+  const size_t numbers = a.ids.empty() ? a.z.size() : a.z.size() / a.ids.size();
+  Mean difference;
+  for (size_t i = 0; i < std::max<size_t>(1, a.ids.size()); ++i) {
+    const auto at = a.ids.empty() ? places.end() : places.find(a.ids[i]);
+    if (!a.ids.empty() && at == places.end()) continue;
+    const size_t other = a.ids.empty() ? 0 : at->second;
+    for (size_t k = 0; k < numbers && numbers * other + k < b.z.size(); ++k, ++difference.count)
+      difference.sum += std::pow(a.z[numbers * i + k] - b.z[numbers * other + k], 2);
+  }
+  return 2 * difference.count >= static_cast<long>(a.z.size()) &&
+         difference.value() <= 2 * kSameView * kSameView * sigma * sigma;
+}
+
+bool same_views(const Sample& a, const Sample& b) {
+  return std::all_of(a.views.begin(), a.views.end(), [&](const View& v) {
+    return std::any_of(b.views.begin(), b.views.end(),
+                       [&](const View& w) { return same_view(v, w); });
+  });
+}
+
+/// The postures of the training samples: readings that are exactly equal, or near and with the same
+/// views. `scatter`: of the readings of one posture, over what their sigmas make of it.
+size_t distinct_postures(const Recording& recording, Mean& scatter) {
+  std::vector<const Sample*> postures;
+  for (const int i : recording.training()) {
+    const Sample& sample = recording.samples[i];
+    const bool known = std::any_of(postures.begin(), postures.end(), [&](const Sample* other) {
+      const Mean difference = reading_difference(recording.rig, *other, sample);
+      const bool same =
+          difference.sum == 0 || (difference.sum < kInfinity && same_views(*other, sample));
+      if (same) scatter.sum += difference.sum, scatter.count += difference.count;
+      return same;
+    });
+    if (!known) postures.push_back(&sample);
+  }
+  return postures.size();
+}
+
+}  // namespace
+
 void warn_of_repetition(const Recording& recording, Warnings& out) {
   const std::vector<JointSettings>& joints = recording.rig.joints;
   const size_t samples = recording.training().size(), postures = count_postures(recording);
@@ -120,14 +207,20 @@ void warn_of_repetition(const Recording& recording, Warnings& out) {
          {}});
   const bool noisy =
       std::any_of(joints.begin(), joints.end(), [](const JointSettings& j) { return j.sigma > 0; });
-  if (noisy && postures > 1 && 2 * samples > 3 * postures)
+  if (!noisy) return;
+  Mean scatter;
+  const size_t distinct = distinct_postures(recording, scatter);
+  if (distinct > 1 && 2 * samples > 3 * distinct && scatter.value() < kNoErrorsOfTheirOwn)
     out.push_back(
         {"repeated",
-         text("%d samples were taken at %d postures, by readings that are exactly equal. "
-              "Each counts as if it had errors of its own, so sigmas may be %.1f times too "
-              "small: let the robot move between samples",
-              static_cast<int>(samples), static_cast<int>(postures),
-              std::sqrt(static_cast<double>(samples) / static_cast<double>(postures))),
+         text("%d samples were taken at %d postures, by readings that %s. Each counts as if it had "
+              "errors of its own, so sigmas may be %.1f times too small: let the robot move "
+              "between samples",
+              static_cast<int>(samples), static_cast<int>(distinct),
+              scatter.sum > 0 ? "differ by far less than their sigmas allow while the views are "
+                                "the same"
+                              : "are exactly equal",
+              std::sqrt(static_cast<double>(samples) / static_cast<double>(distinct))),
          {}});
 }
 
@@ -232,6 +325,26 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
         add(e.component_name(c), e.initial[c], e.value[c], " px");
   }
   warn("rescaled", "sizes or focal lengths are others than the rig says", std::move(cases), out);
+}
+
+std::string identity_text(const Solution& solution, const std::string& name) {
+  std::vector<std::string> held, prior;
+  for (const ParameterEstimate& e : solution.parameters)
+    for (size_t c = 0; e.name == name && c < e.components.size(); ++c) {
+      if (!e.freed[c]) held.push_back(e.components[c]);
+      if (e.prior[c] > 0) prior.push_back(e.components[c]);
+    }
+  std::string why = "a coordinate of it is held, or it has a prior";
+  if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " held";
+  if (held.empty() && !prior.empty()) why = "it has a prior";
+  return name + " is absent from the rig, and " + why +
+         ": that counts from the identity (0, not turned), where it hardly is. Give it a pose in "
+         "the rig, or free all of it and without a prior";
+}
+
+std::string counts_from_identity(const Solution& solution) {
+  return solution.identity_starts.empty() ? ""
+                                          : identity_text(solution, solution.identity_starts[0]);
 }
 
 const Finding* first_mistake(const Report& report) {

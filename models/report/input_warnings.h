@@ -13,7 +13,7 @@ namespace kincal {
 void warn_of_input(const std::vector<Finding>& input, Warnings& out);
 /// Warns where the unknowns without a prior are as many as what could determine them, or more.
 void warn_of_few_data(const Solution& solution, Warnings& out);
-/// Warns of poses that are too few to tell their noise, and of readings that are exactly repeated.
+/// Warns of poses that are too few to tell their noise, and of postures that are repeated.
 void warn_of_repetition(const Recording& recording, Warnings& out);
 /// Warns of bodies that no training sample shows.
 void warn_of_unseen(const Solution& solution, Warnings& out);
@@ -22,6 +22,10 @@ void warn_of_unused_priors(const Solution& solution, Warnings& out);
 /// Warns of lengths and gears that came out as another number altogether.
 void warn_of_rescaled(const Solution& solution, Warnings& out);
 
+/// Says what counts from the identity of a pose that the rig does not give.
+std::string identity_text(const Solution& solution, const std::string& name);
+/// The same of the first such pose; "": there is none.
+std::string counts_from_identity(const Solution& solution);
 /// Returns the finding that may be why a calibration ended badly; null: none.
 const Finding* first_mistake(const Report& report);
 /// Returns whether a step has a loss that takes what is far away for an outlier altogether.

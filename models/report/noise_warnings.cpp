@@ -7,6 +7,7 @@
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "cases.h"
 
 namespace kincal {
 namespace {
@@ -178,6 +179,42 @@ std::string sensors_as_seen(const Report& report) {
     out += (out.empty() ? "" : ", ") + sensor +
            ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
   return "sensors: {" + out + "}";
+}
+
+void warn_of_trends(const Report& report, Warnings& out) {
+  const Tree& tree = report.solution.rig().tree;
+  std::vector<Case> cases;
+  for (const Trend& trend : report.trends) {
+    const Joint& joint = tree.joints[trend.joint];
+    const bool flange = joint.type == JointType::floating;
+    const std::string shift = trend.shift > 0 ? text("%.3g mm", 1e3 * trend.shift) : "",
+                      turn = trend.turn > 0 ? text("%.3g mrad", 1e3 * trend.turn) : "",
+                      both = shift.empty() || turn.empty() ? "" : ", ";
+    cases.push_back(
+        {joint.name,
+         std::string("the errors of the ") + (flange ? "poses" : "readings") + " of joint " +
+             quoted(joint.name) + " go with where it stands (" + shift + both + turn +
+             text(", up to %.0f %% of their scatter): that is no noise but ", 100 * trend.share) +
+             (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
+                       "poses do not average out"
+                     : "something that the rig does not have: a gear, sag, bending or play") +
+             ". It is counted as noise, so the result may be off by several times its sigmas, "
+             "most of all away from the postures recorded",
+         trend.clear});
+  }
+  warn("systematic", "joints have errors that go with where they stand", std::move(cases), out);
+  if (!report.trends.empty()) out.back().text += ". What to do: " + cure_of_trends(report);
+}
+
+std::string cure_of_trends(const Report& report) {
+  const bool flange =
+      !report.trends.empty() &&
+      report.solution.rig().tree.joints[report.trends.front().joint].type == JointType::floating;
+  return flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros "
+                  "are estimated too, or have the robot's zeros set anew; else use the result only "
+                  "near the poses recorded"
+                : "estimate what the rig can express (gears: the group gears), look for what bends "
+                  "or is loose; else use the result only near the postures recorded";
 }
 
 void warn_of_quiet_joints(const Report& report, Warnings& out) {

@@ -16,6 +16,10 @@ constexpr double kNoisy = 3;  // times as noisy as stated: a joint that somethin
 bool noise_is_doubtful(const Report& report);
 /// What to write into a rig for the noise of its sensors, as the data show it.
 std::string sensors_as_seen(const Report& report);
+/// Warns of errors of readings that go with the posture: no noise, but what the model lacks.
+void warn_of_trends(const Report& report, Warnings& out);
+/// What to do about these.
+std::string cure_of_trends(const Report& report);
 /// Warns of joints that are far less noisy than stated, where that was not estimated.
 void warn_of_quiet_joints(const Report& report, Warnings& out);
 /// Warns where sigmas were estimated from the data (the automatic path, --estimate-noise).

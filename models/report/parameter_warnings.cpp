@@ -107,6 +107,12 @@ void warn_of_parameters(const Report& report, Warnings& out) {
        report.automatic.empty() ? "parameters are more than 3 prior sigmas from their priors"
                                 : "parameters are off by more than 3 times what is usual here",
        std::move(priors), out);
+  if (!out.empty() && out.back().id == "prior")
+    out.back().text +=
+        report.automatic.empty()
+            ? ". What to do: see which of the two is wrong, the prior or the data"
+            : ". What to do: compare this number with the robot; if it is right, look for another "
+              "mistake that it takes up";
   if (!sigmas.empty()) {
     warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas),
          out);

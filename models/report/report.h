@@ -14,6 +14,7 @@
 #include "../analysis/misfits.h"
 #include "../analysis/noise_levels.h"
 #include "../analysis/residuals.h"
+#include "../analysis/trends.h"
 #include "../analysis/weak_directions.h"
 #include "../automatic/automatic.h"
 #include "../calibration/solution.h"
@@ -56,6 +57,7 @@ struct Report {
   Explanation explanation;                     // weakly determined directions of the last step
   std::vector<Leverage> leverage;              // above 1 sigma, largest first
   Misfits misfits;                 // samples and views that fit much worse than the others
+  std::vector<Trend> trends;       // joints whose errors go with where they stand
   std::vector<Rejected> rejected;  // taken out before the fit
   std::string no_consensus;        // why nothing was taken out although it was asked for
   std::vector<Rejected>

@@ -552,6 +552,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   if (!report.noise_estimated) report.noise_levels = noise_levels(at);
   report.residuals = residuals(at);
   report.misfits = misfits(report.solution, report.residuals);
+  report.trends = trends(report.solution);
   const Solution& solution = report.solution;
   const bool badly =
       solution.status == Status::not_converged || solution.chi2_data > 10 * solution.dof_data;
@@ -600,7 +601,13 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const bool whole = options.calibration.last_step.empty(),
                badly = solution.status != Status::converged ||
                        solution.chi2_data > kUnexplained * solution.dof_data;
-    if ((options.diagnose ? badly
+    // (Where a pose that nobody gave is held in part, that is why: other mistakes cannot be told.)
+    const std::string held =
+        badly && recording->rig.steps.empty() ? counts_from_identity(solution) : "";
+    if (undefined && !held.empty())
+      report.solution.message = held + ". So no calibration can start: " + report.solution.message;
+    if (held.empty() &&
+        (options.diagnose ? badly
                           : whole && solution.usable() && data_misfit(report) > kMistaken) &&
         !report.diagnosis) {
       const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();

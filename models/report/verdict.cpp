@@ -122,8 +122,9 @@ bool is_doubt(const Report& report, const Warning& w) {
     return std::any_of(w.names.begin(), w.names.end(),
                        [&](const std::string& name) { return nobody_freed(report, name); });
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
-  return id == "implausible" || id == "chi2" || id == "unexplained" || id == "joint_error" ||
-         id == "prior" || id == "sigma" || id == "in_use" || starts_with(id, "outlier_");
+  return id == "implausible" || id == "systematic" || id == "chi2" || id == "unexplained" ||
+         id == "joint_error" || id == "joint_noise" || id == "prior" || id == "sigma" ||
+         id == "in_use" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
@@ -155,6 +156,8 @@ std::string doubt_words(const Report& report, const Warning& w) {
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
   return !other || id == "width" || id == "identity" ||
+         (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
+                                 other->id == "chi2" || other->id == "noise")) ||
          (id == "noise" && (other->id == "joint_error" || other->id == "chi2"));
 }
 
@@ -176,11 +179,15 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "noise")
     return "state in the rig what you know of the noise; if that of the joints is right: " +
            sensors_as_seen(report);
+  if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
     return "measure what came out as another (a length of the robot that is wrong looks the same), "
            "and correct the rig, or state how well it is known: priors";
   if (id == "identity")
     return "give the pose in the rig, then hold of it what the data do not tell";
+  if (id == "joint_noise")
+    return "state the noise that is seen, or have it estimated, if the joints are that noisy; else "
+           "look for what the model lacks of them: a gear, play, bending";
   if (id == "joint_error") return "look at these samples, or state the noise of these joints";
   if (id == "implausible") return "correct that, and calibrate again";
   if (id == "width")
@@ -336,6 +343,8 @@ std::string why_unexplained(const Report& report) {
   const Finding* finding = decisive_finding(report);
   if (!(misfit > (finding ? kMistaken : kBeyondNoise))) return "";
   const std::string begin = text("the model does not explain the data (chi2/dof %.3g). ", misfit);
+  if (const std::string held = counts_from_identity(report.solution); !finding && !held.empty())
+    return begin + held;
   if (!finding) finding = likely_finding(report);
   if (finding)
     return begin + "A mistake is likelier than noise stated too small: " + finding->id + ": " +

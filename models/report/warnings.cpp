@@ -59,22 +59,6 @@ std::string types_without_start(const Solution& solution, const std::string& pos
   return types;
 }
 
-/// What counts from the identity of a pose that the rig does not give.
-std::string identity_text(const Solution& solution, const std::string& name) {
-  std::vector<std::string> held, prior;
-  for (const ParameterEstimate& e : solution.parameters)
-    for (size_t c = 0; e.name == name && c < e.components.size(); ++c) {
-      if (!e.freed[c]) held.push_back(e.components[c]);
-      if (e.prior[c] > 0) prior.push_back(e.components[c]);
-    }
-  std::string why = "it is freed in part or with a prior";
-  if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " held";
-  if (held.empty() && !prior.empty()) why = "it has a prior";
-  return name + " is absent from the rig, and " + why +
-         ": that counts from the identity (0, not turned), where it hardly is. Give it a pose in "
-         "the rig, or free all of it and without a prior";
-}
-
 void warn_of_starts(const Solution& solution, Warnings& out) {
   Warning useless{"no_effect", "", solution.without_effect};
   for (const std::string& message : solution.without_effect)
@@ -160,6 +144,8 @@ void warn_of_steps(const Report& report, Warnings& out) {
     std::string what = "free less, in more steps, or start nearer to the truth";
     if (const Finding* first = first_mistake(report)) {
       what = "first look at " + first->id + ": " + first->text;
+    } else if (const std::string held = counts_from_identity(solution); !held.empty()) {
+      what = held;
     } else if (const std::string loose = loose_mount(report);
                !loose.empty() && solution.chi2_per_dof() < kFitsWell) {
       what = loose;
@@ -440,14 +426,14 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged",   "unobservable",    "few_turns",    "unexplained",  "implausible",
-      "outside_image",   "duplicates",      "few_data",     "undefined",    "outlier_sample",
-      "outlier_view",    "outlier_point",   "no_consensus", "chi2",         "in_use",
-      "joint_error",     "joint_noise",     "noise",        "quiet_joints", "prior",
-      "sigma",           "minima",          "given_pose",   "rescaled",     "no_start",
-      "ambiguous_start", "moved",           "identity",     "unfinished",   "joint_model",
-      "no_effect",       "few_poses",       "repeated",     "last_zero",    "base_frame",
-      "unused_prior",    "undefined_before"};
+      "not_converged", "unobservable",    "few_turns",       "unexplained", "implausible",
+      "outside_image", "duplicates",      "few_data",        "undefined",   "outlier_sample",
+      "outlier_view",  "outlier_point",   "no_consensus",    "chi2",        "in_use",
+      "systematic",    "joint_error",     "joint_noise",     "noise",       "quiet_joints",
+      "prior",         "sigma",           "minima",          "given_pose",  "rescaled",
+      "no_start",      "ambiguous_start", "moved",           "identity",    "unfinished",
+      "joint_model",   "no_effect",       "few_poses",       "repeated",    "last_zero",
+      "base_frame",    "unused_prior",    "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -486,6 +472,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_unexplained(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_joint_noise(report, out);
+  warn_of_trends(report, out);
   warn_of_quiet_joints(report, out);
   warn_of_use(report.residuals, out);
   warn_of_doubted_priors(report, out);

@@ -92,6 +92,15 @@ class Detect(Case):
         if not os.path.exists(os.path.join(os.path.dirname(KINCAL), "kincal-detect")):
             self.skipTest("kincal-detect is not built: no OpenCV")
 
+    def test_squares_in_place_of_corners(self):
+        """A board that the rig has with another number of corners is told by its own."""
+        for rows, columns in ((6, 9), (5, 9), (4, 8)):
+            with self.subTest(rows=rows, columns=columns):
+                self.write("rig.yaml", RIG.replace("rows: 5, columns: 8", "rows: %d, columns: %d" % (rows, columns)).encode())
+                self.detect("rig.yaml", "images", "--sensor", "eye", "--out", "wrong.jsonl", "--force", code=1)
+                self.assertIn("target 'board': no image shows a chessboard of %d x %d inner corners, but 3 of 3 looked at show 5 x 8" % (rows, columns), self.out)
+                self.assertIn("Write rows: 5, columns: 8", self.out)
+
     def test_views_are_filled_in(self):
         given = [{"id": "one", "time": 3.25, "joints": {"j": 0.125}, "note": "kept", "split": "test",
                   "views": [{"sensor": "eye", "target": "board", "image": "images/a1.pgm", "sigma": 0.5}]},

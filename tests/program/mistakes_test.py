@@ -215,6 +215,51 @@ class Readings(Case):
         self.assertEqual([f["where"] for f in found if f["id"] == "joint-sign"], [["j3"]])
 
 
+    def give(self, scene, order):
+        """Sample i gets the readings of sample order[i]."""
+        logged = [s["joints"] for s in scene.samples]
+        for s, k in zip(scene.samples, order):
+            s["joints"] = logged[k]
+        return scene
+
+    def test_shifted_where_pictures_were_lost(self):
+        for name in ("room", "tool"):
+            for by in (1, -1):
+                with self.subTest(name, by=by):
+                    scene = Scene(name)
+                    n = len(scene.samples)
+                    self.give(scene, [(i + by) % n for i in range(n)])
+                    scene.samples = [s for i, s in enumerate(scene.samples) if i not in (0, n - 1, 4, 9, 10, 15)]
+                    for i, s in enumerate(scene.samples):
+                        s["id"] = "img_%s.png" % s["id"].split("_")[-1]
+                    self.one(scene.check(), "shifted", [], "one of the two logs starts a sample too")
+
+    def test_rows_in_another_order(self):
+        for name in ("room", "tool"):
+            n = len(Scene(name).samples)
+            with self.subTest(name, order="reversed"):
+                self.one(self.give(Scene(name), range(n)[::-1]).check(), "shifted", [], "one of the two is in reversed order")
+            for first in (0, 1):
+                texts = sorted(range(n), key=lambda k: str(k + first))
+                with self.subTest(name, first=first):
+                    self.one(self.give(Scene(name), texts).check(), "shifted", [], r"sorted by digits \(1, 10, 11, 2\).*Pair")
+            with self.subTest(name, order="ids as texts"):  # pictures by their names, rows as they were recorded
+                scene = Scene(name)
+                logged = [s["joints"] for s in scene.samples]
+                texts = sorted(range(n), key=lambda k: str(k + 1))
+                scene.samples = [dict(scene.samples[k], id="img%d" % (k + 1), joints=logged[i]) for i, k in enumerate(texts)]
+                self.one(scene.check(), "shifted", [], "sorted by digits")
+
+    def test_one_stale_joint(self):
+        for name, joint in (("room", "j3"), ("tool", "j2"), ("rail", "j5")):
+            with self.subTest(name, joint=joint):
+                scene = Scene(name)
+                logged = [s["joints"][joint] for s in scene.samples]
+                for s, old in zip(scene.samples[1:], logged):
+                    s["joints"][joint] = old
+                self.one(scene.check(), "shifted", [joint], "a sample too old")
+
+
 class Units(Case):
     def test_a_slide(self):
         for factor, name in ((1000, "millimetres"), (100, "centimetres"), (1 / 0.0254, "inches")):

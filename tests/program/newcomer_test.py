@@ -205,6 +205,63 @@ class Words(Case):
         self.assertEqual(self.warnings(result, "no_effect"), [])
         self.assertEqual([g["held"] for g in result["automatic"] if g["group"] == "centres"], [False])
 
+    def test_errors_that_go_with_the_posture(self):
+        """A joint that sags is no noise, however large its noise is stated; noise has no such warning."""
+        self.write("open.yaml", CAMERA.replace("0.0002", "0.0005"))
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        clean = self.simulate(true, CAMERA_TRUTH, samples=40, seed=4)
+        result, _ = self.calibrate(clean, rig="open.yaml")
+        self.assertEqual(self.warnings(result, "systematic"), [])
+        for s in clean:
+            s["joints"]["j2"] -= 0.004 * math.cos(s["joints"]["j2"])
+        for rig in (CAMERA, CAMERA.replace("0.0002", "0.0005")):
+            self.write("open.yaml", rig)
+            result, _ = self.calibrate(clean, rig="open.yaml")
+            found, = self.warnings(result, "systematic")
+            self.assertRegex(found, r"the errors of the readings of joint 'j2' go with where it stands \(0\.\d+ mrad, up to \d+ % of their scatter\)")
+            self.assertEqual(result["verdict"]["use"], "doubts")
+            self.assertIn("go with where it stands", result["verdict"]["text"])
+
+    def test_postures_that_are_repeated(self):
+        """Three pictures of a robot that stands still are one posture, unless its readings scatter as stated."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        self.write("open.yaml", CAMERA)
+        one = self.simulate(true, CAMERA_TRUTH, samples=16, seed=5)
+        for jitter, said in ((0, 1), (0.1, 1), (1, 0)):
+            with self.subTest(jitter=jitter):
+                draws, samples = random.Random(1), []
+                for s in one:
+                    for k in range(3):
+                        again = json.loads(json.dumps(s))
+                        again["id"] += "_%d" % k
+                        again["joints"] = {j: q + draws.gauss(0, 0.0002 * jitter) for j, q in s["joints"].items()}
+                        again["views"][0]["pixels"] = [[u + draws.gauss(0, 0.2), v + draws.gauss(0, 0.2)] for u, v in s["views"][0]["pixels"]]
+                        samples.append(again)
+                result, _ = self.calibrate(samples, rig="open.yaml")
+                found = self.warnings(result, "repeated")
+                self.assertEqual(len(found), said, found)
+                if said:
+                    self.assertIn("48 samples were taken at 16 postures", found[0])
+
+    def test_a_coordinate_that_is_held_where_no_pose_is_stated(self):
+        """A camera that is far from the board's coordinate that is held: the pose is asked for, no other mistake is blamed."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        samples = self.simulate(true, CAMERA_TRUTH, samples=20, seed=2)
+        self.write("open.yaml", CAMERA)
+        self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        p = subprocess.run([KINCAL, "calibrate", "open.yaml", "samples.jsonl", "--fix", "sensor/cam/pose.x", "--out", "held", "--force", "--quiet"],
+                           capture_output=True, text=True, cwd=self.dir)
+        self.assertNotEqual(p.returncode, 0)
+        self.assertIn("sensor/cam/pose is absent from the rig, and a coordinate of it is held, or it has a prior: that counts from the identity", p.stdout + p.stderr)
+        for word in ("mirrored", "joint-sign", "wrong-link"):
+            self.assertNotIn(word, p.stdout + p.stderr)
+
     def test_words_of_poses_and_widths(self):
         """No prior is spoken of where the user gave none, and what is held of a pose that the rig leaves open is named."""
         true = CAMERA

@@ -2,7 +2,8 @@
 //
 // Proves, with poses made by Eigen alone: each convention that robots' software has is named first,
 // with its cure, in the hand and in the room, with a stated noise and without; millimetres and
-// degrees are named before any fit; right poses have no finding. Not proved: two of these at once.
+// degrees are named before any fit; right poses have no finding. Not proved: two of these at once,
+// but for the inverse with w first.
 #include <catch2/catch.hpp>
 
 #include "../../../models/doctor/plausibility.h"
@@ -85,6 +86,35 @@ const Convention kConventions[] = {
        Eigen::Matrix4d mirror = Eigen::Matrix4d::Identity();
        mirror(1, 1) = -1;
        return xyz_quat(Isometry3d(mirror * pose.matrix() * mirror));
+     }},
+    {"inverted-pose", "with w first",
+     [](const Isometry3d& pose) {
+       const Isometry3d base = pose.inverse();
+       const Eigen::Quaterniond q(base.linear());
+       Isometry3d wrong(Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()));
+       wrong.translation() = base.translation();
+       return xyz_quat(wrong);
+     }},
+    {"convention", "A, B, C of a KUKA are read",
+     [](const Isometry3d& pose) {
+       const Eigen::AngleAxisd turn(pose.linear());
+       return xyz_rpy(pose, (turn.angle() * turn.axis()).reverse());
+     }},
+    {"convention", "read as A, B, C of a KUKA in degrees, and metres",
+     [](const Isometry3d& pose) {
+       const Eigen::AngleAxisd turn(pose.linear());
+       Isometry3d short_of_it = pose;
+       short_of_it.translation() *= 1e-3;
+       return xyz_rpy(short_of_it, kPi / 180 * (turn.angle() * turn.axis()).reverse());
+     }},
+    {"convention", "read as roll, pitch and yaw in degrees",
+     [](const Isometry3d& pose) {
+       const Eigen::AngleAxisd turn(pose.linear());
+       return xyz_rpy(pose, kPi / 180 * turn.angle() * turn.axis());
+     }},
+    {"convention", "angles in radians that were read as degrees",
+     [](const Isometry3d& pose) {
+       return xyz_rpy(pose, kPi / 180 * yaw_pitch_roll(pose).reverse());
      }},
     {"units", "centimetres",
      [](const Isometry3d& pose) { return moved(pose, 100 * pose.translation()); }},

@@ -1,0 +1,143 @@
+#include "trends.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "../../kinematics/floating.h"
+#include "../../solver/decompositions.h"
+#include "../rig/numbers.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kByNoChance = 4;   // standard deviations
+constexpr double kGoodPart = 0.25;  // share of the scatter
+constexpr double kSame = 1e-6;      // of columns that depend on each other
+constexpr long kLeft = 8;           // samples more than columns and errors
+
+/// The errors of one joint (of a floating one six), by training sample.
+struct JointErrors {
+  std::vector<int> axes;     // one or six joints
+  std::vector<int> samples;  // that have all of them
+  MatrixXd values;           // a row a sample
+};
+
+std::map<int, JointErrors> errors_by_joint(const Solution& solution) {
+  const Tree& tree = solution.rig().tree;
+  std::map<int, std::set<int>> axes, samples;  // by joint that has the reading
+  for (const auto& e : solution.values.errors) {
+    if (!solution.samples()[e.first.first].train) continue;
+    const int joint = tree.find_joint(read_name(tree, e.first.second));
+    axes[joint].insert(e.first.second);
+    samples[joint].insert(e.first.first);
+  }
+  std::map<int, JointErrors> out;
+  for (const auto& [joint, of] : axes) {
+    JointErrors& one = out[joint];
+    one.axes.assign(of.begin(), of.end());
+    for (const int s : samples[joint])
+      if (std::all_of(of.begin(), of.end(), [&, s = s](int axis) {
+            return solution.values.errors.count({s, axis}) > 0;
+          }))
+        one.samples.push_back(s);
+    one.values.resize(static_cast<long>(one.samples.size()), static_cast<long>(of.size()));
+    for (long r = 0; r < one.values.rows(); ++r)
+      for (long c = 0; c < one.values.cols(); ++c)
+        one.values(r, c) = solution.values.errors.at(
+            {one.samples[static_cast<size_t>(r)], one.axes[static_cast<size_t>(c)]});
+  }
+  return out;
+}
+
+/// Where a joint stands in these samples: the columns of the regression.
+MatrixXd standing(const Solution& solution, int joint, const JointErrors& errors) {
+  const Tree& tree = solution.rig().tree;
+  const auto n = static_cast<long>(errors.samples.size());
+  const auto readings = [&](long row) -> const std::vector<double>& {
+    return solution.samples()[errors.samples[static_cast<size_t>(row)]].readings;
+  };
+  if (tree.joints[joint].type != JointType::floating) {
+    const bool slides = tree.joints[joint].type == JointType::prismatic;
+    MatrixXd out = MatrixXd::Ones(n, slides ? 3 : 4);
+    for (long row = 0; row < n; ++row) {
+      const double q = readings(row)[joint];
+      out(row, 1) = q;
+      out(row, 2) = slides ? q * q : std::sin(q);
+      if (!slides) out(row, 3) = std::cos(q);
+    }
+    return out;
+  }
+  const bool few = n < 13 + 6 + kLeft;
+  MatrixXd out = MatrixXd::Ones(n, few ? 7 : 13);
+  for (long row = 0; row < n; ++row) {
+    const Pose pose = pose_reading(tree, joint, readings(row));
+    if (few) {
+      const Pose first = pose_reading(tree, joint, readings(0));
+      out.row(row).tail(6) = log_se3(inverse(first) * pose).transpose();
+      continue;
+    }
+    for (int axis = 0; axis < 3; ++axis)
+      out.row(row).segment(1 + 3 * axis, 3) = pose.rotation.col(axis).transpose();
+    out.row(row).tail(3) = pose.translation.transpose();
+  }
+  return out;
+}
+
+/// The logarithm of the determinant of a positive semi-definite matrix, of which nothing is zero.
+double log_determinant(const MatrixXd& scatter) {
+  double out = 0;
+  for (const double value : symmetric_eigen(scatter).values)
+    out += std::log(std::max(value, 1e-12));
+  return out;
+}
+
+/// The trend of errors with these columns; `clear` is 0 where there are too few samples to tell.
+Trend trend_of(const Tree& tree, int joint, const JointErrors& errors, const MatrixXd& columns) {
+  Trend out{joint, 0};
+  const auto n = static_cast<double>(errors.values.rows()),
+             p = static_cast<double>(errors.values.cols());
+  if (columns.rows() < columns.cols() + errors.values.cols() + kLeft || !columns.allFinite())
+    return out;
+  const SingularValues basis = singular_values(columns, Eigen::ComputeThinU);
+  const long rank = (basis.values.array() > kSame * basis.values(0)).count();
+  const auto k = static_cast<double>(rank - 1);
+  MatrixXd scatter = errors.values.rowwise() - errors.values.colwise().mean();
+  const Eigen::RowVectorXd sizes = scatter.colwise().norm();
+  if (rank < 2 || !(sizes.minCoeff() > 0)) return out;
+  scatter.array().rowwise() /= sizes.array();  // each error counts alike
+  const MatrixXd u = basis.u.leftCols(rank), left = scatter - u * (u.transpose() * scatter);
+  const double m = p * k,
+               chi2 = -(n - 1 - (p + k + 1) / 2) * (log_determinant(left.transpose() * left) -
+                                                    log_determinant(scatter.transpose() * scatter));
+  out.clear = (std::cbrt(std::max(0.0, chi2) / m) - 1 + 2 / (9 * m)) / std::sqrt(2 / (9 * m));
+  for (long c = 0; c < left.cols(); ++c) {
+    const double remains = left.col(c).squaredNorm(),
+                 share = std::max(0.0, 1 - remains * (n - 1) / (n - 1 - k));
+    out.share = std::max(out.share, share);
+    const double size = share * sizes(c) * sizes(c) / n;
+    (tree.joints[errors.axes[static_cast<size_t>(c)]].type == JointType::prismatic ? out.shift
+                                                                                   : out.turn) +=
+        size;
+  }
+  out.turn = std::sqrt(out.turn);
+  out.shift = std::sqrt(out.shift);
+  return out;
+}
+
+}  // namespace
+
+std::vector<Trend> trends(const Solution& solution) {
+  std::vector<Trend> out;
+  for (const auto& [joint, errors] : errors_by_joint(solution)) {
+    const Trend trend =
+        trend_of(solution.rig().tree, joint, errors, standing(solution, joint, errors));
+    if (trend.clear > kByNoChance && trend.share > kGoodPart) out.push_back(trend);
+  }
+  std::stable_sort(out.begin(), out.end(),
+                   [](const Trend& a, const Trend& b) { return a.clear > b.clear; });
+  return out;
+}
+
+}  // namespace kincal

@@ -1,0 +1,40 @@
+// Errors of readings that go with where the joint stands. What a joint or a flange does wrong by
+// itself (a gear, sag, bending; the zeros of a robot that is known by the poses of its flange only)
+// looks like noise of its readings, but noise does not know the posture.
+//
+// In mode latent each sample has an error d of each noisy joint, of a floating joint six. They are
+// regressed on where it stands: of n samples
+//     turning     1, q, sin q, cos q
+// (of the reading q)
+//     sliding     1, q, q^2
+//     floating    1, the nine numbers of its rotation, the three of its translation; of few samples
+//                 1 and the increment from the first pose
+// whose columns have rank k + 1. With the p x p scatter T of the errors and E of what the
+// regression leaves, Wilks' lambda = det E / det T of errors that do not know the posture is such
+// that
+//     chi2 = -(n - 1 - (p + k + 1) / 2) ln lambda
+// has p k degrees of freedom (Bartlett 1938), whatever their size; and ((chi2 / m)^(1/3) - 1 + 2 /
+// (9 m)) / sqrt(2 / (9 m)), m = p k, is nearly normal (Wilson and Hilferty 1931). A trend is what
+// chance makes in one of 30,000 joints, and which is a good part of the scatter.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../calibration/solution.h"
+
+namespace kincal {
+
+/// A Trend is a joint whose errors go with where it stands.
+struct Trend {
+  int joint;         // of a floating joint that joint, not its axes
+  double clear;      // how clearly, in standard deviations
+  double share = 0;  // of the squared errors, that the posture explains (of six the largest)
+  double turn = 0, shift = 0;  // root mean square of that part: rad, m
+};
+
+/// Returns the trends of a solution's training samples, the clearest first; none but in mode
+/// latent.
+std::vector<Trend> trends(const Solution& solution);
+
+}  // namespace kincal

@@ -1,0 +1,64 @@
+// analysis/trends.h: errors of readings that go with the posture.
+//
+// Proves, of robots that are known by the poses of their flange (with Eigen alone): errors that are
+// smooth in the pose are a trend and make the verdict doubtful, with the noise stated or not,
+// from 30 samples on; noise of the same size is none, in 20 draws of each. Not proved: joints
+// (tests/program/newcomer_test.py), how clear smaller trends are.
+#include <catch2/catch.hpp>
+
+#include "../../../models/analysis/trends.h"
+#include "../../fixtures/flange.h"
+
+using namespace kincal;
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+
+namespace {
+
+/// What a robot with wrong zeros says of its flange: off by what depends on where it is.
+Isometry3d by_wrong_zeros(const Isometry3d& pose) {
+  const Eigen::Matrix3d r = pose.linear();
+  const Vector3d t = pose.translation();
+  Isometry3d out =
+      Eigen::Translation3d(0.004 * Vector3d(r(0, 1) * t.x(), r(2, 0) - t.y(), r(1, 1))) * pose;
+  const Vector3d w = 0.006 * Vector3d(r(0, 2) + t.x(), r(1, 0), r(2, 1) * t.z());
+  out.rotate(Eigen::AngleAxisd(w.norm(), w.normalized()));
+  return out;
+}
+
+Report study_of(fixture::FlangeTruth& truth, int samples, bool wrong) {
+  fixture::FlangeInput input = fixture::read(truth, samples, [&](const Isometry3d& pose) {
+    return fixture::xyz_quat(wrong ? by_wrong_zeros(pose) : pose);
+  });
+  input.rig.steps.clear();
+  return fixture::study_of(std::move(input.rig), std::move(input.samples));
+}
+
+}  // namespace
+
+TEST_CASE("trends: errors of a flange that go with its pose are told from noise") {
+  for (const bool in_hand : {true, false})
+    for (const bool stated : {true, false})
+      for (const int samples : {30, 45}) {
+        INFO("in hand " << in_hand << ", stated " << stated << ", samples " << samples);
+        fixture::FlangeTruth truth({in_hand, 2e-3, 3e-3, stated}, 5);
+        fixture::FlangeTruth exact({in_hand, 2e-4, 4e-4, stated}, 5);
+        const Report noisy = study_of(truth, samples, false), off = study_of(exact, samples, true);
+        CHECK(noisy.trends.empty());
+        REQUIRE(off.trends.size() == 1);
+        CHECK(off.solution.rig().tree.joints[off.trends[0].joint].name == "flange");
+        CHECK(off.trends[0].turn > 5e-4);
+        CHECK(off.verdict.use == "doubts");
+        CHECK(off.verdict.text.find("go with where it stands") != std::string::npos);
+      }
+}
+
+TEST_CASE("trends: noise is none, whatever its size") {
+  for (unsigned seed = 0; seed < 20; ++seed)
+    for (const int samples : {17, 30}) {
+      INFO("seed " << seed << ", samples " << samples);
+      fixture::FlangeTruth truth({seed % 2 == 0, 5e-4, 1e-3}, 100 + seed);
+      fixture::FlangeInput input = fixture::read(truth, samples);
+      CHECK(trends(fixture::solution_of(std::move(input.rig), std::move(input.samples))).empty());
+    }
+}
