@@ -7,7 +7,7 @@
 Pictures of a ChArUco board are taken (`simulate --render`), `detect --sigma` finds it and says how well, then `calibrate` without steps, and OpenCV's calibrateHandEye (all five
 methods) and calibrateRobotWorldHandEye (both) on solvePnP of the same corners. kincal is told nothing but the board, a lens and the noise of the poses; the lens of OpenCV is held.
 Printed are medians of how far the camera's pose is from the truth; for kincal the NEES of it over its 6 numbers (by its whole covariance); for each method of OpenCV on how many
-robots it is nearer than kincal, and the p of Wilcoxon's test of the pairs (two-sided). It needs NumPy and SciPy, and OpenCV at building time.
+robots it is nearer than kincal, the p of Wilcoxon's test of the pairs (two-sided), and how many times kincal's its error is (geometric mean and its 95 % interval by t). It needs NumPy and SciPy, and OpenCV at building time.
 """
 import argparse
 import collections
@@ -20,6 +20,7 @@ import tempfile
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 from scipy.stats import wilcoxon
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -123,7 +124,10 @@ def show(kind, noise, robots, failed):
         for k, unit in enumerate(("mm", "mrad")):
             if method != "kincal":
                 off = pairs[:, 0, k] - pairs[:, 1, k]
-                beside += "   nearer in %s: %d of %d (p %.2g)" % (unit, (off < 0).sum(), len(off), wilcoxon(off).pvalue)
+                ratio = np.log(pairs[:, 0, k] / pairs[:, 1, k])
+                half = student.ppf(0.975, len(off) - 1) * ratio.std(ddof=1) / np.sqrt(len(off))
+                times = tuple(np.exp(ratio.mean() + half * side) for side in (0, -1, 1))
+                beside += "   nearer in %s: %d of %d (p %.2g), %.3f times (%.3f to %.3f)" % (unit, (off < 0).sum(), len(off), wilcoxon(off).pvalue, *times)
         rows.append((*np.median(own, axis=0), method, beside))
     for metres, radians, method, beside in sorted(rows):
         print("  %-18s %7.3f mm %7.3f mrad%s" % (method, 1e3 * metres, 1e3 * radians, beside), flush=True)

@@ -4,8 +4,8 @@ Records an arm with one camera and a PR2-like robot as `kincal simulate --bag` d
 truth. For each robot and seed it prints chi2/dof, NEES/dof (e' C^-1 e over all that is freed, of the covariance that the result states), and the
 offsets in time that the import found beside those that were simulated (0, 10, 20, 50 ms in turn); at the end means of all seeds beside the 99 %
 intervals of that many numbers. ROS 1 bags and MCAP take turns. The sigmas of cameras in the rigs below are what averaging over images of a rest
-leaves of the errors of corners in rendered pictures: `--scale` prints the factor that would make chi2/dof 1, by which they were set (arm: seeds 1 and 2,
-PR2: seed 101). Needs kincal, kincal-render, kincal-detect's library and kincal-bags; no Python packages.
+leaves of the errors of corners in rendered pictures: `--scale` prints the sigma that would make chi2/dof 1, by which they were set, on seeds that are not judged (arm: 101 to 106,
+PR2: 101). Needs kincal, kincal-render, kincal-detect's library and kincal-bags; no Python packages.
 """
 import argparse
 import json
@@ -144,6 +144,11 @@ def run(kincal, *arguments, codes=(0,)):
     return p.stdout + p.stderr
 
 
+def view_squares(samples):
+    """Squared sigmas of the views of cameras, px^2."""
+    return [v["sigma"] ** 2 for line in read(samples).splitlines() for v in json.loads(line)["views"] if "pixels" in v and "sigma" in v]
+
+
 def one(kincal, robot, seed, ending):
     with tempfile.TemporaryDirectory() as folder:
         count = ROBOTS[robot](folder)
@@ -158,7 +163,7 @@ def one(kincal, robot, seed, ending):
         offsets = [(float(a), float(b)) for a, b in re.findall(r"stamped (-?[\d.]+) \+- ([\d.]+) ms", said)]
         errors, numbers = nees(folder, result)
         return {"robot": robot, "seed": seed, "ending": ending, "samples": int(re.search(r": (\d+) samples\n", said).group(1)), "chi2": step["chi2"], "dof": step["dof"],
-                "nees": errors, "numbers": numbers, "delay": 1e3 * delay, "offsets": offsets, "clocks": said.count("THE CLOCK")}
+                "nees": errors, "numbers": numbers, "squares": view_squares(path("samples.jsonl")), "delay": 1e3 * delay, "offsets": offsets, "clocks": said.count("THE CLOCK")}
 
 
 def main():
@@ -185,7 +190,11 @@ def main():
               % (robot, len(all_runs), total("chi2") / total("dof"), *interval(total("dof")), total("nees") / total("numbers"), *interval(total("numbers")),
                  math.sqrt(sum(e * e for e, _ in offsets) / len(offsets)), max(abs(e) for e, _ in offsets), sum((e / s) ** 2 for e, s in offsets if s > 0) / len(offsets)))
         if a.scale:
-            print("  factor of the cameras' sigmas, roughly: %.3f" % math.sqrt(total("chi2") / total("dof")))
+            # A view's sigma^2 is scatter^2 / n + the rig's sigma^2, and only the rig's can be wrong.
+            squares = [s for r in all_runs for s in r["squares"]]
+            mean = sum(squares) / len(squares)
+            own = SIGMAS[robot] ** 2 + (total("chi2") / total("dof") - 1) * mean
+            print("  views have %.4f px (rms), the rig %.4f of it; chi2/dof would be 1 with about %.4f" % (math.sqrt(mean), SIGMAS[robot], math.sqrt(max(0, own))))
 
 
 if __name__ == "__main__":

@@ -7,11 +7,13 @@
 // open, half a turn or of a square board even a quarter, is no difference in the picture: of those
 // ways point 0 is the one nearest to the image's top-left corner.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "finders.h"
+#include "plane_view.h"
 #include "saddle.h"
 
 namespace kincal {
@@ -27,27 +29,17 @@ Corners quarter_turn(const Corners& corners, int size) {
   return out;
 }
 
-/// How bright the outer square at point 0 is: beyond it, along the diagonal of the first cell.
-double outer_square(const cv::Mat& image, const Corners& corners, int columns) {
-  const cv::Point2d at = 1.5 * corners[0] - 0.5 * corners[columns + 1];
-  const cv::Point2d side = (corners[1] - corners[0]) * 0.15,
-                    down = (corners[columns] - corners[0]) * 0.15;
+/// How much brighter the cells are that have the colour of the first, and of the outer square at
+/// point 0: means of all cells with alternating signs.
+double first_colour(const cv::Mat& image, const Corners& corners, int rows, int columns) {
   double sum = 0;
-  int n = 0;
-  for (int i = -1; i <= 1; ++i)
-    for (int j = -1; j <= 1; ++j) {
-      const cv::Point p = at + i * side + j * down;
-      if (!cv::Rect(0, 0, image.cols, image.rows).contains(p)) continue;
-      sum += image.at<uchar>(p);
-      ++n;
+  for (int r = 0; r + 1 < rows; ++r)
+    for (int c = 0; c + 1 < columns; ++c) {
+      const auto at = corners.begin() + r * columns + c;
+      const cv::Point2d m = 0.25 * (at[0] + at[1] + at[columns] + at[columns + 1]);
+      sum += ((r + c) % 2 == 0 ? 1 : -1) * image.at<uchar>(cv::Point(m));
     }
-  return n ? sum / n : 128;
-}
-
-/// How bright the cell behind point 0 is: of the same colour as the outer square across from it.
-double first_cell(const cv::Mat& image, const Corners& corners, int columns) {
-  const cv::Point2d m = 0.25 * (corners[0] + corners[1] + corners[columns] + corners[columns + 1]);
-  return image.at<uchar>(cv::Point(m));
+  return sum;
 }
 
 Corners numbered(const cv::Mat& image, Corners corners, int rows, int columns) {
@@ -61,20 +53,12 @@ Corners numbered(const cv::Mat& image, Corners corners, int rows, int columns) {
     for (int i = 0; i < 3; ++i) ways.push_back(quarter_turn(ways.back(), rows));
   else
     ways.emplace_back(corners.rbegin(), corners.rend());
-  // The cells of the print alternate, so the first cell and the outer square at point 0 are of one
-  // colour; both together are safer than either, a hand may cover the rim.
-  std::vector<double> brightness, distance;
-  for (const Corners& way : ways) {
-    brightness.push_back(first_cell(image, way, columns) + outer_square(image, way, columns));
-    distance.push_back(way[0].x + way[0].y);
-  }
   const bool told = (rows == columns ? rows : rows + columns) % 2 == 1;
-  const double middle = 0.5 * (*std::min_element(brightness.begin(), brightness.end()) +
-                               *std::max_element(brightness.begin(), brightness.end()));
   size_t best = ways.size();
   for (size_t i = 0; i < ways.size(); ++i) {
-    if (told && brightness[i] > middle) continue;
-    if (best == ways.size() || distance[i] < distance[best]) best = i;
+    if (told && first_colour(image, ways[i], rows, columns) > 0) continue;
+    const auto near = [](const Corners& way) { return way[0].x + way[0].y; };
+    if (best == ways.size() || near(ways[i]) < near(ways[best])) best = i;
   }
   return ways[best];
 }
@@ -99,23 +83,202 @@ std::vector<Saddle> saddles_of(const Corners& corners, int rows, int columns) {
   return out;
 }
 
+/// A Pattern is the lattice of a chessboard in a picture, also beyond the corners that were found.
+class Pattern {
+ public:
+  /// `basis`: the lattice's steps along columns and rows, in those of the corners that were found.
+  Pattern(const cv::Mat& image, const PlaneView& view, const cv::Matx22d& basis,
+          const cv::Size& size)
+      : image_(image), view_(view), basis_(basis), size_(size) {
+    std::vector<double> heights;
+    for (int r = 0; r < size.height; ++r)
+      for (int c = 0; c < size.width; ++c) heights.push_back(fields_at(cv::Point(c, r)).height);
+    const auto middle = heights.begin() + static_cast<long>(heights.size() / 2);
+    std::nth_element(heights.begin(), middle, heights.end());
+    usual_ = *middle;
+  }
+
+  /// Whether a board is there whose point 0 is at `first`: corners along each of its lines.
+  bool board_at(const cv::Point& first) const {
+    for (int r = 0; r < size_.height; ++r)
+      if (!(across(first.y + r, first) > 0.5)) return false;
+    for (int c = 0; c < size_.width; ++c)
+      if (!(down(first.x + c, first) > 0.5)) return false;
+    return true;
+  }
+
+  /// Whether the pattern goes on beyond a side of such a board, as that of a larger one does.
+  bool goes_on(const cv::Point& first) const {
+    const cv::Point end = first + cv::Point(size_);
+    return across(first.y - 1, first) > 0.7 || across(end.y, first) > 0.7 ||
+           down(first.x - 1, first) > 0.7 || down(end.x, first) > 0.7;
+  }
+
+  Corners corners_at(const cv::Point& first) const {
+    Corners out;
+    for (int r = 0; r < size_.height; ++r)
+      for (int c = 0; c < size_.width; ++c) out.push_back(place(first + cv::Point(c, r)));
+    return out;
+  }
+
+  /// The picture with the larger board painted over that goes on around a smaller one.
+  cv::Mat without_board(const cv::Point& first) const {
+    cv::Point low = first, high = first + cv::Point(size_) - cv::Point(1, 1);
+    constexpr int kMost = 40;
+    while (low.y > -kMost && across(low.y - 1, first) > 0.5) --low.y;
+    while (high.y < kMost && across(high.y + 1, first) > 0.5) ++high.y;
+    while (low.x > -kMost && down(low.x - 1, first) > 0.5) --low.x;
+    while (high.x < kMost && down(high.x + 1, first) > 0.5) ++high.x;
+    constexpr double kRim = 1.1;  // squares
+    const cv::Point2d a = cv::Point2d(low) - cv::Point2d(kRim, kRim),
+                      b = cv::Point2d(high) + cv::Point2d(kRim, kRim);
+    std::vector<cv::Point> outline;
+    for (const cv::Point2d& corner : {a, cv::Point2d(b.x, a.y), b, cv::Point2d(a.x, b.y)})
+      outline.emplace_back(place(corner));
+    cv::Mat out = image_.clone();
+    cv::fillConvexPoly(out, outline, cv::mean(image_));
+    return out;
+  }
+
+ private:
+  /// How the four fields around a place differ: `whole` is 1 where two opposite ones are dark and
+  /// two bright, and a half at the rim of a board; `height` in grey levels.
+  struct Fields {
+    double whole = 0, height = 0;
+    bool visible = false;
+  };
+
+  cv::Point2d place(const cv::Point2d& p) const {
+    return view_(
+        {basis_(0, 0) * p.x + basis_(0, 1) * p.y, basis_(1, 0) * p.x + basis_(1, 1) * p.y});
+  }
+
+  /// Two places of each field, beside both of its edges: lattices with other edges have the same
+  /// corners.
+  Fields fields_at(const cv::Point2d& p) const {
+    std::array<double, 8> levels{};
+    double turn = 0;
+    size_t n = 0;
+    for (const cv::Point2d& away : {cv::Point2d(0.4, 0.2), cv::Point2d(0.2, 0.4)})
+      for (const int x : {-1, 1})
+        for (const int y : {-1, 1}) {
+          const cv::Point2d at = place({p.x + x * away.x, p.y + y * away.y});
+          if (!(at.x >= 0 && at.y >= 0 && at.x < image_.cols - 1 && at.y < image_.rows - 1))
+            return {};
+          levels[n] = level(at);
+          turn += x * y * levels[n++];
+        }
+    std::sort(levels.begin(), levels.end());
+    Fields out;
+    out.height = 0.5 * (levels[6] + levels[7] - levels[0] - levels[1]);
+    out.whole = std::abs(turn) / std::max(1., 4 * out.height);
+    out.visible = true;
+    return out;
+  }
+
+  /// Between the four pixels around a place.
+  double level(const cv::Point2d& at) const {
+    const int x = static_cast<int>(at.x), y = static_cast<int>(at.y);
+    const double a = at.x - x, b = at.y - y;
+    const uchar *above = image_.ptr(y) + x, *below = image_.ptr(y + 1) + x;
+    return (1 - b) * ((1 - a) * above[0] + a * above[1]) + b * ((1 - a) * below[0] + a * below[1]);
+  }
+
+  /// Which share of the visible places of a line are corners; 0: fewer than two are visible.
+  double share(const cv::Point& from, const cv::Point& step, int count) const {
+    int visible = 0, such = 0;
+    for (int i = 0; i < count; ++i) {
+      const Fields at = fields_at(from + i * step);
+      visible += at.visible;
+      such += at.whole > 0.75 && at.height > 0.3 * usual_;
+    }
+    return visible < 2 ? 0 : static_cast<double>(such) / visible;
+  }
+  double across(int row, const cv::Point& first) const {
+    return share({first.x, row}, {1, 0}, size_.width);
+  }
+  double down(int column, const cv::Point& first) const {
+    return share({column, first.y}, {0, 1}, size_.height);
+  }
+
+  const cv::Mat& image_;
+  PlaneView view_;
+  cv::Matx22d basis_;
+  cv::Size size_;
+  double usual_ = 0;  // height
+};
+
+/// A Board is where the whole board is that OpenCV found, or a part of it.
+struct Board {
+  Corners corners;  // empty: it is nowhere there
+  cv::Mat rest;     // then: the picture without the larger board that a part was found of
+};
+
+/// What OpenCV finds may be a part of a larger board, or lie a few squares off, also sheared: of
+/// a board that is tilted by 60 degrees the lattice with steps of a square across, and of one
+/// across and one down, can look as square as its own. The whole board is where corners are along
+/// all of its lines, and none beyond them.
+Board whole_board(const cv::Mat& image, const Corners& corners, const cv::Size& size) {
+  std::vector<cv::Point2d> plane;
+  for (int i = 0; i < size.area(); ++i) plane.emplace_back(i % size.width, i / size.width);
+  const PlaneView view = fit_plane_view(plane, corners, image.size());
+  const Pattern found(image, view, cv::Matx22d::eye(), size);
+  if (found.board_at({0, 0}) && !found.goes_on({0, 0})) return {corners, {}};
+  Board out;
+  const double step = std::min(cv::norm(corners[1] - corners[0]),
+                               cv::norm(corners[static_cast<size_t>(size.width)] - corners[0]));
+  if (!(view.rms < 0.05 * step)) return out;  // no lattice at all
+  const int most = std::max(size.width, size.height);
+  for (const int shear : {0, 1, -1, 2, -2})
+    for (const bool by_rows : {true, false}) {
+      const Pattern pattern(
+          image, view, by_rows ? cv::Matx22d(1, shear, 0, 1) : cv::Matx22d(1, 0, shear, 1), size);
+      for (int y = -most; y <= most; ++y)
+        for (int x = -most; x <= most; ++x) {
+          if (!pattern.board_at({x, y})) continue;
+          if (!pattern.goes_on({x, y})) return {pattern.corners_at({x, y}), {}};
+          if (out.rest.empty()) out.rest = pattern.without_board({x, y});
+        }
+    }
+  return out;
+}
+
+/// OpenCV's corners; empty: none.
+Corners search(const cv::Mat& image, const cv::Size& size, bool sectors) {
+  std::vector<cv::Point2f> found;
+  if (sectors
+          ? cv::findChessboardCornersSB(image, size, found, cv::CALIB_CB_NORMALIZE_IMAGE)
+          : cv::findChessboardCorners(image, size, found,
+                                      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE))
+    return {found.begin(), found.end()};
+  return {};
+}
+
 }  // namespace
 
 Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
   Detection out;
+  out.reason = "no chessboard of " + std::to_string(target.rows) + " x " +
+               std::to_string(target.columns) + " inner corners";
   const cv::Size size(target.columns, target.rows);
-  std::vector<cv::Point2f> found;
-  if (!cv::findChessboardCornersSB(image, size, found, cv::CALIB_CB_NORMALIZE_IMAGE) &&
-      !cv::findChessboardCorners(image, size, found,
-                                 cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE)) {
-    out.reason = "no chessboard of " + std::to_string(target.rows) + " x " +
-                 std::to_string(target.columns) + " inner corners";
-    return out;
+  for (const bool sectors : {true, false}) {
+    cv::Mat rest = image;
+    constexpr int kBoards = 4;  // larger ones that are looked past
+    for (int i = 0; i < kBoards && !rest.empty(); ++i) {
+      Corners corners = search(rest, size, sectors);
+      if (corners.empty()) break;
+      const Board board = whole_board(rest, corners, size);
+      if (!board.corners.empty()) {
+        corners = numbered(image, board.corners, target.rows, target.columns);
+        out = refined(image, saddles_of(corners, target.rows, target.columns));
+        if (out.ids.empty()) out.reason = "its squares are too small for the blur";
+        return out;
+      }
+      out.reason = board.rest.empty() ? "something looks like it, but its squares are not there"
+                                      : "a part of a larger chessboard looks like it";
+      rest = board.rest;
+    }
   }
-  const Corners corners =
-      numbered(image, Corners(found.begin(), found.end()), target.rows, target.columns);
-  out = refined(image, saddles_of(corners, target.rows, target.columns));
-  if (out.ids.empty()) out.reason = "its squares are too small for the blur";
   return out;
 }
 

@@ -1,6 +1,7 @@
 #include "bag_writer.h"
 
 #include <algorithm>
+#include <array>
 
 #include "written_messages.h"
 
@@ -18,6 +19,21 @@ std::string plain(Number n) {
 
 std::string counted(const std::string& bytes) {
   return plain(static_cast<std::uint32_t>(bytes.size())) + bytes;
+}
+
+/// The CRC-32 of what had another one `before`, and bytes.
+std::uint32_t checksum(std::uint32_t before, const std::string& bytes) {
+  static const std::array<std::uint32_t, 256> table = [] {
+    std::array<std::uint32_t, 256> out{};
+    for (std::uint32_t i = 0; i < 256; ++i) {
+      out[i] = i;
+      for (int k = 0; k < 8; ++k) out[i] = (out[i] >> 1) ^ (out[i] & 1 ? 0xEDB88320u : 0);
+    }
+    return out;
+  }();
+  std::uint32_t sum = ~before;
+  for (const char c : bytes) sum = (sum >> 8) ^ table[(sum ^ static_cast<unsigned char>(c)) & 255];
+  return ~sum;
 }
 
 std::string ros1_time(std::int64_t nanoseconds) {
@@ -82,6 +98,7 @@ BagWriter::BagWriter(Wire wire, Put put) : wire_(wire), put_(std::move(put)) {
 void BagWriter::append(const std::string& bytes) {
   put_(size_, bytes);
   size_ += bytes.size();
+  if (wire_ == Wire::cdr) sum_ = checksum(sum_, bytes);
 }
 
 int BagWriter::add_topic(const std::string& name, const std::string& type) {
@@ -115,7 +132,7 @@ std::string BagWriter::chunk_record(const Chunk& chunk) const {
                            header_field("size", plain(static_cast<std::uint32_t>(records_.size()))),
                        records_);
   return mcap_record(6, plain(chunk.first) + plain(chunk.last) + u64(records_.size()) +
-                            plain(std::uint32_t{0}) + counted("") + u64(records_.size()) +
+                            plain(checksum(0, records_)) + counted("") + u64(records_.size()) +
                             records_);
 }
 
@@ -184,7 +201,8 @@ void BagWriter::finish_ros1() {
 }
 
 void BagWriter::finish_mcap() {
-  append(mcap_record(15, plain(std::uint32_t{0})));
+  append(mcap_record(15, plain(sum_)));
+  sum_ = 0;
   const std::uint64_t summary = size_;
   std::uint64_t messages = 0;
   std::int64_t first = 0, last = 0;
@@ -204,7 +222,9 @@ void BagWriter::finish_mcap() {
                              plain(std::uint32_t{0}) + plain(std::uint32_t{0}) +
                              plain(static_cast<std::uint32_t>(chunks_.size())) + plain(first) +
                              plain(last) + counted(counts)));
-  append(mcap_record(2, u64(summary) + u64(0) + plain(std::uint32_t{0})) + kMcapMagic);
+  std::string footer = mcap_record(2, u64(summary) + u64(0) + plain(std::uint32_t{0}));
+  footer.resize(footer.size() - 4);  // its checksum is of what stands before
+  append(footer + plain(checksum(sum_, footer)) + kMcapMagic);
 }
 
 }  // namespace kincal

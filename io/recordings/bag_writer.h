@@ -1,5 +1,5 @@
 // Writes recordings as robots do: bags of ROS 1 (version 2.0) and MCAP files of ROS 2, with an
-// index, not compressed. What is in a message: written_messages.h.
+// index, not compressed; MCAP with its checksums. What is in a message: written_messages.h.
 #pragma once
 
 #include <cstdint>
@@ -63,7 +63,8 @@ class BagWriter {
   Wire wire_;
   Put put_;
   std::uint64_t size_ = 0;
-  std::string records_;  // of the chunk in the making
+  std::uint32_t sum_ = 0;  // of MCAP: of what was put, since the file or its summary began
+  std::string records_;    // of the chunk in the making
   std::int64_t first_ = 0, last_ = 0;
   std::vector<WrittenTopic> topics_;
   std::vector<Chunk> chunks_;

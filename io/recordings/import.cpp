@@ -463,25 +463,35 @@ struct Importer {
     return all;
   }
 
-  void find_offsets() {
-    if (options.stage) options.stage("comparing clocks", kNan);
+  /// @return why there is no solution; "": there is one
+  std::string calibrate_for_offsets(const std::vector<Step>& steps, Solution& solution) const {
     Rig fitted = rig;
-    std::string why_not;
-    std::shared_ptr<const Recording> recording;
-    Solution solution;
+    fitted.steps = steps;
     try {
-      if (fitted.steps.empty()) {
-        AutomaticOptions automatic;
-        fitted.steps = automatic_steps(Recording(rig, out.samples), automatic);
-      }
-      recording = make_recording(fitted, out.samples);
       CalibrationOptions how;
       how.threads = options.look.threads;
-      solution = calibrate(recording, how);
-      if (!solution.usable() && solution.status != Status::not_converged)
-        why_not = solution.message;
+      solution = calibrate(make_recording(fitted, out.samples), how);
+      return solution.usable() || solution.status == Status::not_converged ? "" : solution.message;
     } catch (const std::exception& error) {
-      why_not = error.what();
+      return error.what();
+    }
+  }
+
+  void find_offsets() {
+    if (options.stage) options.stage("comparing clocks", kNan);
+    Solution solution;
+    std::string why_not = rig.steps.empty() ? "" : calibrate_for_offsets(rig.steps, solution);
+    if (rig.steps.empty() || !why_not.empty()) {  // the steps may free what is not seen here
+      std::string without;
+      try {
+        without = calibrate_for_offsets(
+            automatic_steps(Recording(rig, out.samples), AutomaticOptions{}), solution);
+      } catch (const std::exception& error) {
+        without = error.what();
+      }
+      if (without.empty() && !why_not.empty())
+        out.lines.push_back("clocks are compared without the rig's steps: " + why_not);
+      if (without.empty() || why_not.empty()) why_not = without;
     }
     for (size_t s = 0; s < topics.images.size(); ++s) {
       if (topics.images[s] < 0) continue;

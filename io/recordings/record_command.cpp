@@ -5,22 +5,6 @@
 namespace kincal {
 namespace {
 
-/// The topic in a rig's entry; "": it has none.
-std::string topic_in(const Node* section, const std::string& entry) {
-  const Node* of = section ? section->find(entry) : nullptr;
-  const Node* topic = of && of->kind == Node::Kind::mapping ? of->find("topic") : nullptr;
-  return topic ? topic->text : "";
-}
-
-std::vector<std::string> joint_topics(const RigFile& rig) {
-  const Node* joints = rig.node.find("joints");
-  const Node* topic = joints ? joints->find("topic") : nullptr;
-  if (!topic || topic->kind == Node::Kind::mapping) return {};
-  const Field field{topic, &rig.path, "joints.topic"};
-  return topic->kind == Node::Kind::sequence ? field.strings()
-                                             : std::vector<std::string>{field.string()};
-}
-
 /// The camera_info beside an image topic.
 std::string info_of(std::string image) {
   const std::string packed = "/compressed";
@@ -46,7 +30,7 @@ struct TopicsToRecord {
 };
 
 void add_joints(const RigFile& rig, TopicsToRecord& topics) {
-  const std::vector<std::string> given = joint_topics(rig);
+  const std::vector<std::string> given = given_joint_topics(rig);
   for (const std::string& topic : given) topics.add(topic);
   bool readings = false, poses = false;
   for (const Joint& joint : rig.rig.tree.joints) {
@@ -61,12 +45,26 @@ void add_joints(const RigFile& rig, TopicsToRecord& topics) {
 
 }  // namespace
 
+std::string given_topic(const RigFile& rig, const std::string& sensor) {
+  const Node* entry = rig.node.find("sensors")->find(sensor);
+  const Node* topic = entry ? entry->find("topic") : nullptr;
+  return topic ? topic->text : "";
+}
+
+std::vector<std::string> given_joint_topics(const RigFile& rig) {
+  const Node* joints = rig.node.find("joints");
+  const Node* topic = joints ? joints->find("topic") : nullptr;
+  if (!topic || topic->kind == Node::Kind::mapping) return {};
+  const Field field{topic, &rig.path, "joints.topic"};
+  return topic->kind == Node::Kind::sequence ? field.strings()
+                                             : std::vector<std::string>{field.string()};
+}
+
 RecordCommand record_command(const RigFile& rig) {
   TopicsToRecord topics;
   add_joints(rig, topics);
-  const Node* sensors = rig.node.find("sensors");
   for (const Sensor& sensor : rig.rig.sensors) {
-    const std::string given = topic_in(sensors, sensor.name), own = "/" + sensor.name;
+    const std::string given = given_topic(rig, sensor.name), own = "/" + sensor.name;
     const std::string where = "sensors." + sensor.name;
     if (sensor.type == "camera") {
       if (given.empty())

@@ -1,5 +1,5 @@
-// The command lines that record what a rig needs. It needs none of the libraries that read
-// recordings.
+// The command lines that record what a rig needs, and which topics the rig says. It needs none of
+// the libraries that read recordings.
 #pragma once
 
 #include <string>
@@ -18,5 +18,10 @@ struct RecordCommand {
 /// Makes them from the `topic` of sensors and joints; what the rig does not say is called as ROS
 /// usually does.
 RecordCommand record_command(const RigFile& rig);
+
+/// Returns the topic that the rig gives a sensor; "": none.
+std::string given_topic(const RigFile& rig, const std::string& sensor);
+/// Returns the topics that the rig gives the joints.
+std::vector<std::string> given_joint_topics(const RigFile& rig);
 
 }  // namespace kincal

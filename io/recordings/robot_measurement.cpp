@@ -12,6 +12,7 @@
 #include "../document/names.h"
 #include "bytes.h"
 #include "message.h"
+#include "record_command.h"
 
 namespace kincal {
 
@@ -30,12 +31,12 @@ class RigIds {
     for (size_t s = 0; s < rig_.rig.sensors.size(); ++s) {
       const Sensor& one = rig_.rig.sensors[s];
       if (one.type != type) continue;
-      if (one.name == id || topic_of(one.name) == id) return static_cast<int>(s);
+      if (one.name == id || given_topic(rig_, one.name) == id) return static_cast<int>(s);
       valid.push_back(one.name);
       only = static_cast<int>(s);
       ++of_type;
     }
-    if (of_type == 1 && topic_of(rig_.rig.sensors[only].name).empty()) return only;
+    if (of_type == 1 && given_topic(rig_, rig_.rig.sensors[only].name).empty()) return only;
     if (!of_type) return -1;  // the rig wants nothing of this kind
     notes.insert(type + " '" + id + "' of the recording is no sensor of the rig (" +
                  comma_separated(valid) + "): write `topic: " + id +
@@ -57,12 +58,6 @@ class RigIds {
   }
 
  private:
-  std::string topic_of(const std::string& sensor) const {
-    const Node* entry = rig_.node.find("sensors")->find(sensor);
-    const Node* topic = entry ? entry->find("topic") : nullptr;
-    return topic ? topic->text : "";
-  }
-
   const RigFile& rig_;
 };
 
@@ -200,15 +195,20 @@ ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, co
   MeasurementReader reader(rig);
   for (const std::string& bag : bags) {
     reader.types.clear();  // topics live as long as their bag is read
+    constexpr int kTold = 20;
+    int wrong = 0;  // messages
     const auto visit = [&](const BagMessage& raw) {
       if (raw.topic->type == kRobotMeasurement) try {
           reader.message(raw);
         } catch (const Damage& damage) {
-          losses.push_back(bag + ": a message of " + raw.topic->name + ": " + damage.what());
+          if (++wrong <= kTold)
+            losses.push_back(bag + ": a message of " + raw.topic->name + ": " + damage.what());
         }
       return true;
     };
     const BagContents contents = read_bag(bag, visit, progress);
+    if (wrong > kTold)
+      losses.push_back(bag + ": and " + std::to_string(wrong - kTold) + " more messages");
     losses.insert(losses.end(), contents.losses.begin(), contents.losses.end());
     if (contents.more_losses > 0)
       losses.push_back(bag + ": and " + std::to_string(contents.more_losses) + " more");

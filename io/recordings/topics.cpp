@@ -10,6 +10,7 @@
 #include "../../models/rig/configuration.h"
 #include "../document/names.h"
 #include "../urdf/urdf.h"
+#include "record_command.h"
 
 namespace kincal {
 namespace {
@@ -503,21 +504,6 @@ void compare_lenses(const RigFile& rig, const RecordedStreams& streams, TopicMap
 }
 
 }  // namespace
-
-std::string given_topic(const RigFile& rig, const std::string& sensor) {
-  const Node* entry = rig.node.find("sensors")->find(sensor);
-  const Node* topic = entry ? entry->find("topic") : nullptr;
-  return topic ? topic->text : "";
-}
-
-std::vector<std::string> given_joint_topics(const RigFile& rig) {
-  const Node* joints = rig.node.find("joints");
-  const Node* topic = joints ? joints->find("topic") : nullptr;
-  if (!topic || topic->kind == Node::Kind::mapping) return {};
-  const Field field{topic, &rig.path, "joints.topic"};
-  return topic->kind == Node::Kind::sequence ? field.strings()
-                                             : std::vector<std::string>{field.string()};
-}
 
 std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info, bool rectified) {
   std::string out;

@@ -32,11 +32,6 @@ struct TopicMap {
 /// Finds out. @throws InputError where the rig names a topic that is not in the recording
 TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams);
 
-/// Returns the topic that the rig gives a sensor; "": none.
-std::string given_topic(const RigFile& rig, const std::string& sensor);
-/// Returns the topics that the rig gives the joints.
-std::vector<std::string> given_joint_topics(const RigFile& rig);
-
 /// Returns how a rig's camera differs from what the recording says of it: "" where it does not.
 std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info, bool rectified);
 

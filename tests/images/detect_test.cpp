@@ -305,6 +305,60 @@ TEST_CASE("images: a chessboard is found where it is, and numbered from its dark
   check_target(target, cameras, print, 0.1);
 }
 
+TEST_CASE("images: a lattice of other steps is not taken for the board's") {
+  // Of every third picture like these OpenCV returns rows that are sheared by a square: corners of
+  // the board and of its rim.
+  const ImageTarget target = target_of("{type: chessboard, rows: 4, columns: 5, square: 0.02}",
+                                       {GridLayout::Kind::corners, 4, 5});
+  const auto print = [](double x, double y) {
+    return x < -2 || y < -2 || x > 6 || y > 5 ? 0.4 : chessboard(x, y, 4, 5);
+  };
+  Draws draws(5);
+  for (int i = 0; i < 15; ++i) {
+    const auto around = [&](double middle, double most) {
+      return middle + draws.uniform(-most, most);
+    };
+    PictureCamera camera{400, 300, 772.5, 199.5, 149.5, 0};
+    camera.noise = 2;
+    const double x = around(1.12, 0.08), y = around(0.34, 0.08), z = around(-1.73, 0.1);
+    camera.rotation = turned(x, y, z);
+    camera.translation = {around(0, 1), around(-0.3, 1), 26};
+    const Errors e = errors_of(camera, target, detect(render(camera, print), target));
+    CHECK(e.count >= 18);
+    CHECK(e.worst < 0.1);
+  }
+}
+
+TEST_CASE("images: a part of a larger chessboard is no smaller one") {
+  const ImageTarget small = target_of("{type: chessboard, rows: 4, columns: 5, square: 0.02}",
+                                      {GridLayout::Kind::corners, 4, 5});
+  const ImageTarget large = target_of("{type: chessboard, rows: 6, columns: 7, square: 0.02}",
+                                      {GridLayout::Kind::corners, 6, 7});
+  const auto alone = [](double x, double y) { return chessboard(x, y, 6, 7); };
+  // A small board of 0.6 squares to the right of it, its point 0 at (8.5, 1.5).
+  const auto both = [&](double x, double y) {
+    return x < 7.5 ? alone(x, y) : chessboard((x - 8.5) / 0.6, (y - 1.5) / 0.6, 4, 5);
+  };
+  for (PictureCamera camera : postures(3, 2.5, 14)) {
+    camera.blur = 0.8;
+    const Detection part = detect(render(camera, alone), small);
+    CHECK(part.ids.empty());
+    CHECK(part.reason.find("looks like it") != std::string::npos);
+    aim(camera, 5.5, 2.5, 18);
+    const cv::Mat picture = render(camera, both);
+    const Errors e = errors_of(camera, large, detect(picture, large));
+    CHECK(e.count == 42);
+    CHECK(e.worst < 0.3);
+    const Detection found = detect(picture, small);
+    CHECK(found.ids.size() == 20);
+    for (size_t i = 0; i < found.ids.size(); ++i) {
+      const int id = found.ids[i];
+      const cv::Point2d at = project(camera, 8.5 + 0.6 * (id % 5), 1.5 + 0.6 * (id / 5));
+      CHECK(cv::norm(found.pixels[i] - at) < 0.3);
+    }
+  }
+}
+
 TEST_CASE("images: the print of every type is what its finder looks for") {
   using Kind = GridLayout::Kind;
   struct Row {

@@ -169,6 +169,15 @@ class Bags(helpers.Folder):
         self.assertFalse(os.path.exists(self.path("none.jsonl")))
         self.assertEqual(run(self.path("none.bag"), "--list").returncode, 1)
 
+    def test_many_wrong_messages(self):
+        """Twenty are told, the others counted."""
+        wrong = [(0, 1700000100 + i, self.messages[0][2][:-3]) for i in range(25)]
+        p = run(self.write("a.bag", bag(self.topics, self.messages + wrong)), "--rig", self.rig, "--out", self.path("samples.jsonl"))
+        self.assertEqual(p.returncode, 0, p.stderr)
+        self.assertEqual(p.stderr.count("a message of robot_measurement"), 20)
+        self.assertIn("a.bag: and 5 more messages", p.stderr)
+        self.assertEqual(len(self.read("samples.jsonl").splitlines()), 3)
+
     def test_wrong_use(self):
         path = self.write("a.bag", bag(self.topics, self.messages))
         for arguments, word in (((path,), "--rig is missing"), ((path, "--rig", self.rig), "--out is missing"),

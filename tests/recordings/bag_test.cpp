@@ -199,6 +199,7 @@ TEST_CASE("bags: what is cut off is said, and what stands before is read", "[bag
   for (const auto& [name, bytes] : all_containers(folder, messages)) {
     std::vector<size_t> cuts(100);
     for (size_t& cut : cuts) cut = random() % bytes.size();
+    cuts.back() = bytes.size() - 1;
     std::sort(cuts.begin(), cuts.end());
     const bool one_after_another = name.rfind("sqlite", 0) != 0;
     size_t before = 0;
@@ -216,7 +217,7 @@ TEST_CASE("bags: what is cut off is said, and what stands before is read", "[bag
       }
       before = got.messages.size();
     }
-    if (one_after_another) CHECK(before >= 100);
+    if (one_after_another) CHECK(before == messages.size());  // only the last byte is missing
   }
 }
 
@@ -238,6 +239,8 @@ TEST_CASE("bags: a changed byte is no crash, and nothing is lost without a word"
       CAPTURE(name, at);
       const Reading reading(folder / name, messages);
       unreadable += reading.unreadable;
+      // Only the first line says what a file is. (A page of SQLite's tree may be the only one.)
+      if (reading.unreadable && name.rfind("sqlite", 0) != 0) CHECK(at < 13);
       if (!reading.unreadable) most_lost = std::max(most_lost, reading.lost);
       losses += reading.silent_loss;
       changes += reading.silent_change;
@@ -251,10 +254,7 @@ TEST_CASE("bags: a changed byte is no crash, and nothing is lost without a word"
           name.c_str(), bytes.size(), unreadable, most_lost, losses, changes);
     CHECK(losses == 0);
     if (checked) CHECK(changes == 0);
-    if (name.rfind("sqlite", 0) != 0) {  // of SQLite a page of the tree may be gone
-      CHECK(most_lost <= 20);
-      CHECK(unreadable <= 20);
-    }
+    if (name.rfind("sqlite", 0) != 0) CHECK(most_lost <= 10);  // a chunk
   }
 }
 
@@ -630,5 +630,13 @@ TEST_CASE("bags: what is written of the usual messages is read again", "[bags][w
     CHECK(counts["/joint_states"] == count);
     CHECK(counts["/eye/camera_info"] == count);
     CHECK(counts["/robot_description"] == 1);
+    if (wire == Wire::ros1) continue;  // which has no checksums
+    for (const size_t at : {bytes.find(pixels) + 100, bytes.rfind("plumb_bob") + 30,
+                            bytes.rfind("/robot_description") + 2}) {
+      std::string changed = bytes;
+      changed[at] = static_cast<char>(changed[at] ^ 1);
+      save(path, changed);
+      CHECK(!read_bag(path, [](const BagMessage&) { return true; }).losses.empty());
+    }
   }
 }
