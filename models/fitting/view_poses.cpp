@@ -17,8 +17,8 @@ namespace {
 bool far_residual(const Sensor& sensor, const double* parameters, const double* z,
                   const Vector3d& direction, Eigen::Vector2d& r,
                   Eigen::Matrix<double, 2, 3>& derivative) {
-  constexpr double kFar = 1e6;
-  const Matrix3Xd point = kFar * direction;
+  constexpr double kDistant = 1e6;
+  const Matrix3Xd point = kDistant * direction;
   const int id = 0;
   ViewInput in;
   in.parameters = parameters;
