@@ -69,10 +69,6 @@ MatrixXd inverse_of_symmetric(const MatrixXd& a) {
   return solve_symmetric(a, MatrixXd::Identity(a.rows(), a.cols()));
 }
 
-void triangularise(Eigen::Ref<MatrixXd> rows) {
-  Eigen::HouseholderQR<Eigen::Ref<MatrixXd>> qr(rows);
-}
-
 MatrixXd root_of_covariance(const MatrixXd& c) {
   const VectorXd scale = c.diagonal().cwiseMax(0.0).cwiseSqrt();
   const VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });

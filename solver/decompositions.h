@@ -58,10 +58,6 @@ MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
 /// Returns a^-1 for symmetric a, likewise.
 MatrixXd inverse_of_symmetric(const MatrixXd& a);
 
-/// Replaces rows by those of an upper triangle R with the same Gram matrix (QR): rows beyond the
-/// number of columns are left undefined, as is what is below the diagonal.
-void triangularise(Eigen::Ref<MatrixXd> rows);
-
 /// Returns W with W W' = c for a covariance whose diagonal may span many orders; what is negative
 /// by rounding counts as 0.
 MatrixXd root_of_covariance(const MatrixXd& c);

@@ -66,6 +66,16 @@ struct Kernels {
   void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns,
                  double* product, double* out, int ld);
 
+  /// Computes out = F G: F (rows x depth) has entry (i, r) at f[i step_i + r step_r], G (depth x
+  /// columns) and out (rows x columns) are row-major, ldg and ld >= columns + kSlack apart.
+  void (*multiply)(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows,
+                   int depth, const double* g, int ldg, int columns, double* out, int ld);
+
+  /// Replaces `columns` columns of `rows` numbers (a multiple of 8), `stride` apart, by an upper
+  /// triangle R with the same Gram matrix (Householder's reflections); what is below the diagonal
+  /// is scratch afterwards.
+  void (*triangularise)(double* a, int rows, int columns, std::ptrdiff_t stride);
+
   /// Adds b to a.
   void (*add)(double* a, const double* b, std::ptrdiff_t n);
 };

@@ -419,6 +419,73 @@ void expand(const double* g, int ldg, int width, const double* m, int ldm, int k
   }
 }
 
+/// combine() for any depth, four rows at a time; more than 6 parameters because kernels take plain
+/// pointers.
+void multiply(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows, int depth,
+              const double* g, int ldg, int columns, double* out, int ld) {
+  int i = 0;
+  for (; i + 4 <= rows; i += 4)
+    for (int j = 0; j < columns; j += kLanes) {
+      Pack s[4] = {};
+      const double* by = f + i * step_i;
+      for (int r = 0; r < depth; ++r, by += step_r) {
+        const Pack x = load(g + static_cast<std::ptrdiff_t>(r) * ldg + j);
+        for (int q = 0; q < 4; ++q) s[q] += x * by[q * step_i];
+      }
+      for (int q = 0; q < 4; ++q) store(out + static_cast<std::ptrdiff_t>(i + q) * ld + j, s[q]);
+    }
+  if (i < rows)
+    combine<0>(f + i * step_i, step_i, step_r, rows - i, depth, g, ldg, columns,
+               out + static_cast<std::ptrdiff_t>(i) * ld, ld);
+}
+
+// ---- triangularise: with w = x - beta e_k (x: column k from row k on, beta = -sign(x_k) |x|) the
+// reflection 1 - w w' / (beta (beta - x_k)) takes x to beta e_k. Rows up to the next whole pack one
+// by one.
+
+struct Reflection {
+  const double* column;
+  double first, factor;  // w_k, 1 / (beta (beta - x_k))
+  int k, packs;          // row of w_k, of the first pack
+};
+
+template <int J>
+inline void reflect(const Reflection& w, int rows, double* a, std::ptrdiff_t stride) {
+  Pack sums[J] = {};
+  for (int r = w.packs; r < rows; r += kLanes)
+    for (int j = 0; j < J; ++j) sums[j] += load(w.column + r) * load(a + j * stride + r);
+  double by[J];
+  for (int j = 0; j < J; ++j) {
+    double* to = a + j * stride;
+    double total = sum(sums[j]) + w.first * to[w.k];
+    for (int r = w.k + 1; r < w.packs; ++r) total += w.column[r] * to[r];
+    by[j] = total * w.factor;
+    to[w.k] -= by[j] * w.first;
+    for (int r = w.k + 1; r < w.packs; ++r) to[r] -= by[j] * w.column[r];
+  }
+  for (int r = w.packs; r < rows; r += kLanes)
+    for (int j = 0; j < J; ++j)
+      store(a + j * stride + r, load(a + j * stride + r) - load(w.column + r) * by[j]);
+}
+
+void triangularise(double* a, int rows, int columns, std::ptrdiff_t stride) {
+  for (int k = 0; k < columns && k + 1 < rows; ++k) {
+    double* x = a + k * stride;
+    const int packs = (k + kLanes) / kLanes * kLanes;
+    Pack squares = {};
+    for (int r = packs; r < rows; r += kLanes) squares += load(x + r) * load(x + r);
+    double below = sum(squares);
+    for (int r = k + 1; r < packs; ++r) below += x[r] * x[r];
+    if (!(below > 1e-300)) continue;
+    const double norm = root(x[k] * x[k] + below), beta = x[k] > 0 ? -norm : norm;
+    const Reflection w{x, x[k] - beta, 1 / (beta * (beta - x[k])), k, packs};
+    x[k] = beta;
+    int j = k + 1;
+    for (; j + 4 <= columns; j += 4) reflect<4>(w, rows, a + j * stride, stride);
+    for (; j < columns; ++j) reflect<1>(w, rows, a + j * stride, stride);
+  }
+}
+
 void add(double* a, const double* b, std::ptrdiff_t n) {
   std::ptrdiff_t i = 0;
   for (; i + kLanes <= n; i += kLanes) store(a + i, load(a + i) + load(b + i));
@@ -439,6 +506,8 @@ const Kernels kKernels = {KINCAL_ISA_NAME,
                           subtract_block,
                           subtract_products_9x9,
                           expand,
+                          multiply,
+                          triangularise,
                           add};
 
 }  // namespace KINCAL_ISA

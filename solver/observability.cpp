@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "decompositions.h"
+#include "kernels.h"
 
 namespace kincal {
 namespace {
@@ -42,12 +43,13 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
   Remainder to;
   to.priors.setZero(0, n);
   to.squared_norm.setZero(n);
-  MatrixXd stack = MatrixXd::Zero(std::max(3 * n, 64), n), rows;
+  MatrixXd stack = MatrixXd::Zero(padded(std::max(3 * n, 512)), n), rows;
   Eigen::Index used = 0;
   const auto compress = [&] {
     if (used <= n) return;
-    Eigen::Ref<MatrixXd> filled(stack.topRows(used));
-    triangularise(filled);
+    const int filled = padded(static_cast<int>(used));
+    stack.middleRows(used, filled - used).setZero();
+    kernels().triangularise(stack.data(), filled, n, stack.rows());
     for (int i = 0; i < n; ++i) stack.col(i).segment(i + 1, used - i - 1).setZero();
     used = n;
   };

@@ -7,6 +7,7 @@
 
 #ifdef KINCAL_CHOLMOD
 #include <cholmod.h>
+#include <dlfcn.h>
 #else
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCholesky>
@@ -14,8 +15,44 @@
 
 namespace kincal {
 
+const char* MissingLibrary::what() const noexcept { return text_.c_str(); }
+
 #ifdef KINCAL_CHOLMOD
+#define KINCAL_TEXT_OF(x) #x
+#define KINCAL_TEXT(x) KINCAL_TEXT_OF(x)
+
+/// CHOLMOD's functions, loaded with the first sparse system: with the BLAS that it brings along
+/// loading takes longer than a small calibration's solve.
+struct CholmodLibrary {
+  void* const library = dlopen("libcholmod.so." KINCAL_TEXT(CHOLMOD_MAIN_VERSION), RTLD_NOW);
+#define KINCAL_FUNCTION(name) decltype(&cholmod_##name) const name = load(name, "cholmod_" #name)
+  KINCAL_FUNCTION(start);
+  KINCAL_FUNCTION(finish);
+  KINCAL_FUNCTION(amd);
+  KINCAL_FUNCTION(analyze_p);
+  KINCAL_FUNCTION(factorize);
+  KINCAL_FUNCTION(solve2);
+  KINCAL_FUNCTION(free_dense);
+  KINCAL_FUNCTION(free_factor);
+#undef KINCAL_FUNCTION
+
+  template <class Function>
+  Function load(Function, const char* name) const {
+    void* const found = library ? dlsym(library, name) : nullptr;
+    if (!found)
+      throw MissingLibrary(std::string("CHOLMOD, which orders sparse systems, cannot be loaded: ") +
+                           dlerror() +
+                           ". Install SuiteSparse's libcholmod, or choose the dense solver");
+    return reinterpret_cast<Function>(found);
+  }
+};
+static const CholmodLibrary& cholmod_library() {
+  static const CholmodLibrary loaded;
+  return loaded;
+}
+
 struct ReducedSystem::Cholmod {
+  const CholmodLibrary& cholmod = cholmod_library();
   cholmod_common common;
   cholmod_sparse matrix{};
   cholmod_factor* factor = nullptr;
@@ -23,7 +60,7 @@ struct ReducedSystem::Cholmod {
 
   /// `order`: permutation of the columns.
   Cholmod(int n, std::vector<int>& start, std::vector<int>& row, std::vector<int>& order) {
-    cholmod_start(&common);
+    cholmod.start(&common);
     common.print = 0;
 #ifdef KINCAL_SUPERNODAL
     common.supernodal = CHOLMOD_AUTO;
@@ -36,7 +73,7 @@ struct ReducedSystem::Cholmod {
     common.postorder = 1;
     common.quick_return_if_not_posdef = 1;
     matrix = pattern(n, start, row);
-    factor = cholmod_analyze_p(&matrix, order.data(), nullptr, 0, &common);
+    factor = cholmod.analyze_p(&matrix, order.data(), nullptr, 0, &common);
     if (!factor) throw std::bad_alloc();
     matrix.xtype = CHOLMOD_REAL;
   }
@@ -56,23 +93,24 @@ struct ReducedSystem::Cholmod {
   /// Approximate minimum degree of a graph.
   static std::vector<int> amd(int n, std::vector<int>& start, std::vector<int>& row) {
     std::vector<int> order(n);
+    const CholmodLibrary& cholmod = cholmod_library();
     cholmod_common c;
-    cholmod_start(&c);
+    cholmod.start(&c);
     cholmod_sparse m = pattern(n, start, row);
-    if (!cholmod_amd(&m, nullptr, 0, order.data(), &c)) throw std::bad_alloc();
-    cholmod_finish(&c);
+    if (!cholmod.amd(&m, nullptr, 0, order.data(), &c)) throw std::bad_alloc();
+    cholmod.finish(&c);
     return order;
   }
   ~Cholmod() {
-    cholmod_free_dense(&x, &common);
-    cholmod_free_dense(&y, &common);
-    cholmod_free_dense(&e, &common);
-    cholmod_free_factor(&factor, &common);
-    cholmod_finish(&common);
+    cholmod.free_dense(&x, &common);
+    cholmod.free_dense(&y, &common);
+    cholmod.free_dense(&e, &common);
+    cholmod.free_factor(&factor, &common);
+    cholmod.finish(&common);
   }
   bool compute(const double* values) {
     matrix.x = const_cast<double*>(values);  // read only
-    const bool done = cholmod_factorize(&matrix, factor, &common) != 0;
+    const bool done = cholmod.factorize(&matrix, factor, &common) != 0;
     if (common.status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
     return done && common.status == CHOLMOD_OK && factor->minor == factor->n;
   }
@@ -83,7 +121,7 @@ struct ReducedSystem::Cholmod {
     right.x = b;
     right.xtype = CHOLMOD_REAL;
     right.dtype = CHOLMOD_DOUBLE;
-    if (!cholmod_solve2(CHOLMOD_A, factor, &right, nullptr, &x, nullptr, &y, &e, &common))
+    if (!cholmod.solve2(CHOLMOD_A, factor, &right, nullptr, &x, nullptr, &y, &e, &common))
       throw std::bad_alloc();
     std::copy_n(static_cast<double*>(x->x), matrix.nrow, b);
   }

@@ -4,14 +4,17 @@
 // Dense: a square array with leading dimension ld() (lower triangle; row n holds the vector that
 // the elimination subtracts from b), own Cholesky kernel. Sparse: the lower triangle in compressed
 // columns over the union of the groups' column sets, analysed once, ordered by CHOLMOD's AMD over
-// runs. A run is a range of columns that the same groups touch (a camera's numbers): all its
-// columns have the same pattern, so that the place of a whole block is one number. Factored by
-// fronts (sparse_cholesky.h), or by CHOLMOD's simplicial Cholesky (LGPL; the supernodal module is
-// GPL: KINCAL_SUPERNODAL), which is there to compare with.
+// runs (it is loaded with the first sparse system). A run is a range of columns that the same
+// groups touch (a camera's numbers): all its columns have the same pattern, so that the place of a
+// whole block is one number. Factored by fronts (sparse_cholesky.h), or by CHOLMOD's simplicial
+// Cholesky (LGPL; the supernodal module is GPL: KINCAL_SUPERNODAL), which is there to compare with.
 #pragma once
 
 #include <Eigen/Core>
+#include <exception>
 #include <memory>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "problem.h"
@@ -20,6 +23,16 @@
 namespace kincal {
 
 enum class LinearSolver { automatic, dense, sparse, cholmod };
+
+/// A MissingLibrary is thrown where CHOLMOD is needed and cannot be loaded.
+class MissingLibrary : public std::exception {
+ public:
+  explicit MissingLibrary(std::string text) : text_(std::move(text)) {}
+  const char* what() const noexcept override;
+
+ private:
+  std::string text_;
+};
 
 class ReducedSystem {
  public:

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../../solver/kernels.h"
 
 namespace kincal {
 
@@ -14,16 +15,28 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups,
                                    // at least, else it is determined by one
   const MatrixXd& w = observability.root;
   const Eigen::Index n = w.cols();
+  const int ld = padded(static_cast<int>(n)) + kSlack;
+  MatrixXd moves,
+      touched = MatrixXd::Zero(ld, n);  // B; W by the rows that a group touches: transposed
   std::vector<Influence> out;
   for (size_t g = 0; g < groups.size(); ++g) {
     const std::vector<int>& columns = groups[g].columns;
     const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
     if (m == 0 || reduced_rows[g].rows() == 0) continue;
-    MatrixXd touched(m, n);
-    for (Eigen::Index i = 0; i < m; ++i) touched.row(i) = w.row(columns[i]);
-    const MatrixXd b = reduced_rows[g].leftCols(m) * touched;
-    const VectorXd right = b.transpose() * reduced_rows[g].col(m);
-    MatrixXd rest = MatrixXd::Identity(n, n) - b.transpose() * b;
+    const int rows = static_cast<int>(reduced_rows[g].rows());
+    for (Eigen::Index i = 0; i < m; ++i) touched.col(i).head(n) = w.row(columns[i]).transpose();
+    moves.setZero(ld, rows);
+    kernels().multiply(reduced_rows[g].data(), 1, rows, rows, static_cast<int>(m), touched.data(),
+                       ld, static_cast<int>(n), moves.data(), ld);
+    const VectorXd right = moves.topRows(n) * reduced_rows[g].col(m);
+    // |(I - B'B)^-1| <= 1 / (1 - |B|^2): most of many groups move nothing by that much.
+    const double squared = moves.topRows(n).squaredNorm();
+    if (squared < 1 - kAlone && right.norm() <= least * (1 - squared)) continue;
+    MatrixXd rest = MatrixXd::Zero(ld, n);
+    rest.topRows(n).setIdentity();
+    kernels().subtract_product(rest.data(), static_cast<int>(n), ld, moves.data(), rows, ld);
+    rest.conservativeResize(n, Eigen::NoChange);
+    rest.triangularView<Eigen::StrictlyUpper>() = rest.transpose();
     VectorXd moved = VectorXd::Zero(n);
     MatrixXd lost(n, 0);
     const Cholesky cholesky(rest);

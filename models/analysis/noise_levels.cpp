@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <utility>
 
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
+#include "../../solver/kernels.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -49,7 +49,7 @@ struct RowSums {
   double squares = 0;    // weighted
   double weights = 0;    // n
   double projected = 0;  // tr H
-  MatrixXd shared;       // sum of B'B
+  MatrixXd shared;       // minus the sum of B'B (lower triangle, then whole)
   bool mixed = false;    // its rows hold other noise as well
   double expected = 1;   // b
 };
@@ -126,7 +126,7 @@ NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_s
   add_sensors(setup, rig, out);
   if (setup.noise == NoiseMode::latent) add_joints(rig, out);
   out.sums.emplace_back();
-  for (RowSums& s : out.sums) s.shared = MatrixXd::Zero(shared_size, shared_size);
+  for (RowSums& s : out.sums) s.shared = MatrixXd::Zero(padded(shared_size) + kSlack, shared_size);
   return out;
 }
 
@@ -165,8 +165,8 @@ void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& st
   }
 }
 
-/// The rows of one group of the problem: U and B of the header, its residuals, and which rows are
-/// which kind of noise.
+/// The rows of one group of the problem: U and B of the header, row i in column i (zeros below to a
+/// multiple of 8), its residuals, and which rows are which kind of noise.
 struct ProjectedRows {
   MatrixXd u, b;
   std::vector<NoiseRows> kinds;
@@ -180,45 +180,56 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   MatrixXd rows;
   const GroupShape& shape = problem.groups()[group];
   problem.noise_rows(group, state, rows, out.kinds);
-  const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
-  MatrixXd t(m, root.cols());
-  for (int i = 0; i < m; ++i) t.row(i) = root.row(shape.columns[i]);
-  out.b = rows.middleCols(k, m) * t;
-  out.u.resize(rows.rows(), 0);
+  const int k = shape.private_size, m = static_cast<int>(shape.columns.size()),
+            n = static_cast<int>(root.cols());
+  const int ld = padded(n) + kSlack, count = static_cast<int>(rows.rows());
+  MatrixXd t = MatrixXd::Zero(ld, m);  // row i of T in column i
+  for (int i = 0; i < m; ++i) t.col(i).head(n) = root.row(shape.columns[i]).transpose();
+  out.b.setZero(ld, count);
+  kernels().multiply(rows.col(k).data(), 1, count, count, m, t.data(), ld, n, out.b.data(), ld);
   if (k > 0) {
-    out.u = Elimination(rows.leftCols(k)).basis();
-    out.b -= out.u * (out.u.transpose() * out.b);
+    const MatrixXd u = Elimination(rows.leftCols(k)).basis();
+    const int rank = static_cast<int>(u.cols());
+    MatrixXd within = MatrixXd::Zero(ld, rank), taken = MatrixXd::Zero(ld, count);
+    kernels().multiply(u.data(), count, 1, rank, count, out.b.data(), ld, n, within.data(), ld);
+    kernels().multiply(u.data(), 1, count, count, rank, within.data(), ld, n, taken.data(), ld);
+    out.b -= taken;
+    out.u.setZero(padded(static_cast<int>(u.cols())), u.rows());
+    out.u.topRows(u.cols()) = u.transpose();
   }
   out.residuals = rows.col(k + m);
   return out;
 }
 
-/// Adds one group of the problem to the sums, and what it has for itself to S: the small Gram
-/// matrices of its kinds of noise.
+/// Products of all columns with each other; none has no rows.
+MatrixXd products(const MatrixXd& columns, Eigen::Index count) {
+  MatrixXd out(count, count);
+  kernels().gram(columns.data(), static_cast<int>(columns.rows()), columns.rows(),
+                 static_cast<int>(count), out.data(), static_cast<int>(count));
+  return out;
+}
+
+/// Adds one group of the problem to the sums, and what it has for itself to S: with P = U U' and Q
+/// = B B', between its rows, <U_g'U_g, U_j'U_j> is the sum of all P(i, l)^2, i a row of g, l one of
+/// j, and <U_g'B_g, U_j'B_j> that of all P(i, l) Q(i, l).
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
-  const MatrixXd &u = rows.u, &b = rows.b;
-  std::map<int, std::pair<MatrixXd, MatrixXd>> grams;  // kind -> U'U, U'B
+  const Eigen::Index count = rows.residuals.size();
+  const MatrixXd p = products(rows.u, count), q = products(rows.b, count);
+  const int n = static_cast<int>(kinds.sums[0].shared.cols()), ld = static_cast<int>(rows.b.rows());
+  VectorXd of_column(count);
   for (const NoiseRows& w : rows.kinds) {
     const int kind = kinds.of(w);
-    const auto ug = u.middleRows(w.first, w.count);
-    const auto bg = b.middleRows(w.first, w.count);
     RowSums& sum = kinds.sums[kind];
     sum.squares += rows.residuals.segment(w.first, w.count).squaredNorm();
-    sum.projected += ug.squaredNorm() + bg.squaredNorm();
-    sum.shared.selfadjointView<Eigen::Lower>().rankUpdate(bg.transpose());
+    sum.projected += (p + q).diagonal().segment(w.first, w.count).sum();
+    kernels().subtract_product(sum.shared.data(), n, ld, rows.b.col(w.first).data(), w.count, ld);
     if (!w.view) sum.weights += w.count;
     if (w.joint >= 0) ++kinds.levels[kind].rows;
-    const auto placed = grams.try_emplace(kind);
-    if (placed.second)
-      placed.first->second = {MatrixXd::Zero(u.cols(), u.cols()),
-                              MatrixXd::Zero(u.cols(), b.cols())};
-    placed.first->second.first.noalias() += ug.transpose() * ug;
-    placed.first->second.second.noalias() += ug.transpose() * bg;
+    const auto pw = p.middleCols(w.first, w.count), qw = q.middleCols(w.first, w.count);
+    of_column.noalias() = (pw.array() * (pw + 2 * qw).array()).rowwise().sum().matrix();
+    for (const NoiseRows& v : rows.kinds)
+      s(kinds.of(v), kind) += of_column.segment(v.first, v.count).sum();
   }
-  for (const auto& a : grams)
-    for (const auto& c : grams)
-      s(a.first, c.first) += a.second.first.cwiseProduct(c.second.first).sum() +
-                             2 * a.second.second.cwiseProduct(c.second.second).sum();
 }
 
 /// What Helmert's equations S f = q are made of, by kind of noise.
@@ -237,8 +248,10 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
                VectorXd(groups)};
   for (size_t g = 0; g < problem.groups().size(); ++g)
     add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
-  for (RowSums& sum : kinds.sums)
+  for (RowSums& sum : kinds.sums) {
+    sum.shared.conservativeResize(sum.shared.cols(), Eigen::NoChange);
     sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
+  }
   for (int a = 0; a < groups; ++a)
     for (int c = 0; c < groups; ++c)
       out.s(a, c) += kinds.sums[a].shared.cwiseProduct(kinds.sums[c].shared).sum();

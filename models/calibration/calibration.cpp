@@ -110,7 +110,6 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
   out.name = plan.name;
   out.unused = plan.unused;
   out.held_out = plan.held_out;
-  if (step.solver) out.linear_solver = step.solver->linear_solver();
   out.converged = step.summary.outcome == Outcome::converged;
   out.repeated = plan.repeated;
   out.iterations = step.summary.iterations;
@@ -125,9 +124,10 @@ StepResult step_result(const StepPlan& plan, const Fit& step, const Observabilit
   return out;
 }
 
-/// From the solution's values: a solution, and the solver of its last step, to be used again.
+/// From the solution's values: a solution, and, if it is to be used again, the solver of its last
+/// step. (It has as much memory as all else.)
 void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
-               const StepVariations& variations, CalibrationRun& run) {
+               const StepVariations& variations, bool keep_solver, CalibrationRun& run) {
   Solution& solution = run.solution;
   if (variations.start) solution.values.shared = *variations.start;
   bool all_converged = true;
@@ -140,11 +140,14 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     Fit step = fit_step(plan, options, variations.robust,
                         given ? &variations.noise_ratios : nullptr, solution);
     solution.columns = step.problem->columns();
+    const char* const linear_solver = step.solver ? step.solver->linear_solver() : "";
+    if (!last || !keep_solver) step.solver.reset();
     options.tell(plan.name + ": uncertainties");
     auto observed = std::make_unique<LastProblem>();
     observed->observability =
         observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
     StepResult result = step_result(plan, step, observed->observability, solution);
+    result.linear_solver = linear_solver;
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && (result.converged || plan.repeated);
@@ -185,9 +188,9 @@ CalibrationRun new_run(const std::shared_ptr<const Recording>& recording,
 }
 
 void run_to_end(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
-                const StepVariations& variations, CalibrationRun& run) {
+                const StepVariations& variations, bool keep_solver, CalibrationRun& run) {
   try {
-    run_steps(plans, options, variations, run);
+    run_steps(plans, options, variations, keep_solver, run);
   } catch (const Ended& ended) {
     run.solution.status = ended.status;
     run.solution.message = ended.message;
@@ -195,12 +198,13 @@ void run_to_end(const std::vector<StepPlan>& plans, const CalibrationOptions& op
 }
 
 CalibrationRun run(const std::shared_ptr<const Recording>& recording,
-                   const CalibrationOptions& options, const StepVariations& variations) {
+                   const CalibrationOptions& options, const StepVariations& variations,
+                   bool keep_solver) {
   const std::vector<StepPlan> plans = resolve_steps(*recording, options);
   CalibrationRun first = new_run(recording, options, plans);
   options.tell("starting values");
   start_absent_poses(plans, first.solution);
-  run_to_end(plans, options, variations, first);
+  run_to_end(plans, options, variations, keep_solver, first);
   // A robust run's cost is in units of what its residuals show: it compares with no other.
   const bool again_possible =
       !variations.start && !variations.before_step && first.solution.status != Status::cancelled &&
@@ -208,7 +212,7 @@ CalibrationRun run(const std::shared_ptr<const Recording>& recording,
   if (!again_possible || !ended_badly(first.solution)) return first;
   CalibrationRun again = new_run(recording, options, plans);
   if (!start_given_poses(plans, first.solution, again.solution)) return first;
-  run_to_end(plans, options, variations, again);
+  run_to_end(plans, options, variations, keep_solver, again);
   if (!decisively_better(again.solution, first.solution)) return first;
   name_replaced_starts(plans, first.solution, again.solution);
   return again;
@@ -229,7 +233,7 @@ bool same_shape(const Sample& a, const Sample& b) {
 
 Solution calibrate(const std::shared_ptr<const Recording>& recording,
                    const CalibrationOptions& options, const StepVariations& variations) {
-  return run(recording, options, variations).solution;
+  return run(recording, options, variations, false).solution;
 }
 
 struct Calibration::Parts {
@@ -266,7 +270,7 @@ const Solution& Calibration::solve() {
   Parts& parts = *parts_;
   Solution& solution = parts.run.solution;
   if (!parts.solved) {
-    parts.run = run(parts.recording, parts.options, {});
+    parts.run = run(parts.recording, parts.options, {}, true);
     parts.last = std::move(solution.last);
     parts.solved = solution.usable();
     return solution;

@@ -16,6 +16,8 @@ struct Estimation::Parts {
   /// null: which rows are which noise's.
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
                   std::vector<NoiseRows>* kinds);
+  MatrixXd rows_of_view(const ViewLayout& v, const Scratch& local, bool compress, int first,
+                        int count) const;
 
   /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
   /// paths.
@@ -217,14 +219,27 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
 
 namespace {
 
-/// An upper triangle with the same Gram matrix, where that has fewer rows.
-MatrixXd compressed(MatrixXd rows) {
-  if (rows.rows() <= rows.cols()) return rows;
-  triangularise(rows);
-  return MatrixXd(rows.topRows(rows.cols()).triangularView<Eigen::Upper>());
+/// An upper triangle with the same Gram matrix as `rows` rows, which end with zeros to a multiple
+/// of 8; they are scratch afterwards.
+MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
+  kernels().triangularise(rows.data(), static_cast<int>(rows.rows()), static_cast<int>(rows.cols()),
+                          rows.outerStride());
+  return rows.topRows(rows.cols()).triangularView<Eigen::Upper>();
 }
 
 }  // namespace
+
+/// What is in the scratch of a view, [L r]; `first` and `count`: which rows of each block.
+MatrixXd Estimation::Parts::rows_of_view(const ViewLayout& v, const Scratch& local, bool compress,
+                                         int first, int count) const {
+  const Eigen::Index width = v.columns.total + 1, rows = v.blocks() * count;
+  compress = compress && rows > width;
+  MatrixXd out = MatrixXd::Zero(compress ? padded(static_cast<int>(rows)) : rows, width);
+  for (int b = 0; b < v.blocks(); ++b)
+    for (int i = 0; i < count; ++i)
+      out.row(b * count + i) = local.rows.row(v.row(b, first + i)).head(width);
+  return compress ? compressed(out) : out;
+}
 
 bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker, bool compress,
                                    MatrixXd& rows, std::vector<NoiseRows>* kinds) {
@@ -251,28 +266,26 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
-    MatrixXd view(v.layout->rows(), v.layout->columns.total + 1);
-    for (int b = 0; b < v.layout->blocks(); ++b)
-      for (int i = 0; i < k; ++i)
-        view.row(b * k + i) = local.rows.row(v.layout->row(b, i)).head(view.cols());
-    if (kinds) {
-      const std::vector<NoisePart> parts = v.layout->model->noise_parts();
-      MatrixXd all(view.rows(), view.cols());
+    const int width = v.layout->columns.total + 1;
+    const std::vector<NoisePart> noise = v.layout->model->noise_parts();
+    MatrixXd view;
+    if (kinds && noise.size() > 1) {
+      view.resize(v.layout->rows(), width);
       Eigen::Index filled = 0;
-      for (size_t p = 0; p < parts.size(); ++p) {
-        const int count = parts.size() == 1 ? k : parts[p].count;
-        MatrixXd part(v.layout->blocks() * count, view.cols());
-        for (int b = 0; b < v.layout->blocks(); ++b)
-          part.middleRows(b * count, count) = view.middleRows(b * k + parts[p].first, count);
-        part = compressed(std::move(part));
-        all.middleRows(filled, part.rows()) = part;
+      for (size_t p = 0; p < noise.size(); ++p) {
+        const MatrixXd part = rows_of_view(*v.layout, local, true, noise[p].first, noise[p].count);
+        view.middleRows(filled, part.rows()) = part;
         kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled),
                           static_cast<int>(part.rows())});
         filled += part.rows();
       }
-      view = all.topRows(filled).eval();
-    } else if (compress) {
-      view = compressed(std::move(view));
+      view.conservativeResize(filled, Eigen::NoChange);
+    } else {
+      view = compress && v.layout->rows() > width
+                 ? compressed(local.rows.topLeftCorner(v.layout->padded_rows(), width))
+                 : rows_of_view(*v.layout, local, false, 0, k);
+      if (kinds)
+        kinds->push_back({v.view, 0, -1, static_cast<int>(used), static_cast<int>(view.rows())});
     }
     motion.kinematic_matrix(v, s, state, local);
     const auto m = local.expand.m.topLeftCorner(

@@ -156,6 +156,10 @@ GroupShape Layout::place_columns(SampleLayout& s) const {
   shape.rows = static_cast<int>(s.noisy.size());
   const auto place_all = [&] {
     for (SensorPath& path : s.paths) place_joints(path, places, s);
+    for (const ViewLayout& v : s.views)
+      if (SensorPath& path = s.paths[v.path];
+          path.scan_step >= 0 && freed[table.sensor_pose[v.sensor_index]])
+        path.sensor_side = true;
     for (ViewLayout& v : s.views) place_view(v, places, s);
   };
   place_all();  // no column has a place yet: this finds out which there are
@@ -192,6 +196,7 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
   path.places.clear();
   path.noise.clear();
   path.noisy.clear();
+  path.sensor_side = false;
   const auto add =
       [&](MotionColumns m,
           int place) {  // a column, or several that follow each other; what comes twice shares them
@@ -205,6 +210,7 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
   for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
     const int j = path.steps[k].joint, origin = table.joint_origin[j];
     if (freed[origin]) {
+      path.sensor_side = path.sensor_side || path.on_sensor_side(k);
       MotionColumns m{Source::origin, k};
       m.parameter = origin;
       m.count = static_cast<int>(freed[origin]->components.size());
@@ -216,9 +222,13 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
     for (int n = 0; n < rig.joints[drv.joint].model->size(); ++n) {
       const int parameter = table.joint_offset[drv.joint] + n;
       m.number = n;
-      if (freed[parameter]) add(m, place_of(places, first_column[parameter]));
+      if (!freed[parameter]) continue;
+      path.sensor_side = path.sensor_side || path.on_sensor_side(k) || k == path.scan_step;
+      add(m, place_of(places, first_column[parameter]));
     }
     if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
+    path.sensor_side =
+        path.sensor_side || (path.on_sensor_side(k) && setup.noise != NoiseMode::none);
     m.source = Source::error;
     if (setup.noise == NoiseMode::latent) {
       const int slot =
@@ -286,7 +296,7 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
                      (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none)
                  ? v.model->kernel()
                  : nullptr;
-  if (path.scan_step >= 0) {
+  if (path.sensor_side) {
     c.sensor_side = 6;
     c.joint = 12;
     c.total = path.rows();

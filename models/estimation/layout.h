@@ -38,12 +38,17 @@ struct SensorPath {
   Path steps;
   int scan_step = -1;                 // step of the scanning joint
   int scan_numbers = 0;               // own numbers of its model
+  bool sensor_side = false;           // what is estimated moves the scanning joint, or the sensor
   std::vector<MotionColumns> motion;  // M's columns of joints
   std::vector<int> places;            // place in the group of each of these columns
   std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
   std::vector<int> noisy;             // whose columns these are: the joints, once each
 
-  int rows() const { return scan_step >= 0 ? 12 + scan_numbers : 6; }
+  int rows() const { return sensor_side ? 12 + scan_numbers : 6; }
+  /// Returns whether something at a step moves the sensor's side of the scanning joint.
+  bool on_sensor_side(int step) const {
+    return scan_step >= 0 && (step < scan_step || (step == scan_step && steps[step].direction > 0));
+  }
 };
 
 /// A ViewLayout is shared by all views of a sensor and a target with the same points, whatever they

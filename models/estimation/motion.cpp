@@ -131,10 +131,7 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
   m.setZero();
   for (const MotionColumns& column : program) {
     const PathStep& step = path.steps[column.step];
-    const bool sensor_side =
-        path.scan_step >= 0 &&
-        (column.step < path.scan_step || (column.step == path.scan_step && step.direction > 0));
-    const int row = sensor_side ? 6 : 0;
+    const int row = path.on_sensor_side(column.step) ? 6 : 0;
     if (column.source == Source::origin) {
       const Matrix6d twist = step.direction * adjoint(walked.frames[column.step]);
       if (charts_[column.parameter].size() > 0)
@@ -199,11 +196,15 @@ void Motion::view_poses(const PlacedView& v, const PlacedSample& s, const Vector
 void Motion::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                               const int* at, int count, Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
+  const MatrixXd& twists = scratch.paths[v.layout->path].twists;
+  RowMatrix& m = scratch.expand.m;
+  if (path.scan_step >= 0 && !path.sensor_side) {
+    for (int c = 0; c < count; ++c) m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
+    return;
+  }
   const Pose link_T_sensor =
       get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start);
   const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
-  const MatrixXd& twists = scratch.paths[v.layout->path].twists;
-  RowMatrix& m = scratch.expand.m;
   const int moved = path.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
   for (int c = 0; c < count; ++c) {
     const Vector3d w = twists.block<3, 1>(moved + 3, c),
@@ -223,7 +224,7 @@ void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const 
                               Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
   RowMatrix& m = scratch.expand.m;
-  if (path.scan_step >= 0) m.setZero();
+  if (path.sensor_side) m.setZero();
   for (const MotionColumns& column : v.layout->poses) {
     const bool sensor_side = column.source == Source::sensor_pose;
     Matrix6d twist;

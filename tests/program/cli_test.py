@@ -1821,6 +1821,20 @@ class SameEverywhere(Case):
                 self.assertAlmostEqual(x, y, delta=max(1e-15, 1e-6 * s))
 
 
+    def test_cholmod_is_loaded_where_it_is_needed(self):
+        """A library of this name that is none: dense systems do not notice, sparse ones end with an error that says what to do."""
+        with open(KINCAL, "rb") as f:
+            if b"libcholmod.so." not in f.read():
+                self.skipTest("built without CHOLMOD")
+        os.mkdir(self.path("broken"))
+        for major in range(2, 8):
+            self.write(os.path.join("broken", "libcholmod.so.%d" % major), "no library")
+        env = {"LD_LIBRARY_PATH": self.path("broken")}
+        self.assertEqual(self.calibrate(out="dense", env=env).code, 0)
+        self.extra = {"broken", "dense"}
+        self.fails(self.calibrate("--linear-solver", "cholmod", env=env), "CHOLMOD", "libcholmod.so.", "Install", "dense")
+
+
 class NoNoise(Case):
     def test_truth_is_recovered(self):
         """Without noise in the samples: the truth to 1e-7, chi2 zero; poses of instruments absent from the rig as well."""

@@ -282,9 +282,7 @@ def check_sensor(source, binary):
     if len(code) != 4 or len(plain) != 1:
         fail(path, "four blocks of C++ (sensor, program, check, joint model) and one of output are expected")
         return ""
-    links = ["-lpthread"]
-    if values.get("KINCAL_CHOLMOD") == "ON":
-        links += [values.get("CHOLMOD_LIBRARY", "-lcholmod")]
+    links = ["-lpthread", "-ldl"]
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         os.symlink(os.path.abspath(source), os.path.join(scratch, "kincal"))
         joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",

@@ -150,7 +150,7 @@ class Solver(Case):
 class Components(Case):
     def test_each_asks_for_its_own(self):
         """The build at hand, with all its components installed."""
-        solver = {"Eigen3", "Threads"} | ({"CHOLMOD"} if cached(BUILD_DIR, "KINCAL_CHOLMOD") == "ON" else set())
+        solver = {"Eigen3", "Threads"}
         files = solver | {"pugixml", "yaml-cpp", "nlohmann_json", "PkgConfig"}
         for component in ("models", "solver", "kinematics", "io"):
             if component == "kinematics":

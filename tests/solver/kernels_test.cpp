@@ -106,6 +106,56 @@ TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
     }
 }
 
+TEST_CASE("kernels: multiply") {
+  std::mt19937 engine(9);
+  for (const Kernels* k : sets())
+    for (int rows : {1, 3, 4, 9})
+      for (int depth : {1, 2, 6, 17})
+        for (int columns : {1, 7, 8, 30}) {
+          INFO(k->name << " " << rows << " x " << depth << " x " << columns);
+          const MatrixXd f = random(engine, rows, depth), transposed = f.transpose();
+          const MatrixXd g = with_slack(random(engine, columns, depth));  // column r: row r
+          MatrixXd out(columns + kSlack, rows);
+          const MatrixXd expected = g.topLeftCorner(columns, depth) * transposed;
+          const int ld = columns + kSlack;
+          k->multiply(f.data(), 1, rows, rows, depth, g.data(), ld, columns, out.data(), ld);
+          CHECK((out.topRows(columns) - expected).cwiseAbs().maxCoeff() < 1e-13 * depth);
+          k->multiply(transposed.data(), depth, 1, rows, depth, g.data(), ld, columns, out.data(),
+                      ld);
+          CHECK((out.topRows(columns) - expected).cwiseAbs().maxCoeff() < 1e-13 * depth);
+        }
+}
+
+TEST_CASE("kernels: triangularise") {
+  std::mt19937 engine(8);
+  for (const Kernels* k : sets())
+    for (int columns = 1; columns <= 21; ++columns)
+      for (int rows : {8, 16, 24, 96}) {
+        INFO(k->name << " " << rows << " x " << columns);
+        MatrixXd a = random(engine, rows + 3, columns);
+        if (columns > 4) a.col(3).setZero();         // a number that is held
+        if (columns > 6) a.col(5) = 1e8 * a.col(1);  // a rank that is not full
+        const MatrixXd gram = a.topRows(rows).transpose() * a.topRows(rows),
+                       below = a.bottomRows(3);
+        k->triangularise(a.data(), rows, columns, a.rows());
+        const MatrixXd r = a.topRows(std::min(rows, columns)).triangularView<Eigen::Upper>();
+        const MatrixXd error = r.transpose() * r - gram;
+        for (int i = 0; i < columns; ++i)
+          for (int j = 0; j < columns; ++j)
+            REQUIRE(std::abs(error(i, j)) <= 1e-13 * std::sqrt(gram(i, i) * gram(j, j)));
+        CHECK(a.bottomRows(3) == below);
+      }
+  // Nothing is squared: what is left of a column that is nearly another's keeps its digits.
+  for (const Kernels* k : sets()) {
+    MatrixXd a = MatrixXd::Zero(16, 2);
+    a.col(0).head(9).setOnes();
+    a.col(1) = a.col(0);
+    a(4, 1) += 1e-10;
+    k->triangularise(a.data(), 16, 2, 16);
+    CHECK(std::abs(a(1, 1)) == Approx(1e-10 * std::sqrt(8.0 / 9)).epsilon(1e-5));
+  }
+}
+
 TEST_CASE("kernels: subtract_block and add") {
   std::mt19937 engine(3);
   for (const Kernels* k : sets())
