@@ -115,6 +115,7 @@ int main(int argc, char** argv) try {
       intrinsics_command(app, line),
       simulate_command(app),
       detect_command(app, {argv + std::min(argc, 1), argv + argc}),
+      completion_command(app),
   };
   // Set last: a command without a footer of its own would take it over.
   app.footer(kFooter);
