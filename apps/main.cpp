@@ -16,6 +16,37 @@
 
 namespace {
 
+const char* const kFooter =
+    "Examples:\n"
+    "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and "
+    "counts\n"
+    "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf "
+    "is the calibrated robot\n"
+    "  kincal batch fleet --out results                           the same for every folder of "
+    "fleet\n"
+    "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated "
+    "values\n"
+    "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
+    "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
+    "  kincal show result                                         the essentials again; "
+    "result/report.html has them all\n"
+    "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
+    "easy_handeye\n"
+    "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
+    "around one posture\n"
+    "  kincal intrinsics rig.yaml samples.jsonl --out lens        lenses and stereo from boards, "
+    "without a robot\n"
+    "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
+    "  kincal diff result other_result                            two calibrations compared\n"
+    "  kincal fleet results --out fleet                           which robots are unlike the "
+    "others, and what drifts\n"
+    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
+    "determined by the data (named in the\n"
+    "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 5 the model does "
+    "not explain the data; 130\n"
+    "interrupted, nothing written. With 2 to 5 results are written and marked. batch: 0 all\n"
+    "sets converged; 1 some did not; 130 interrupted, what is finished stays.";
+
 /// The first argument that looks like an option and is none, with the nearest ones that there are;
 /// else "".
 std::string unknown_option(const CLI::App& command) {
@@ -74,6 +105,7 @@ int main(int argc, char** argv) try {
       batch_command(app, line, {argv, argv + argc}),
       evaluate_command(app, line),
       diff_command(app),
+      fleet_command(app),
       apply_command(app),
       show_command(app),
       report_command(app),
@@ -83,36 +115,10 @@ int main(int argc, char** argv) try {
       intrinsics_command(app, line),
       simulate_command(app),
       detect_command(app, {argv + std::min(argc, 1), argv + argc}),
+      completion_command(app),
   };
   // Set last: a command without a footer of its own would take it over.
-  app.footer(
-      "Examples:\n"
-      "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and "
-      "counts\n"
-      "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf "
-      "is the calibrated robot\n"
-      "  kincal batch fleet --out results                           the same for every folder of "
-      "fleet\n"
-      "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated "
-      "values\n"
-      "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
-      "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
-      "  kincal show result                                         the essentials again; "
-      "result/report.html has them all\n"
-      "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
-      "easy_handeye\n"
-      "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
-      "around one posture\n"
-      "  kincal intrinsics rig.yaml samples.jsonl --out lens        lenses and stereo from boards, "
-      "without a robot\n"
-      "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
-      "  kincal diff result other_result                            two calibrations compared\n"
-      "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
-      "determined by the data (named in the\n"
-      "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 5 the model does "
-      "not explain the data; 130\n"
-      "interrupted, nothing written. With 2 to 5 results are written and marked. batch: 0 all\n"
-      "sets converged; 1 some did not; 130 interrupted, what is finished stays.");
+  app.footer(kFooter);
   std::vector<std::string> names;
   std::string known;
   for (const Command& command : commands) {

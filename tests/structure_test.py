@@ -21,7 +21,7 @@ import sys
 # ---------------------------------------------------------------------------------------------- the rules
 KINEMATICS, SOLVER = "kinematics", "solver"
 FLOORS = [["joints"], ["sensors"], ["rig"], ["estimation"], ["fitting"], ["calibration"], ["analysis"], ["automatic", "doctor", "trials"], ["report"]]
-MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment"]
+MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment", "models/fleet"]
 
 
 def below(room):
@@ -37,6 +37,7 @@ MAY_INCLUDE = {
     **{f"models/{room}": [KINEMATICS, SOLVER, *below(room)] for floor in FLOORS for room in floor},
     "models/simulation": [KINEMATICS, SOLVER, "models/sensors", "models/joints", "models/rig", "models/fitting"],
     "models/bundle_adjustment": [KINEMATICS, SOLVER, "models/sensors"],
+    "models/fleet": [KINEMATICS, SOLVER, "models/rig"],
     "io/document": [KINEMATICS, *MODELS],
     "io/urdf": [KINEMATICS, *MODELS, "io/document"],
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],

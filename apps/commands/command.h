@@ -31,6 +31,8 @@ Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);
 Command intrinsics_command(CLI::App& app, const std::string& command_line);
 Command diff_command(CLI::App& app);
+Command fleet_command(CLI::App& app);
+Command completion_command(CLI::App& app);
 Command detect_command(CLI::App& app, const std::vector<std::string>& arguments);
 
 }  // namespace kincal

@@ -158,6 +158,20 @@ std::string covariance_csv(const Solution& solution) {
   return out;
 }
 
+std::string information_csv(const Report& report) {
+  const DataEquations& data = report.data;
+  std::string out = "pull";
+  for (const Component& c : data.columns) out += "," + csv_field(report.solution.table().name(c));
+  out += "\n";
+  for (Eigen::Index i = 0; i < data.pull.size(); ++i) {
+    out += shortest(data.pull(i));
+    for (Eigen::Index j = 0; j < data.pull.size(); ++j)
+      out += j <= i ? "," + shortest(data.normal(i, j)) : ",";
+    out += "\n";
+  }
+  return out;
+}
+
 std::string csv_field(const std::string& s) {
   if (s.find_first_of(",\"\n\r") == std::string::npos) return s;
   std::string out = "\"";

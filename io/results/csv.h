@@ -21,6 +21,9 @@ std::string loops_csv(const Report& report);
 /// Rows and columns of what the data do not determine are empty: a covariance of it there is none.
 std::string covariance_csv(const Solution& solution);
 
+/// The normal equations of the data alone: lower triangle, and what they pull to.
+std::string information_csv(const Report& report);
+
 /// Returns a field, quoted where commas, quotes or line ends ask for it.
 std::string csv_field(const std::string& text);
 

@@ -294,6 +294,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.result_json = json_text(json);
 
   out.covariance_csv = covariance_csv(solution);
+  out.information_csv = information_csv(report);
   out.samples_csv = samples_csv(solution);
   if (options.residuals) {
     out.residuals_csv = residuals_csv(report);
@@ -307,9 +308,10 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
   const std::vector<std::pair<std::string, const std::string*>> all = {
       {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
       {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
-      {"covariance.csv", &files.covariance_csv}, {"samples.csv", &files.samples_csv},
-      {"residuals.csv", &files.residuals_csv},   {"loops.csv", &files.loops_csv},
-      {"report.html", &files.report_html},       {"batch.json", &files.batch_json}};
+      {"covariance.csv", &files.covariance_csv}, {"information.csv", &files.information_csv},
+      {"samples.csv", &files.samples_csv},       {"residuals.csv", &files.residuals_csv},
+      {"loops.csv", &files.loops_csv},           {"report.html", &files.report_html},
+      {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)
     if (!f.second->empty())  // robot.urdf: of a robot without one; residuals.csv, loops.csv,

@@ -21,7 +21,8 @@ struct Reduction {
 /// ResultFiles are a finished run in the terms of files, before anything is written.
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv;
-  std::string samples_csv, residuals_csv, loops_csv;  // the last two: empty, not written
+  std::string information_csv, samples_csv, residuals_csv,
+      loops_csv;            // the last two: empty, not written
   std::string report_html;  // made of these (io/report); empty: not written
   std::string batch_json;   // left to a batch (summary_file.h); empty: not written
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json

@@ -390,6 +390,18 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
   return out;
 }
 
+/// The data's equations at the solution, of all that was estimated or held: those that the widths
+/// were learned from, moved there.
+DataEquations data_of(const Learned& learned, const Solution& solution) {
+  const auto n = static_cast<Eigen::Index>(learned.columns.size());
+  VectorXd moved(n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    moved(i) = value_of(solution.table(), learned.values.shared, solution.values.shared,
+                        learned.columns[i]);
+  return {learned.columns, learned.problem.normal,
+          -learned.problem.gradient - learned.problem.normal * moved};
+}
+
 /// Sigmas of the estimates are those of the prediction.
 void set_predicted_sigmas(const Solution& solution) {
   const Prediction& p = *solution.prediction;
@@ -606,6 +618,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   if (!solution.usable() && solution.status != Status::not_converged) return out;
   solution.prediction = prediction_of(groups, learned, holding);
   set_predicted_sigmas(solution);
+  solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, holding, solution);
   out.mounts = mounts.values.shared;
   out.reading_errors = learned.reading_errors;

@@ -85,6 +85,15 @@ struct Prediction {
   MatrixXd covariance;
 };
 
+/// DataEquations are what the data alone, without the priors of shared unknowns, say of them at a
+/// solution: N d = pull for an increment d of its values. N is their information; directions that
+/// the data leave open are its null space.
+struct DataEquations {
+  std::vector<Component> columns;
+  MatrixXd normal;
+  VectorXd pull;
+};
+
 struct Solution {
   std::shared_ptr<const Recording> recording;
   Status status = Status::converged;
@@ -117,6 +126,8 @@ struct Solution {
   std::vector<ReplacedStart> replaced_starts;    // given poses that the data contradict
   std::vector<std::string> without_effect;       // as in the last step's plan
   std::optional<Prediction> prediction;
+  std::optional<DataEquations> data;  // where the last step held some of what is asked about
+                                      // (analysis/data_equations.h)
   std::shared_ptr<LastProblem> last;  // null: to be made again (analysis/linearisation.h)
 
   // Estimates are made at the end of calibrate(), and again when they are asked for after a

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "../analysis/data_equations.h"
 #include "../analysis/leverage.h"
 #include "../analysis/loops.h"
 #include "../analysis/misfits.h"
@@ -54,6 +55,7 @@ struct Report {
   Residuals residuals;
   std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints
   std::optional<NoiseRounds> noise_estimated;  // else the sigmas are the rig's
+  DataEquations data;                          // what they alone say of the last step's unknowns
   Explanation explanation;                     // weakly determined directions of the last step
   std::vector<Leverage> leverage;              // above 1 sigma, largest first
   Misfits misfits;                 // samples and views that fit much worse than the others

@@ -548,6 +548,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   calibration.tell("uncertainties and residuals");
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
+  report.data = data_equations(at);
   report.explanation = explain(at);
   if (!report.noise_estimated) report.noise_levels = noise_levels(at);
   report.residuals = residuals(at);

@@ -26,7 +26,7 @@ import unittest
 import helpers
 
 SOURCE_DIR = KINCAL = None
-FILES = ["batch.json", "changes.yaml", "covariance.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
+FILES = ["batch.json", "changes.yaml", "covariance.csv", "information.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
 FLEET = 6
 
 

@@ -23,7 +23,7 @@ import time
 import unittest
 
 SOURCE_DIR = KINCAL = None
-FILES = ["changes.yaml", "covariance.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
+FILES = ["changes.yaml", "covariance.csv", "information.csv", "loops.csv", "report.html", "residuals.csv", "result.json", "rig.yaml", "robot.urdf", "samples.csv"]
 
 # ----------------------------------------------------------------------------- a robot, its kinematics, measurements
 

@@ -1,0 +1,90 @@
+# Debian packages by `cpack`, and what they bring besides programs and libraries: a manual page for every command and the completion of
+# bash, both made from the program itself when packages are made.
+#   kincal         the program
+#   kincal-images  kincal-detect, kincal-render and kincal-bags: what needs OpenCV, so that kincal stays small
+#   libkincal-dev  static libraries, headers and the CMake package
+find_program(KINCAL_PYTHON python3)
+mark_as_advanced(KINCAL_PYTHON)
+set(documents ${PROJECT_BINARY_DIR}/documents)
+
+# Documents of programs, made when `component` is installed. A program for another kind of machine cannot be asked.
+function(kincal_documents component)
+  if(CMAKE_CROSSCOMPILING OR NOT KINCAL_PYTHON)
+    message(STATUS "Manual pages and completion are left out: they need python3 and a program that runs here")
+    return()
+  endif()
+  set(programs "")
+  foreach(target ${ARGN})
+    list(APPEND programs $<TARGET_FILE:${target}>)
+  endforeach()
+  install(CODE "
+    execute_process(COMMAND ${KINCAL_PYTHON} \"${PROJECT_SOURCE_DIR}/scripts/program-documents\" \"${documents}/${component}\" ${PROJECT_VERSION} ${programs}
+      COMMAND_ERROR_IS_FATAL ANY)" COMPONENT ${component})
+  install(DIRECTORY ${documents}/${component}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR} COMPONENT ${component})
+  install(DIRECTORY ${documents}/${component}/completions DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion COMPONENT ${component} OPTIONAL)
+endfunction()
+
+kincal_documents(kincal kincal)
+install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/kincal COMPONENT kincal)
+install(FILES CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/kincal COMPONENT kincal)
+install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libkincal-dev COMPONENT kincal_solver)
+set(CPACK_COMPONENTS_ALL kincal kincal_kinematics kincal_solver kincal_models kincal_io)
+set(image_programs "")
+foreach(target kincal-detect kincal-render kincal-bags)
+  if(TARGET ${target})
+    list(APPEND image_programs ${target})
+  endif()
+endforeach()
+if(image_programs)
+  list(REMOVE_ITEM image_programs kincal-detect)  # kincal-detect(1) is the page of `kincal detect`, which is the same
+  kincal_documents(kincal_images ${image_programs})
+  install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/kincal-images COMPONENT kincal_images)
+  list(APPEND CPACK_COMPONENTS_ALL kincal_images)
+endif()
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME kincal)
+set(CPACK_PACKAGE_CONTACT "the kincal authors <kincal@users.noreply.github.com>")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "calibration of robots by bundle adjustment over kinematic chains")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_GROUPING ONE_PER_GROUP)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
+
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME kincal)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "kincal-images (= ${PROJECT_VERSION})")
+set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "From a URDF and logged samples of cameras, lasers, trackers and joints it
+finds joint offsets, gears, mounts, intrinsics, baselines and target poses.")
+
+set(CPACK_DEBIAN_IMAGES_PACKAGE_NAME kincal-images)
+set(CPACK_DEBIAN_IMAGES_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_IMAGES_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_IMAGES_PACKAGE_DEPENDS "kincal (= ${PROJECT_VERSION})")
+set(CPACK_COMPONENT_IMAGES_DESCRIPTION "The commands detect, import of bags, and simulate --render of kincal.")
+
+set(CPACK_DEBIAN_DEV_PACKAGE_NAME libkincal-dev)
+set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
+# The headers need Eigen; the CMake package finds the others, to be linked.
+set(dev_depends "libeigen3-dev (>= 3.4)")
+if(KINCAL_CHOLMOD)
+  string(APPEND dev_depends ", libsuitesparse-dev")
+endif()
+if(KINCAL_IO)
+  string(APPEND dev_depends ", libpugixml-dev, libyaml-cpp-dev, nlohmann-json3-dev, liburdfdom-dev, nettle-dev, pkg-config")
+endif()
+set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "${dev_depends}")
+set(CPACK_COMPONENT_DEV_DESCRIPTION "Static libraries and headers: find_package(kincal) and link kincal::models or kincal::io.")
+
+include(CPack)
+cpack_add_component_group(PROGRAM)
+cpack_add_component_group(IMAGES)
+cpack_add_component_group(DEV)
+cpack_add_component(kincal GROUP PROGRAM)
+cpack_add_component(kincal_images GROUP IMAGES)
+foreach(library kinematics solver models io)
+  cpack_add_component(kincal_${library} GROUP DEV)
+endforeach()

@@ -1,0 +1,55 @@
+// A fleet: results of many robots, or of some over months, judged together. Each robot is one of
+// the family by its latest result (family.h); one with several is also judged over time (drift.h).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "drift.h"
+#include "family.h"
+
+namespace kincal {
+
+/// A FleetNumber is a component that results of a fleet estimate. Numbers of poses count from the
+/// pose of the first result, in its frame.
+struct FleetNumber {
+  std::string name, unit;
+  double scale = 0;  // how far it may usually be off
+};
+
+/// A FleetResult is what the data of one result say, as equations in the fleet's numbers.
+struct FleetResult {
+  std::string path, serial;
+  double time = 0;   // years since 1970
+  std::string date;  // the same, as 2026-03-01 or 2026-03-01T12:00:00Z
+  Evidence evidence;
+};
+
+struct FleetOptions {
+  double level = 0.01;    // share of healthy robots that is named by chance
+  std::vector<int> anew;  // numbers that are new in every result: none of a robot's drifts
+};
+
+struct FleetRobot {
+  std::string serial;
+  std::vector<int> results;            // by time
+  std::optional<FamilyMember> member;  // of the family, if that was judged
+  bool out_of_family = false;          // member's p is below the level
+  std::optional<Drift> drift;          // of robots with several results
+  double p = 1;                        // the smaller one of both
+
+  bool drifts() const { return drift && !drift->causes.empty(); }
+};
+
+struct FleetFindings {
+  std::vector<FleetRobot> robots;  // worst first
+  Family family;                   // its members are the robots'
+  int out_of_family = 0, drifting = 0;
+};
+
+/// Judges a fleet.
+FleetFindings study_fleet(const std::vector<FleetNumber>& numbers,
+                          const std::vector<FleetResult>& results, const FleetOptions& options);
+
+}  // namespace kincal
