@@ -56,6 +56,9 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME kincal)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+if(KINCAL_CHOLMOD)
+  set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS libcholmod3)  # loaded when it is needed, which shlibdeps does not see
+endif()
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "kincal-images (= ${PROJECT_VERSION})")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "From a URDF and logged samples of cameras, lasers, trackers and joints it
 finds joint offsets, gears, mounts, intrinsics, baselines and target poses.")
