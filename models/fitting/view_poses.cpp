@@ -29,7 +29,7 @@ bool far_residual(const Sensor& sensor, const double* parameters, const double* 
   RowMatrix rows = RowMatrix::Zero(2, 6);
   Eigen::Ref<RowMatrix> l(rows);
   if (!sensor.model->evaluate(in, Columns(), r.data(), &l)) return false;
-  derivative = rows.leftCols<3>() * kFar;
+  derivative = rows.leftCols<3>() * kDistant;
   return true;
 }
 
