@@ -127,6 +127,16 @@ int main(int argc, char** argv) try {
     known += (known.empty() ? "" : ", ") + names.back();
   }
 
+  // Asked first: a file may be called as a command is.
+  if (argc == 1 ||
+      (argv[1][0] != '-' && std::find(names.begin(), names.end(), argv[1]) == names.end())) {
+    const std::string what = argc == 1 ? "a command is required"
+                                       : "there is no command '" + std::string(argv[1]) + "'" +
+                                             nearest_names(argv[1], names);
+    std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n", what.c_str(),
+                 known.c_str());
+    return kBadInput;
+  }
   try {
     app.parse(argc, argv);
     int code = kBadInput;
@@ -138,14 +148,6 @@ int main(int argc, char** argv) try {
     return printed(code);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return printed(app.exit(error));  // --help, --version
-    if (app.get_subcommands().empty() && (argc == 1 || argv[1][0] != '-')) {
-      const std::string what = argc == 1 ? "a command is required"
-                                         : "there is no command '" + std::string(argv[1]) + "'" +
-                                               nearest_names(argv[1], names);
-      std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n",
-                   what.c_str(), known.c_str());
-      return kBadInput;
-    }
     const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands()[0];
     const std::string unknown = unknown_option(command), what = meaning(command, error.what());
     std::fprintf(

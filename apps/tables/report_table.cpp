@@ -326,8 +326,8 @@ std::string short_text(const Report& report, const ResultFiles& files) {
                                                             : "none of the usual mistakes; ") +
                        report.diagnosis->verdict,
                    "  ", 2);
-  const Validation& v = report.validation;
-  if (!v.test.empty() || v.cross_validation || !v.frames.empty() || !v.requirements.empty())
+  const Validation& v = report.validation;  // of held-out data the table above has the errors
+  if (v.cross_validation || !v.frames.empty() || !v.requirements.empty())
     out += validation_table(report);
   if (report.restarts)
     out += "\nRestarts from other starting values\n" +

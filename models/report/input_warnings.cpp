@@ -173,6 +173,11 @@ bool same_views(const Sample& a, const Sample& b) {
   });
 }
 
+bool same_readings(const Sample& a, const Sample& b) {
+  return std::equal(a.readings.begin(), a.readings.end(), b.readings.begin(), b.readings.end(),
+                    [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); });
+}
+
 /// The postures of the training samples: readings that are exactly equal, or near and with the same
 /// views. `scatter`: of the readings of one posture, over what their sigmas make of it.
 size_t distinct_postures(const Recording& recording, Mean& scatter) {
@@ -180,9 +185,12 @@ size_t distinct_postures(const Recording& recording, Mean& scatter) {
   for (const int i : recording.training()) {
     const Sample& sample = recording.samples[i];
     const bool known = std::any_of(postures.begin(), postures.end(), [&](const Sample* other) {
+      if (same_readings(*other, sample)) {
+        ++scatter.count;
+        return true;
+      }
       const Mean difference = reading_difference(recording.rig, *other, sample);
-      const bool same =
-          difference.sum == 0 || (difference.sum < kInfinity && same_views(*other, sample));
+      const bool same = difference.sum < kInfinity && same_views(*other, sample);
       if (same) scatter.sum += difference.sum, scatter.count += difference.count;
       return same;
     });

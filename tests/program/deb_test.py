@@ -143,8 +143,7 @@ class Packages(helpers.Folder):
 class Root(unittest.TestCase):
     def test_installed(self):
         if os.environ.get("KINCAL_SLOW") != "1" or os.geteuid() != 0 or not shutil.which("mmdebstrap"):
-            print("skipped: needs KINCAL_SLOW=1, root and mmdebstrap")
-            sys.exit(SKIPPED)
+            self.skipTest("needs KINCAL_SLOW=1, root and mmdebstrap")
         with open("/etc/os-release") as f:
             release = re.search(r"VERSION_CODENAME=(\w+)", f.read()).group(1)
         folder = tempfile.mkdtemp(prefix="kincal_root_")
@@ -155,8 +154,7 @@ class Root(unittest.TestCase):
         made = subprocess.run(["mmdebstrap", "--variant=minbase", "--include=cmake,g++,make,ca-certificates", release, root, *sources],
                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         if made.returncode != 0:
-            print("skipped: mmdebstrap makes no root here:\n" + made.stdout[-2000:])
-            sys.exit(SKIPPED)
+            self.skipTest("mmdebstrap makes no root here:\n" + made.stdout[-2000:])
 
         def inside(command):
             return run("chroot", root, "env", "-i", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "DEBIAN_FRONTEND=noninteractive", "LC_ALL=C.UTF-8", "sh", "-ec", command)
@@ -180,4 +178,7 @@ class Root(unittest.TestCase):
 
 if __name__ == "__main__":
     del sys.argv[1:]
-    unittest.main(defaultTest=GROUP)
+    result = unittest.main(defaultTest=GROUP, exit=False).result
+    for _, reason in result.skipped:
+        print("skipped: " + reason)
+    sys.exit(1 if not result.wasSuccessful() else SKIPPED if result.skipped else 0)

@@ -160,11 +160,13 @@ TEST_CASE("warnings: one of a kind, counted, the worst in words") {
   CHECK(report.warnings[0].text ==
         "7 parameters are more than 3 prior sigmas from their priors, worst joint/j4/offset is "
         "-9.0 prior sigmas from its prior; then joint/j0/offset, joint/j1/offset, joint/j2/offset "
-        "and 3 more");
+        "and 3 more. What to do: see which of the two is wrong, the prior or the data");
   CHECK(report.warnings[0].names.size() == 7);
   report.solution.parameters.resize(1);
   judged(report);
-  CHECK(report.warnings[0].text == "joint/j0/offset is 4.0 prior sigmas from its prior");
+  CHECK(report.warnings[0].text ==
+        "joint/j0/offset is 4.0 prior sigmas from its prior. What to do: see which of the two is "
+        "wrong, the prior or the data");
 }
 
 TEST_CASE("warnings: poses that the rig leaves open, and what is left where nothing converged") {
