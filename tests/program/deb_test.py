@@ -164,15 +164,15 @@ class Root(unittest.TestCase):
         if os.path.exists("/etc/resolv.conf"):
             shutil.copy("/etc/resolv.conf", os.path.join(root, "etc/resolv.conf"))
         for name in ("examples", "tests/consumer"):
-            shutil.copytree(os.path.join(SOURCE, name), os.path.join(root, "work", name))
+            shutil.copytree(os.path.join(SOURCE, name), os.path.join(root, "srv", name))
         inside("apt-get update -q; apt-get install -qy --no-install-recommends /tmp/kincal_*.deb")
         self.assertNotIn("opencv", inside("dpkg -l"))  # kincal stays light
-        inside("cd /work/examples/pr2; kincal calibrate rig.yaml samples.jsonl --out /work/pr2; test -s /work/pr2/robot.urdf; kincal completion bash > /dev/null")
+        inside("cd /srv/examples/pr2; kincal calibrate rig.yaml samples.jsonl --out /srv/pr2; test -s /srv/pr2/robot.urdf; kincal completion bash > /dev/null")
         inside("apt-get install -qy --no-install-recommends /tmp/libkincal-dev_*.deb")
-        inside("cmake -S /work/tests/consumer -B /work/consumer -DCMAKE_BUILD_TYPE=Release; cmake --build /work/consumer; /work/consumer/fit_line; /work/consumer/head_calibrator")
+        inside("cmake -S /srv/tests/consumer -B /srv/consumer -DCMAKE_BUILD_TYPE=Release; cmake --build /srv/consumer; /srv/consumer/fit_line; /srv/consumer/head_calibrator")
         if "kincal-images" in packages:
-            inside("apt-get install -qy --no-install-recommends /tmp/kincal-images_*.deb; cd /work/examples/arm; "
-                   "kincal detect rig.yaml images --joints joints.csv --out /work/arm.jsonl; kincal calibrate rig.yaml /work/arm.jsonl --out /work/arm")
+            inside("apt-get install -qy --no-install-recommends /tmp/kincal-images_*.deb; cd /srv/examples/arm; "
+                   "kincal detect rig.yaml images --joints joints.csv --out /srv/arm.jsonl; kincal calibrate rig.yaml /srv/arm.jsonl --out /srv/arm")
         inside("apt-get purge -qy 'kincal*' libkincal-dev; test ! -e /usr/bin/kincal; test ! -e /usr/include/kincal")
 
 
