@@ -11,7 +11,9 @@ namespace kincal {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kConverged = 1e-7;  // Newton decrement, standard deviations
+// Newton decrement, standard deviations: for up to a hundred groups, and a tenth of it times the
+// root of their number for more, each of which has its share (else iterations grow with samples).
+constexpr double kConverged = 1e-7;
 constexpr double kNegligible =
     1e-10;  // damping: keeps directions without information where they are, biases nothing else
 constexpr double kRounding = 1e-12;    // of a whitened residual, standard deviations
@@ -131,7 +133,7 @@ struct LevenbergMarquardt::Workspace {
   bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
     return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.doubled < doubled + 10 * rounding(doubled) || trial.decrement < kConverged);
+           (trial.cost.doubled < doubled + 10 * rounding(doubled) || trial.decrement < converged);
   }
   /// Tries the undamped step of the assembled system: accelerated, as it is, and a share of it;
   /// true if `moved` may be kept.
@@ -140,7 +142,7 @@ struct LevenbergMarquardt::Workspace {
     trial.damping = kNegligible;
     trial.decrement = trial.length;
     if (arrowhead.ranges) return accepts(state, doubled, trial);
-    trial.accelerated = accelerate() && trial.decrement > kConverged;
+    trial.accelerated = accelerate() && trial.decrement > converged;
     if (trial.accelerated) {
       if (accepts(state, doubled, trial)) return true;
       trial.accelerated = false;
@@ -200,12 +202,12 @@ struct LevenbergMarquardt::Workspace {
   /// damping: it tries them where nothing but the test of the end is left to do.
   bool is_near(const Trial& trial, double doubled) const {
     if (arrowhead.ranges)
-      return trial.length * trial.length <= std::max(kConverged * kConverged, rounding(doubled));
+      return trial.length * trial.length <= std::max(converged * converged, rounding(doubled));
     return trial.damping <= kNegligible || trial.length < 1 || trial.promised < 1e-2 * doubled;
   }
   /// True where nothing moves any more, or rounding hides whether anything does.
   bool stationary(double decrement, double doubled) {
-    if (decrement < kConverged) return true;
+    if (decrement < converged) return true;
     ++stalled;
     if (decrement < best / 2) {
       best = decrement;
@@ -222,6 +224,7 @@ struct LevenbergMarquardt::Workspace {
   bool cancelled = false;       // what it said
   double best = kInfinity;      // decrement that later ones must halve
   int stalled = 0;              // iterations since
+  double converged = kConverged * std::max(1.0, 0.1 * std::sqrt(arrowhead.problem.groups().size()));
   int patience = kPatience, wait = kPatience;
   std::vector<VectorXd> found,
       taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the

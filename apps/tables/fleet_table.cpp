@@ -94,14 +94,19 @@ std::string fleet_table(const Fleet& fleet, const FleetFindings& findings,
                     many(fleet.numbers.size(), "number") + "\n\n";
   out += family_part(fleet, findings, options, most);
   out += "\n" + drift_part(fleet, findings, options, most);
-  for (size_t i = 0; i < fleet.left_out.size(); ++i) {
-    if (i == 0) out += "\nLeft out\n";
-    if (i == most) {
-      out += text("  ... and %zu more in fleet.json\n", fleet.left_out.size() - most);
-      break;
+  const auto list = [&](const char* title,
+                        const std::vector<std::pair<std::string, std::string>>& results) {
+    for (size_t i = 0; i < results.size() && i <= most; ++i) {
+      if (i == 0) out += std::string("\n") + title + "\n";
+      out += i < most ? "  " + results[i].first + ": " + results[i].second + "\n"
+                      : text("  ... and %zu more in fleet.json\n", results.size() - most);
     }
-    out += "  " + fleet.left_out[i].first + ": " + fleet.left_out[i].second + "\n";
-  }
+  };
+  list(
+      "Made with another rig than most: what the data hardly tell may look off for that alone.\n"
+      "Calibrate them again with the rig of the others",
+      fleet.other_rigs);
+  list("Left out", fleet.left_out);
   return out;
 }
 

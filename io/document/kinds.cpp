@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <optional>
-#include <regex>
 #include <string_view>
 #include <vector>
 
@@ -82,16 +81,27 @@ bool spread(std::string_view text) {
   return second != std::string_view::npos && text[second] != '{' && has(text, "\"views\"");
 }
 
+/// The name that stands in quotes at `at`, if it is that of a list of objects; else "".
+std::string list_at(std::string_view text, size_t at) {
+  if (at >= text.size() || text[at] != '"') return "";
+  const size_t end = text.find('"', at + 1);
+  if (end == std::string_view::npos) return "";
+  size_t next = end;
+  for (const char expected : {':', '[', '{'}) {
+    next = text.find_first_not_of(" \t\r\n", next + 1);
+    if (next == std::string_view::npos || text[next] != expected) return "";
+  }
+  return std::string(text.substr(at + 1, end - at - 1));
+}
+
 /// The name of a list of objects that a JSON object begins with, or that is called samples; "":
 /// there is none. (Samples begin with another key than their views, or are no such list.)
 std::string list_in(std::string_view text) {
-  static const std::regex first(R"re(^\{\s*"([A-Za-z_]\w*)"\s*:\s*\[\s*\{)re"),
-      samples(R"re("(samples)"\s*:\s*\[\s*\{)re");
-  std::cmatch found;
-  const char* const end = text.data() + std::min<size_t>(text.size(), kHead);
-  for (const std::regex* pattern : {&first, &samples})
-    if (std::regex_search(text.data(), end, found, *pattern) && found[1] != "views")
-      return found[1];
+  text = text.substr(0, kHead);
+  const std::string first = list_at(text, text.find_first_not_of(" \t\r\n", 1));
+  if (!first.empty() && first != "views") return first;
+  for (size_t at = 0; (at = text.find("\"samples\"", at)) != std::string_view::npos; ++at)
+    if (const std::string name = list_at(text, at); !name.empty()) return name;
   return "";
 }
 

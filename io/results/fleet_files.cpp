@@ -171,6 +171,69 @@ std::string unusable(const CalibratedFiles& files, const std::string& path) {
   return "";
 }
 
+/// What a result began with: the priors of its rig or last step, and the values of its numbers.
+struct Beginning {
+  std::string priors;
+  std::map<std::string, double> values;  // by component; none of poses, which count from each rig's
+};
+
+Beginning read_beginning(const CalibratedFiles& files, const Field& result) {
+  Beginning out;
+  const Rig& rig = files.rig_file.rig;
+  for (const std::vector<PriorSetting>* priors :
+       {&rig.priors, rig.steps.empty() ? &rig.priors : &rig.steps.back().priors})
+    for (const PriorSetting& prior : *priors)
+      out.priors +=
+          prior.pattern + " " + shortest(prior.translation) + " " + shortest(prior.rotation) + "\n";
+  const Field parameters = result["parameters"];
+  for (const Parameter& p : files.table.all) {
+    if (p.pose || !parameters.has(p.name)) continue;
+    const std::vector<double> initial = parameters[p.name]["initial"].vector();
+    for (size_t c = 0; c < initial.size() && c < p.components.size(); ++c)
+      out.values[p.component_name(static_cast<int>(c))] = initial[c];
+  }
+  return out;
+}
+
+/// How one result's rig differs from that of most; "": not by more than robots differ.
+std::string other_rig(const Beginning& one, const std::string& priors,
+                      const std::map<std::string, double>& middle,
+                      const std::vector<FleetNumber>& numbers) {
+  if (one.priors != priors) return "its rig has other priors than most";
+  double most = 1;
+  std::string out;
+  for (const FleetNumber& n : numbers) {
+    const auto found = one.values.find(n.name);
+    if (found == one.values.end() || !(n.scale > 0)) continue;
+    const double off = found->second - middle.at(n.name);
+    if (!(std::abs(off) > most * n.scale)) continue;
+    most = std::abs(off) / n.scale;
+    out = n.name + " began " + text("%.3g ", off) + n.unit + " from where it began in most";
+  }
+  return out;
+}
+
+void find_other_rigs(const std::vector<Beginning>& beginnings, Fleet& fleet) {
+  std::map<std::string, size_t> count;
+  std::map<std::string, std::vector<double>> values;
+  for (const Beginning& one : beginnings) {
+    ++count[one.priors];
+    for (const auto& [name, value] : one.values) values[name].push_back(value);
+  }
+  const auto usual = std::max_element(
+      count.begin(), count.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  std::map<std::string, double> middle;
+  for (auto& [name, of_all] : values) {
+    const auto at = of_all.begin() + static_cast<std::ptrdiff_t>(of_all.size() / 2);
+    std::nth_element(of_all.begin(), at, of_all.end());
+    middle[name] = *at;
+  }
+  for (size_t i = 0; i < beginnings.size(); ++i)
+    if (const std::string how = other_rig(beginnings[i], usual->first, middle, fleet.numbers);
+        !how.empty())
+      fleet.other_rigs.push_back({fleet.results[i].path, how});
+}
+
 std::string robot_name(const FleetRobot& robot) { return csv_field(robot.serial); }
 
 std::string field(double v) { return std::isfinite(v) ? "," + shortest(v) : ","; }
@@ -248,6 +311,7 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
   Fleet out;
   Common common;
   std::vector<std::vector<int>> columns;
+  std::vector<Beginning> beginnings;
   for (size_t i = 0; i < results.size(); ++i) {
     const CalibratedFiles files = read_calibrated(results[i]);
     const std::string where = results[i] + "/result.json";
@@ -274,6 +338,7 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
                  ratio = dof > 0 ? std::max(1.0, all["chi2_data"].number() / dof) : 1;
     data.normal /= ratio;
     data.pull /= ratio;
+    beginnings.push_back(read_beginning(files, all));
     columns.emplace_back();
     one.evidence =
         sight(files, std::move(data), results[i] + "/information.csv", common, columns.back());
@@ -294,6 +359,7 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
       place[c] = static_cast<int>(out.numbers.size());
       out.numbers.push_back(common.numbers[c]);
     }
+  find_other_rigs(beginnings, out);
   for (size_t i = 0; i < out.results.size(); ++i) {
     const MatrixXd own = std::move(out.results[i].evidence.rows);
     MatrixXd& rows = out.results[i].evidence.rows;
@@ -403,10 +469,13 @@ std::string fleet_json(const Fleet& fleet, const FleetFindings& findings,
                {"out_of_family", findings.out_of_family},
                {"drifting", findings.drifting},
                {"left_out", Json::array()},
+               {"other_rigs", Json::array()},
                {"family", nullptr},
                {"robots", Json::array()}};
   for (const auto& [path, why] : fleet.left_out)
     json["left_out"].push_back({{"result", path}, {"why", why}});
+  for (const auto& [path, how] : fleet.other_rigs)
+    json["other_rigs"].push_back({{"result", path}, {"how", how}});
   if (findings.family.judged) {
     json["family"] = Json::object();
     for (size_t c = 0; c < fleet.numbers.size(); ++c) {

@@ -16,6 +16,9 @@ struct Fleet {
   std::vector<FleetResult> results;
   std::string reference;  // the result whose poses those of all count from
   std::vector<std::pair<std::string, std::string>> left_out;  // result, why
+  /// Results that were made with another rig than most, and how it differs: what their data hardly
+  /// tell may look off for that alone.
+  std::vector<std::pair<std::string, std::string>> other_rigs;
 };
 
 /// Returns the result directories that these paths are or contain (up to three levels down), in the

@@ -345,17 +345,25 @@ Json result_json(const Report& report) {
     if (e.pose) one["pose"] = pose(*e.pose);
     json["parameters"][e.name] = one;
   }
-  json["samples"] = Json::object();
+  // (Found by number: by name each would be looked for among all.)
+  std::vector<std::pair<std::string, Json>> placed;
+  std::vector<size_t> place(solution.samples().size(), 0);  // in it, from 1; 0: not there
   const auto sample = [&](int i) -> Json& {
-    Json& s = json["samples"][solution.samples()[i].id];
-    if (s.is_null()) s = {{"targets", Json::object()}, {"joint_errors", Json::object()}};
-    return s;
+    if (!place[i]) {
+      placed.push_back({solution.samples()[i].id,
+                        {{"targets", Json::object()}, {"joint_errors", Json::object()}}});
+      place[i] = placed.size();
+    }
+    return placed[place[i] - 1].second;
   };
   const bool few = solution.samples().size() <= kMostSamples;  // else samples.csv alone has them
   for (const auto& t : few ? solution.values.targets : decltype(solution.values.targets)())
     sample(t.first.first)["targets"][rig.targets[t.first.second].name] = pose(t.second);
   for (const auto& e : few ? solution.values.errors : decltype(solution.values.errors)())
     sample(e.first.first)["joint_errors"][rig.tree.joints[e.first.second].name] = number(e.second);
+  json["samples"] = Json::object();
+  for (auto& [id, values] : placed)
+    json["samples"].get_ref<Json::object_t&>().emplace_back(id, std::move(values));
   json["sensors"] = sensor_table(report.residuals.sensors, true);
   if (report.restarts) json["restarts"] = restarts_json(*report.restarts);
   json["noise_levels"] = noise_table(report.noise_levels);

@@ -62,9 +62,9 @@ Json joint_json(const Solution& solution, int j) {
 }
 
 /// What a sensor and a mounted target have: their poses on a link, and how well they are known.
-Json mount_json(const Report& report, int link_index, int parameter) {
+/// `open`: poses that the rig does not give.
+Json mount_json(const Report& report, const std::vector<int>& open, int link_index, int parameter) {
   const Solution& solution = report.solution;
-  const std::vector<int> open = open_poses(solution.rig(), solution.table());
   const bool given = std::count(open.begin(), open.end(), parameter) == 0;
   const int start = solution.table().all[parameter].start;
   Json out = {{"link", link_index},
@@ -85,7 +85,7 @@ Json scene_json(const Report& report, const Urdf& urdf) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   const VectorXd& estimated = solution.values.shared;
-  const std::vector<int> order = links_in_order(rig.tree);
+  const std::vector<int> order = links_in_order(rig.tree), open = open_poses(rig, table);
   std::vector<int> place(rig.tree.links.size(), -1);  // of a link, in the list
   for (size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<int>(i);
 
@@ -113,7 +113,7 @@ Json scene_json(const Report& report, const Urdf& urdf) {
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.sensors[s];
     Json one = {{"name", sensor.name}, {"type", sensor.type}};
-    one.update(mount_json(report, place[sensor.link], table.sensor_pose[s]));
+    one.update(mount_json(report, open, place[sensor.link], table.sensor_pose[s]));
     if (sensor.image_width > 0)
       one["image_size"] = Json::array({sensor.image_width, sensor.image_height});
     const auto own = [&](ParameterKind kind, const char* name) {
@@ -130,7 +130,7 @@ Json scene_json(const Report& report, const Urdf& urdf) {
     const Target& target = rig.targets[t];
     Json one = {{"name", target.name}, {"type", target.type}};
     if (target.link >= 0)
-      one.update(mount_json(report, place[target.link], table.target_pose[t]));
+      one.update(mount_json(report, open, place[target.link], table.target_pose[t]));
     else
       one["link"] = -1;
     const Matrix3Xd points = target_points(rig, table, estimated, static_cast<int>(t));

@@ -248,7 +248,9 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
   Eigen::Index next = 0;
   for (const auto& r : by_reading) out.by_readings.col(next++) = r.second;
   for (MatrixXd* twists : {&out.by_unknowns, &out.by_readings})
-    twists->topRows<3>() -= skew(base_T_frame.translation) * twists->bottomRows<3>();  // v + w x p
+    if (twists->cols() > 0)
+      twists->topRows<3>() -=
+          skew(base_T_frame.translation) * twists->bottomRows<3>();  // v + w x p
   return out;
 }
 

@@ -19,6 +19,9 @@ struct Linearisation {
   /// Returns the rows of each group after the elimination of its private unknowns, as observe()
   /// gives them.
   const std::vector<MatrixXd>& reduced_rows() const { return at->reduced_rows; }
+  /// Gives back the memory of these rows, which is much where samples are many; nobody must ask for
+  /// them again.
+  void drop_reduced_rows() const { std::vector<MatrixXd>().swap(at->reduced_rows); }
 };
 
 /// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It

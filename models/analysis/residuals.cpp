@@ -38,6 +38,10 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals,
   }
 }
 
+// Of the cost of a sample by itself: a step that lowers it by no more changes no figure that is
+// shown. (Several samples together are minimised to the end, as a calibration is.)
+constexpr double kCostStands = 1e-10;
+
 /// How samples are judged: everything shared is held but `free`.
 struct Judge {
   NoiseMode noise = NoiseMode::none;
@@ -46,6 +50,8 @@ struct Judge {
   const Values* start = nullptr;  // poses to start free targets from, else by proposals
   bool with_dof = false;
   std::vector<double> noise_ratios;
+  enum class Keep { all, raw, sums };
+  Keep keep = Keep::all;                 // of the residuals
   std::function<void(double)> progress;  // share done
 };
 
@@ -131,6 +137,7 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
       setup.free.clear();
     FitOptions options;
     options.trust_start = true;
+    if (group.size() == 1) options.solver.relative_decrease = kCostStands;
     Values start = known_values(recording, group, shared, how.start);
     start_open_poses(recording, group, setup.free, start);
     Fit one;
@@ -156,7 +163,11 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
     }
     std::vector<ViewResiduals> residuals = problem.residuals(state);
     add_sums(recording.rig, residuals, out.sums);
-    std::move(residuals.begin(), residuals.end(), std::back_inserter(out.residuals));
+    if (how.keep == Judge::Keep::sums) continue;
+    for (ViewResiduals& r : residuals) {
+      if (how.keep == Judge::Keep::raw) r.whitened.resize(0);
+      out.residuals.push_back(std::move(r));
+    }
   }
   return out;
 }
@@ -189,7 +200,10 @@ void append(std::vector<ViewResiduals>& from, std::vector<ViewResiduals>& to) {
   std::stable_sort(from.begin(), from.end(), [](const ViewResiduals& a, const ViewResiduals& b) {
     return a.sample != b.sample ? a.sample < b.sample : a.view < b.view;
   });
-  std::move(from.begin(), from.end(), std::back_inserter(to));
+  if (to.empty())
+    to = std::move(from);
+  else
+    std::move(from.begin(), from.end(), std::back_inserter(to));
 }
 
 }  // namespace
@@ -243,7 +257,9 @@ Residuals residuals(const Linearisation& at) {
       now = judge(recording, samples, solution.values.shared, solution.initial, how);
     }
     how.noise = NoiseMode::none;
+    how.keep = train ? Judge::Keep::sums : Judge::Keep::raw;
     Judged read = judge(recording, samples, solution.values.shared, solution.initial, how);
+    how.keep = Judge::Keep::raw;
     Judged before = judge(recording, samples, solution.initial, solution.initial, how);
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
@@ -270,6 +286,7 @@ Residuals held_out_as_read(const Solution& solution, const VectorXd& shared) {
   how.noise_ratios = solution.setup.noise_ratios;
   how.start = &solution.values;
   how.free = solution.seen_held_out;
+  how.keep = Judge::Keep::raw;
   Judged read = judge(recording, recording.split(false), shared, solution.initial, how);
   Residuals out;
   append(read.residuals, out.as_read);

@@ -47,9 +47,10 @@ struct Unfinished {
 };
 
 struct Residuals {
-  std::vector<SensorResult> sensors;  // that see something
-  std::vector<ViewResiduals> after, before,
-      as_read;                             // of all samples, the same views in the same order
+  std::vector<SensorResult> sensors;       // that see something
+  std::vector<ViewResiduals> after;        // of all samples
+  std::vector<ViewResiduals> before;       // the same views in the same order, raw ones only
+  std::vector<ViewResiduals> as_read;      // of the held-out samples, raw ones only
   std::vector<UndefinedSample> undefined;  // missing from these
   std::vector<Unfinished> unfinished;
 };

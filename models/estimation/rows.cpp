@@ -172,15 +172,16 @@ bool Rows::plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scrat
       layout_.setup.noise == NoiseMode::marginal;  // the view's residuals belong together
   for (int b = 0; b < blocks; ++b) {
     auto r = scratch.r.segment(b * k, k);
-    if (!white.block.empty()) {
+    if (!white.roots.empty()) {
+      const double* const root = white.roots.data() + static_cast<size_t>(b) * k * k;
       double* rows_of_block = weighted.row(b * k).data();
       const Eigen::Index ld = weighted.outerStride();
       if (k == 3) {
-        multiply_rows<3>(white.block[b].data(), k, r.data(), 1, 1);
-        if (derivatives) multiply_rows<3>(white.block[b].data(), k, rows_of_block, ld, w + 1);
+        multiply_rows<3>(root, k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<3>(root, k, rows_of_block, ld, w + 1);
       } else {
-        multiply_rows<0>(white.block[b].data(), k, r.data(), 1, 1);
-        if (derivatives) multiply_rows<0>(white.block[b].data(), k, rows_of_block, ld, w + 1);
+        multiply_rows<0>(root, k, r.data(), 1, 1);
+        if (derivatives) multiply_rows<0>(root, k, rows_of_block, ld, w + 1);
       }
     } else {
       r = r.cwiseProduct(white.inverse_sigma);
@@ -271,7 +272,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const bool own_noise = v.layout->model->has_own_noise(), joints = !path.noise.empty();
       depends = depends || own_noise || joints;
       if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
-      white.block.clear();
+      white.roots.clear();
       if (!own_noise && !joints && view.covariance.empty()) continue;
       if (!walked) {
         motion_.motions(s, state, scratch);
@@ -280,17 +281,23 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       }
       motion_.view_poses(v, s, state, scratch);
       view_input(v, state, scratch);
-      if (own_noise || !view.covariance.empty()) white.block.resize(blocks);
-      for (int i = 0; i < static_cast<int>(white.block.size()); ++i) {
-        SmallMatrix& root = white.block[i];
+      const bool block_by_block = own_noise || !view.covariance.empty();
+      const size_t size = static_cast<size_t>(k) * k;
+      const auto root_of = [&](int i) {
+        return Eigen::Map<MatrixXd>(white.roots.data() + i * size, k, k);
+      };
+      if (block_by_block) white.roots.resize(blocks * size);
+      for (int i = 0; block_by_block && i < blocks; ++i) {
+        Eigen::Map<MatrixXd> root = root_of(i);
         if (!view.covariance.empty()) {
           root = inverse_square_root(view.covariance[i]);
           continue;
         }
         v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
-        const SmallMatrix b = scratch.own_noise;
+        const MatrixXd& b = scratch.own_noise;
         if (b.rows() == 3 && b.cols() == 3)
-          root = sigma.cwiseInverse().asDiagonal() * Matrix3d(Matrix3d(b).inverse());
+          Eigen::Map<Matrix3d>(root.data()) = Vector3d(sigma).cwiseInverse().asDiagonal() *
+                                              Matrix3d(b.topLeftCorner<3, 3>().inverse());
         else
           root = b.rows() == b.cols()
                      ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
@@ -312,7 +319,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       for (int i = 0; i < noisy; ++i)
         jq.col(i) *= joint_sigma(layout_.rig, layout_.recorded[s.index], path.noisy[i]);
       if (layout_.setup.noise == NoiseMode::point) {
-        white.block.resize(blocks);
+        white.roots.resize(blocks * size);
         for (int i = 0; i < blocks; ++i) {
           SmallMatrix covariance = jq.middleRows(i * k, k) * jq.middleRows(i * k, k).transpose();
           if (!view.covariance.empty()) {
@@ -323,14 +330,14 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
           } else {
             covariance.diagonal() += sigma.cwiseAbs2();
           }
-          white.block[i] = inverse_square_root(covariance);
+          root_of(i) = inverse_square_root(covariance);
         }
       } else {
         for (int i = 0; i < blocks; ++i)
           jq.middleRows(i * k, k) =
-              white.block.empty()
+              white.roots.empty()
                   ? MatrixXd(white.inverse_sigma.asDiagonal() * jq.middleRows(i * k, k))
-                  : MatrixXd(white.block[i] * jq.middleRows(i * k, k));
+                  : MatrixXd(root_of(i) * jq.middleRows(i * k, k));
         white.noise = jq;
         const SymmetricEigen eigen = symmetric_eigen(jq.transpose() * jq);
         const VectorXd w = eigen.values.cwiseMax(0.0);

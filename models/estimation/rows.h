@@ -12,10 +12,10 @@ using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 
 
 /// A Whitening says how residuals of a view without a kernel become white.
 struct Whitening {
-  VectorXd inverse_sigma;          // one a row of a block, where `block` is empty
-  std::vector<SmallMatrix> block;  // one a block, or empty
-  MatrixXd noise;                  // mode marginal: U, whitened own noise assumed; or empty
-  MatrixXd root;                   // (1 + U U')^-1/2 = 1 - noise root noise'
+  VectorXd inverse_sigma;     // one a row of a block, where there are no roots
+  std::vector<double> roots;  // k x k of each block of k rows, column by column; or empty
+  MatrixXd noise;             // mode marginal: U, whitened own noise assumed; or empty
+  MatrixXd root;              // (1 + U U')^-1/2 = 1 - noise root noise'
 };
 
 /// A PriorRow is the row of a prior: its derivatives stand at places place .. place + count - 1 of

@@ -178,25 +178,79 @@ bool same_readings(const Sample& a, const Sample& b) {
                     [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); });
 }
 
+/// The reading by which postures are sorted, and how far it may differ within one.
+struct PostureOrder {
+  size_t reading = 0;
+  double window = kInfinity;
+};
+
+/// The order that leaves the fewest postures near each other: by the reading whose range is largest
+/// beside its window. (The position of a floating joint differs by no more than the translation of
+/// the twist between two poses, so by sqrt(3) of what each of its coordinates may.)
+PostureOrder posture_order(const Rig& rig, const std::vector<Sample>& samples) {
+  PostureOrder out;
+  double best = 0;
+  for (size_t i = 0; i < rig.joints.size(); ++i) {
+    const Joint& joint = rig.tree.joints[i];
+    const bool coordinate =
+        joint.axis_of_pose == PoseAxis::reading && joint.type == JointType::prismatic;
+    if (joint.type == JointType::floating || (joint.axis_of_pose != PoseAxis::none && !coordinate))
+      continue;
+    double least = kInfinity, most = -kInfinity, sigma = 0;
+    for (const Sample& sample : samples) {
+      if (std::isnan(sample.readings[i])) continue;
+      least = std::min(least, sample.readings[i]);
+      most = std::max(most, sample.readings[i]);
+      if (!coordinate) sigma = std::max(sigma, joint_sigma(rig, sample, static_cast<int>(i)));
+      const int errors = coordinate ? rig.tree.joints[joint.floating].first_axis + kPoseAxes : 0;
+      for (int k = 0; coordinate && k < 3; ++k)
+        sigma = std::max(sigma, std::sqrt(3.0) * joint_sigma(rig, sample, errors + k));
+    }
+    const double window = std::sqrt(2.0) * kNearReading * sigma * (1 + 1e-9);
+    if (!(most - least > best * window)) continue;
+    best = window > 0 ? (most - least) / window : kInfinity;
+    out = {i, window};
+  }
+  return out;
+}
+
 /// The postures of the training samples: readings that are exactly equal, or near and with the same
 /// views. `scatter`: of the readings of one posture, over what their sigmas make of it.
 size_t distinct_postures(const Recording& recording, Mean& scatter) {
-  std::vector<const Sample*> postures;
+  const PostureOrder order = posture_order(recording.rig, recording.samples);
+  std::multimap<double, int> postures;  // by that reading
+  std::vector<int> without;             // postures that lack it
+  std::vector<int> near;
   for (const int i : recording.training()) {
     const Sample& sample = recording.samples[i];
-    const bool known = std::any_of(postures.begin(), postures.end(), [&](const Sample* other) {
-      if (same_readings(*other, sample)) {
+    const double reading = sample.readings.empty() ? kNan : sample.readings[order.reading];
+    near.clear();
+    if (std::isnan(reading)) {
+      near = without;
+    } else {
+      const auto end = postures.upper_bound(reading + order.window);
+      for (auto at = postures.lower_bound(reading - order.window); at != end; ++at)
+        near.push_back(at->second);
+      std::sort(near.begin(), near.end());
+    }
+    const bool known = std::any_of(near.begin(), near.end(), [&](int index) {
+      const Sample& other = recording.samples[index];
+      if (same_readings(other, sample)) {
         ++scatter.count;
         return true;
       }
-      const Mean difference = reading_difference(recording.rig, *other, sample);
-      const bool same = difference.sum < kInfinity && same_views(*other, sample);
+      const Mean difference = reading_difference(recording.rig, other, sample);
+      const bool same = difference.sum < kInfinity && same_views(other, sample);
       if (same) scatter.sum += difference.sum, scatter.count += difference.count;
       return same;
     });
-    if (!known) postures.push_back(&sample);
+    if (known) continue;
+    if (std::isnan(reading))
+      without.push_back(i);
+    else
+      postures.insert({reading, i});
   }
-  return postures.size();
+  return postures.size() + without.size();
 }
 
 }  // namespace

@@ -427,8 +427,7 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
     find_larger_noise(options, calibration, rounds, as_stated, report);
 }
 
-/// Groups that were asked for by name and are held, or that are among the usual ones: one message
-/// each.
+/// A message of each group that was asked for by name and is held, or is among the usual ones.
 void say_groups_without_effect(const GroupChoice& choice, Report& report) {
   for (const std::string& name : choice.with)
     for (const AutomaticGroup& g : report.automatic) {
@@ -549,6 +548,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at);
   report.data = data_equations(at);
+  at.drop_reduced_rows();
   report.explanation = explain(at);
   if (!report.noise_estimated) report.noise_levels = noise_levels(at);
   report.residuals = residuals(at);

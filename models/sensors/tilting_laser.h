@@ -81,14 +81,16 @@ class TiltingLaser final : public SensorModel {
   void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const override {
     const Scan& scan = *view.scan;
     const double* z = view.z + 3 * i;
-    const Vector3d m = measured_point(z), at_joint = inverse(scan.sensor_T_before) * m;
+    const double c = std::cos(z[1]), s = std::sin(z[1]);
+    const Vector3d m(z[2] * c, z[2] * s, 0), at_joint = scan.sensor_T_before.rotation.transpose() *
+                                                        (m - scan.sensor_T_before.translation);
     const Vector3d by_q =
         -scan.direction * (scan.sensor_T_before.rotation *
                            (scan.prismatic ? scan.axis : Vector3d(scan.axis.cross(at_joint))));
     b.resize(3, 3);
     b.col(0) = scan.model->by_reading(z[0], scan.own) * by_q;
     b.col(1) << -m.y(), m.x(), 0;
-    b.col(2) << std::cos(z[1]), std::sin(z[1]), 0;
+    b.col(2) << c, s, 0;
     const double least = view.sigma ? view.sigma[1] * (scan.prismatic ? 1 : z[2]) : 0;
     if (std::abs(b(2, 0)) < least) b(2, 0) = std::copysign(least, b(2, 0));
   }

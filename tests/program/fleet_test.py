@@ -167,6 +167,25 @@ class Fleet(helpers.Folder):
         self.assertIn("old: it has no information.csv", err)
         self.assertFalse(os.path.exists(self.path("none")))
 
+    def test_other_rigs(self):
+        results = [self.result("results", "r%d" % i) for i in (1, 2, 3, 4, 5)]
+        for name in ("narrow", "far"):
+            shutil.copytree(self.result("results", "r0"), self.path(name))
+        rig = self.read("narrow", "rig.yaml")
+        self.assertIn("\npriors: {", rig)
+        self.write("narrow/rig.yaml", rig.replace("\npriors: {", "\npriors: {joint/bend/offset: 0.005, "))
+        result = json.loads(self.read("far", "result.json"))
+        result["parameters"]["joint/bend/offset"]["initial"] = [0.4]
+        self.write("far/result.json", json.dumps(result))
+        out, _ = self.kincal("fleet", "narrow", "far", *results, "--out", "out")
+        self.assertIn("Made with another rig than most", out)
+        self.assertEqual(json.loads(self.read("out", "fleet.json"))["other_rigs"],
+                         [{"result": "narrow", "how": "its rig has other priors than most"},
+                          {"result": "far", "how": "joint/bend/offset began 0.4 rad from where it began in most"}])
+        out, _ = self.kincal("fleet", *results, "--out", "same")
+        self.assertNotIn("another rig", out)
+        self.assertEqual(json.loads(self.read("same", "fleet.json"))["other_rigs"], [])
+
     def test_wrong_input(self):
         os.mkdir(self.path("empty"))
         for args, words in (
