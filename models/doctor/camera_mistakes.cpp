@@ -86,7 +86,8 @@ std::vector<double> scaled_intrinsics(const std::vector<double>& k, double facto
   return {k[0] * factor, k[1] * factor, (k[2] + 0.5) * factor - 0.5, (k[3] + 0.5) * factor - 0.5};
 }
 
-/// Whether the pixels lie as if the image were `factor` times as large: nearer to its middle.
+/// Whether the pixels lie as if the image were `factor` times as large: clearly nearer to its
+/// middle.
 bool lies_as_if(const Pixels& pixels, const std::vector<double>& k, double factor) {
   if (pixels.most < kMostNormalised) return false;
   const std::array<double, 2> middle = pixels.middle();
@@ -233,12 +234,17 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
   for (int s : survey.sensors)
     if (intrinsics_of(rig.sensors[s])) pixels[s] = pixels_of(samples, s);
   for (const std::vector<int>& group : camera_groups(rig, survey))
-    for (const PlainFactor& plain : plain_factors()) {
+    for (size_t i = 0; i < plain_factors().size(); ++i) {
+      const PlainFactor& plain = plain_factors()[i];
       const double factor = plain.factor;
-      if (!std::all_of(group.begin(), group.end(), [&](int s) {
-            return lies_as_if(pixels[s], *intrinsics_of(rig.sensors[s]), factor);
-          }))
-        continue;
+      const auto as_if = [&](size_t k) {
+        return k < plain_factors().size() && std::all_of(group.begin(), group.end(), [&](int s) {
+                 return lies_as_if(pixels[s], *intrinsics_of(rig.sensors[s]),
+                                   plain_factors()[k].factor);
+               });
+      };
+      // (Few views show a board anywhere: they may look like the next factor.)
+      if (!as_if(i) && !as_if(i + 1) && !(i > 0 && as_if(i - 1))) continue;
       Hypothesis h = about(rig, "resolution", group);
       h.mistake = "the views of " + cameras(rig, group) + " are of images " + plain.words +
                   " as those of the rig's intrinsics";

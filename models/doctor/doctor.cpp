@@ -444,8 +444,9 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);
+    // (Where the numbers of a fit lie that explains nothing says nothing.)
     for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round &&
-                        now.farthest() > Thresholds::far;
+                        now.farthest() > Thresholds::far && now.per_dof() < Thresholds::hopeless;
          ++round)
       explain(recording, context, now, true, by_fits);
   }

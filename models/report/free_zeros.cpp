@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
 #include <vector>
 
+#include "../analysis/frames.h"
 #include "../analysis/hand_eye.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
@@ -26,7 +29,7 @@ std::set<std::string> undecided(const Report& report) {
   return out;
 }
 
-/// Parameters that say where something on this body is.
+/// Parameters that say where something on this body is: poses, and origins of its fixed joints.
 std::set<int> poses_on(const Solution& solution, int body) {
   const Rig& rig = solution.rig();
   std::set<int> out;
@@ -36,100 +39,243 @@ std::set<int> poses_on(const Solution& solution, int body) {
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0 && body_of(rig.tree, rig.targets[t].link) == body)
       out.insert(solution.table().target_mount[t]);
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
+    if (const Joint& joint = rig.tree.joints[j];
+        joint.type == JointType::fixed && body_of(rig.tree, joint.child) == body)
+      out.insert(solution.table().joint_origin[j]);
   return out;
 }
 
-/// True if no joint moves below this body: what sits there is at an end.
-bool is_end(const Tree& tree, int body) {
-  return std::none_of(tree.joints.begin(), tree.joints.end(), [&](const Joint& joint) {
-    return joint.moves() && body_of(tree, joint.parent) == body;
+/// True if this body moves against the base and no sensor or target is on a body further out.
+bool is_end(const Rig& rig, int body) {
+  const Tree& tree = rig.tree;
+  if (body == body_of(tree, rig.base)) return false;
+  std::vector<int> links;
+  for (const Sensor& s : rig.sensors) links.push_back(s.link);
+  for (const Target& t : rig.targets)
+    if (t.link >= 0) links.push_back(t.link);
+  return std::none_of(links.begin(), links.end(), [&](int link) {
+    for (int b = body_of(tree, link); b != body && tree.joint_above[b] >= 0;) {
+      b = body_of(tree, tree.joints[tree.joint_above[b]].parent);
+      if (b == body) return true;
+    }
+    return false;
   });
 }
 
-/// The unknowns' second moments and names, and which of them nothing but a prior decides.
-struct Undecided {
-  const std::vector<Component>& columns;
-  const MatrixXd& moments;
-  std::set<std::string> names;
-};
-
-/// Numbers of the joints that `chosen` names, against the poses of `at_end`.
-template <class Chosen>
-std::optional<FreeZero> free_zero(const Solution& solution, const Undecided& now,
-                                  const std::set<int>& at_end, const Chosen& chosen) {
+/// What sees what, a pair for each two bodies (a free target: two sensors that see it). Their
+/// poses' parameters, and between which links they stand.
+std::vector<std::pair<Frame, Frame>> seen_pairs(const Solution& solution) {
+  const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
-  const Tree& tree = solution.rig().tree;
-  MatrixXd left = now.moments;
-  std::vector<Eigen::Index> numbers, poses;
-  for (size_t i = 0; i < now.columns.size(); ++i) {
-    const Parameter& p = table.all[now.columns[i].parameter];
-    if (at_end.count(now.columns[i].parameter)) poses.push_back(static_cast<Eigen::Index>(i));
-    const bool of_joint =
-        p.kind == ParameterKind::joint_offset || p.kind == ParameterKind::joint_origin;
-    if (of_joint && chosen(tree.joints[p.owner]) && now.names.count(table.name(now.columns[i])))
-      numbers.push_back(static_cast<Eigen::Index>(i));
+  std::map<std::pair<int, int>, std::pair<Frame, Frame>> out;  // by bodies
+  const auto add = [&](const Frame& a, const Frame& b) {
+    out.insert({{body_of(rig.tree, a.link), body_of(rig.tree, b.link)}, {a, b}});
+  };
+  for (const int i : solution.training()) {
+    std::map<int, Frame> free_seen;  // by target: the first sensor
+    for (const View& v : solution.samples()[i].views) {
+      const Frame sensor = {"", rig.sensors[v.sensor].link, table.sensor_pose[v.sensor]};
+      if (const int link = rig.targets[v.target].link; link >= 0)
+        add(sensor, {"", link, table.target_pose[v.target]});
+      else if (const auto first = free_seen.insert({v.target, sensor}); !first.second)
+        add(first.first->second, sensor);
+    }
   }
-  if (numbers.empty() || poses.empty()) return std::nullopt;
-  FreeZero out;
-  double most = 0;
-  for (const Eigen::Index f : numbers) {  // how much of the poses hangs on each by itself
-    double share = 0;
-    for (const Eigen::Index p : poses)
-      if (left(p, p) > 0 && left(f, f) > 0)
-        share = std::max(share, left(p, f) * left(p, f) / (left(p, p) * left(f, f)));
-    if (!(share > most)) continue;
-    most = share;
-    const Parameter& p = table.all[now.columns[f].parameter];
-    out.joint = tree.joints[p.owner].name;
-    out.number = table.name(now.columns[f]);
-    out.is_zero = p.kind == ParameterKind::joint_offset;
-  }
-  for (const Eigen::Index f : numbers)
-    if (left(f, f) > 0) left -= (left.col(f) * left.row(f) / left(f, f)).eval();
-  for (const Eigen::Index p : poses)
-    out.sigma[now.columns[p]] = std::sqrt(std::max(0.0, left(p, p)));
-  return out.joint.empty() ? std::nullopt : std::optional(std::move(out));
+  std::vector<std::pair<Frame, Frame>> pairs;
+  for (const auto& pair : out) pairs.push_back(pair.second);
+  return pairs;
 }
 
-}  // namespace
+/// Returns J'J of the motions, one against the other, of what sees and what is seen in postures
+/// drawn within the joints' limits (m and rad).
+MatrixXd squared_motions(const Solution& solution, const std::vector<Component>& columns) {
+  constexpr int kPostures = 12;
+  constexpr std::uint64_t kSeed = 1;
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  const VectorXd& values = solution.values.shared;
+  Unknowns unknowns;
+  unknowns.columns = columns;
+  const Eigen::Index n = static_cast<Eigen::Index>(columns.size());
+  MatrixXd out = MatrixXd::Zero(n, n);
+  const std::vector<std::pair<Frame, Frame>> pairs = seen_pairs(solution);
+  for (const Readings& readings : random_postures(rig, kPostures, kSeed))
+    for (const auto& pair : pairs) {
+      MatrixXd apart = MatrixXd::Zero(6, n);
+      for (const auto& [frame, sign] : {std::pair(pair.first, -1.0), std::pair(pair.second, 1.0)}) {
+        MatrixXd moved =
+            frame_derivative(rig, table, values, unknowns, frame, readings).by_unknowns;
+        const Vector3d at = base_T_frame(rig, table, values, frame, readings).translation;
+        moved.topRows<3>() += skew(at) * moved.bottomRows<3>();  // of the point at the base
+        apart += sign * moved;
+      }
+      out += apart.transpose() * apart;
+    }
+  return out;
+}
 
-std::vector<FreeZero> free_zeros(const Report& report) {
-  const Solution& solution = report.solution;
-  solution.refresh();
-  const Tree& tree = solution.rig().tree;
-  const Undecided now = {
-      solution.prediction ? solution.prediction->columns : solution.columns,
-      solution.prediction ? solution.prediction->covariance : solution.covariance,
-      undecided(report)};
-  if (now.moments.rows() != static_cast<Eigen::Index>(now.columns.size())) return {};
-  std::vector<FreeZero> out;
-  const int base = body_of(tree, solution.rig().base);
-  const auto first = [&](const Joint& joint) {
-    return joint.moves() && body_of(tree, joint.parent) == base;
+/// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
+/// that nothing but a prior decides, and that move what is seen, in any posture, as the other
+/// unknowns do.
+struct Choices {
+  const std::vector<Component>& columns;
+  const MatrixXd& moments;
+  std::vector<Eigen::Index> numbers;
+  MatrixXd left = moments;  // given the choices
+};
+
+/// Takes an unknown as known.
+void condition(MatrixXd& moments, Eigen::Index i) {
+  if (moments(i, i) > 0) moments -= (moments.col(i) * moments.row(i) / moments(i, i)).eval();
+}
+
+std::vector<Eigen::Index> choices_among(const Solution& solution,
+                                        const std::vector<Component>& columns,
+                                        const std::set<std::string>& undecided) {
+  constexpr double kNegligible = 5e-3;  // of a column's length, as in rig/geometry.h
+  const ParameterTable& table = solution.table();
+  const auto rank = [&](Eigen::Index i) {  // 0: no number of a joint that could be a choice
+    const Component& c = columns[static_cast<size_t>(i)];
+    const ParameterKind kind = table.all[c.parameter].kind;
+    if (!undecided.count(table.name(c))) return 0;
+    if (kind == ParameterKind::joint_origin &&
+        !solution.rig().tree.joints[table.all[c.parameter].owner].moves())
+      return 0;
+    return kind == ParameterKind::joint_origin ? 1 : kind == ParameterKind::joint_offset ? 2 : 0;
   };
-  if (auto zero = free_zero(solution, now, poses_on(solution, base), first))
-    out.push_back(std::move(*zero));
-  for (const Joint& joint : tree.joints) {
-    if (!joint.moves() || body_of(tree, joint.parent) == base || !is_end(tree, joint.child))
-      continue;
-    const auto last = [&](const Joint& other) { return &other == &joint; };
-    if (auto zero = free_zero(solution, now, poses_on(solution, joint.child), last)) {
-      zero->at_base = false;
-      out.push_back(std::move(*zero));
+  std::vector<Eigen::Index> order(columns.size()), out;
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](Eigen::Index a, Eigen::Index b) { return rank(a) < rank(b); });
+  MatrixXd left = squared_motions(solution, columns);
+  const VectorXd whole = left.diagonal();
+  for (const Eigen::Index i : order)
+    if (left(i, i) > kNegligible * kNegligible * whole(i))
+      left -= (left.col(i) * left.row(i) / left(i, i)).eval();
+    else if (rank(i) > 0 && whole(i) > 0)
+      out.push_back(i);
+  return out;
+}
+
+/// The variance from which a number of a pose is known so badly that it is said.
+double open_variance(const ParameterTable& table, const Component& c) {
+  return std::pow(loose_from(table.all[c.parameter].units[c.index]), 2);
+}
+
+/// The choices against the poses at one end.
+std::optional<FreeZero> free_zero(const Solution& solution, const Choices& now,
+                                  const std::set<int>& at_end) {
+  constexpr double kMatters = 0.1;  // share of a pose's variance
+  const ParameterTable& table = solution.table();
+  const MatrixXd& all = now.moments;
+  std::vector<Eigen::Index> poses;  // loose ones
+  for (size_t i = 0; i < now.columns.size(); ++i)
+    if (const Eigen::Index at = static_cast<Eigen::Index>(i);
+        at_end.count(now.columns[i].parameter) &&
+        all(at, at) > open_variance(table, now.columns[i]))
+      poses.push_back(at);
+  std::vector<std::pair<double, Eigen::Index>> shares;
+  for (const Eigen::Index f : now.numbers) {  // how much of the poses hangs on each by itself
+    double share = 0;
+    for (const Eigen::Index p : poses)
+      if (all(f, f) > 0) share = std::max(share, all(p, f) * all(p, f) / (all(p, p) * all(f, f)));
+    if (share > kMatters) shares.push_back({share, f});
+  }
+  if (shares.empty()) return std::nullopt;
+  std::stable_sort(shares.begin(), shares.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  FreeZero out;
+  const Parameter& first = table.all[now.columns[shares[0].second].parameter];
+  out.joint = solution.rig().tree.joints[first.owner].name;
+  out.is_zero = first.kind == ParameterKind::joint_offset;
+  for (const auto& s : shares) out.numbers.push_back(table.name(now.columns[s.second]));
+  for (const Eigen::Index p : poses)
+    out.sigma[now.columns[p]] = std::sqrt(std::max(0.0, now.left(p, p)));
+  return out;
+}
+
+/// Sizes of targets that, were they known, would make numbers of poses known well that are not,
+/// given the choices.
+std::map<Component, std::string> sizes_to_measure(const Solution& solution, const Choices& now) {
+  const ParameterTable& table = solution.table();
+  std::map<Component, std::string> out;
+  for (size_t s = 0; s < now.columns.size(); ++s) {
+    if (table.all[now.columns[s].parameter].kind != ParameterKind::square) continue;
+    MatrixXd known = now.left;
+    condition(known, static_cast<Eigen::Index>(s));
+    for (size_t i = 0; i < now.columns.size(); ++i) {
+      const Component& c = now.columns[i];
+      const Eigen::Index at = static_cast<Eigen::Index>(i);
+      const double open = open_variance(table, c);
+      if (table.all[c.parameter].pose && now.left(at, at) > open && known(at, at) <= open)
+        out.insert({c, table.name(now.columns[s])});
     }
   }
   return out;
 }
 
-JudgedSigma judged_sigma(const std::vector<FreeZero>& zeros, const ParameterEstimate& e, size_t c) {
-  JudgedSigma out{e.sigma[c], nullptr};
-  const double open = e.units[c] == "rad" ? 30 * kPi / 180 : 0.3;
-  if (!(out.sigma < open)) return out;
-  for (const FreeZero& zero : zeros) {
-    const auto found = zero.sigma.find({e.parameter, static_cast<int>(c)});
-    if (found != zero.sigma.end() && found->second < out.sigma) out = {found->second, &zero};
+}  // namespace
+
+double loose_from(const std::string& unit) {
+  return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : kInfinity;
+}
+
+Untold untold(const Report& report) {
+  const Solution& solution = report.solution;
+  solution.refresh();
+  const Tree& tree = solution.rig().tree;
+  const std::vector<Component>& columns =
+      solution.prediction ? solution.prediction->columns : solution.columns;
+  const MatrixXd& moments =
+      solution.prediction ? solution.prediction->covariance : solution.covariance;
+  const bool loose = std::any_of(solution.parameters.begin(), solution.parameters.end(),
+                                 [](const ParameterEstimate& e) {
+                                   for (size_t c = 0; e.pose && c < e.sigma.size(); ++c)
+                                     if (e.sigma[c] > loose_from(e.units[c])) return true;
+                                   return false;
+                                 });
+  if (!loose || moments.rows() != static_cast<Eigen::Index>(columns.size())) return {};
+  const std::set<std::string> names = undecided(report);
+  Choices now = {columns, moments, choices_among(solution, columns, names)};
+  for (const Eigen::Index i : now.numbers) condition(now.left, i);
+  Untold out;
+  out.sizes = sizes_to_measure(solution, now);
+  const int base = body_of(tree, solution.rig().base);
+  if (auto zero = free_zero(solution, now, poses_on(solution, base)))
+    out.zeros.push_back(std::move(*zero));
+  std::set<int> ends;
+  for (const Joint& joint : tree.joints)
+    if (joint.moves() && is_end(solution.rig(), joint.child))
+      ends.merge(poses_on(solution, joint.child));
+  if (auto zero = free_zero(solution, now, ends)) {
+    zero->at_base = false;
+    out.zeros.push_back(std::move(*zero));
   }
   return out;
+}
+
+JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c) {
+  JudgedSigma out{e.sigma[c], nullptr, ""};
+  const Component component = {e.parameter, static_cast<int>(c)};
+  if (const auto size = untold.sizes.find(component); size != untold.sizes.end())
+    out.size = size->second;
+  const double open = e.units[c] == "rad" ? 30 * kPi / 180 : 0.3;
+  if (!(out.sigma < open)) return out;
+  for (const FreeZero& zero : untold.zeros) {
+    const auto found = zero.sigma.find(component);
+    if (found != zero.sigma.end() && found->second < out.sigma)
+      out.sigma = found->second, out.zero = &zero;
+  }
+  return out;
+}
+
+std::string measure_words(const std::string& size) {
+  return "measure " + size + " over several fields, write it into the rig, and hold it (`fix`)";
+}
+
+std::string hold_words(const std::string& number) {
+  return "write a pose with what is measured there into the rig, and hold " + number + " (`fix`)";
 }
 
 std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c) {

@@ -1,12 +1,20 @@
-// What nothing can tell of the zeros of the first and the last joint.
+// What nothing can tell of the zeros of joints, and of where the base frame is.
 //
 // Things that stand at the base (a camera in the room, a tracker, a board on the table) with a pose
 // to be estimated move with the first joint: its zero and origin, and where the base frame is, are
 // the same numbers. Likewise what sits behind the last joint (a camera, a board in the hand) and
-// that joint's zero. No posture tells them apart, and no measurement depends on the choice; a
-// prior, or the width of a group, makes it, and is all that these poses are known to. At the base
-// that is harmless; at the other end it matters for what else sits there (a tool), and is said.
-// Neither is mended by more samples, unlike the same sigma of anything else.
+// that joint's zero; of few joints (a head that pans and tilts) numbers of all of them. No posture
+// tells them apart, and no measurement depends on the choice; a prior, or the width of a group,
+// makes it, and is all that these poses are known to. At the base that is harmless; at the other
+// end it matters for what else sits there (a tool), and is said. Neither is mended by more samples,
+// unlike the same sigma of anything else.
+//
+// A choice is a number of a joint that nothing but a prior decides and that moves what is seen
+// against what sees it as the other unknowns do, whatever the posture: with J the motions by all
+// unknowns in postures drawn within the joints' limits, one of which Cholesky's elimination of J'J
+// leaves next to nothing (geometry.h), poses and all that is decided going first. (A joint that
+// hardly moved is no choice: it would be told.) How well poses are known otherwise is their
+// covariance given the choices.
 #pragma once
 
 #include <map>
@@ -17,18 +25,29 @@
 
 namespace kincal {
 
-/// A FreeZero is a joint whose numbers and the poses at one end of the robot are one.
+/// A FreeZero are numbers of joints that are one with the poses at the base, or at the other ends.
 struct FreeZero {
-  bool at_base = true;                // else behind the last joint
-  std::string joint;                  // the first or last one
-  std::string number;                 // of it: the name of the one that matters most
+  bool at_base = true;                // else behind the last joints
+  std::vector<std::string> numbers;   // of joints, that which matters most first
+  std::string joint;                  // of the first of them
   bool is_zero = true;                // that is its offset; else a number of its origin
-  std::map<Component, double> sigma;  // of poses at this end, were this joint's numbers known
+  std::map<Component, double> sigma;  // of poses there, were all choices known
 };
 
-/// Returns them for a report that is otherwise complete; none where these joints are determined or
-/// held, or nothing at the ends is estimated.
-std::vector<FreeZero> free_zeros(const Report& report);
+/// Returns the sigma (m, rad; infinite: of other units) from which a number of a pose is known so
+/// badly that it is said.
+double loose_from(const std::string& unit);
+
+/// Untold is what makes poses loose and no posture tells.
+struct Untold {
+  std::vector<FreeZero> zeros;
+  std::map<Component, std::string>
+      sizes;  // by number of a pose: the size of a target that makes it loose, to be measured
+};
+
+/// Returns it for a report that is otherwise complete; nothing where joints and sizes are
+/// determined or held, or no pose is loose.
+Untold untold(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if
 /// any, makes it less than it seems: what it would be without. (One above 0.3 m or 30 degrees stays
@@ -36,12 +55,19 @@ std::vector<FreeZero> free_zeros(const Report& report);
 struct JudgedSigma {
   double sigma;
   const FreeZero* zero;  // null: as it is
+  std::string size;  // to be measured, for it is that alone which makes the pose loose; "": none
 };
-JudgedSigma judged_sigma(const std::vector<FreeZero>& zeros, const ParameterEstimate& e, size_t c);
+JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c);
+
+/// Returns what to do about a pose that hangs on a target's size.
+std::string measure_words(const std::string& size);
 
 /// Returns the number of a pose to hold where all turning axes are parallel (of a SCARA) and the
 /// given one, known badly, is a length along them: then the heights of what is mounted at both ends
 /// are one number. "": something else.
 std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c);
+
+/// Returns what to do about such a number.
+std::string hold_words(const std::string& number);
 
 }  // namespace kincal

@@ -198,8 +198,9 @@ void warn_of_trends(const Report& report, Warnings& out) {
              (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
                        "poses do not average out"
                      : "something that the rig does not have: a gear, sag, bending or play") +
-             ". It is counted as noise, so the result may be off by several times its sigmas, "
-             "most of all away from the postures recorded",
+             ". It is counted as noise, so the sigmas of the result are too small, also where "
+             "chi2/dof is fine: it may be off by several times them, most of all away from the "
+             "postures recorded",
          trend.clear});
   }
   warn("systematic", "joints have errors that go with where they stand", std::move(cases), out);

@@ -13,8 +13,8 @@ namespace {
 
 /// "0.0114 m" or "1.2 degrees"; "" of other units, and of what is known well.
 std::string loose_text(const std::string& unit, double sigma) {
-  if (unit == "m" && sigma > 0.01) return text("%.3g m", sigma);
-  return unit == "rad" && sigma > kPi / 180 ? angle_text(sigma) : "";
+  if (!(sigma > loose_from(unit))) return "";
+  return unit == "m" ? text("%.3g m", sigma) : angle_text(sigma);
 }
 
 /// Warns of poses that are known no better than the zero of the first or last joint.
@@ -30,19 +30,24 @@ void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Warnings& out) 
     warning.names.push_back(c.name);
     words.push_back(c.name + " (" + c.text + ")");
   }
-  const std::string number = (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
-                             zero.joint + "' (" + zero.number + ")",
-                    poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
+  const bool one = zero.numbers.size() == 1;
+  const std::string number = one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
+                                       zero.joint + "' (" + zero.numbers[0] + ")"
+                                 : "numbers of the joints (" + listed(zero.numbers, kNamed) + ")";
+  const char* same = one ? "one number" : "the same numbers";
+  const std::string poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
   warning.text =
       zero.at_base
           ? poses_are + " known no better than where the base frame is: that and " + number +
-                " are one number, the base frame's own choice. No posture tells it, nothing that "
-                "is measured depends on it, and it does no harm. Hold "
-          : poses_are + " known no better than " + number +
-                ", the last one: they are one number. No posture tells it, and nothing that is "
-                "measured depends on it; a tool that sits there is where the rig says only up to "
-                "this. Hold ";
-  warning.text += zero.number + " (`fix`) to take the rig's value for it";
+                " are " + same +
+                ", the base frame's own choice. No posture tells it, nothing that is measured "
+                "depends on it, and it does no harm. Hold "
+          : poses_are + " known no better than " + number + (one ? ", the last one" : "") +
+                ": they are " + same +
+                ". No posture tells it, and nothing that is measured depends on it; a tool that "
+                "sits there is where the rig says only up to this. Hold ";
+  warning.text += listed(zero.numbers, kNamed) + " (`fix`) to take the rig's value" +
+                  (one ? "" : "s") + " for " + (one ? "it" : "them");
   out.push_back(std::move(warning));
 }
 
@@ -84,8 +89,10 @@ void warn_of_movements(const Solution& solution, Warnings& out) {
 }
 
 void warn_of_parameters(const Report& report, Warnings& out) {
+  const std::string kDo = ". What to do: ";
   std::vector<Case> priors, sigmas;
-  const std::vector<FreeZero> zeros = free_zeros(report);
+  std::map<std::string, std::string> cures;  // by component
+  const Untold unknown = untold(report);
   std::map<const FreeZero*, std::vector<Case>> chosen;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
@@ -94,14 +101,19 @@ void warn_of_parameters(const Report& report, Warnings& out) {
       if (std::abs(from_prior) > 3)
         priors.push_back({name, prior_text(report, name, from_prior), std::abs(from_prior)});
       const std::string known = loose_text(e.units[c], e.sigma[c]);
-      const double yardstick = e.units[c] == "m" ? 0.01 : kPi / 180;
       if (known.empty()) continue;
-      const JudgedSigma judged = judged_sigma(zeros, e, c);
+      const double yardstick = loose_from(e.units[c]);
+      const JudgedSigma judged = judged_sigma(unknown, e, c);
       if (loose_text(e.units[c], judged.sigma).empty())
         chosen[judged.zero].push_back({name, known, e.sigma[c] / yardstick});
       else
         sigmas.push_back(
             {name, name + " is known to " + known + " only (one sigma)", e.sigma[c] / yardstick});
+      const std::string height = height_to_hold(report, e, c);
+      cures[name] = !height.empty()        ? kDo + hold_words(height)
+                    : !judged.size.empty() ? ", for the data do not tell " + judged.size + kDo +
+                                                 measure_words(judged.size)
+                                           : kDo + "record more varied postures";
     }
   warn("prior",
        report.automatic.empty() ? "parameters are more than 3 prior sigmas from their priors"
@@ -110,15 +122,16 @@ void warn_of_parameters(const Report& report, Warnings& out) {
   if (!out.empty() && out.back().id == "prior")
     out.back().text +=
         report.automatic.empty()
-            ? ". What to do: see which of the two is wrong, the prior or the data"
-            : ". What to do: compare this number with the robot; if it is right, look for another "
-              "mistake that it takes up";
+            ? kDo + "see which of the two is wrong, the prior or the data"
+            : kDo +
+                  "compare this number with the robot; if it is right, look for another "
+                  "mistake that it takes up";
   if (!sigmas.empty()) {
     warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas),
          out);
-    out.back().text += ". What to do: record more varied postures";
+    out.back().text += cures[out.back().names[0]];
   }
-  for (const FreeZero& zero : zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
+  for (const FreeZero& zero : unknown.zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
 }
 
 }  // namespace kincal

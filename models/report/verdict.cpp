@@ -19,6 +19,7 @@ constexpr double kAlike = 0.3;  // correlation of neighbours above which they er
 constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 constexpr char kFreeLess[] = "record more varied postures, or free less";
+const std::string kDo = ". What to do: ";
 constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
@@ -150,7 +151,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
     return text("residuals are larger than the stated noise allows (chi2/dof %.3g)",
                 report.noise_estimated->stated) +
            " and no mistake explains that; they were taken for noise";
-  return w.text.substr(0, w.text.find(". What to do: "));
+  return w.text.substr(0, w.text.find(kDo));
 }
 
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
@@ -197,7 +198,9 @@ std::string what_to_do(const Report& report, const std::string& id) {
     return "is the robot off there by as much, or does this number take up another mistake? Look "
            "for mistakes";
   if (id == "prior") return "see which of the two is wrong, the prior or the data";
-  if (id == "sigma") return "record more varied postures";
+  if (id == "sigma")
+    for (const Warning& w : report.warnings)
+      if (w.id == id) return w.text.substr(w.text.find(kDo) + kDo.size());
   if (std::any_of(report.warnings.begin(), report.warnings.end(),
                   [](const Warning& w) { return w.id == "joint_noise"; }))
     return "state the noise of the joints that is seen (joint_noise), or have it estimated; if it "
@@ -267,23 +270,19 @@ struct LooseNumber {
   const ParameterEstimate* pose = nullptr;
   size_t component = 0;
   double times = 1;
+  std::string size = "";  // of a target, that would have to be known
 };
 
 LooseNumber loosest(const Report& report) {
-  const std::vector<FreeZero> zeros = free_zeros(report);
+  const Untold unknown = untold(report);
   LooseNumber out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
-      const double times =
-          judged_sigma(zeros, e, c).sigma / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
-      if (times > out.times) out = {&e, c, times};
+      const JudgedSigma judged = judged_sigma(unknown, e, c);
+      const double times = judged.sigma / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+      if (times > out.times) out = {&e, c, times, judged.size};
     }
   return out;
-}
-
-/// What to do where one length is a choice.
-std::string hold_words(const std::string& number) {
-  return "Write a pose with what is measured there into the rig, and hold " + number + " (`fix`)";
 }
 
 }  // namespace
@@ -296,16 +295,19 @@ std::string loose_mount(const Report& report) {
   if (!hold.empty())
     return loose.pose->component_name(loose.component) + text(" is known to %.3g m only", sigma) +
            ": all axes that turn are parallel, so along them the places of what is mounted at the "
-           "base and at the other end are one number, which no posture tells. " +
+           "base and at the other end are one number, which no posture tells: " +
            hold_words(hold);
   const std::string known =
       loose.pose->name + " is known to " +
       (loose.pose->units[loose.component] == "rad" ? text("%.3g degrees", sigma * 180 / kPi)
                                                    : text("%.3g m", sigma)) +
-      " only: ";
+      " only";
+  if (!loose.size.empty())
+    return known + ", for the data do not tell " + loose.size + ": " + measure_words(loose.size);
   const MotionLack lack = motion_lack(*report.solution.recording);
-  return known + (lack.why.empty() ? "record more varied postures, or give it a prior"
-                                   : lack.why + "; so " + lack.cure);
+  return known + ": " +
+         (lack.why.empty() ? "record more varied postures, or give it a prior"
+                           : lack.why + "; so " + lack.cure);
 }
 
 namespace {
@@ -315,6 +317,7 @@ std::vector<std::string> next_for_loose(const Report& report) {
   if (!loose.pose) return {};
   if (const std::string hold = height_to_hold(report, *loose.pose, loose.component); !hold.empty())
     return {hold_words(hold)};
+  if (!loose.size.empty()) return {measure_words(loose.size)};
   if (const MotionLack lack = motion_lack(*report.solution.recording); !lack.cure.empty())
     return {lack.cure};
   return {"record more varied postures, or give " + loose.pose->name + " a prior"};

@@ -757,6 +757,7 @@ PLANTS = [
     Plant("double_size", "eye_noisy", "images twice as large", "resolution", resized(2, "camera"), ["camera"], cure="twice as large"),
     Plant("double_size_fixed", "fixed", "images twice as large", "resolution", resized(2, "camera"), ["camera"], cure="twice as large"),
     Plant("two_thirds", "eye", "images 2/3 as large", "resolution", resized(2 / 3, "camera"), ["camera"], cure="2/3 as large"),
+    Plant("two_thirds_pr2", "pr2", "images of a forearm camera 2/3 as large", "resolution", resized(2 / 3, "forearm_right"), ["forearm_right"], cure="2/3 as large"),
     Plant("cropped", "eye", "images cropped by 160 and 120 px", "resolution", each_pixel("camera", lambda u, v: (u - 160, v - 120)), ["camera"], cure=r"data say \(48\d.*cropped"),
     Plant("cropped_fixed", "fixed", "images cropped by 160 and 120 px", "resolution", each_pixel("camera", lambda u, v: (u - 160, v - 120)), ["camera"], cure="cropped"),
     Plant("order_pairs", "eye", "intrinsics fx cx fy cy", "intrinsics", reordered("camera", lambda fx, fy, cx, cy: [fx, cx, fy, cy]), ["camera"], cure=r"\[900, 905, 645, 472\]"),

@@ -54,6 +54,23 @@ sensors:
 """
 CAMERA_POSES = (("link: base, image", "link: base, pose: {xyz: [2.2, 0.1, 0.5], rpy: [-1.5708, 0.02, 1.5908]}, image"),
                 ("mount: {link: l6}", "mount: {link: l6, pose: {xyz: [0.05, -0.1, -0.06], rpy: [0.03, 1.5508, 0]}}"))
+HEAD_URDF = """<robot name="head"><link name="base"/><link name="neck"/><link name="face"/><link name="lens"/>
+<joint name="pan" type="revolute"><parent link="base"/><child link="neck"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint>
+<joint name="tilt" type="revolute"><parent link="neck"/><child link="face"/><origin xyz="0.05 0 0.1"/><axis xyz="0 1 0"/><limit lower="-0.4" upper="0.4" effort="1" velocity="1"/></joint>
+<joint name="hold" type="fixed"><parent link="face"/><child link="lens"/><origin xyz="0.06 0.02 0.05" rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint></robot>
+"""
+HEAD = """format: kincal/1
+robot: head.urdf
+base: base
+joints:
+  "*": {sigma: 0.0002}
+targets:
+  board: {type: chessboard, rows: 7, columns: 9, square: 0.04, mount: {link: base}}
+sensors:
+  eye: {type: camera, link: lens, mount: joint/hold, model: pinhole, image_size: [640, 480], intrinsics: [600, 600, 320, 240], sigma: 0.2}
+"""
+HEAD_TRUTH = {"joint/pan/offset": -0.006, "joint/tilt/offset": 0.007, "joint/pan/origin": [0, 0, 0, 0.002, -0.002, 0],
+              "joint/hold/origin": [-0.008, 0.001, -0.002, 0.008, 0.012, -0.015]}
 CAMERA_TRUTH = {"joint/j2/offset": 0.008, "joint/j3/offset": -0.006, "joint/j4/origin": [0.001, 0, 0, 0, 0.002, 0]}
 
 
@@ -154,6 +171,31 @@ class Words(Case):
         self.assertIn("Hold joint/j6/offset (--fix)", found)
         result, text = self.calibrate(samples, "--fix", "joint/j6/offset")
         self.assertEqual(self.warnings(result, "last_zero") + self.warnings(result, "sigma"), [], text)
+
+    def test_a_head_that_pans_and_tilts(self):
+        """Two joints tell neither zero, nor how the base stands; the board's size is what is to be measured, not more postures."""
+        self.write("head.urdf", HEAD_URDF)
+        samples = self.simulate(HEAD.replace("{link: base}", "{link: base, pose: {xyz: [1.5, 0.15, 0.65], rpy: [-1.4, 0.1, -1.45]}}"), HEAD_TRUTH, samples=25)
+        self.write("rig.yaml", HEAD)
+        result, text = self.calibrate(samples)
+        found, = self.warnings(result, "sigma")
+        self.assertRegex(found, r"^target/board/pose.z is known to 0.0\d+ m only \(one sigma\), for the data do not tell target/board/square. What to do: measure "
+                                r"target/board/square over several fields, write it into the rig, and hold it \(--fix\)$")
+        self.assertNotIn("more varied postures", text)
+        self.assertEqual(result["verdict"]["use"], "no", text)  # above 3 cm
+        self.assertRegex(result["verdict"]["next"][0], "^measure target/board/square")
+        result, text = self.calibrate(samples, "--fix", "target/board/square")
+        self.assertEqual(result["verdict"]["use"], "good", text)
+        self.assertEqual(self.warnings(result, "sigma"), [], text)
+        base, = self.warnings(result, "base_frame")
+        for name in ("target/board/pose.x", "joint/pan/offset"):
+            self.assertIn(name, base)
+        last, = self.warnings(result, "last_zero")
+        for name in ("joint/hold/origin.rx", "joint/tilt/offset"):
+            self.assertIn(name, last)
+        # the tilt is the camera's, up to its own zero
+        origin = result["parameters"]["joint/hold/origin"]
+        self.assertAlmostEqual(origin["value"][3], 0.008 - 0.007, delta=0.004)
 
     def test_where_the_base_frame_is_is_no_doubt(self):
         """The first joint's zero and the base frame's turn about its axis are one number: no posture helps, and nobody is harmed."""
