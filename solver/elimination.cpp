@@ -48,7 +48,7 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       ranges(dynamic_cast<const RangeProblem*>(&p)),
       n(p.shared_size()),
       groups(p.groups()),
-      system(n, groups, linear_solver, ranges != nullptr),
+      system(n, groups, linear_solver, {ranges != nullptr, p.prior_group()}),
       crew(std::max(1, threads)) {
   problem.set_workers(crew.size());
   size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
@@ -61,7 +61,8 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     factor_size += f;
     largest_rows = std::max(largest_rows, r);
     largest_factor = std::max(largest_factor, f);
-    widest = std::max(widest, static_cast<int>(groups[g].columns.size()));
+    if (static_cast<int>(g) != p.prior_group())
+      widest = std::max(widest, static_cast<int>(groups[g].columns.size()));
     deepest = std::max(deepest, k);
     private_size += k;
     rows += groups[g].rows;
@@ -193,12 +194,12 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
     GroupEquations to{
         rows_of_group,    stride(g), w.shared.data(), system.origin(), groups[g].columns.data(),
         w.gradient.data()};
-    const bool local = !system.dense() && !ranges;
+    const bool local = !system.dense() && !ranges && g != problem.prior_group();
     const size_t m = groups[g].columns.size();
     if (ranges) to.origin = system.diagonal_origin();
     if (local) {
-      std::fill(w.block.begin(), w.block.end(), 0.0);
-      w.right.assign(w.right.size(), 0.0);
+      std::fill_n(w.block.begin(), m * widest, 0.0);
+      std::fill_n(w.right.begin(), m, 0.0);
       to.shared = w.block.data();
       to.origin = block_origin.data();
       to.row = identity.data();
@@ -270,85 +271,106 @@ void Arrowhead::multiply(int worker, int& stacked) {
   stacked = 0;
 }
 
-/// The damped reduced system at `state`. With `linearise` the normal equations are new; without,
-/// only the damping is.
-Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bool linearise,
-                                        bool first_scales, Cost& cost) {
-  if (linearise) {
+/// Linearises or eliminates the groups of a piece, or both, and adds its sums when its turn comes.
+void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker,
+                          Cost& cost) {
+  const Turn mine{turn, static_cast<int>(&p - pieces.data())};
+  Worker& w = workers[worker];
+  p.defined = p.definite = true;
+  const bool fresh = pass.linearise || ranges;
+  if (fresh) {
+    p.cost = {};
+    ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
+    w.gradient.setZero();
+  }
+  if (pass.eliminate) {
+    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
+                       : system.clear(w.eliminated.data());
+    w.eliminated_gradient.setZero();
+  }
+  int stacked = 0;
+  for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
+    const int last = std::min(p.last, first + RangeProblem::kRange);
+    if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
+    for (int g = first; g < last && p.defined; ++g) {
+      const GroupArrays at = arrays_of(g, first, worker);
+      if (pass.linearise)
+        for (int i = 0; i < groups[g].private_size; ++i) {
+          const int place = stores[g].private_start + i;
+          private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i],
+                                          first_private_scale(place), pass.first_scales);
+        }
+      if (pass.linearise && curved)
+        kernels().add(at.rows, rows_curvature.data() + stores[g].rows,
+                      static_cast<std::ptrdiff_t>(groups[g].private_size) * stride(g));
+      if (pass.eliminate)
+        p.definite = p.definite && eliminate_group(g, at, pass.lambda, worker, stacked);
+    }
+  }
+  if (stacked > 0) multiply(worker, stacked);
+  mine.await();
+  if (pass.linearise) {
+    if (ranges)
+      kernels().add(shared_matrix.data(), w.shared.data(),
+                    static_cast<std::ptrdiff_t>(shared_matrix.size()));
+    else
+      system.accumulate(shared_matrix.data(), w.shared.data());
+    shared_gradient += w.gradient;
+    cost.doubled += p.cost.doubled;
+    cost.chi2 += p.cost.chi2;
+  }
+  if (!pass.eliminate) return;
+  if (system.in_blocks())
+    kernels().add(aligned(eliminated_blocks), aligned(w.eliminated),
+                  static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
+  else
+    system.accumulate(damped_matrix.data(), w.eliminated.data());
+  reduced_gradient += w.eliminated_gradient;
+}
+
+/// A pass over all pieces, and what it leaves of the shared unknowns.
+Arrowhead::Assembly Arrowhead::run(const VectorXd& state, const Pass& pass, Cost& cost) {
+  if (pass.linearise) {
     problem.prepare(state);
     std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
     shared_gradient.setZero();
     cost = {};
   }
-  std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
-  std::fill(eliminated_blocks.begin(), eliminated_blocks.end(), 0.0);
-  reduced_gradient.setZero();
-  const bool fresh = linearise || ranges;
+  if (pass.eliminate) {
+    std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
+    std::fill(eliminated_blocks.begin(), eliminated_blocks.end(), 0.0);
+    reduced_gradient.setZero();
+  }
   turn = 0;
-  over(pieces, [&](Piece& p, int worker) {
-    const Turn mine{turn, static_cast<int>(&p - pieces.data())};
-    Worker& w = workers[worker];
-    p.defined = p.definite = true;
-    if (fresh) {
-      p.cost = {};
-      ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
-      w.gradient.setZero();
-    }
-    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
-                       : system.clear(w.eliminated.data());
-    w.eliminated_gradient.setZero();
-    int stacked = 0;
-    for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
-      const int last = std::min(p.last, first + RangeProblem::kRange);
-      if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
-      for (int g = first; g < last && p.defined; ++g) {
-        const GroupArrays at = arrays_of(g, first, worker);
-        if (linearise)
-          for (int i = 0; i < groups[g].private_size; ++i) {
-            const int place = stores[g].private_start + i;
-            private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i],
-                                            first_private_scale(place), first_scales);
-          }
-        if (linearise && curved)
-          kernels().add(at.rows, rows_curvature.data() + stores[g].rows,
-                        static_cast<std::ptrdiff_t>(groups[g].private_size) * stride(g));
-        p.definite = p.definite && eliminate_group(g, at, lambda, worker, stacked);
-      }
-    }
-    if (stacked > 0) multiply(worker, stacked);
-    mine.await();
-    if (linearise) {
-      if (ranges)
-        kernels().add(shared_matrix.data(), w.shared.data(),
-                      static_cast<std::ptrdiff_t>(shared_matrix.size()));
-      else
-        system.accumulate(shared_matrix.data(), w.shared.data());
-      shared_gradient += w.gradient;
-      cost.doubled += p.cost.doubled;
-      cost.chi2 += p.cost.chi2;
-    }
-    if (system.in_blocks())
-      kernels().add(aligned(eliminated_blocks), aligned(w.eliminated),
-                    static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
-    else
-      system.accumulate(damped_matrix.data(), w.eliminated.data());
-    reduced_gradient += w.eliminated_gradient;
-  });
+  over(pieces, [&](Piece& p, int worker) { pass_over(p, state, pass, worker, cost); });
   bool defined = true, definite = true;
   for (const Piece& p : pieces) {
     defined = defined && p.defined;
     definite = definite && p.definite;
   }
-  if (linearise) {
+  if (pass.linearise) {
     const std::ptrdiff_t* origin = ranges ? system.diagonal_origin() : system.origin();
     for (int i = 0; i < n; ++i)
-      shared_scale(i) = scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), first_scales);
+      shared_scale(i) =
+          scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), pass.first_scales);
   }
-  if (linearise && curved)
+  if (pass.linearise && curved)
     kernels().add(shared_matrix.data(), shared_curvature.data(),
                   static_cast<std::ptrdiff_t>(shared_matrix.size()));
   if (!defined || !std::isfinite(cost.doubled)) return Assembly::undefined;
-  if (!definite) return Assembly::indefinite;
+  return definite ? Assembly::fine : Assembly::indefinite;
+}
+
+bool Arrowhead::linearise(const VectorXd& state, Cost& cost) {
+  return run(state, {true, false, false, 0}, cost) != Assembly::undefined;
+}
+
+/// The damped reduced system at `state`. With `linearise` the normal equations are new; without,
+/// only the damping is.
+Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bool linearise,
+                                        bool first_scales, Cost& cost) {
+  const Assembly assembly = run(state, {linearise, true, first_scales, lambda}, cost);
+  if (assembly != Assembly::fine) return assembly;
   if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
   if (ranges)
     system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
@@ -413,7 +435,7 @@ void Arrowhead::bend_shared(int k) {
 
 bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()>& go_on) {
   curved = false;
-  if (ranges || !system.dense()) return false;
+  if (!bends()) return false;
   Cost cost;
   if (assemble(state, 1, true, false, cost) == Assembly::undefined) return false;
   const size_t rows_size = stores.back().rows + static_cast<size_t>(groups.back().private_size) *

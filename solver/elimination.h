@@ -56,6 +56,9 @@ class Arrowhead {
   /// without, only the damping is.
   Assembly assemble(const VectorXd& state, double lambda, bool linearise, bool first_scales,
                     Cost& cost);
+  /// Makes the normal equations at `state` and sums the cost; false where a residual is undefined.
+  /// What was linearised before is gone. assemble() without `linearise` goes on from there.
+  bool linearise(const VectorXd& state, Cost& cost);
   /// Finds what the Gram matrix lacks of the second derivatives at `state` (levenberg_marquardt.h),
   /// which assemble() adds to what it linearises from then on, until forget_curvature(). It takes
   /// as many linearisations as the widest group has private unknowns and the problem shared ones;
@@ -63,6 +66,8 @@ class Arrowhead {
   /// systems, where a residual is undefined close by, and where `go_on`, asked before each
   /// linearisation, says no.
   bool find_curvature(const VectorXd& state, const std::function<bool()>& go_on);
+  /// Returns whether second derivatives can be looked for.
+  bool bends() const { return !ranges && system.dense(); }
   void forget_curvature() { curved = false; }
   bool has_curvature() const { return curved; }
   /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease
@@ -83,6 +88,11 @@ class Arrowhead {
  private:
   struct GroupArrays {
     double *rows, *factor;
+  };
+  /// A Pass over all groups: what it does.
+  struct Pass {
+    bool linearise, eliminate, first_scales;
+    double lambda;
   };
   struct Linearisation {
     std::vector<double> rows, shared;  // as group_rows and shared_matrix
@@ -106,6 +116,8 @@ class Arrowhead {
   bool linearise_beside(const VectorXd& state);
   void bend_private(size_t g, int k);
   void bend_shared(int k);
+  void pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker, Cost& cost);
+  Assembly run(const VectorXd& state, const Pass& pass, Cost& cost);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
   bool factor_private(size_t g, const GroupArrays& at, int width, double lambda);
   bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked);

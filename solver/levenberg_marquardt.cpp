@@ -132,8 +132,29 @@ struct LevenbergMarquardt::Workspace {
   /// Moves to the step's end; true if it may be kept: what rounding could hide is no increase.
   bool accepts(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.problem.retract(state, arrowhead.shared_step, arrowhead.private_step, moved);
-    return arrowhead.evaluate(moved, trial.cost) &&
-           (trial.cost.doubled < doubled + 10 * rounding(doubled) || trial.decrement < converged);
+    const bool at_once = linearises_at_once(doubled, trial);
+    const bool defined =
+        at_once ? arrowhead.linearise(moved, trial.cost) : arrowhead.evaluate(moved, trial.cost);
+    const bool accepted = defined && (trial.cost.doubled < doubled + 10 * rounding(doubled) ||
+                                      trial.decrement < converged);
+    if (at_once) linearised = accepted ? Linearised::moved : Linearised::nowhere;
+    hopeful = accepted && (hopeful || first_trial);
+    first_trial = false;
+    return accepted;
+  }
+  /// A step that will be accepted and is not the last is linearised at its end, which gives its
+  /// cost as well. One that was rejected after all costs a linearisation: then the trials only
+  /// evaluate, until the first trial of an iteration is accepted again.
+  bool linearises_at_once(double doubled, const Trial& trial) const {
+    return hopeful && linearised == Linearised::here && !renewable && !arrowhead.ranges &&
+           !arrowhead.has_curvature() && trial.decrement >= converged &&
+           trial.promised > options.relative_decrease * doubled;
+  }
+  /// assemble() at `state`, linearised again if need be.
+  Assembly assemble(const VectorXd& state, double lambda, bool first) {
+    const bool linearise = linearised != Linearised::here;
+    linearised = Linearised::here;
+    return arrowhead.assemble(state, lambda, linearise, first, summary.cost);
   }
   /// Tries the undamped step of the assembled system: accelerated, as it is, and a share of it;
   /// true if `moved` may be kept.
@@ -162,7 +183,9 @@ struct LevenbergMarquardt::Workspace {
   /// Second derivatives are looked for where undamped steps go on and on near the minimum. Each
   /// time has to wait twice as long.
   void find_curvature(const VectorXd& state) {
-    if (wait-- > 0 || !arrowhead.find_curvature(state, go_on)) return;
+    if (wait-- > 0 || !arrowhead.bends()) return;
+    linearised = Linearised::nowhere;
+    if (!arrowhead.find_curvature(state, go_on)) return;
     wait = patience *= 2;
     forget();
   }
@@ -170,7 +193,8 @@ struct LevenbergMarquardt::Workspace {
   bool try_without_curvature(const VectorXd& state, double doubled, Trial& trial) {
     arrowhead.forget_curvature();
     forget();
-    return arrowhead.assemble(state, kNegligible, true, false, summary.cost) == Assembly::fine &&
+    linearised = Linearised::nowhere;
+    return assemble(state, kNegligible, false) == Assembly::fine &&
            try_newton(state, doubled, trial);
   }
   /// Raises the damping until a step is accepted; false if none is. `assembled`: the system is
@@ -180,9 +204,7 @@ struct LevenbergMarquardt::Workspace {
     double growth = 10;
     for (;; lambda = std::max(lambda, 1e-9) * growth, growth = std::min(growth * 2, 1e4)) {
       if (lambda > 1e14) return false;
-      if (!assembled &&
-          arrowhead.assemble(state, lambda, false, false, summary.cost) != Assembly::fine)
-        continue;
+      if (!assembled && assemble(state, lambda, false) != Assembly::fine) continue;
       assembled = false;
       trial.damping = lambda;
       if (arrowhead.step(state, lambda, trial.promised, trial.length) &&
@@ -216,9 +238,17 @@ struct LevenbergMarquardt::Workspace {
     return stalled >= kStalled && decrement * decrement <= rounding(doubled);
   }
 
+  /// Where the normal equations are that the arrowhead holds: at the present state, at the end of
+  /// the step that was accepted, or elsewhere.
+  enum class Linearised { here, moved, nowhere };
+
   SolverOptions options;
   Arrowhead arrowhead;
   VectorXd moved;
+  Linearised linearised = Linearised::nowhere;
+  bool renewable = false;   // covariances depend on the state
+  bool hopeful = true;      // the last first trial was accepted
+  bool first_trial = true;  // of this iteration
   SolveSummary summary;
   std::function<bool()> go_on;  // asks in between
   bool cancelled = false;       // what it said
@@ -248,7 +278,9 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   summary.undefined_group = -1;
   summary.history.clear();
   summary.history.reserve(w.options.max_iterations + 1);
-  const bool renewable = problem.renew(state);
+  w.renewable = problem.renew(state);
+  w.linearised = Workspace::Linearised::nowhere;
+  w.hopeful = true;
   double lambda = 1e-4;
   bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
   w.best = kInfinity;
@@ -264,8 +296,8 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       summary.outcome = Outcome::cancelled;
       return summary;
     }
-    const Assembly assembly =
-        w.arrowhead.assemble(state, near ? kNegligible : lambda, true, first, summary.cost);
+    const Assembly assembly = w.assemble(state, near ? kNegligible : lambda, first);
+    w.first_trial = true;
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start
                                             // can be undefined
       summary.outcome = Outcome::undefined_start;
@@ -299,6 +331,8 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
       w.remembered = 0;
     lambda = w.next_damping(lambda, doubled, trial);
     std::swap(state, w.moved);
+    w.linearised = w.linearised == Workspace::Linearised::moved ? Workspace::Linearised::here
+                                                                : Workspace::Linearised::nowhere;
     const bool little = w.options.relative_decrease > 0 &&
                         doubled - trial.cost.doubled <= w.options.relative_decrease * doubled;
     summary.cost = trial.cost;
@@ -316,7 +350,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
     const bool was_near = near;
     near = w.is_near(trial, doubled);
     if (near && !was_near) lambda = kNegligible;
-    if (near && renewable) problem.renew(state);
+    if (near && w.renewable) problem.renew(state);
   }
 }
 

@@ -24,11 +24,13 @@
 // gradients, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
 // added to what is linearised until steps with it lead nowhere. Covariances that depend on the
 // state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
-// r(x) = 0, is the same as that of complete minimisations in turn. A rejected step repeats the
-// elimination, not the evaluation (a RangeProblem: both; there only the test of the end is
-// undamped). Groups are partitioned by the problem's size alone, each worker sums one piece at a
-// time, and pieces are added in their order: the result is the same to the last bit for any number
-// of threads.
+// r(x) = 0, is the same as that of complete minimisations in turn. Where a step is likely to be
+// accepted and not the last one, its end is linearised at once, which gives the cost and is the
+// next iteration's linearisation; after a rejected one trials evaluate only, and a rejected step
+// repeats the elimination, not the linearisation (a RangeProblem: both, and it always evaluates;
+// there only the test of the end is undamped). Groups are partitioned by the problem's size alone,
+// each worker sums one piece at a time, and pieces are added in their order: the result is the same
+// to the last bit for any number of threads.
 #pragma once
 
 #include <functional>

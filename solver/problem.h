@@ -55,7 +55,9 @@ class Problem {
   virtual ~Problem() = default;
   virtual int shared_size() const = 0;
   virtual const std::vector<GroupShape>& groups() const = 0;
-  /// Returns the group of the priors of shared unknowns, which has no private ones; -1: none.
+  /// Returns the group of the priors of shared unknowns, which has no private ones; -1: none. A
+  /// prior may couple columns only that stand together and are touched by the same other groups
+  /// (those of one pose): others it leaves uncoupled, so that a sparse system stays sparse.
   virtual int prior_group() const { return -1; }
   /// Makes scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;

@@ -159,12 +159,12 @@ struct ReducedSystem::Cholmod {
 #endif
 
 ReducedSystem::ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice,
-                             bool ranges)
-    : n_(n), groups_(&groups) {
+                             GroupKinds kinds)
+    : n_(n), groups_(&groups), kinds_(kinds) {
   find_runs();
   const Work work = place_runs();
   in_blocks_ =
-      ranges &&
+      kinds.ranges &&
       std::all_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.size == 9; }) &&
       std::all_of(groups.begin(), groups.end(),
                   [](const GroupShape& g) { return g.private_size == 3; });
@@ -233,13 +233,15 @@ ReducedSystem::RunGraph ReducedSystem::graph_of_runs(size_t& entries) const {
     std::sort(column.begin(), column.end());
     column.erase(std::unique(column.begin(), column.end()), column.end());
   };
-  for (size_t g = 0; g < groups_->size(); ++g)
+  for (size_t g = 0; g < groups_->size(); ++g) {
+    if (static_cast<int>(g) == kinds_.priors) continue;
     for (int j = group_runs_start_[g]; j < group_runs_start_[g + 1]; ++j) {
       std::vector<int>& column = below[group_runs_[j]];
       column.insert(column.end(), group_runs_.begin() + j,
                     group_runs_.begin() + group_runs_start_[g + 1]);
       if (column.size() > 4 * static_cast<size_t>(runs) + 64) compress(column);
     }
+  }
   entries = 0;
   for (int r = 0; r < runs; ++r) {
     compress(below[r]);
@@ -293,6 +295,7 @@ void ReducedSystem::place_sparse(RunGraph& graph, bool cholmod) {
   });
   for (size_t g = 0; !in_blocks_ && g < groups_->size(); ++g) {
     pair_start_.push_back(pair_places_.size());
+    if (static_cast<int>(g) == kinds_.priors) continue;
     for (int b = group_runs_start_[g]; b < group_runs_start_[g + 1]; ++b) {
       const auto begin = graph.row.begin() + graph.start[group_runs_[b]],
                  end = graph.row.begin() + graph.start[group_runs_[b] + 1];

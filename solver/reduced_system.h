@@ -34,13 +34,20 @@ class MissingLibrary : public std::exception {
   std::string text_;
 };
 
+/// GroupKinds says which groups couple less than all that they touch: all groups are those of a
+/// RangeProblem, or `priors` is that of the priors (-1: none), which couple columns of one run
+/// only.
+struct GroupKinds {
+  bool ranges = false;
+  int priors = -1;
+};
+
 class ReducedSystem {
  public:
   /// Chooses a method and analyses the structure. `automatic` means dense up to 400 unknowns or
-  /// when more than 30 % of the entries are there, else sparse. `ranges` says that the groups are
-  /// those of a RangeProblem.
+  /// when more than 30 % of the entries are there, else sparse.
   ReducedSystem(int n, const std::vector<GroupShape>& groups, LinearSolver choice,
-                bool ranges = false);
+                GroupKinds kinds = {});
   ~ReducedSystem();
 
   const char* name() const { return dense_ ? "dense" : fronts_ ? "sparse" : "cholmod"; }
@@ -119,6 +126,7 @@ class ReducedSystem {
   int n_, ld_ = 0;
   bool dense_, stacks_ = false;
   const std::vector<GroupShape>* groups_;
+  GroupKinds kinds_;
   std::vector<Run> runs_;
   std::vector<int> group_runs_, group_runs_start_;  // runs of each group, ascending
   std::vector<int> group_firsts_;                   // their first columns

@@ -108,7 +108,7 @@ void check(const Structure& s, int depth, bool light, Random& random) {
   for (const LinearSolver choice : {LinearSolver::dense, LinearSolver::cholmod}) {
     INFO((choice == LinearSolver::dense ? "dense" : "cholmod")
          << ", " << n << " columns, depth " << depth << ", light " << light);
-    ReducedSystem system(n, s.groups, choice, light);
+    ReducedSystem system(n, s.groups, choice, {light});
     CHECK(system.dense() == (choice == LinearSolver::dense || n == 0));
     CHECK(std::string(system.name()) == (system.dense() ? "dense" : "cholmod"));
     Array values(system.storage()), other(system.storage()),
@@ -298,4 +298,12 @@ TEST_CASE(
   CHECK(ReducedSystem(410, full, LinearSolver::automatic).dense());
   CHECK(ReducedSystem(410, large, LinearSolver::dense).dense());
   CHECK_FALSE(ReducedSystem(400, small, LinearSolver::cholmod).dense());
+  // Priors of all unknowns couple nothing.
+  auto with_priors = large;
+  with_priors.push_back({});
+  for (int c = 0; c < 410; ++c) with_priors.back().columns.push_back(c);
+  CHECK(ReducedSystem(410, with_priors, LinearSolver::automatic).dense());
+  CHECK_FALSE(ReducedSystem(410, with_priors, LinearSolver::automatic,
+                            {false, static_cast<int>(large.size())})
+                  .dense());
 }
