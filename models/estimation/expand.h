@@ -4,6 +4,7 @@
 // accumulated first, then expanded to M' G M.
 #pragma once
 
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,7 @@ struct ExpandScratch {
   RowMatrix m;                         // in its top left corner: M
   std::vector<double> product, block;  // row-major, `stride` apart: G M and M' G M
   std::vector<int> column;             // shared column of each column of M
+  std::vector<double> parts;           // squared norms of what each column of L M is a sum of
   int stride = 0;
 
   /// Makes room for `width` columns of L, `depth` rows of M and `columns` columns of M.
@@ -37,6 +39,7 @@ struct ExpandScratch {
     product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
     block.assign(static_cast<size_t>(columns) * stride, 0.0);
     column.resize(columns);
+    parts.resize(columns);
   }
 };
 
@@ -59,12 +62,16 @@ inline void expand(int width, int depth, const ViewColumns& columns, const Group
                    s.block.data(), stride);
   int own_rows = 0;  // columns of M that are private
   while (own_rows < kin && place[own_rows] < k) ++own_rows;
+  double* parts = s.parts.data();
+  std::fill_n(parts, kin, 0.0);
+  for (int r = 0; r < depth; ++r) {
+    const double norm = g[r + static_cast<size_t>(r) * ld];
+    const double* m = s.m.data() + static_cast<size_t>(r) * stride;
+    for (int j = 0; j < kin; ++j) parts[j] += norm * m[j] * m[j];
+  }
   for (int j = 0; j < kin; ++j) {
     double* row = s.block.data() + static_cast<size_t>(j) * stride;
-    double parts = 0;
-    for (int r = 0; r < depth; ++r)
-      parts += g[r + static_cast<size_t>(r) * ld] * s.m(r, j) * s.m(r, j);
-    if (row[j] > kCancelled * parts) continue;
+    if (row[j] > kCancelled * parts[j]) continue;
     for (int i = 0; i < kin; ++i) row[i] = s.block[static_cast<size_t>(i) * stride + j] = 0;
     for (int i = 0; i <= width; ++i) s.product[static_cast<size_t>(i) * stride + j] = 0;
   }
