@@ -363,8 +363,8 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
     cases.push_back({name,
                      name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
                          unit + text(" in the rig (%.4g times): ", factor) +
-                         (times > kRescaled ? "correct the rig, is its unit right?"
-                          : lens ? "are the rig's intrinsics those of this camera and resolution?"
+                         (times > kRescaled ? "correct the rig, its unit may be another"
+                          : lens ? "give the intrinsics of this camera and resolution in the rig"
                                  : "measure it, and correct the rig"),
                      std::abs(std::log(factor))});
   };

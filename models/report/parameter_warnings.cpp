@@ -79,13 +79,17 @@ void warn_of_movements(const Solution& solution, Warnings& out) {
     if (!(moved > 1) && !(turned > 1)) continue;
     const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
                       by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
-    poses.push_back(
-        {e.name,
-         e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
-             " from its initial value: is that possible, or is its link or what it sees another?",
-         std::max(moved, turned)});
+    poses.push_back({e.name,
+                     e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
+                         " from its initial value",
+                     std::max(moved, turned)});
   }
+  if (poses.empty()) return;
   warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
+  out.back().text +=
+      ". What to do: look whether the robot is like that, and correct the pose in the rig; else "
+      "its "
+      "link or what it sees is another, or it takes up another mistake";
 }
 
 void warn_of_parameters(const Report& report, Warnings& out) {

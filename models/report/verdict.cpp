@@ -408,6 +408,7 @@ Verdict verdict(const Report& report) {
     const Finding& first = report.diagnosis->findings.front();
     found = "converged, but a mistake was found that the result may have taken up: " + first.id +
             ": " + first.text;
+    if (found.back() == '.') found.pop_back();
   }
   std::string unmet;
   for (const Judgement& j : report.validation.requirements)
