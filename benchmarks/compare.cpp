@@ -224,7 +224,7 @@ std::pair<double, double> robot(int boards, const Settings& settings, json& repo
   return {median(contestants[0].runs), median(contestants[1].runs)};
 }
 
-/// 20 boards between each two of 20 stations: kincal with CHOLMOD (its own choice) and dense.
+/// 20 boards between each two of 20 stations: kincal by fronts (its own choice) and dense.
 void cell_of_robots(const Settings& settings, json& report) {
   const RobotProblem p = cell(20, 400);
   const Counts c = count(Estimation(p, p.training(), p.setup));
