@@ -7,8 +7,8 @@
 // three of these, or within a third of the rig's sigma, which does no harm. The longest run of
 // still frames is the view's rest.
 //
-// Noise. The finder tells how much of a corner's sigma is no noise (sampling, edges nearby): that is
-// a floor, which averages keep, beside the rig's sigma:
+// Noise. The finder tells how much of a corner's sigma is no noise (sampling, edges nearby): that
+// is a floor, which averages keep, beside the rig's sigma:
 //     sigma^2 = scatter^2 / n + floor^2 + sigma_rig^2.
 #pragma once
 
