@@ -78,6 +78,7 @@ std::vector<Saddle> saddles_of(const Corners& corners, int rows, int columns) {
                         y = (corners[down * columns + c] - corners[up * columns + c]) / (down - up);
       one.sides = cv::Matx22d(x.x, y.x, x.y, y.y);
       one.reach = one.strip = 0.45;
+      one.squares = true;
       out.push_back(one);
     }
   return out;
@@ -271,7 +272,9 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
       if (!board.corners.empty()) {
         corners = numbered(image, board.corners, target.rows, target.columns);
         out = refined(image, saddles_of(corners, target.rows, target.columns));
-        if (out.ids.empty()) out.reason = "its squares are too small for the blur";
+        if (2 * out.ids.size() >= corners.size()) return out;
+        out = {};
+        out.reason = "its squares are too small for the blur";
         return out;
       }
       out.reason = board.rest.empty() ? "something looks like it, but its squares are not there"

@@ -20,20 +20,23 @@ struct Blob {
   double area = 0;  // px^2
 };
 
-/// The weighted middle and the area of the dark (or bright) blob at `p`; the neighbours are `reach`
-/// px away. Weights are how much of a pixel is the blob's, between its own brightness and that
-/// around it.
-Blob measure_blob(const cv::Mat& image, cv::Point2d p, double reach) {
+/// The weighted middle and the area of the dark (or bright) blob at `p`. `field` is what a circle
+/// through the nearest of its neighbours looks like: its axes, as columns, px; seen obliquely it is
+/// far longer than wide. Weights are how much of a pixel is the blob's, between its own brightness
+/// and that around it.
+Blob measure_blob(const cv::Mat& image, cv::Point2d p, const cv::Matx22d& field) {
+  constexpr double kBox = 0.6, kRim = 0.57;  // of the way to the neighbours
   Blob out{p, 0};
+  const cv::Point2d reach(kBox * cv::norm(field.row(0)), kBox * cv::norm(field.row(1)));
   const cv::Rect box =
-      cv::Rect(cv::Point(p - cv::Point2d(reach, reach)), cv::Point(p + cv::Point2d(reach, reach))) &
-      cv::Rect(0, 0, image.cols, image.rows);
+      cv::Rect(cv::Point(p - reach), cv::Point(p + reach)) & cv::Rect(0, 0, image.cols, image.rows);
   const cv::Point middle(cvRound(p.x), cvRound(p.y));
   if (!box.contains(middle)) return out;
   std::vector<uchar> rim;
   for (int i = 0; i < 64; ++i) {
-    const cv::Point at(p + 0.95 * reach *
-                               cv::Point2d(std::cos(i * CV_PI / 32), std::sin(i * CV_PI / 32)));
+    const cv::Vec2d away =
+        kRim * (field * cv::Vec2d(std::cos(i * CV_PI / 32), std::sin(i * CV_PI / 32)));
+    const cv::Point at(p + cv::Point2d(away[0], away[1]));
     if (box.contains(at)) rim.push_back(image.at<uchar>(at));
   }
   if (rim.size() < 16) return out;
@@ -69,6 +72,41 @@ cv::Point2d ellipse_offset(const cv::Matx33d& h, cv::Point2d centre, double radi
   const cv::Matx33d m = h * place, c = m * dual * m.t();
   return cv::Point2d(c(0, 2) / c(2, 2), c(1, 2) / c(2, 2)) -
          cv::Point2d(m(0, 2) / m(2, 2), m(1, 2) / m(2, 2));
+}
+
+/// How the plane lies at each point of a grid: the ways in px of one unit, as columns. OpenCV's
+/// grid may be the mirror image of the rig's, which of an asymmetric one is another pattern.
+std::vector<cv::Matx22d> ways_of(const ImageTarget& target, const std::vector<cv::Point2f>& found) {
+  std::vector<cv::Point2d> pixels(found.begin(), found.end()), fitted;
+  cv::Mat best;
+  double least = 1e300;
+  for (const double side : {1., -1.}) {
+    std::vector<cv::Point2d> plane;
+    for (int i = 0; i < target.rows * target.columns; ++i) {
+      const int row = i / target.columns, column = i % target.columns;
+      plane.emplace_back(target.asymmetric ? 2 * column + side * (row % 2) : column, row);
+    }
+    const cv::Mat h = cv::findHomography(plane, pixels);
+    if (h.empty()) continue;
+    cv::perspectiveTransform(plane, fitted, h);
+    double sum = 0;
+    for (size_t i = 0; i < pixels.size(); ++i) sum += cv::norm(fitted[i] - pixels[i]);
+    if (sum >= least) continue;
+    least = sum, best = h;
+  }
+  std::vector<cv::Matx22d> out;
+  if (best.empty()) return out;
+  const cv::Matx33d h(best), back = h.inv();
+  for (const cv::Point2d& p : pixels) {
+    const cv::Vec3d q = back * cv::Vec3d(p.x, p.y, 1), at = h * (q / q[2]);
+    cv::Matx22d way;
+    for (int k = 0; k < 2; ++k) {
+      way(0, k) = (h(0, k) - p.x * h(2, k)) / at[2];
+      way(1, k) = (h(1, k) - p.y * h(2, k)) / at[2];
+    }
+    out.push_back(way);
+  }
+  return out;
 }
 
 /// Pixels of area for one unit of area of the plane, at a point of it.
@@ -163,12 +201,15 @@ Detection find_circles(const cv::Mat& image, const ImageTarget& target) {
                  std::to_string(target.columns) + " circles";
     return out;
   }
+  const std::vector<cv::Matx22d> ways = ways_of(target, found);
+  if (ways.empty()) {
+    out.reason = "the circles lie on a line";
+    return out;
+  }
   std::vector<Blob> blobs;
+  const double nearest = target.asymmetric ? std::sqrt(2.) : 1;  // neighbours, in units
   for (size_t i = 0; i < found.size(); ++i) {
-    double nearest = 1e9;
-    for (size_t j = 0; j < found.size(); ++j)
-      if (j != i) nearest = std::min(nearest, cv::norm(cv::Point2d(found[i] - found[j])));
-    blobs.push_back(measure_blob(image, found[i], 0.6 * nearest));
+    blobs.push_back(measure_blob(image, found[i], nearest * ways[i]));
     if (blobs.back().area == 0) {
       out.reason = "a circle of the grid has no edge";
       return out;

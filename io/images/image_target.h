@@ -45,6 +45,7 @@ struct Detection {
   double contrast = 0;  // between dark and bright of the print, 1: the whole range
   double noise = 0;     // grey levels, sigma from pixel to pixel where nothing else changes
   double sigma = 0;     // px: of a coordinate, predicted from noise and edges; 0: not known
+  double floor = 0;     // px: what of it is not noise, so that averaging pictures leaves it
   double rms = 0;       // px: of the best homography with a radial distortion
   std::array<int, 2> layouts{};  // charuco: markers that agree with each layout
 };

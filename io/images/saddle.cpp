@@ -10,11 +10,13 @@
 namespace kincal {
 namespace {
 
-constexpr double kSmooth = 0.9;   // px, sigma of the Gaussian before gradients
-constexpr double kMost = 10;      // px: farther away the lens bends the edges
-constexpr int kMargin = 4;        // px around the window that filters need
-constexpr double kFloor = 0.003;  // px, of a coordinate: what sampling does
-constexpr size_t kSigmas = 20;    // corners of a view whose sigma is worked out, or a few less
+constexpr double kSmooth = 0.9;    // px, sigma of the Gaussian before gradients
+constexpr double kMost = 10;       // px: farther away the lens bends the edges
+constexpr int kMargin = 4;         // px around the window that filters need
+constexpr double kFloor = 0.003;   // px, of a coordinate: what sampling does
+constexpr double kThinnest = 1.4;  // blurs that the strip beside an edge has at least
+constexpr double kShortest = 2.2;  // blurs that a square of a chessboard is plain at least
+constexpr size_t kSigmas = 20;     // corners of a view whose sigma is worked out, or a few less
 
 /// A Window is the weights around a corner: a cross along the edges, 1 at the corner and 0 where
 /// what is plain ends.
@@ -213,14 +215,19 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
     const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
     const bool with_sigma = out.ids.size() % stride == 0;
-    if (blurs < 1.4 || !refine(image, one, with_sigma)) continue;
-    const double beside = 0.12 * std::exp(-1.4 * blurs);  // px: what is next to the strip does
+    if (blurs < (one.squares ? kShortest : kThinnest) || !refine(image, one, with_sigma)) continue;
+    // px: what is next to the strip does, or the edges of the next squares
+    const double beside =
+        one.squares ? 0.4 * std::exp(-1.6 * blurs) : 0.12 * std::exp(-1.4 * blurs);
     floor += kFloor * kFloor + beside * beside;
     if (with_sigma) noise += std::pow(out.noise * one.sigma, 2), ++count;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);
   }
-  if (count > 0) out.sigma = std::sqrt(noise / count + floor / static_cast<double>(out.ids.size()));
+  if (out.ids.empty()) return out;
+  floor /= static_cast<double>(out.ids.size());
+  out.floor = std::sqrt(floor);
+  if (count > 0) out.sigma = std::sqrt(noise / count + floor);
   return out;
 }
 

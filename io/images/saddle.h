@@ -25,6 +25,7 @@ struct Saddle {
   cv::Point2d pixel;
   cv::Matx22d sides;            // px of one unit of the print, as columns along the two edges
   double reach = 0, strip = 0;  // units that are plain: along an edge, and beside it
+  bool squares = false;         // the fields around it are plain squares, and go on as such
   double sigma = 0;             // px of a coordinate, for noise of one grey level
 };
 

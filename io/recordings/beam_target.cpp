@@ -195,10 +195,55 @@ double unseen(const Corner& c, const Edge& edge) {
   return gap * gap * gap / (12 * std::max(1e-12, after - before));
 }
 
-/// The covariance of a corner that is fitted.
-Matrix2d covariance_of(const Corner& c) {
+/// A Grain is how coarse intensities are.
+struct Grain {
+  double step = 0, noise = 0;  // of levels; before they were rounded
+
+  /// Returns how large a wave of the error of rounding is, squared, mean: of a sawtooth, as far as
+  /// noise does not smear it.
+  double wave(int k) const {
+    const double smear = 2 * kPi * k * noise / step;
+    return step > 0 ? std::pow(step / (kPi * k), 2) / 2 * std::exp(-smear * smear) : 0;
+  }
+  double waves() const { return wave(1) + wave(2) + wave(3); }
+};
+
+/// `squares`: mean square of the residuals.
+Grain grain_of(const std::vector<const Beam*>& beams, double squares) {
+  std::vector<double> levels;
+  for (const Beam* b : beams) levels.push_back(b->intensity);
+  std::sort(levels.begin(), levels.end());
+  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+  Grain out;
+  for (size_t i = 1; i < levels.size(); ++i) {
+    const double step = levels[i] - levels[i - 1];
+    out.step = i == 1 ? step : std::min(out.step, step);
+  }
+  out.noise = std::sqrt(std::max(0., squares - out.step * out.step / 12));
+  return out;
+}
+
+/// What rounding adds to the middle of the covariance.
+Matrix4d rounding(const Corner& c, const Grain& grain) {
+  constexpr int kWaves = 3;
   const Edge ea(c, 0), eb(c, 1);
-  Matrix4d jtj = Matrix4d::Zero(), middle = jtj;
+  Matrix4d out = Matrix4d::Zero();
+  for (int k = 1; k <= kWaves && grain.wave(k) > 0; ++k) {
+    Vector4d cosines = Vector4d::Zero(), sines = cosines, j;
+    for (const Beam* beam : c.beams) {
+      const double seen = beam->intensity - residual(c, ea, eb, *beam, j);
+      const double phase = 2 * kPi * k * seen / grain.step;
+      cosines += std::cos(phase) * j, sines += std::sin(phase) * j;
+    }
+    out += grain.wave(k) * (cosines * cosines.transpose() + sines * sines.transpose());
+  }
+  return out;
+}
+
+/// The covariance of a corner that is fitted.
+Matrix2d covariance_of(const Corner& c, const Grain& grain) {
+  const Edge ea(c, 0), eb(c, 1);
+  Matrix4d jtj = Matrix4d::Zero(), middle = rounding(c, grain);
   Vector4d j;
   for (const Beam* beam : c.beams) {
     residual(c, ea, eb, *beam, j);
@@ -208,7 +253,8 @@ Matrix2d covariance_of(const Corner& c) {
   for (const Beam* beam : c.beams) {
     const double r = residual(c, ea, eb, *beam, j);
     const double leverage = j.dot(inverse * j);
-    middle += r * r / std::max(0.05, 1 - leverage) * j * j.transpose();
+    const double own = std::max(0., r * r - grain.waves());  // what it does not share
+    middle += own / std::max(0.05, 1 - leverage) * j * j.transpose();
   }
   const Matrix2d gaps = Vector2d(unseen(c, ea), unseen(c, eb)).asDiagonal();
   return (inverse * middle * inverse).topLeftCorner<2, 2>() + c.sides * gaps * c.sides.transpose();
@@ -375,10 +421,11 @@ bool fit_all(const Beams& beams, std::vector<Corner>& corners) {
   const double contrast = median(contrasts), error = median(errors);
   corners.clear();
   if (std::sqrt(error) > kUnlike * contrast) return false;
+  const Grain grain = grain_of(near, error);
   for (Corner& c : kept)
     if (std::abs(c.half) > 0.4 * contrast &&
         c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
-      c.covariance = covariance_of(c);
+      c.covariance = covariance_of(c, grain);
       corners.push_back(c);
     }
   return true;

@@ -17,6 +17,11 @@
 // which alone tell where the corner is. An edge that lies between two beams (d apart, as it sees
 // them) that are farther apart than its blur can be anywhere in the gap g = d - 3 s_a, and no
 // residual knows it; a share g / d of all edges is there, which is a variance of g^3 / (12 d).
+// Intensities in steps of q: beams that see the same are rounded alike, and along an edge that lies
+// as the scanner does many see the same. The error of rounding what is seen, E, is a sawtooth, of
+// waves k with the mean square v_k = q^2 / (2 pi^2 k^2) exp(-(2 pi k s / q)^2) where noise s comes
+// first, and two beams share cos(2 pi k (E - E') / q) of it; so the sum j j' r^2 gets, for what
+// rounding is of r^2,  sum_k v_k (c c' + d d'),  c, d = sum j cos, sum j sin of 2 pi k E / q.
 //
 // Ranges. Beams on the edge of something are far and near at once, and dark squares have other
 // ranges than bright ones (less light: noisier, and often too far by some mm), so only beams that

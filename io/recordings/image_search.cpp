@@ -52,15 +52,12 @@ struct SearchParts {
       } catch (const cv::Exception&) {  // one image must not end the others
         continue;
       }
-      // A part of a board without markers may be numbered from the wrong end.
-      const ImageTarget& target = targets.at(t);
-      const bool plain =
-          target.kind == ImageTarget::Kind::chessboard || target.kind == ImageTarget::Kind::circles;
-      if (found.ids.empty() || (plain && found.ids.size() < target.points.size())) continue;
+      if (found.ids.empty()) continue;
       Sighting seen;
       seen.target = t;
       seen.layouts = found.layouts;
       seen.frame.ids = found.ids;
+      seen.frame.floor = found.floor;
       for (const cv::Point2d& p : found.pixels) {
         seen.frame.pixels.push_back(p.x);
         seen.frame.pixels.push_back(p.y);

@@ -6,9 +6,7 @@
 
 namespace kincal {
 
-/// Returns what searches images for the targets of a rig, which has to stay. Boards without markers
-/// (chessboards, circles) count only where they are seen whole: a part may be numbered from the
-/// wrong end. Of ChArUco boards,
+/// Returns what searches images for the targets of a rig, which has to stay. Of ChArUco boards,
 /// which are read in one of two layouts, agree() takes out what was read by the one that fewer
 /// markers agree with. @throws InputError where the rig says of a target what no finder knows
 TargetSearch image_search(const RigFile& rig);

@@ -128,7 +128,8 @@ ViewRest view_rest(const std::vector<CornerFrame>& frames, double tolerance) {
 }
 
 double SettledCorners::sigma(double sigma) const {
-  return std::sqrt(sigma * sigma + (scatter_known && frames > 0 ? scatter * scatter / frames : 0));
+  return std::sqrt(sigma * sigma + floor * floor +
+                   (scatter_known && frames > 0 ? scatter * scatter / frames : 0));
 }
 
 SettledCorners average_corners(const std::vector<CornerFrame>& frames, const TimeInterval& over) {
@@ -136,6 +137,9 @@ SettledCorners average_corners(const std::vector<CornerFrame>& frames, const Tim
   for (const CornerFrame& frame : frames)
     if (over.contains(frame.time)) inside.push_back(&frame);
   SettledCorners out;
+  for (const CornerFrame* frame : inside)
+    out.floor += frame->floor * frame->floor / static_cast<double>(inside.size());
+  out.floor = std::sqrt(out.floor);
   const Coordinates all = coordinates_of(inside);
   std::vector<double> deviations;  // from the medians
   for (const auto& [id, values] : all)

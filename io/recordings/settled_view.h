@@ -6,6 +6,10 @@
 // scatter; the median of all pairs is robust against rests that are none. A frame is still within
 // three of these, or within a third of the rig's sigma, which does no harm. The longest run of
 // still frames is the view's rest.
+//
+// Noise. The finder tells how much of a corner's sigma is no noise (sampling, edges nearby): that
+// is a floor, which averages keep, beside the rig's sigma:
+//     sigma^2 = scatter^2 / n + floor^2 + sigma_rig^2.
 #pragma once
 
 #include <vector>
@@ -19,6 +23,7 @@ struct CornerFrame {
   double time = 0;             // s
   std::vector<int> ids;        // ascending
   std::vector<double> pixels;  // 2 an id
+  double floor = 0;            // px: the sigma of a coordinate, without what is noise
 };
 
 /// Returns the scatter of a coordinate of a corner from frame to frame, in px; 0: there are no two
@@ -51,9 +56,10 @@ struct SettledCorners {
   double scatter = 0;          // px, of a coordinate in one frame
   double frames = 0;           // mean number of frames a corner is the average of
   bool scatter_known = false;  // two frames at least
+  double floor = 0;            // px: root mean square of those of the frames
 
-  /// Returns the sigma of an averaged coordinate, where the rig has one that averaging does not
-  /// remove.
+  /// Returns the sigma of an averaged coordinate: of the scatter, the floor, and one that the rig
+  /// has; averaging removes neither of these.
   double sigma(double sigma) const;
 };
 

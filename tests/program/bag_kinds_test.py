@@ -3,8 +3,9 @@
 A recording of `simulate --bag` is written again with its images in another encoding, and imported. Proves: rgb8, bgr8 and PNG images of a grey scene give the samples of
 mono8, mono16 (which is stretched) the same corners within 0.02 px and a Bayer pattern within 0.1 px; `--apply-offsets` gives the samples of a camera that is stamped late those of one that is
 not, within their sigmas; PointCloud2 of a lidar and sweeps of a tilting laser become samples, the latter a calibration that is right within its covariance;
+JPEG images in a ROS 1 bag, in MCAP with ROS 1's messages and in MCAP with ROS 2's give the same corners within 0.05 px;
 the program without OpenCV (the same sources without the search, not another build of OpenCV's absence) writes an image of each rest, `detect` goes on from there; killed
-at any moment while it searches images, an import leaves the old samples or the new ones. Not proved: JPEG in a bag (its decoder: tests/images/load_test.cpp), real recordings.
+at any moment while it searches images, an import leaves the old samples or the new ones. Not proved: real recordings.
 """
 import importlib.util
 import json
@@ -64,6 +65,58 @@ def read_bag(path):
     return [topics[k] for k in sorted(topics)], messages
 
 
+def mcap(topics, messages):
+    """An MCAP with messages as ROS 1 writes them; topics and messages as bags_test.bag has them."""
+    text = bags_test.text
+    record = lambda op, data: bytes([op]) + struct.pack("<Q", len(data)) + data
+    out = b"\x89MCAP0\r\n" + record(1, text("ros1") + text(""))
+    for i, (name, kind, definition) in enumerate(topics):
+        out += record(3, struct.pack("<H", i + 1) + text(kind) + text("ros1msg") + text(definition))
+        out += record(4, struct.pack("<HH", i, i + 1) + text(name) + text("ros1") + struct.pack("<I", 0))
+    for n, (topic, at, data) in enumerate(messages):
+        out += record(5, struct.pack("<HIQQ", topic, n, int(1e9 * at), int(1e9 * at)) + data)
+    return out + record(15, struct.pack("<I", 0)) + record(2, struct.pack("<QQI", 0, 0, 0)) + b"\x89MCAP0\r\n"
+
+
+def with_jpeg(data, jpeg):
+    """An MCAP of ROS 2's messages as `simulate --bag` writes it, without its index, whose images are compressed."""
+    def records(part):
+        at = 0
+        while at + 9 <= len(part):
+            size = struct.unpack_from("<Q", part, at + 1)[0]
+            yield part[at], part[at + 9:at + 9 + size]
+            at += 9 + size
+    flat = []
+    for op, content in records(data[8:]):
+        if op != 6:
+            flat.append((op, content))
+            continue
+        n = struct.unpack_from("<I", content, 28)[0]
+        assert n == 0   # not packed
+        flat += list(records(content[32 + n + 8:]))
+    string = lambda content, at: content[at + 4:at + 4 + struct.unpack_from("<I", content, at)[0]]
+    images = {struct.unpack("<H", c[:2])[0] for op, c in flat if op == 4 and string(c, 4) == b"/camera/image_raw"}
+    raw = {struct.unpack("<H", c[2:4])[0] for op, c in flat if op == 4 and struct.unpack("<H", c[:2])[0] in images}
+    out = data[:8]
+    for op, content in flat:
+        if op == 3 and struct.unpack("<H", content[:2])[0] in raw:
+            definition = COMPRESSED.replace("uint32 seq\n", "").replace("time stamp", "builtin_interfaces/Time stamp") + bags_test.LINE + "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+            content = content[:2] + bags_test.text("sensor_msgs/msg/CompressedImage") + bags_test.text("ros2msg") + bags_test.text(definition)
+        elif op == 5 and struct.unpack("<H", content[:2])[0] in images:
+            padded = lambda b: b + b"\0" * (-(len(b) - 4) % 4)   # behind the four bytes of CDR
+            cdr = content[22:]
+            size = 4 + 8 + 4 + struct.unpack_from("<I", cdr, 12)[0]
+            head = padded(cdr[:size])
+            height, width = struct.unpack_from("<II", cdr, len(head))
+            file = jpeg(width, height, cdr[-width * height:])
+            content = content[:22] + padded(head + struct.pack("<I", 5) + b"jpeg\0") + struct.pack("<I", len(file)) + file
+        elif op not in (1, 3, 4, 5):
+            continue
+        out += bytes([op]) + struct.pack("<Q", len(content)) + content
+    end = lambda op, content: bytes([op]) + struct.pack("<Q", len(content)) + content
+    return out + end(15, b"\0" * 4) + end(2, b"\0" * 20) + data[:8]
+
+
 class Image:
     """A grey sensor_msgs/Image, to be written in other ways."""
 
@@ -97,6 +150,16 @@ class Image:
         lines = b"".join(b"\0" + self.pixels[r * self.width:(r + 1) * self.width] for r in range(self.height))
         data = (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", self.width, self.height, 8, 0, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(lines, 1)) + chunk(b"IEND", b""))
         return self.header + bags_test.text("mono8; png compressed ") + struct.pack("<I", len(data)) + data
+
+
+    def jpeg(self):
+        data = jpeg_of(self.width, self.height, self.pixels)
+        return self.header + bags_test.text("mono8; jpeg compressed ") + struct.pack("<I", len(data)) + data
+
+
+def jpeg_of(width, height, pixels):
+    program = os.path.join(os.path.dirname(KINCAL), "tests", "jpeg-of-grey")
+    return subprocess.run([program, str(width), str(height), "95"], input=pixels, stdout=subprocess.PIPE, check=True).stdout
 
 
 class Recorded(helpers.Folder):
@@ -147,6 +210,38 @@ class Kinds(Recorded):
                 common = set(pixels[0]) & set(pixels[1])
                 self.assertGreater(len(common), 0.9 * len(pixels[1]))
                 self.assertLess(max(abs(p - q) for c in common for p, q in zip(pixels[0][c], pixels[1][c])), 0.02 if name == "mono16" else 0.1, name)
+
+    def compare(self, got, given, most):
+        """The same samples, corners within `most` px (rms)."""
+        self.assertEqual([s["joints"] for s in got], [s["joints"] for s in given])
+        squares = []
+        for a, b in zip(got, given):
+            p, q = (dict(zip(map(str, v["ids"]), v["pixels"])) for v in (a["views"][0], b["views"][0]))
+            self.assertGreater(len(set(p) & set(q)), 0.9 * len(q))
+            squares += [(p[c][k] - q[c][k]) ** 2 for c in set(p) & set(q) for k in (0, 1)]
+        self.assertLess(math.sqrt(sum(squares) / len(squares)), most)
+        self.assertGreater(max(squares), 0)   # it is another picture
+
+    def test_jpeg(self):
+        if not os.path.exists(os.path.join(os.path.dirname(KINCAL), "tests", "jpeg-of-grey")):
+            self.skipTest("jpeg-of-grey is not built")
+        self.record_arm("a.bag", samples="2")
+        self.record_arm("two.mcap", samples="2")
+        given = self.import_it("a.bag")
+        self.assertEqual(len(given), 2)
+        topics, messages = read_bag(self.path("a.bag"))
+        k = [t[0] for t in topics].index("/camera/image_raw")
+        other = [list(t) for t in topics]
+        other[k] = ["/camera/image_raw/compressed", "sensor_msgs/CompressedImage", COMPRESSED]
+        packed = [(t, at, Image(data).jpeg() if t == k else data) for t, at, data in messages]
+        self.write("jpeg.bag", bags_test.bag(other, packed))
+        self.write("one.mcap", mcap(other, packed))
+        self.compare(self.import_it("jpeg.bag"), given, 0.05)
+        self.compare(self.import_it("one.mcap"), given, 0.05)
+        self.assertEqual(self.samples("one.mcap.jsonl"), self.samples("jpeg.bag.jsonl"))
+        with open(self.path("two.mcap"), "rb") as file:
+            self.write("packed.mcap", with_jpeg(file.read(), jpeg_of))
+        self.compare(self.import_it("packed.mcap"), self.import_it("two.mcap"), 0.05)
 
     def test_a_late_camera(self):
         """Its samples, with the offset applied, are those of a camera that is on time."""
