@@ -83,6 +83,9 @@ void judge(const cv::Mat& image, Detection& found) {
 
 Detection detect(const cv::Mat& image, const ImageTarget& target) {
   using Kind = ImageTarget::Kind;
+  // OpenCV's searches draw random numbers from the thread's generator: begun anew, so that what is
+  // found in a picture does not depend on those before it.
+  cv::theRNG() = cv::RNG();
   Detection found = target.kind == Kind::charuco   ? find_charuco(image, target)
                     : target.kind == Kind::tags    ? find_tags(image, target)
                     : target.kind == Kind::marker  ? find_marker(image, target)
