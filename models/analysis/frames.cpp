@@ -46,9 +46,11 @@ struct Variances {
 };
 Variances variances(const FrameDerivative& d, const Unknowns& unknowns) {
   const MatrixXd covariance = d.by_unknowns * unknowns.covariance * d.by_unknowns.transpose();
-  Variances out{covariance.diagonal().head<3>().sum(), covariance.diagonal().tail<3>().sum(),
-                d.by_readings.topRows<3>().squaredNorm(),
-                d.by_readings.bottomRows<3>().squaredNorm()};
+  Variances out{covariance.diagonal().head<3>().sum(), covariance.diagonal().tail<3>().sum(), 0, 0};
+  for (Eigen::Index c = 0; c < d.by_readings.cols(); ++c) {  // (no rows of a matrix of nothing)
+    out.position_by_readings += d.by_readings.col(c).head<3>().squaredNorm();
+    out.rotation_by_readings += d.by_readings.col(c).tail<3>().squaredNorm();
+  }
   for (Eigen::Index k = 0; k < unknowns.undetermined.cols(); ++k) {
     const VectorXd direction = unknowns.undetermined.col(k);
     const Vector6d motion = d.by_unknowns * direction;
