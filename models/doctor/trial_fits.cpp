@@ -68,7 +68,9 @@ ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& st
     for (const Freed& f : out.free[i])
       out.whole[f.parameter] = out.whole[f.parameter] || f.whole(table.all[f.parameter]);
     for (const auto& p : stages[i].priors) {
-      const Freed f = table.select(p.first).at(0);
+      const std::vector<Freed> found = table.select(p.first);
+      if (found.empty()) continue;  // a hypothesis took it away, as a lens without distortion does
+      const Freed& f = found[0];
       out.prior[f.parameter] = 1;
       out.priors[i].push_back({f.parameter, f.components[0], p.second});
     }

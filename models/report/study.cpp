@@ -127,7 +127,7 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
   Rig rig = solution.rig();
   rig.nominal.clear();
   for (const Parameter& p : table.all) {
-    if (mistaken.count(p.name)) continue;
+    if (p.hidden() || mistaken.count(p.name)) continue;
     NominalValue found;
     found.parameter = p.name;
     if (p.pose) found.pose = get_pose(values, p.start);

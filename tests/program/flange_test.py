@@ -61,6 +61,33 @@ def samples(count, turns, slides=0.1, noise=3e-4, seed=1):
     return "".join(lines)
 
 
+CAMERA = """format: kincal/1
+robot: {base: base, flange: tool0}
+%s
+targets:
+  board: {type: chessboard, rows: 5, columns: 7, square: 0.03, mount: {link: base}}
+sensors:
+  cam: {type: camera, link: tool0, model: brown_conrady, image_size: [1280, 960], intrinsics: [1280, 1280, 639.5, 479.5], sigma: 0.2}
+"""
+
+
+def pictures(count, focal, seed=1, noise=3e-4):
+    """Corners of a board below the robot, in pixels of a camera that looks down."""
+    draws = np.random.RandomState(seed)
+    mount, board = motion([0.03, -0.02, 0.06], [0, 0, 0.3]), motion([0.4, 0.1, 0], [0, 0, 0.2])
+    corners = np.array([[0.03 * (i % 7), 0.03 * (i // 7), 0, 1] for i in range(35)]).T
+    lines = []
+    for i in range(count):
+        flange = motion([0.48, 0.15, 0.55], [np.pi, 0, 0]) @ motion(draws.uniform(-0.05, 0.05, 3), draws.uniform(-0.4, 0.4, 3))
+        p = np.linalg.inv(flange @ mount) @ board @ corners
+        x = p[:2] / p[2]
+        pixels = focal * x * (1 - 0.1 * (x ** 2).sum(axis=0)) + np.array([[639.5], [479.5]]) + draws.normal(0, 0.2, (2, 35))
+        read = flange @ motion(draws.normal(0, noise, 3), draws.normal(0, noise, 3))
+        lines.append({"id": "s%d" % i, "joints": {"flange": pose(read)},
+                      "views": [{"sensor": "cam", "target": "board", "ids": list(range(35)), "pixels": pixels.T.tolist()}]})
+    return lines
+
+
 class Flange(helpers.Folder):
     def calibrate(self, text, code, entry="", rig=None):
         self.write("rig.yaml", rig or RIG % entry)
@@ -103,6 +130,25 @@ class Flange(helpers.Folder):
         self.assertIn("sensor/cam translation: ", said["noise"])
         self.assertIn(", stated 0.0005", said["noise"])
         self.assertNotIn("not stated", said["noise"])
+
+    def test_guessed_lens(self):
+        """It takes up what somebody was mistaken about: mistakes are looked for in the rig as it was found."""
+        text = "".join(json.dumps(line) + "\n" for line in pictures(15, 1012))
+        result, said = self.calibrate(text, 0, rig=CAMERA % "")
+        lens = result["parameters"]["sensor/cam/intrinsics"]
+        for c in (0, 1):
+            self.assertLess(abs(lens["value"][c] - 1012), 4 * lens["sigma"][c])
+        self.assertIn("sensor/cam/intrinsics", said["rescaled"])
+
+    def test_pictures_of_nothing(self):
+        lines = pictures(15, 1280)
+        for line in lines:
+            line["views"][0]["pixels"] = [[0, 0]] * 35
+        self.write("rig.yaml", CAMERA % "" + "priors: {sensor/cam/distortion.k1: 0.01}\n")
+        self.write("samples.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
+        done = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out"], cwd=self.dir, capture_output=True, text=True)
+        self.assertIn(done.returncode, (1, 2, 3, 5), done.stdout + done.stderr)
+        self.assertNotIn("vector::", done.stderr)
 
     def test_batch(self):
         """A fleet of such robots: what is done is done, and a mistake is named as calibrate names it."""
