@@ -302,8 +302,8 @@ double seconds_of_date(const std::string& text) {
   // Days from civil (Hinnant): March begins the year.
   const int y = month <= 2 ? year - 1 : year, era = y / 400, of_era = y - 400 * era,
             of_year = (153 * (month + (month > 2 ? -3 : 9)) + 2) / 5 + day - 1;
-  const double days =
-      146097.0 * era + 365.0 * of_era + of_era / 4 - of_era / 100 + of_year - 719468;
+  const int leap_days = of_era / 4 - of_era / 100;
+  const double days = 146097.0 * era + 365.0 * of_era + leap_days + of_year - 719468;
   return 86400 * days + 3600.0 * hour + 60.0 * minute + second;
 }
 
