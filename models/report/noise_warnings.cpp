@@ -152,10 +152,29 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
          all + (unstated.empty() ? "" : ". " + flange_entry(rig, unstated)) + doubted_gears(report);
 }
 
+bool is_kept(const NoiseLevel& level) { return std::isnan(level.seen) && level.assumed > 0; }
+
+/// The sensor that --estimate-noise found far noisier than stated while it kept the noise of
+/// joints, which these data do not determine: it may have theirs. Null: none.
+const NoiseLevel* blamed_for_joints(const Report& report) {
+  constexpr double kFarNoisier = 1.5;
+  const bool explicitly = report.noise_estimated && !std::isfinite(report.noise_estimated->stated);
+  if (!explicitly || std::none_of(report.noise_levels.begin(), report.noise_levels.end(),
+                                  [](const NoiseLevel& l) { return l.joint >= 0 && is_kept(l); }))
+    return nullptr;
+  const NoiseLevel* out = nullptr;
+  for (const NoiseLevel& l : report.noise_levels)
+    if (l.sensor >= 0 && l.used > kFarNoisier * l.assumed &&
+        (!out || l.used * out->assumed > out->used * l.assumed))
+      out = &l;
+  return out;
+}
+
 }  // namespace
 
 bool noise_is_doubtful(const Report& report) {
   constexpr double kLowered = 0.5, kLarger = 1.25;  // chi2/dof
+  if (blamed_for_joints(report)) return true;
   if (!report.noise_estimated || !std::isfinite(report.noise_estimated->stated)) return false;
   if (report.noise_estimated->stated > kLarger && any_stated_is_larger(report)) return true;
   std::set<std::string> kinds;  // that are stated apart: of joints, of sensors by their unit
@@ -252,12 +271,17 @@ void warn_of_noise(const Report& report, Warnings& out) {
                         "this and now of that");
   std::vector<std::string> kept;
   for (const NoiseLevel& level : report.noise_levels)
-    if (std::isnan(level.seen) && level.assumed > 0)
+    if (is_kept(level))
       kept.push_back(level.of + (level.part.empty() ? "" : " " + level.part) +
                      text(" (%.3g ", level.assumed) + level.unit + ")");
   if (!kept.empty() && !std::isfinite(report.noise_estimated->stated)) {
     sentences.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
                         ": what is stated was kept");
+    if (const NoiseLevel* blamed = blamed_for_joints(report))
+      sentences.push_back(level_name(*blamed) +
+                          text(" came out %.2g times as noisy as stated: where that is noise of "
+                               "these joints, sigmas of the result are far too small",
+                               blamed->used / blamed->assumed));
     names.insert(names.end(), kept.begin(), kept.end());
   }
   for (const NoiseLevel& level : report.noise_levels)

@@ -12,7 +12,8 @@ constexpr double kNoisy = 3;  // times as noisy as stated: a joint that somethin
 /// than stated and no mistake explains it, so that what the model lacks may have been taken for
 /// noise; or all sigmas, of several kinds of noise, were multiplied by one factor, which is below a
 /// half or makes joints more exact than they are seen to be: if only one of them was stated too
-/// large, the result's sigmas are too small.
+/// large, the result's sigmas are too small. Or --estimate-noise found a sensor far noisier than
+/// stated and kept the noise of joints, which may be the cause.
 bool noise_is_doubtful(const Report& report);
 /// What to write into a rig for the noise of its sensors, as the data show it.
 std::string sensors_as_seen(const Report& report);

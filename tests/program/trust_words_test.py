@@ -113,6 +113,23 @@ class Noise(Case):
         self.assertNotIn("Noise that is seen", text)
         self.assertAlmostEqual(again["chi2"] / again["dof"], 1, delta=0.02)
 
+    def test_noise_of_joints_taken_by_a_camera(self):
+        """Joints stated a hundred times too exact, whose noise a few pictures do not determine: the camera's comes out as theirs."""
+        arm = os.path.join(SOURCE_DIR, "examples", "arm")
+        self.kincal("simulate", os.path.join(arm, "rig.yaml"), "--postures", os.path.join(arm, "postures.jsonl"), "--truth", os.path.join(arm, "truth.json"),
+                    "--samples", "20", "--seed", "1", "--out", os.path.join(self.dir, "sim"))
+        with open(os.path.join(arm, "rig.yaml"), encoding="utf-8") as file:
+            text = file.read().replace("robot: robot.urdf", "robot: " + os.path.join(arm, "robot.urdf"))
+        self.assertEqual(text.count('"*": {sigma: 0.0003}'), 1)
+        rig = os.path.join(self.dir, "exact.yaml")
+        with open(rig, "w", encoding="utf-8") as file:
+            file.write(text.replace('"*": {sigma: 0.0003}', '"*": {sigma: 0.000003}'))
+        result, _ = self.calibrate(rig, os.path.join(self.dir, "sim", "samples.jsonl"), "--no-report", "--estimate-noise")
+        self.assertEqual(result["verdict"]["use"], "doubts")
+        for words in ("do not determine the noise of joint/", "sensor/camera came out", "as noisy as stated: where that is noise of these joints"):
+            self.assertIn(words, result["verdict"]["text"])
+        self.assertIn("state in the rig what you know of the noise", result["verdict"]["next"][0])
+
     def test_modes(self):
         rig, samples = (os.path.join(self.example, name) for name in ("rig.yaml", "samples.jsonl"))
         p = subprocess.run([KINCAL, "calibrate", rig, samples, "--out", os.path.join(self.dir, "x"), "--estimate-noise", "--noise", "point"],
