@@ -3,21 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "student.h"
+
 namespace kincal {
 namespace {
-
-/// Quantile 97.5 % of Student's t with n >= 2 degrees of freedom: Cornish and Fisher's expansion
-/// about the normal's (Abramowitz, Stegun 26.7.5), 0.12 % off at n = 3, better beyond.
-double student_quantile(long n) {
-  if (n == 2) return std::sqrt(2 / (0.05 * 1.95) - 2);
-  constexpr double z = 1.959963984540054, q = z * z;
-  const double a = 1 / static_cast<double>(n);
-  return z *
-         (1 + a * ((q + 1) / 4 +
-                   a * (((5 * q + 16) * q + 3) / 96 +
-                        a * ((((3 * q + 19) * q + 17) * q - 15) / 384 +
-                             a * (((((79 * q + 776) * q + 1482) * q - 1920) * q - 945) / 92160)))));
-}
 
 /// The factor between a root mean square, or a ratio of two, and the ends of its interval; theta is
 /// twice its logarithm without each block. Infinite: one block is nearly all of it, and the scatter

@@ -101,9 +101,16 @@ std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& gr
   mounts.name = kMounts;
   everything.name = kEverything;
   mounts.sensors = everything.sensors = indices(recording.rig.sensors.size());
-  name(table, groups.mounts, mounts.free);
-  std::vector<Freed> turning = groups.mounts;
+  std::vector<Freed> turning = groups.mounts, placed;
   take_away(groups.pointing, turning);
+  // (The whole pose of a point is put where the data have it, turned as it may be. One that is held
+  // in part is searched for step by step, and what turns nothing would lead that astray.)
+  for (const Freed& pose : groups.mounts)
+    if (pose.whole(table.all[pose.parameter]))
+      placed.push_back(pose);
+    else if (const Freed* rest = find_freed(turning, pose.parameter))
+      placed.push_back(*rest);
+  name(table, placed, mounts.free);
   name(table, turning, everything.free);
   for (size_t g = 0; g < groups.groups.size(); ++g)
     for (const Member& m : groups.groups[g].members) {
@@ -217,9 +224,15 @@ struct ReadingScore {
   double in_sigmas() const { return variance > 0 ? score / std::sqrt(variance) : 0; }
 };
 
-/// The data's quadratic model at a fit. `readings` becomes the score of their errors.
-WidthProblem width_problem(const Recording& recording, const Fit& fit,
-                           const AutomaticGroups& groups, double& readings) {
+/// A problem of widths, what its unknowns are, and the score of errors of the readings.
+struct FitWidths {
+  WidthProblem problem;
+  std::vector<Component> columns;
+  double readings = 0;
+};
+
+/// The data's quadratic model at a fit.
+FitWidths width_problem(const Recording& recording, const Fit& fit, const AutomaticGroups& groups) {
   EstimationSetup setup = fit.problem->setup();
   setup.priors.clear();
   for (const WidthGroup& group : groups.groups)  // what the fit held counts as well
@@ -257,7 +270,6 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
     }
     score.add(gram, shape, exact);
   }
-  readings = score.in_sigmas();
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);
@@ -267,7 +279,7 @@ WidthProblem width_problem(const Recording& recording, const Fit& fit,
     out.start(k) = found->second.second;
     out.at(k) = value_of(recording.table, data.initial(), fit.values.shared, columns[i]);
   }
-  return out;
+  return {std::move(out), columns, score.in_sigmas()};
 }
 
 /// What rounds of fits and widths found.
@@ -278,20 +290,102 @@ struct Learned {
   WidthProblem problem;
   Widths widths;
   double reading_errors = 0, gears_gain = kNan;
+  std::vector<UncheckedScale> unchecked;
 };
 
-/// The gain of the gears' group, which was not asked for, at a fit without it.
-double gears_gain(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
-                  VectorXd factor) {
-  if (groups.gears.empty()) return kNan;
+/// Sets of unknowns that are one length each: the scale of a sliding joint, the squares of all
+/// boards (of one printer). Not what the rig's own priors say something of.
+std::vector<std::vector<int>> scales_of(const Recording& recording, const FitWidths& widths) {
+  std::vector<std::vector<int>> out;
+  std::vector<int> squares;
+  for (size_t i = 0; i < widths.columns.size(); ++i) {
+    const Parameter& p = recording.table.all[widths.columns[i].parameter];
+    if (widths.problem.group[i] < 0) continue;
+    if (p.kind == ParameterKind::square) squares.push_back(static_cast<int>(i));
+    if (p.kind == ParameterKind::joint_scale &&
+        recording.rig.tree.joints[p.owner].type == JointType::prismatic)
+      out.push_back({static_cast<int>(i)});
+  }
+  if (!squares.empty()) out.push_back(squares);
+  return out;
+}
+
+/// Lengths that nothing checks. With the scaled unknowns S moved by v, 1 % of their values, the
+/// others O follow by d = -(N + P)_OO^-1 N_OS v, and twice the cost grows by v' N_SS v + v' N_SO d:
+/// below kSeen data of that size do not tell. `widths` has the gears; sigmas are those of
+/// `learned`.
+std::vector<UncheckedScale> unchecked_scales(const Recording& recording, const FitWidths& widths,
+                                             const VectorXd& factor, const Learned& learned) {
+  constexpr double kShare = 0.01, kSeen = 9, kMatters = 1;  // 3 sigmas; sigmas of another number
+  const WidthProblem& problem = widths.problem;
+  const ParameterTable& table = recording.table;
+  const auto n = static_cast<Eigen::Index>(widths.columns.size());
+  VectorXd sigma = VectorXd::Zero(n);  // of what is estimated in any case: mounts, lenses
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const auto found = std::find(learned.columns.begin(), learned.columns.end(), widths.columns[i]);
+    const int group = problem.group[i];
+    if (found != learned.columns.end() &&
+        (problem.start(i) == 0 || (group >= 0 && problem.odds[group] == kNominalLens)))
+      sigma(i) = std::sqrt(learned.widths.posterior.variance(found - learned.columns.begin()));
+  }
+  std::vector<UncheckedScale> out;
+  for (const std::vector<int>& scaled : scales_of(recording, widths)) {
+    VectorXd v = VectorXd::Zero(n);
+    for (const int i : scaled)
+      v(i) = kShare * learned.values.shared(table.all[widths.columns[i].parameter].start);
+    MatrixXd others = problem.normal;
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (problem.start(i) > 0) {
+        const int group = problem.group[i];
+        const double width = problem.start(i) * (group >= 0 ? factor(group) : 1);
+        others(i, i) += 1 / (width * width);
+      }
+    VectorXd pull = -(problem.normal * v);
+    for (const int i : scaled) {
+      others.row(i).setZero();
+      others.col(i).setZero();
+      others(i, i) = 1;
+      pull(i) = 0;
+    }
+    const VectorXd moved = others.ldlt().solve(pull);
+    if (!(v.dot(problem.normal * (v + moved)) < kSeen)) continue;
+    Eigen::Index worst = -1;
+    double most = kMatters;
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (sigma(i) > 0 && std::abs(moved(i)) > most * sigma(i)) {
+        most = std::abs(moved(i)) / sigma(i);
+        worst = i;
+      }
+    if (worst < 0) continue;
+    UncheckedScale one;
+    for (const int i : scaled) one.scales.push_back(table.name(widths.columns[i]));
+    one.worst = table.name(widths.columns[worst]);
+    one.unit = table.unit(widths.columns[worst]);
+    one.moved = std::abs(moved(worst));
+    one.sigmas = most;
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+/// What the gears that were not asked for say at a fit without them: the gain of their group, and
+/// with the boards' squares which lengths nothing checks.
+void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
+                  Learned& out) {
+  VectorXd factor = out.widths.factor;
+  if (groups.gears.empty()) {
+    out.unchecked = unchecked_scales(recording, {out.problem, out.columns}, factor, out);
+    return;
+  }
   AutomaticGroups all = groups;
   all.groups.push_back({"gears", groups.gears, {}});
-  double ignored = 0;
-  const WidthProblem problem = width_problem(recording, fit, all, ignored);
+  const FitWidths with = width_problem(recording, fit, all);
   factor.conservativeResize(factor.size() + 1);
   factor(factor.size() - 1) = 1;
-  const Widths widths = learn_widths(problem, factor, kWidthRounds);
-  return widths.defined ? evidence_gain(problem, widths, problem.groups - 1) : kNan;
+  const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
+  if (!widths.defined) return;
+  out.gears_gain = evidence_gain(with.problem, widths, with.problem.groups - 1);
+  out.unchecked = unchecked_scales(recording, with, factor, out);
 }
 
 Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,
@@ -326,15 +420,17 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     out.outcome = done.summary.outcome;
     if (!done.defined() || out.outcome == Outcome::cancelled) return out;
     out.values = done.values;
-    out.columns = done.problem->columns();
-    out.problem = width_problem(recording, done, groups, out.reading_errors);
+    FitWidths found = width_problem(recording, done, groups);
+    out.columns = std::move(found.columns);
+    out.problem = std::move(found.problem);
+    out.reading_errors = found.readings;
     out.widths = learn_widths(out.problem, factor, kWidthRounds);
     if (!out.widths.defined) return out;
     const double change =
         factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
     factor = out.widths.factor;
     if (change < kSettled || pass + 1 == kLinearisations) {
-      out.gears_gain = gears_gain(recording, done, groups, factor);
+      judge_scales(recording, done, groups, out);
       break;
     }
   }
@@ -623,6 +719,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   out.mounts = mounts.values.shared;
   out.reading_errors = learned.reading_errors;
   out.gears_gain = learned.gears_gain;
+  out.unchecked = learned.unchecked;
   if (!recording.rig.priors.empty()) out.doubted = doubted_priors(recording, learned);
   return out;
 }

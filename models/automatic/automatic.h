@@ -48,11 +48,21 @@ struct DoubtedPrior {
   double factor = 1, gain = 0;  // gain: of log evidence
 };
 
+/// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding
+/// joint, or the squares of all boards. With it 1 % larger the data fit as well, and other numbers
+/// come out elsewhere; worst, by their sigmas, this one.
+struct UncheckedScale {
+  std::vector<std::string> scales;  // joint/NAME/scale, or target/NAME/square of every board
+  std::string worst, unit;
+  double moved = 0, sigmas = 0;
+};
+
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
   std::vector<DoubtedPrior> doubted;   // priors
+  std::vector<UncheckedScale> unchecked;
   // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
   // not asked for (their gain; NaN: there are none, or they were).
   double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();

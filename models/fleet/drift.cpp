@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../analysis/student.h"
 
 namespace kincal {
 namespace {

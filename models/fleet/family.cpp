@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../analysis/student.h"
 #include "../rig/numbers.h"
 
 namespace kincal {
@@ -158,14 +159,6 @@ void lead_with_first(std::vector<OffNumber>& numbers) {
 }
 
 }  // namespace
-
-double student_tail(double t, double freedom) {
-  const double z =
-      std::sqrt(freedom * std::log1p(t * t / freedom)) * (8 * freedom + 1) / (8 * freedom + 3);
-  return normal_tail(t < 0 ? -z : z);
-}
-
-double normal_tail(double t) { return 0.5 * std::erfc(t / std::sqrt(2.0)); }
 
 Evidence evidence(const MatrixXd& normal, const VectorXd& pull, const VectorXd& at,
                   const VectorXd& scale) {

@@ -88,9 +88,4 @@ constexpr double kAsWell = 0.98;  // of the most sigmas: such a number explains 
 /// kFewestRobots nothing is judged.
 Family judge_family(const std::vector<Evidence>& robots, const VectorXd& scale);
 
-/// Returns the share of Student's numbers above t (Wallace's approximation, 1959).
-double student_tail(double t, double freedom);
-/// Returns the share of normal numbers above t.
-double normal_tail(double t);
-
 }  // namespace kincal

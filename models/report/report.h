@@ -68,8 +68,9 @@ struct Report {
   std::vector<AutomaticGroup> automatic;  // of a rig without steps
   VectorXd mounts;                        // of these, shared values with the mounts alone estimated
   double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
-  std::vector<DoubtedPrior> doubted;   // priors of such a rig that the data contradict
-  std::optional<Diagnosis> diagnosis;  // of a calibration that ended badly
+  std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
+  std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
+  std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
   std::vector<LoopView> loop_views;              // what these are the root mean squares of

@@ -328,6 +328,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.automatic = std::move(found.groups);
   report.gears_gain = found.gears_gain;
   report.doubted = std::move(found.doubted);
+  report.unchecked = std::move(found.unchecked);
   report.mounts = std::move(found.mounts);
 }
 

@@ -10,6 +10,7 @@
 #include "free_zeros.h"
 #include "input_warnings.h"
 #include "noise_warnings.h"
+#include "scale_warnings.h"
 
 namespace kincal {
 namespace {
@@ -125,7 +126,7 @@ bool is_doubt(const Report& report, const Warning& w) {
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "systematic" || id == "chi2" || id == "unexplained" ||
          id == "joint_error" || id == "joint_noise" || id == "prior" || id == "sigma" ||
-         id == "in_use" || starts_with(id, "outlier_");
+         id == "in_use" || id == "scale" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
@@ -156,10 +157,11 @@ std::string doubt_words(const Report& report, const Warning& w) {
 
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
-  return !other || id == "width" || id == "identity" ||
+  return !other || id == "width" || id == "identity" || id == "scale" ||
          (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
                                  other->id == "chi2" || other->id == "noise")) ||
-         (id == "noise" && (other->id == "joint_error" || other->id == "chi2"));
+         (id == "noise" && (other->id == "joint_error" || other->id == "chi2" ||
+                            starts_with(other->id, "outlier_")));
 }
 
 std::string what_to_do(const Report& report, const std::string& id) {
@@ -180,6 +182,9 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "noise")
     return "state in the rig what you know of the noise; if that of the joints is right: " +
            sensors_as_seen(report);
+  if (id == "scale")
+    return "measure the squares, over many fields, and correct the rig; if they are right, correct "
+           "the poses";
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
     return "measure what came out as another (a length of the robot that is wrong looks the same), "
@@ -435,7 +440,8 @@ Verdict verdict(const Report& report) {
             size_words(solution) + ", but not determined: " + listed(open) +
                 ". What to do: " + kFreeLess + more + unmet,
             {kFreeLess}};
-  return {"good", size_words(solution) + held_words(report.automatic) + more + unmet};
+  return {"good", size_words(solution) + unchecked_words(report) + held_words(report.automatic) +
+                      more + unmet};
 }
 
 }  // namespace kincal

@@ -12,6 +12,7 @@
 #include "input_warnings.h"
 #include "noise_warnings.h"
 #include "parameter_warnings.h"
+#include "scale_warnings.h"
 #include "trial_warnings.h"
 #include "verdict.h"
 
@@ -426,14 +427,16 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
   static const char* const kOrder[] = {
-      "not_converged", "unobservable",    "few_turns",       "unexplained", "implausible",
-      "outside_image", "duplicates",      "few_data",        "undefined",   "outlier_sample",
-      "outlier_view",  "outlier_point",   "no_consensus",    "chi2",        "in_use",
-      "systematic",    "joint_error",     "joint_noise",     "noise",       "quiet_joints",
-      "prior",         "sigma",           "minima",          "given_pose",  "rescaled",
-      "no_start",      "ambiguous_start", "moved",           "identity",    "unfinished",
-      "joint_model",   "no_effect",       "few_poses",       "repeated",    "last_zero",
-      "base_frame",    "unused_prior",    "undefined_before"};
+      "not_converged",   "unobservable",   "few_turns",    "unexplained",
+      "implausible",     "outside_image",  "duplicates",   "few_data",
+      "undefined",       "outlier_sample", "outlier_view", "outlier_point",
+      "no_consensus",    "chi2",           "in_use",       "systematic",
+      "joint_error",     "joint_noise",    "noise",        "quiet_joints",
+      "scale",           "prior",          "sigma",        "minima",
+      "given_pose",      "rescaled",       "unchecked",    "no_start",
+      "ambiguous_start", "moved",          "identity",     "unfinished",
+      "joint_model",     "no_effect",      "few_poses",    "repeated",
+      "last_zero",       "base_frame",     "unused_prior", "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -478,6 +481,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
   warn_of_rescaled(report.solution, out);
+  warn_of_scales(report, out);
   warn_of_parameters(report, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {

@@ -13,6 +13,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "../../../models/analysis/student.h"
 #include "../../../models/rig/draws.h"
 
 using namespace kincal;
