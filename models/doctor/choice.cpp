@@ -244,6 +244,10 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!best || best->fit.per_dof() > Thresholds::clean ||
       static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
     try_looked_at(shortlist(recording, context, question, all, 0, common));
+  // A shift takes a sample away from the few of a first look, and what is left may start far off.
+  if (!question.by_movement && !best)
+    for (size_t i = 0; i < common; ++i)
+      if (all[i].id == "shifted") try_with_all_samples(i);
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {
       all.push_back(std::move(h));

@@ -28,6 +28,7 @@ constexpr double kBeyondLimits = 3, kManyTurns = 8;
 // What is seen of the resolution if all points lie in a corner.
 constexpr double kCorner = 0.52, kFilled = 0.35;
 constexpr size_t kEnoughViews = 8;
+constexpr double kShortestFocal = 0.1;  // of the width: no lens has so short a focal length
 
 Finding implausible(const char* id, const std::string& where, const std::string& words) {
   Finding f;
@@ -76,6 +77,29 @@ std::vector<PointCloud> point_clouds(const Rig& rig, const std::vector<Sample>& 
   return out;
 }
 
+/// fx fy cx cy.
+using Intrinsics = std::array<double, 4>;
+
+bool plausible(const Intrinsics& k, int width, int height, double margin) {
+  return k[0] > 0 && k[1] > 0 && std::max(k[0], k[1]) < 1.25 * std::min(k[0], k[1]) &&
+         std::abs(k[2] - 0.5 * width) < margin * width &&
+         std::abs(k[3] - 0.5 * height) < margin * height;
+}
+
+/// The size of the image that a camera's intrinsics and points suit where image_size is larger; the
+/// points must fill it. nullopt: none.
+std::optional<std::pair<int, int>> smaller_image(const Sensor& sensor, const PointCloud& cloud) {
+  constexpr double kSmaller = 0.8, kFills = 0.7;
+  const ParameterBlock* block = find_block(sensor, ParameterKind::intrinsics);
+  if (!block || block->values.size() != 4) return std::nullopt;
+  const double width = 2 * block->values[2], height = 2 * block->values[3];
+  if (!(width > 0 && height > 0) || width > kSmaller * sensor.image_width ||
+      height > kSmaller * sensor.image_height || cloud.right > 1.02 * width ||
+      cloud.low > 1.02 * height || cloud.right < kFills * width || cloud.low < kFills * height)
+    return std::nullopt;
+  return std::pair(static_cast<int>(std::lround(width)), static_cast<int>(std::lround(height)));
+}
+
 void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
   const std::vector<PointCloud> clouds = point_clouds(rig, samples);
   for (size_t s = 0; s < clouds.size(); ++s) {
@@ -108,17 +132,18 @@ void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vecto
                    "images of half that size, or image_size is not what was detected in. Make "
                    "points, image_size and intrinsics those of one resolution",
                    width, height)));
+    } else if (const auto size = smaller_image(sensor, cloud);
+               size && cloud.views >= kEnoughViews) {
+      out.push_back(implausible(
+          "resolution", sensor.name,
+          "All points of camera " + quoted(sensor.name) +
+              text(
+                  " lie in the upper left %d x %d pixels of its image of %d x %d, whose middle the "
+                  "intrinsics have: correct image_size, or make points and intrinsics those of "
+                  "the whole image",
+                  size->first, size->second, width, height)));
     }
   }
-}
-
-/// fx fy cx cy.
-using Intrinsics = std::array<double, 4>;
-
-bool plausible(const Intrinsics& k, int width, int height, double margin) {
-  return k[0] > 0 && k[1] > 0 && std::max(k[0], k[1]) < 1.25 * std::min(k[0], k[1]) &&
-         std::abs(k[2] - 0.5 * width) < margin * width &&
-         std::abs(k[3] - 0.5 * height) < margin * height;
 }
 
 void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
@@ -126,6 +151,16 @@ void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
   const int width = sensor.image_width, height = sensor.image_height;
   if (!block || block->values.size() != 4 || width <= 0) return;
   const Intrinsics k = {block->values[0], block->values[1], block->values[2], block->values[3]};
+  if (std::max(k[0], k[1]) > 0 && std::max(k[0], k[1]) < kShortestFocal * width) {
+    out.push_back(implausible(
+        "intrinsics", sensor.name,
+        "The focal lengths of camera " + quoted(sensor.name) +
+            text(", %.5g and %.5g, are next to nothing beside its image of %d x %d pixels. Write "
+                 "pixels: millimetres have to be divided by the size of a pixel on the chip in "
+                 "millimetres",
+                 k[0], k[1], width, height)));
+    return;
+  }
   if (plausible(k, width, height, 0.3)) return;
   const std::string given = text("[%.5g, %.5g, %.5g, %.5g]", k[0], k[1], k[2], k[3]);
   const std::string begin = "The intrinsics of camera " + quoted(sensor.name) + ", " + given +

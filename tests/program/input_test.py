@@ -141,6 +141,19 @@ class Warnings(Input):
         self.implausible(GIVEN, half, "upper left quarter", name="cam")
         self.implausible(GIVEN.replace("[1000, 1000, 640, 480]", "[2000, 2000, 1280, 960]"), samples, "an image 2 times as large", name="cam")
 
+    def test_another_image_size(self):
+        """Also where it is not twice as large, as long as the intrinsics say where the middle is."""
+        samples = self.seen(samples=30)
+        larger = GIVEN.replace("[1280, 960]", "[1920, 1280]")
+        self.implausible(larger, samples, "upper left 1280 x 960 pixels", "of 1920 x 1280", "correct image_size", name="cam")
+        # a chip of that size, whose middle is its own
+        _, result, _ = self.run_calibrate(larger.replace("640, 480]", "900, 600]"), samples)
+        for w in result["warnings"]:
+            self.assertNotIn("upper left", w["text"])
+
+    def test_focal_lengths_in_millimetres(self):
+        self.implausible(GIVEN.replace("[1000, 1000,", "[3.6, 3.6,"), self.seen(), "focal lengths", "3.6", "size of a pixel", name="cam")
+
 
 class Endings(Input):
     STEPS = "estimate:\n  - {step: offsets, free: ['joint/j2/offset', 'joint/j3/offset']}\n  - {step: all, free: [sensor/cam/pose, target/board/pose, 'joint/j2/offset', 'joint/j3/offset']}\n"

@@ -73,6 +73,63 @@ HEAD_TRUTH = {"joint/pan/offset": -0.006, "joint/tilt/offset": 0.007, "joint/pan
               "joint/hold/origin": [-0.008, 0.001, -0.002, 0.008, 0.012, -0.015]}
 CAMERA_TRUTH = {"joint/j2/offset": 0.008, "joint/j3/offset": -0.006, "joint/j4/origin": [0.001, 0, 0, 0, 0.002, 0]}
 
+BOARDS = """  near: {type: chessboard, rows: 6, columns: 9, square: %(square)s, mount: {link: base, pose: {xyz: [2.0, 0.3, 1.3], rpy: [-1.5708, 0, -1.5708]}}}
+  left: {type: chessboard, rows: 6, columns: 9, square: %(square)s, mount: {link: base, pose: {xyz: [1.1, 0.9, 0.9], rpy: [-1.4, 0.2, -0.9]}}}
+  right: {type: chessboard, rows: 6, columns: 9, square: %(square)s, mount: {link: base, pose: {xyz: [1.4, -0.9, 0.6], rpy: [-1.7, 0.0, -2.1]}}}
+"""
+LOOKING = HEAD_URDF.replace('lower="-0.5" upper="0.5"', 'lower="-1" upper="1"').replace('lower="-0.4" upper="0.4"', 'lower="-0.5" upper="0.5"').replace(
+    "</robot>", '<link name="lens2"/><joint name="hold2" type="fixed"><parent link="face"/><child link="lens2"/>'
+                '<origin xyz="0.06 -0.1 0.05" rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint></robot>')
+STEREO_HEAD = """format: kincal/1
+robot: looking.urdf
+base: base
+joints:
+  "*": {sigma: 0.0002}
+targets:
+""" + BOARDS + """sensors:
+  eye: {type: camera, link: lens, mount: joint/hold, model: pinhole, image_size: [640, 480], intrinsics: [500, 500, 320, 240], sigma: 0.1}
+  eye2: {type: camera, link: lens2, mount: joint/hold2, model: pinhole, image_size: [640, 480], intrinsics: [500, 500, 320, 240], sigma: 0.1}
+"""
+STEREO_TRUTH = {"joint/pan/offset": -0.006, "joint/tilt/offset": 0.007, "joint/hold/origin": [-0.004, 0.001, -0.002, 0.008, 0.006, -0.007],
+                "joint/hold2/origin": [0.002, -0.003, 0.001, -0.004, 0.005, 0.003], "target/near/pose": [0.012, -0.015, 0.01, 0.01, -0.006, 0.008],
+                "target/left/pose": [-0.01, 0.013, 0.016, -0.007, 0.01, 0.002], "target/right/pose": [0.014, 0.009, -0.012, 0.005, 0.004, -0.01]}
+SLIDE_URDF = """<robot name="scara"><link name="base"/><link name="a"/><link name="b"/><link name="c"/><link name="flange"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/><limit lower="-1.2" upper="1.2" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="-1.2" upper="1.2" effort="1" velocity="1"/></joint>
+<joint name="j3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.25 0 0" rpy="3.141592653589793 0 0"/><axis xyz="0 0 1"/><limit lower="0" upper="0.15" effort="1" velocity="1"/></joint>
+<joint name="j4" type="revolute"><parent link="c"/><child link="flange"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>
+"""
+SLIDE = """format: kincal/1
+robot: scara.urdf
+base: base
+joints:
+  "j[124]": {sigma: 0.0001}
+  j3: {sigma: 0.00002}
+targets:
+  board: {type: chessboard, rows: 7, columns: 10, square: 0.015, mount: {link: base, pose: {xyz: [0.4, 0.05, 0.0], rpy: [3.14159265, 0, 0.0]}}}
+sensors:
+  cam: {type: camera, link: flange, model: pinhole, image_size: [1280, 960], intrinsics: [1100, 1100, 640, 480], sigma: 0.1, pose: {xyz: [0.05, 0, -0.02], rpy: [0, 0, 0]}}
+priors: {sensor/cam/pose.z: 0.001}
+"""
+SLIDE_TRUTH = {"joint/j2/offset": -0.006, "sensor/cam/pose": [0.012, 0.008, 0, 0.004, 0.008, 0.01], "target/board/pose": [-0.01, 0.005, 0, 0.004, 0.006, -0.006],
+               "sensor/cam/intrinsics": [1106, 1105, 643, 476]}
+GANTRY_URDF = """<robot name="gantry"><link name="frame"/><link name="a"/><link name="b"/><link name="c"/>
+<joint name="x" type="prismatic"><parent link="frame"/><child link="a"/><origin xyz="0 0 0.8"/><axis xyz="1 0 0"/><limit lower="0" upper="0.8" effort="1" velocity="1"/></joint>
+<joint name="y" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/><limit lower="0" upper="0.8" effort="1" velocity="1"/></joint>
+<joint name="z" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0 0 0" rpy="3.141592653589793 0 0"/><axis xyz="0 0 1"/><limit lower="0" upper="0.3" effort="1" velocity="1"/></joint>
+<link name="tool"/><joint name="turn" type="revolute"><parent link="c"/><child link="tool"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>
+"""
+GANTRY = """format: kincal/1
+robot: gantry.urdf
+base: frame
+joints:
+  "*": {sigma: 0.00003}
+targets:
+  ball: {type: points, points: [[0, 0, 0]], mount: {link: tool, pose: {xyz: [0.03, 0, 0.05]}}}
+sensors:
+  tracker: {type: point, link: frame, pose: {xyz: [-1, 0.5, 1], rpy: [0, 0, 0]}, sigma: 0.00004}
+"""
+
 
 class Case(unittest.TestCase):
     def setUp(self):
@@ -629,6 +686,60 @@ class Parallel(Case):
         result, _ = self.calibrate(self.samples())
         self.assertEqual(result["verdict"]["use"], "good", result["verdict"])
         self.assertAlmostEqual(result["parameters"]["sensor/cam/pose"]["pose"]["xyz"][2], -0.034, delta=0.0005)
+
+
+class Scales(Case):
+    """Lengths that hang on one number: proved where nothing else tells it, and where all else is right."""
+
+    def wrong(self, result, truth):
+        """Estimates of poses further off than three sigmas."""
+        out = []
+        for name, true in truth.items():
+            found = result["parameters"].get(name)
+            for c, (x, sigma) in enumerate(zip(found["value"], found["sigma"])) if found else []:
+                if sigma and abs(x - (true[c] if isinstance(true, list) else true)) > 3 * sigma:
+                    out.append("%s %d" % (name, c))
+        return out
+
+    def test_squares_of_what_a_head_sees(self):
+        """The head turns about one place, so a wrong square makes the whole room and the cameras' distance larger."""
+        self.write("looking.urdf", LOOKING)
+        samples = self.simulate(STEREO_HEAD % {"square": 0.06}, STEREO_TRUTH, samples=40)
+        result, text = self.calibrate(samples)
+        self.assertEqual(self.warnings(result, "scale"), [], text)
+        unchecked, = self.warnings(result, "unchecked")
+        self.assertIn("the squares of targets 'near', 'left', 'right': were they one percent wrong, target/", unchecked)
+        self.assertRegex(result["verdict"]["text"], "^good|^converged; .*; as right as the squares of targets 'near', 'left', 'right', which nothing checks")
+        self.assertEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])
+        self.write("wrong.yaml", STEREO_HEAD % {"square": 0.05})
+        result, text = self.calibrate(samples, rig="wrong.yaml")
+        self.assertEqual(result["verdict"]["use"], "doubts")
+        self.assertRegex(result["verdict"]["text"], "converged, but all lengths between sensors and targets came out 0.8[345]\\d? times those of the rig .* taken 1.(2|19)")
+        self.assertIn("measure the squares", result["verdict"]["next"][0])
+        self.assertNotEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])  # what the doubt is about
+
+    def test_a_slide_that_nothing_checks(self):
+        """A camera that looks along the only slide: its focal length is as long as the slide's readings say."""
+        self.write("scara.urdf", SLIDE_URDF)
+        samples = self.simulate(SLIDE, SLIDE_TRUTH, samples=25)
+        for s in samples:
+            s["joints"]["j3"] *= 1.02
+        result, text = self.calibrate(samples)
+        self.assertEqual(len(self.wrong(result, {"sensor/cam/intrinsics": [1106, 1105, 643, 476]})), 2, text)
+        self.assertRegex(" ".join(self.warnings(result, "unchecked")), "the readings of joint 'j3': were they one percent wrong, sensor/cam/intrinsics.f[xy] would come "
+                                                                       "out elsewhere by (9|10|11).* What to do: compare a long way of the joint with a ruler")
+        self.assertIn("; as right as the readings of joint 'j3', which nothing checks", result["verdict"]["text"])
+
+    def test_a_point_is_not_turned_where_a_part_of_its_pose_is_held(self):
+        self.write("gantry.urdf", GANTRY_URDF)
+        truth = {"target/ball/pose": [0.008, -0.006, 0, 0, 0, 0], "sensor/tracker/pose": [0.02, -0.01, 0.015, 0.01, 0.02, -0.02]}
+        samples = self.simulate(GANTRY, truth, samples=20)
+        result, text = self.calibrate(samples, "--fix", "target/ball/pose.z")
+        ball = result["parameters"]["target/ball/pose"]
+        self.assertEqual(ball["value"][2:], [0, 0, 0, 0], text)
+        self.assertEqual(result["verdict"]["use"], "good", text)
+        self.assertEqual(self.wrong(result, truth), [])
+
 
 
 if __name__ == "__main__":
