@@ -234,6 +234,78 @@ void find_other_rigs(const std::vector<Beginning>& beginnings, Fleet& fleet) {
       fleet.other_rigs.push_back({fleet.results[i].path, how});
 }
 
+/// A result as it was read: its files, the data's equations and what it began with; or why it is
+/// left out.
+struct OneResult {
+  CalibratedFiles files;
+  Information data;
+  Beginning beginning;
+  FleetResult result;  // without its evidence
+  std::string why;
+};
+
+OneResult read_result(const std::string& path) {
+  OneResult one{read_calibrated(path), {}, {}, {}, ""};
+  one.why = unusable(one.files, path);
+  if (!one.why.empty()) return one;
+  one.result.path = path;
+  const std::string where = path + "/result.json";
+  const Node node = parse_json(read_file(where), where);
+  const Field all = top(node, where);
+  read_name(path, one.result.serial, one.result.date);
+  if (all.has("serial")) one.result.serial = all["serial"].string();
+  if (all.has("time")) one.result.date = all["time"].string();
+  if (one.result.date.empty()) one.result.date = all["input"]["date"].string();
+  try {
+    one.result.time = seconds_of_date(one.result.date) / kYear;
+  } catch (const std::invalid_argument& error) {
+    throw InputError(where + ": time: " + error.what());
+  }
+  one.data = read_information(path + "/information.csv");
+  // Residuals larger than stated: what they tell is worth less.
+  const double dof = all["dof_data"].number(),
+               ratio = dof > 0 ? std::max(1.0, all["chi2_data"].number() / dof) : 1;
+  one.data.normal /= ratio;
+  one.data.pull /= ratio;
+  one.beginning = read_beginning(one.files, all);
+  return one;
+}
+
+std::set<std::string> moving_joints(const OneResult& one) {
+  std::set<std::string> out;
+  for (const Joint& joint : one.files.rig_file.rig.tree.joints)
+    if (joint.moves()) out.insert(joint.name);
+  return out;
+}
+
+/// Robots of which less than half of the moving joints are those of the kind that most are: where a
+/// SCARA's board stands says nothing of an arm's.
+void leave_out_other_robots(std::vector<OneResult>& all, Fleet& fleet) {
+  constexpr double kSameKind = 0.5;  // of all joints that one of the two has
+  std::map<std::set<std::string>, size_t> count;
+  for (const OneResult& one : all) ++count[moving_joints(one)];
+  if (count.size() < 2) return;
+  const std::set<std::string> usual =
+      std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) {
+        return a.second < b.second;
+      })->first;
+  std::vector<OneResult> kept;
+  for (OneResult& one : all) {
+    const std::set<std::string> own = moving_joints(one);
+    size_t common = 0;
+    for (const std::string& name : own) common += usual.count(name);
+    const size_t either = own.size() + usual.size() - common;
+    if (static_cast<double>(common) >= kSameKind * static_cast<double>(either))
+      kept.push_back(std::move(one));
+    else
+      fleet.left_out.push_back(
+          {one.result.path, text("it is of another robot: %zu of its %zu moving joints are among "
+                                 "those of most. Judge its kind by itself",
+                                 common, own.size())});
+  }
+  all = std::move(kept);
+}
+
 std::string robot_name(const FleetRobot& robot) { return csv_field(robot.serial); }
 
 std::string field(double v) { return std::isfinite(v) ? "," + shortest(v) : ","; }
@@ -309,42 +381,30 @@ double seconds_of_date(const std::string& text) {
 
 Fleet read_fleet(const std::vector<std::string>& results, const std::function<void(size_t)>& read) {
   Fleet out;
+  std::vector<OneResult> all;
+  for (size_t i = 0; i < results.size(); ++i) {
+    try {
+      OneResult one = read_result(results[i]);
+      if (one.why.empty())
+        all.push_back(std::move(one));
+      else
+        out.left_out.push_back({results[i], one.why});
+    } catch (const InputError& error) {  // one that is damaged is no reason to judge none
+      out.left_out.push_back({results[i], std::string("it cannot be read: ") + error.what()});
+    }
+    if (read) read(i + 1);
+  }
+  leave_out_other_robots(all, out);
   Common common;
   std::vector<std::vector<int>> columns;
   std::vector<Beginning> beginnings;
-  for (size_t i = 0; i < results.size(); ++i) {
-    const CalibratedFiles files = read_calibrated(results[i]);
-    const std::string where = results[i] + "/result.json";
-    if (const std::string why = unusable(files, results[i]); !why.empty()) {
-      out.left_out.push_back({results[i], why});
-      continue;
-    }
-    FleetResult one;
-    one.path = results[i];
-    const Node node = parse_json(read_file(where), where);
-    const Field all = top(node, where);
-    read_name(results[i], one.serial, one.date);
-    if (all.has("serial")) one.serial = all["serial"].string();
-    if (all.has("time")) one.date = all["time"].string();
-    if (one.date.empty()) one.date = all["input"]["date"].string();
-    try {
-      one.time = seconds_of_date(one.date) / kYear;
-    } catch (const std::invalid_argument& error) {
-      throw InputError(where + ": time: " + error.what());
-    }
-    Information data = read_information(results[i] + "/information.csv");
-    // Residuals larger than stated: what they tell is worth less.
-    const double dof = all["dof_data"].number(),
-                 ratio = dof > 0 ? std::max(1.0, all["chi2_data"].number() / dof) : 1;
-    data.normal /= ratio;
-    data.pull /= ratio;
-    beginnings.push_back(read_beginning(files, all));
+  for (OneResult& one : all) {
     columns.emplace_back();
-    one.evidence =
-        sight(files, std::move(data), results[i] + "/information.csv", common, columns.back());
-    if (out.results.empty()) out.reference = results[i];
-    out.results.push_back(std::move(one));
-    if (read) read(i + 1);
+    one.result.evidence = sight(one.files, std::move(one.data),
+                                one.result.path + "/information.csv", common, columns.back());
+    if (out.results.empty()) out.reference = one.result.path;
+    beginnings.push_back(std::move(one.beginning));
+    out.results.push_back(std::move(one.result));
   }
   if (out.results.empty())
     throw InputError(out.left_out[0].first + ": " + out.left_out[0].second +

@@ -9,6 +9,7 @@ Does not prove: that results do not depend on priors of their rigs that the data
 import csv
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -185,6 +186,23 @@ class Fleet(helpers.Folder):
         out, _ = self.kincal("fleet", *results, "--out", "same")
         self.assertNotIn("another rig", out)
         self.assertEqual(json.loads(self.read("same", "fleet.json"))["other_rigs"], [])
+
+    def test_other_robots_and_broken_results(self):
+        """Neither is judged with the others, neither stops it, wherever it stands."""
+        results = [self.result("results", "r%d" % i) for i in (1, 2, 3, 4, 5, 7)]
+        shutil.copytree(self.result("results", "r0"), self.path("broken"))
+        self.write("broken/result.json", "{")
+        shutil.copytree(self.result("results", "r0"), self.path("other"))
+        for name in ("rig.yaml", "robot.urdf", "result.json", "information.csv", "covariance.csv", "changes.yaml"):
+            text = self.read("other", name)
+            self.write("other/" + name, re.sub(r"\b(lift|bend|turn|forearm_roll|wrist_bend|wrist_roll)\b", r"slide_\1", text))
+        self.kincal("fleet", *results, "--out", "alone")
+        out, _ = self.kincal("fleet", "other", "broken", *results, "--out", "out")
+        self.assertRegex(out, r"broken: it cannot be read: broken/result.json:\d+: ")
+        self.assertRegex(out, r"other: it is of another robot: 0 of its \d moving joints are among")
+        alone, fleet = (json.loads(self.read(name, "fleet.json")) for name in ("alone", "out"))
+        self.assertEqual(fleet["robots"], alone["robots"])
+        self.assertEqual(len(fleet["left_out"]), 2)
 
     def test_wrong_input(self):
         os.mkdir(self.path("empty"))
