@@ -198,7 +198,7 @@ class Fleet(helpers.Folder):
             self.write("other/" + name, re.sub(r"\b(lift|bend|turn|forearm_roll|wrist_bend|wrist_roll)\b", r"slide_\1", text))
         self.kincal("fleet", *results, "--out", "alone")
         out, _ = self.kincal("fleet", "other", "broken", *results, "--out", "out")
-        self.assertRegex(out, r"broken: it cannot be read: broken/result.json:\d+: ")
+        self.assertRegex(out, r"broken: it cannot be read: broken/result.json:\d+:\d+: ")
         self.assertRegex(out, r"other: it is of another robot: 0 of its \d moving joints are among")
         alone, fleet = (json.loads(self.read(name, "fleet.json")) for name in ("alone", "out"))
         self.assertEqual(fleet["robots"], alone["robots"])
