@@ -95,6 +95,18 @@ std::pair<double, double> used_shares(const Report& report) {
 }
 
 /// Whether noise that somebody stated was found to be larger.
+/// Of poses of a flange whose noise nobody stated: what was found and is more than robots repeat
+/// by.
+std::string beyond_repeating(const Report& report) {
+  constexpr double kRepeats = 2e-4;  // m, rad
+  std::string out;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.unstated && level.joint >= 0 &&
+        report.solution.rig().joints[level.joint].noise_unknown && level.used > kRepeats)
+      out += (out.empty() ? "" : " and ") + text("%.2g m", 1e3 * level.used) + level.unit;
+  return out;
+}
+
 bool any_stated_is_larger(const Report& report) {
   return std::any_of(
       report.noise_levels.begin(), report.noise_levels.end(),
@@ -135,7 +147,13 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
   if (!stated)
     return "the rig does not state how noisy the robot's poses are, so that was found from the "
            "data, and the rig of the result has it so: " +
-           all + ". Is that plausible? " + flange_entry(rig, unstated);
+           all +
+           (beyond_repeating(report).empty()
+                ? ". Is that plausible? "
+                : ". Robots repeat better than that: if it is not noise but the robot's own "
+                  "inaccuracy (zeros of its joints, lengths), more poses do not average it out, "
+                  "and the sigmas of the result are too small. ") +
+           flange_entry(rig, unstated);
   if (most < 1 && most < kOneFactor * least)
     return begin +
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
@@ -171,6 +189,13 @@ const NoiseLevel* blamed_for_joints(const Report& report) {
 }
 
 }  // namespace
+
+std::string own_errors_words(const Report& report) {
+  const std::string by = beyond_repeating(report);
+  return by.empty() ? ""
+                    : "; if what the flange's poses err by (" + by +
+                          ") is noise and not the robot's own inaccuracy";
+}
 
 bool noise_is_doubtful(const Report& report) {
   constexpr double kLowered = 0.5, kLarger = 1.25;  // chi2/dof

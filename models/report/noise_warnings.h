@@ -8,6 +8,10 @@ namespace kincal {
 
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
+/// Returns what a good result supposes of poses of a flange that err by more than robots repeat by,
+/// where nobody stated their noise; "": nothing.
+std::string own_errors_words(const Report& report);
+
 /// Returns whether the noise that the automatic path estimated leaves a doubt: residuals are larger
 /// than stated and no mistake explains it, so that what the model lacks may have been taken for
 /// noise; or all sigmas, of several kinds of noise, were multiplied by one factor, which is below a

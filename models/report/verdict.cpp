@@ -440,8 +440,8 @@ Verdict verdict(const Report& report) {
             size_words(solution) + ", but not determined: " + listed(open) +
                 ". What to do: " + kFreeLess + more + unmet,
             {kFreeLess}};
-  return {"good", size_words(solution) + unchecked_words(report) + held_words(report.automatic) +
-                      more + unmet};
+  return {"good", size_words(solution) + unchecked_words(report) + own_errors_words(report) +
+                      held_words(report.automatic) + more + unmet};
 }
 
 }  // namespace kincal
