@@ -9,10 +9,13 @@
 #include "../document/files.h"
 #include "../document/kinds.h"
 #include "../document/names.h"
+#include "../document/numbers.h"
 #include "xml.h"
 
 namespace kincal {
 namespace {
+
+constexpr double kMostTurned = 6.3;  // rad: a turn, however it was rounded
 
 constexpr std::pair<const char*, JointType> kTypes[] = {
     {"fixed", JointType::fixed},           {"revolute", JointType::revolute},
@@ -46,7 +49,12 @@ Joint read_joint(const Xml& xml, const pugi::xml_node& element,
   joint.type = read_type(xml, element);
   const pugi::xml_node origin = only_child(xml, element, "origin");
   joint.parent_T_joint.translation = vector3(xml, origin, "xyz", Vector3d::Zero());
-  joint.parent_T_joint.rotation = rotation_from_rpy(vector3(xml, origin, "rpy", Vector3d::Zero()));
+  const Vector3d rpy = vector3(xml, origin, "rpy", Vector3d::Zero());
+  if (const double most = rpy.cwiseAbs().maxCoeff(); most > kMostTurned)
+    warnings.push_back(where(xml, origin) + "an angle of rpy is " + shortest(most) +
+                       ", more than a turn: radians are expected; degrees have to be multiplied by "
+                       "pi / 180");
+  joint.parent_T_joint.rotation = rotation_from_rpy(rpy);
   if (!joint.moves()) return joint;  // its axis and limits mean nothing, whatever stands there
   joint.axis = read_axis(xml, element);
   const pugi::xml_node limit = only_child(xml, element, "limit");

@@ -403,6 +403,13 @@ TEST_CASE("defaults and odd numbers") {
   REQUIRE(inverted.warnings.size() == 1);
   CHECK_THAT(inverted.warnings[0], StartsWith("r.urdf:9: joint 'elbow': <limit>: "));
   CHECK(inverted.tree.joints[0].lower == inverted.tree.joints[0].upper);
+  const Urdf degrees = parse_urdf(replace(kSmall, "rpy=\"0 0 0.5\"", "rpy=\"0 0 -90\""), "r.urdf");
+  REQUIRE(degrees.warnings.size() == 1);
+  CHECK_THAT(
+      degrees.warnings[0],
+      StartsWith("r.urdf:5: joint 'elbow': <origin>: an angle of rpy is 90, more than a turn"));
+  CHECK(parse_urdf(replace(kSmall, "rpy=\"0 0 0.5\"", "rpy=\"0 0 6.2832\""), "r.urdf")
+            .warnings.empty());
 }
 
 TEST_CASE("with no change the text is the same, byte for byte") {
