@@ -199,19 +199,26 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
     if (found->second.empty()) order.push_back(&found->first);
     found->second.push_back(s.id);
   }
-  std::vector<Finding> out;
+  Finding f;
+  f.id = "duplicates";
+  size_t measurements = 0;
+  const std::vector<std::string>* worst = nullptr;
   for (const Key* key : order) {
     const std::vector<std::string>& ids = same[*key];
     if (ids.size() < 2) continue;
-    Finding f;
-    f.id = "duplicates";
-    f.where = ids;
-    f.text = "Samples " + joined(ids) +
-             " are the same: joint readings and measured numbers. They count as " +
-             std::to_string(ids.size()) + " measurements but are one; leave out all but one.";
-    out.push_back(std::move(f));
+    ++measurements;
+    f.where.insert(f.where.end(), ids.begin(), ids.end());
+    if (!worst || ids.size() > worst->size()) worst = &ids;
   }
-  return out;
+  if (!worst) return {};
+  if (measurements > 1)
+    f.text = std::to_string(f.where.size()) + " samples are " + std::to_string(measurements) +
+             " measurements under several ids each, worst: ";
+  f.text += "Samples " + joined(*worst) +
+            " are the same: joint readings and measured numbers. They count as " +
+            std::to_string(worst->size()) + " measurements but are one; leave out all but one" +
+            (measurements > 1 ? " of each." : ".");
+  return {f};
 }
 
 void check_still_joints(const Recording& recording, const FreedNames& freed,

@@ -12,8 +12,9 @@ namespace kincal {
 struct FreedNames;
 struct Recording;
 
-/// Finds samples with the same readings and the same measured numbers; each is named with an
-/// earlier one. Chain views measure nothing: samples that have no others are no duplicates.
+/// Finds samples with the same readings and the same measured numbers: one finding of all, those
+/// that are one measurement beside each other. Chain views measure nothing: samples that have no
+/// others are no duplicates.
 std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples);
 
 /// Appends joints that never move although freed numbers of theirs are determined by their motion

@@ -65,18 +65,7 @@ void warn_of_input(const std::vector<Finding>& input, Warnings& out) {
     (f.id == "duplicates" ? twice : f.id == "outside-image" ? outside : implausible).push_back(&f);
   if (!implausible.empty()) out.push_back(warning_of("implausible", implausible));
   if (!outside.empty()) out.push_back(warning_of("outside_image", outside));
-  if (twice.empty()) return;
-  const Finding* worst = *std::max_element(
-      twice.begin(), twice.end(),
-      [](const Finding* a, const Finding* b) { return a->where.size() < b->where.size(); });
-  Warning duplicates = warning_of("duplicates", twice);
-  duplicates.text = worst->text;
-  if (twice.size() > 1)
-    duplicates.text = std::to_string(duplicates.names.size()) + " samples are " +
-                      std::to_string(twice.size()) +
-                      " measurements under several ids each, worst: " + worst->text;
-  duplicates.text.pop_back();
-  out.push_back(std::move(duplicates));
+  if (!twice.empty()) out.push_back(warning_of("duplicates", twice));
 }
 
 void warn_of_few_data(const Solution& solution, Warnings& out) {

@@ -236,6 +236,12 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     REQUIRE(ids(d) == Ids{"duplicates"});
     CHECK(d.findings[0].where == Ids{e.samples[3].id, "again"});
     CHECK(!d.findings[0].chi2_as_is);
+    e.samples.push_back(e.samples[5]);
+    e.samples.back().id = "once more";
+    const Diagnosis both = e.check();
+    REQUIRE(ids(both) == Ids{"duplicates"});
+    CHECK(both.findings[0].where == Ids{e.samples[3].id, "again", e.samples[5].id, "once more"});
+    CHECK_THAT(both.findings[0].text, Catch::StartsWith("4 samples are 2 measurements"));
   }
   SECTION("a joint that never moves") {
     e.rig.steps[0].free.push_back("joint/roll/offset");
