@@ -94,7 +94,6 @@ std::pair<double, double> used_shares(const Report& report) {
   return out;
 }
 
-/// Whether noise that somebody stated was found to be larger.
 /// Of poses of a flange whose noise nobody stated: what was found and is more than robots repeat
 /// by.
 std::string beyond_repeating(const Report& report) {
@@ -107,6 +106,7 @@ std::string beyond_repeating(const Report& report) {
   return out;
 }
 
+/// Whether noise that somebody stated was found to be larger.
 bool any_stated_is_larger(const Report& report) {
   return std::any_of(
       report.noise_levels.begin(), report.noise_levels.end(),
@@ -222,7 +222,13 @@ std::string sensors_as_seen(const Report& report) {
   for (const auto& [sensor, sigma] : sigmas)
     out += (out.empty() ? "" : ", ") + sensor +
            ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
-  return "sensors: {" + out + "}";
+  const bool own = std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
+                               [](const NoiseLevel& l) { return l.own_views > 0; });
+  return "sensors: {" + out + "}" +
+         (own ? ", and make the samples anew with it (import, detect --sigma), for their views "
+                "have "
+                "sigmas of their own"
+              : "");
 }
 
 void warn_of_trends(const Report& report, Warnings& out) {
@@ -314,7 +320,8 @@ void warn_of_noise(const Report& report, Warnings& out) {
       sentences.push_back(level.of + ": " + std::to_string(level.own_views) +
                           (level.own_views == 1 ? " view has" : " views have") +
                           " sigmas of their own in the samples file; they were multiplied by "
-                          "the sensor's factor, the file keeps its numbers");
+                          "the sensor's factor, the file keeps its numbers, which the rig's "
+                          "sigma does not change: make it anew with that (import, detect --sigma)");
   if (sentences.empty()) return;
   std::string all;
   for (const std::string& sentence : sentences) all += (all.empty() ? "" : ". ") + sentence;
