@@ -320,6 +320,13 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
       h.cure =
           "Take model: pinhole without distortion (and the intrinsics of the rectified image), or "
           "detect in the raw images.";
+    } else if (std::all_of(group.second.begin(), group.second.end(), [&](int s) {
+                 return find_block(rig.sensors[s], ParameterKind::distortion) != nullptr;
+               })) {
+      h.mistake = "the lens of camera " + names + " distorts, but its distortion is 0 in the rig";
+      h.cure =
+          "Free sensor/NAME/distortion (calibrate does where the rig has no estimate), write the "
+          "lens into the rig, or detect in rectified images.";
     } else {
       h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =
