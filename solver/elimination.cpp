@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
+#include <map>
 #include <thread>
 
 namespace kincal {
@@ -12,12 +12,8 @@ constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the n
 constexpr double kSmallMove = 1e-3;          // of a difference of gradients, standard deviations,
 constexpr double kLargestMove = 1e-5;        // and at most so far in the unknown's unit
 constexpr int kStackedRows = 64;             // eliminated rows that are multiplied at once
-
-/// The first place in an array with slack where a cache line begins.
-double* aligned(std::vector<double>& array) {
-  const std::uintptr_t past = reinterpret_cast<std::uintptr_t>(array.data()) % 64;
-  return array.data() + (past ? (64 - past) / sizeof(double) : 0);
-}
+// An addition to a place of the reduced system costs as much as so many products of a stack.
+constexpr double kAddition = 10;
 
 /// Marquardt's scales: the squared column norms, but never far below the first ones.
 double scale_of(double norm, double& first_scale, bool first) {
@@ -73,6 +69,7 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     group_factors.reset(new double[factor_size + kSlack]);
   }
   place_pieces();
+  if (system.stacks()) place_stacks();
   for (int i = 0; i < std::max(widest, n); ++i) {
     identity.push_back(i);
     block_origin.push_back(static_cast<std::ptrdiff_t>(i) * widest);
@@ -88,8 +85,14 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       w.factor.resize(largest_factor * RangeProblem::kRange + kSlack);
     }
     w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
-    if (system.stacks())
-      w.stack.resize(static_cast<size_t>(kStackedRows + deepest) * system.ld() + kSlack);
+    if (!stacks.empty()) {
+      const Stack& last = stacks.back();
+      w.stacked.resize(last.first_row + static_cast<size_t>(kStackedRows + deepest) * last.ld +
+                       kSlack);
+      w.sums.resize(last.first_sum + static_cast<size_t>(last.width()) * last.ld + kSlack);
+      w.height.assign(stacks.size(), 0);
+    }
+    w.touched.resize(widest);
     if (!system.dense() && !ranges) w.block.resize(static_cast<size_t>(widest) * widest);
     w.solution.resize(deepest + kSlack);
   }
@@ -120,6 +123,43 @@ void Arrowhead::place_pieces() {
   while (most > kFewPieces && total < 8 * most * storage) most /= 2;
   pieces = partition(most, eliminating);
   fine_pieces = partition(kPieces, [](const GroupShape& g) { return g.rows + 5.0; });
+}
+
+/// A stack for each set of columns that enough rows have: what they save against rows over all
+/// columns must be worth adding the products to their places, once a piece.
+void Arrowhead::place_stacks() {
+  std::map<std::vector<int>, double> eliminated;  // rows, by the columns
+  for (const GroupShape& g : groups)
+    if (g.private_size > 0) eliminated[g.columns] += g.private_size;
+  std::map<std::vector<int>, int> place;
+  const auto add = [&](const std::vector<int>& columns) {
+    const auto [it, is_new] = place.insert({columns, static_cast<int>(stacks.size())});
+    if (!is_new) return it->second;
+    Stack stack;
+    stack.columns = columns;
+    stack.columns.push_back(n);
+    stack.whole = stack.width() == n + 1;
+    stack.ld = stack.whole ? system.ld() : padded(stack.width()) + kSlack;
+    if (!stacks.empty()) {
+      const Stack& last = stacks.back();
+      stack.first_row = last.first_row + static_cast<size_t>(kStackedRows + deepest) * last.ld;
+      stack.first_sum =
+          last.first_sum + static_cast<size_t>(last.whole ? 0 : last.width()) * last.ld;
+    }
+    stacks.push_back(std::move(stack));
+    return it->second;
+  };
+  std::vector<int> all(n);
+  for (int i = 0; i < n; ++i) all[i] = i;
+  const double whole = static_cast<double>(n) * n;
+  stack_of.assign(groups.size(), -1);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    if (groups[g].private_size == 0) continue;
+    const double m = static_cast<double>(groups[g].columns.size()) + 1,
+                 rows_of_piece = eliminated[groups[g].columns] / static_cast<double>(pieces.size());
+    const bool own = rows_of_piece * (whole - m * m) > kAddition * m * m;
+    stack_of[g] = add(own ? groups[g].columns : all);
+  }
 }
 
 template <class Work>
@@ -159,6 +199,7 @@ bool Arrowhead::evaluate_each(Piece& p, const VectorXd& state, int worker) const
 }
 
 bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
+  problem.prepare(state);
   over(fine_pieces, [&](Piece& p, int worker) {
     p.cost = {};
     p.defined = ranges ? ranges->evaluate_range(p.first, p.last, state, worker, p.cost)
@@ -232,43 +273,94 @@ bool Arrowhead::factor_private(size_t g, const GroupArrays& at, int width, doubl
 }
 
 /// Eliminates the private unknowns of a group into the piece.
-bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker,
-                                int& stacked) {
+bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()),
             width = stride(g);
   if (k == 0) return true;
   if (!factor_private(g, at, width, lambda)) return false;
+  if (!stacks.empty()) {
+    eliminate_onto(stacks[stack_of[g]], g, at, worker);
+    return true;
+  }
   Worker& w = workers[worker];
   const int right_width = padded(m + 1);
   for (int i = 0; i < k; ++i)
     std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1,
                 w.right.data() + i * right_width);
   kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
-  if (!system.stacks()) {
-    if (system.in_blocks())
-      system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width,
-                             aligned(w.eliminated), w.eliminated_gradient.data());
-    else
-      system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(),
-                      w.eliminated_gradient.data());
-    return true;
-  }
-  const int* column = groups[g].columns.data();
-  for (int i = 0; i < k; ++i, ++stacked) {
-    double* to = w.stack.data() + static_cast<size_t>(stacked) * system.ld();
-    const double* from = w.right.data() + static_cast<size_t>(i) * right_width;
-    std::fill_n(to, n, 0.0);
-    for (int j = 0; j < m; ++j) to[column[j]] = from[j];
-    to[n] = from[m];
-  }
-  if (stacked >= kStackedRows) multiply(worker, stacked);
+  if (system.in_blocks())
+    system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, w.eliminated.data(),
+                           w.eliminated_gradient.data());
+  else
+    system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(),
+                    w.eliminated_gradient.data());
   return true;
 }
 
-void Arrowhead::multiply(int worker, int& stacked) {
-  kernels().subtract_product(workers[worker].eliminated.data(), n + 1, system.ld(),
-                             workers[worker].stack.data(), stacked, system.ld());
-  stacked = 0;
+/// Adds the group's eliminated rows to a stack, whose columns are the group's or all.
+void Arrowhead::eliminate_onto(const Stack& stack, size_t g, const GroupArrays& at, int worker) {
+  Worker& w = workers[worker];
+  const std::vector<int>& columns = groups[g].columns;
+  const int k = groups[g].private_size, m = static_cast<int>(columns.size());
+  int& height = w.height[stack_of[g]];
+  double* top = w.stacked.data() + stack.first_row + static_cast<size_t>(height) * stack.ld;
+  const bool same = m + 1 == stack.width();
+  double* solved = same ? top : w.right.data();
+  const int apart = same ? stack.ld : padded(m + 1);
+  for (int i = 0; i < k; ++i)
+    std::copy_n(at.rows + static_cast<size_t>(i) * stride(g) + k, m + 1,
+                solved + static_cast<std::ptrdiff_t>(i) * apart);
+  kernels().solve_rows(at.factor, k, k + kSlack, solved, m + 1, apart);
+  for (int i = 0; i < k && !same; ++i) {
+    double* to = top + static_cast<std::ptrdiff_t>(i) * stack.ld;
+    const double* from = solved + static_cast<std::ptrdiff_t>(i) * apart;
+    std::fill_n(to, n, 0.0);
+    for (int j = 0; j < m; ++j) to[columns[j]] = from[j];
+    to[n] = from[m];
+  }
+  height += k;
+  if (height >= kStackedRows) multiply(stack_of[g], worker);
+}
+
+/// Subtracts the products of a stack's rows from its sums and empties it.
+void Arrowhead::multiply(int index, int worker) {
+  Worker& w = workers[worker];
+  const Stack& stack = stacks[index];
+  kernels().subtract_product(stack.whole ? w.eliminated.data() : w.sums.data() + stack.first_sum,
+                             stack.width(), stack.ld, w.stacked.data() + stack.first_row,
+                             w.height[index], stack.ld);
+  w.height[index] = 0;
+}
+
+/// What eliminate_group() adds to, to zero.
+void Arrowhead::clear_eliminated(int worker) {
+  Worker& w = workers[worker];
+  system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
+                     : system.clear(w.eliminated.data());
+  w.eliminated_gradient.setZero();
+  std::fill(w.height.begin(), w.height.end(), 0);
+  for (const Stack& stack : stacks)
+    for (int j = 0; j < stack.width() && !stack.whole; ++j)
+      std::fill_n(w.sums.begin() + static_cast<std::ptrdiff_t>(
+                                       stack.first_sum + static_cast<size_t>(j) * stack.ld + j),
+                  stack.width() - j, 0.0);
+}
+
+/// Brings what the stacks hold to its places.
+void Arrowhead::add_stacks(int worker) {
+  Worker& w = workers[worker];
+  for (size_t s = 0; s < stacks.size(); ++s) {
+    const Stack& stack = stacks[s];
+    if (w.height[s] > 0) multiply(static_cast<int>(s), worker);
+    if (stack.whole) continue;
+    const int* column = stack.columns.data();
+    for (int j = 0; j + 1 < stack.width(); ++j) {
+      const double* from = w.sums.data() + stack.first_sum + static_cast<size_t>(j) * stack.ld;
+      double* to = w.eliminated.data() + system.origin()[column[j]];
+#pragma GCC unroll 8
+      for (int i = j; i < stack.width(); ++i) to[column[i]] += from[i];
+    }
+  }
 }
 
 /// Linearises or eliminates the groups of a piece, or both, and adds its sums when its turn comes.
@@ -283,12 +375,9 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
     ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
     w.gradient.setZero();
   }
-  if (pass.eliminate) {
-    system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
-                       : system.clear(w.eliminated.data());
-    w.eliminated_gradient.setZero();
-  }
-  int stacked = 0;
+  if (pass.eliminate) clear_eliminated(worker);
+  const bool in_pieces = pass.linearise && system.dense() && !ranges;
+  if (in_pieces) problem.begin_piece(worker);
   for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
     const int last = std::min(p.last, first + RangeProblem::kRange);
     if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
@@ -303,11 +392,13 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
       if (pass.linearise && curved)
         kernels().add(at.rows, rows_curvature.data() + stores[g].rows,
                       static_cast<std::ptrdiff_t>(groups[g].private_size) * stride(g));
-      if (pass.eliminate)
-        p.definite = p.definite && eliminate_group(g, at, pass.lambda, worker, stacked);
+      if (pass.eliminate) p.definite = p.definite && eliminate_group(g, at, pass.lambda, worker);
     }
   }
-  if (stacked > 0) multiply(worker, stacked);
+  if (pass.eliminate) add_stacks(worker);
+  if (in_pieces)
+    problem.end_piece(
+        worker, {nullptr, 0, w.shared.data(), system.origin(), identity.data(), w.gradient.data()});
   mine.await();
   if (pass.linearise) {
     if (ranges)
@@ -321,7 +412,7 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
   }
   if (!pass.eliminate) return;
   if (system.in_blocks())
-    kernels().add(aligned(eliminated_blocks), aligned(w.eliminated),
+    kernels().add(eliminated_blocks.data(), w.eliminated.data(),
                   static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
   else
     system.accumulate(damped_matrix.data(), w.eliminated.data());
@@ -371,7 +462,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
                                         bool first_scales, Cost& cost) {
   const Assembly assembly = run(state, {linearise, true, first_scales, lambda}, cost);
   if (assembly != Assembly::fine) return assembly;
-  if (system.in_blocks()) system.add_blocks(damped_matrix.data(), aligned(eliminated_blocks));
+  if (system.in_blocks()) system.add_blocks(damped_matrix.data(), eliminated_blocks.data());
   if (ranges)
     system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
   else
@@ -503,13 +594,19 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
 
 void Arrowhead::substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size());
+  if (k == 0) return;
   double* d = workers[worker].solution.data();
   const int* column = groups[g].columns.data();
+  double* touched = workers[worker].touched.data();
+  for (int j = 0; j < m; ++j) touched[j] = shared_step(column[j]);
   for (int i = 0; i < k; ++i) {
     const double* row = at.rows + static_cast<size_t>(i) * stride(g) + k;
-    double total = row[m];
-    for (int j = 0; j < m; ++j) total += row[j] * shared_step(column[j]);
-    d[i] = -total;
+    double totals[4] = {row[m], 0, 0, 0};  // sums that do not wait for each other
+    int j = 0;
+    for (; j + 4 <= m; j += 4)
+      for (int q = 0; q < 4; ++q) totals[q] += row[j + q] * touched[j + q];
+    for (; j < m; ++j) totals[0] += row[j] * touched[j];
+    d[i] = -((totals[0] + totals[1]) + (totals[2] + totals[3]));
   }
   private_steps(p, g, at.factor, {at.rows + k + m, stride(g)}, d, lambda);
 }

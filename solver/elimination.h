@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "aligned.h"
 #include "problem.h"
 #include "reduced_system.h"
 #include "threads.h"
@@ -33,14 +34,28 @@ struct Piece {
 /// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are
 /// added to the totals in the pieces' order.
 struct Worker {
-  std::vector<double> shared;      // C
-  std::vector<double> eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
+  AlignedNumbers shared;      // C
+  AlignedNumbers eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
   std::vector<double> rows, factor;  // of a RangeProblem: of kRange groups
-  std::vector<double> right;         // B of one group
-  std::vector<double> stack;         // eliminated rows over all columns
+  AlignedNumbers right;              // B of one group
+  AlignedNumbers stacked, sums;      // rows of all stacks; minus the sums of their products
+  std::vector<int> height;           // of each stack: how many rows there are
   std::vector<double> block;         // sparse: C of one group
   std::vector<double> solution;      // private step of one group
+  std::vector<double> touched;       // shared steps of one group's columns
+};
+
+/// A Stack collects eliminated rows [B_Q | B_a] of groups, over some shared columns and b, to be
+/// multiplied at once: of all groups that touch the same columns, if they are many, else of all
+/// others over all columns. The products of a piece are summed over the stack's columns and go to
+/// their places at its end; over all columns they are summed there.
+struct Stack {
+  std::vector<int> columns;             // shared columns, then their number for b
+  size_t first_row = 0, first_sum = 0;  // in a worker's arrays
+  int ld = 0;                           // of both
+  bool whole = false;                   // over all columns
+  int width() const { return static_cast<int>(columns.size()); }
 };
 
 /// An Arrowhead holds what is kept of the groups between linearisation and substitution, and all
@@ -81,7 +96,7 @@ class Arrowhead {
   double rows = 0;
   const std::vector<GroupShape>& groups;
   ReducedSystem system;
-  std::vector<double> damped_matrix;  // of the reduced system
+  AlignedNumbers damped_matrix;  // of the reduced system
   VectorXd reduced_gradient, shared_step, private_step;
   VectorXd shared_scale, private_scale;
 
@@ -95,14 +110,16 @@ class Arrowhead {
     double lambda;
   };
   struct Linearisation {
-    std::vector<double> rows, shared;  // as group_rows and shared_matrix
-    VectorXd gradient;                 // shared
+    std::vector<double> rows;  // as group_rows
+    AlignedNumbers shared;     // as shared_matrix
+    VectorXd gradient;         // shared
   };
   struct Column {
     const double* first;
     int stride;  // from one number to the next
   };
   void place_pieces();
+  void place_stacks();
   template <class Work>
   std::vector<Piece> partition(int most, const Work& work) const;
   /// Returns the distance between the rows of a group.
@@ -120,8 +137,11 @@ class Arrowhead {
   Assembly run(const VectorXd& state, const Pass& pass, Cost& cost);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
   bool factor_private(size_t g, const GroupArrays& at, int width, double lambda);
-  bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker, int& stacked);
-  void multiply(int worker, int& stacked);
+  bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker);
+  void eliminate_onto(const Stack& stack, size_t g, const GroupArrays& at, int worker);
+  void clear_eliminated(int worker);
+  void multiply(int stack, int worker);
+  void add_stacks(int worker);
   void substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker);
   void substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda,
                         int worker);
@@ -132,6 +152,8 @@ class Arrowhead {
   std::vector<Piece> pieces, fine_pieces;
   std::atomic<int> turn{0};  // piece whose sums are added next
   std::vector<GroupStore> stores;
+  std::vector<Stack> stacks;
+  std::vector<int> stack_of;  // by group
   std::unique_ptr<double[]> group_rows, group_factors;
   bool curved = false;
   std::vector<double> rows_curvature, shared_curvature;  // in places of group_rows, shared_matrix
@@ -140,7 +162,8 @@ class Arrowhead {
   std::vector<Worker> workers;
   std::vector<int> identity;
   std::vector<std::ptrdiff_t> block_origin;
-  std::vector<double> shared_matrix, eliminated_blocks, right_side;
+  AlignedNumbers shared_matrix, eliminated_blocks;
+  std::vector<double> right_side;
   VectorXd shared_gradient, first_shared_scale, first_private_scale;
 };
 

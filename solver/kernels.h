@@ -60,11 +60,12 @@ struct Kernels {
   void (*subtract_products_9x9)(double* blocks, const int* block, const int* first, int runs,
                                 const double* b, std::ptrdiff_t stride, double* gradient);
 
-  /// Computes product = G M and out = M' G M: G (width x width, leading dimension ldg, both
-  /// triangles), of which the first k columns count; M (k x columns), product (width x columns) and
-  /// out (columns x columns, whole) row-major, ld >= columns + kSlack apart.
+  /// Computes product = M' G and the upper triangle of out = M' G M: G (width x width, both
+  /// triangles, ldg >= padded(width)), of which the first k rows count; M (k x columns), product
+  /// (columns x width) and out (columns x columns; what is below the diagonal is scratch)
+  /// row-major, rows at least padded(columns) or padded(width) apart.
   void (*expand)(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns,
-                 double* product, double* out, int ld);
+                 double* product, int ldp, double* out, int ld);
 
   /// Computes out = F G: F (rows x depth) has entry (i, r) at f[i step_i + r step_r], G (depth x
   /// columns) and out (rows x columns) are row-major, ldg and ld >= columns + kSlack apart.
@@ -75,6 +76,10 @@ struct Kernels {
   /// triangle R with the same Gram matrix (Householder's reflections); what is below the diagonal
   /// is scratch afterwards.
   void (*triangularise)(double* a, int rows, int columns, std::ptrdiff_t stride);
+
+  /// Adds B (rows x columns) to A, both row-major with rows at least padded(columns) apart; with
+  /// `upper` the upper triangle, what is below the diagonal of A is scratch then.
+  void (*add_rows)(double* a, int lda, const double* b, int ldb, int rows, int columns, bool upper);
 
   /// Adds b to a.
   void (*add)(double* a, const double* b, std::ptrdiff_t n);

@@ -24,7 +24,7 @@ inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t
   }
   double out[I * J + 3];
   int k = 0;
-  if constexpr (I == 4 && J == 4) {
+  if constexpr (I >= 4 && J == 4) {
     for (int i = 0; i < I; ++i) sum4(s[i][0], s[i][1], s[i][2], s[i][3], out + 4 * i);
   } else {
     for (int i = 0; i < I; ++i)
@@ -40,6 +40,8 @@ template <int J>
 inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t stride, int left,
                       double* g, int ld) {
   while (left >= T) {
+    // 32 registers have room for a fifth row, which by itself would wait for its own sums.
+    if (T == 4 && left == 5) return gram_tile<5, J, false>(a, b, rows, stride, g, ld);
     gram_tile<T, J, false>(a, b, rows, stride, g, ld);
     a += T * stride;
     g += T;
@@ -377,17 +379,19 @@ void subtract_products_9x9(double* blocks, const int* block, const int* first, i
 
 // ---- expand: both products are  to(i, :) = sum_r factor(i, r) * from(r, :)  with few r.
 
-/// More than 6 parameters because kernels take plain pointers.
+/// With `upper` only what is not below the diagonal; more than 6 parameters because kernels take
+/// plain pointers.
 template <int Depth>
 inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows,
                     int depth, const double* from, std::ptrdiff_t ld_from, int columns, double* to,
-                    std::ptrdiff_t ld) {
+                    std::ptrdiff_t ld, bool upper = false) {
   const int n = Depth > 0 ? Depth : depth;
   for (int j = 0; j < columns; j += kLanes) {
+    const int last = upper && j + kLanes < rows ? j + kLanes : rows;
     if constexpr (Depth > 0) {
       Pack x[Depth];
       for (int r = 0; r < Depth; ++r) x[r] = load(from + r * ld_from + j);
-      for (int i = 0; i < rows; ++i) {
+      for (int i = 0; i < last; ++i) {
         const double* f = factor + i * step_i;
         Pack s = x[0] * f[0], t = x[1] * f[step_r];
         for (int r = 2; r < Depth; r += 2) {
@@ -397,7 +401,7 @@ inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t 
         store(to + i * ld + j, s + t);
       }
     } else {
-      for (int i = 0; i < rows; ++i) {
+      for (int i = 0; i < last; ++i) {
         const double* f = factor + i * step_i;
         Pack s = {};
         for (int r = 0; r < n; ++r) s += load(from + r * ld_from + j) * f[r * step_r];
@@ -409,14 +413,21 @@ inline void combine(const double* factor, std::ptrdiff_t step_i, std::ptrdiff_t 
 
 /// More than 6 parameters because kernels take plain pointers.
 void expand(const double* g, int ldg, int width, const double* m, int ldm, int k, int columns,
-            double* product, double* out, int ld) {
+            double* product, int ldp, double* out, int ld) {
   if (k == 6) {
-    combine<6>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
-    combine<6>(m, 1, ldm, columns, k, product, ld, columns, out, ld);
+    combine<6>(m, 1, ldm, columns, k, g, ldg, width, product, ldp);
+    combine<6>(product, ldp, 1, columns, k, m, ldm, columns, out, ld, true);
   } else {
-    combine<0>(g, 1, ldg, width, k, m, ldm, columns, product, ld);
-    combine<0>(m, 1, ldm, columns, k, product, ld, columns, out, ld);
+    combine<0>(m, 1, ldm, columns, k, g, ldg, width, product, ldp);
+    combine<0>(product, ldp, 1, columns, k, m, ldm, columns, out, ld, true);
   }
+}
+
+/// More than 6 parameters because kernels take plain pointers.
+void add_rows(double* a, int lda, const double* b, int ldb, int rows, int columns, bool upper) {
+  for (int i = 0; i < rows; ++i, a += lda, b += ldb)
+    for (int j = upper ? i / kLanes * kLanes : 0; j < columns; j += kLanes)
+      store(a + j, load(a + j) + load(b + j));
 }
 
 /// combine() for any depth, four rows at a time; more than 6 parameters because kernels take plain
@@ -508,6 +519,7 @@ const Kernels kKernels = {KINCAL_ISA_NAME,
                           expand,
                           multiply,
                           triangularise,
+                          add_rows,
                           add};
 
 }  // namespace KINCAL_ISA

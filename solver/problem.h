@@ -62,8 +62,8 @@ class Problem {
   /// Makes scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;
 
-  /// Computes what groups share; it is called once before linearise() or square_root() of all
-  /// groups at this state.
+  /// Computes what groups share; it is called once before evaluate(), linearise() or square_root()
+  /// of all groups at this state.
   virtual void prepare(const VectorXd& state) = 0;
   /// Computes the cost of a group; false where a residual is undefined.
   virtual bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const = 0;
@@ -71,6 +71,11 @@ class Problem {
   /// equations.
   virtual bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
                          Cost& cost) const = 0;
+  /// Between these two linearise() of the worker's groups may keep back what it has to add to C and
+  /// b, so that what many groups add to the same places is summed first. end_piece() adds it; the
+  /// places of `to` are then all shared columns. Systems that are sparse do without.
+  virtual void begin_piece(int /*worker*/) const {}
+  virtual void end_piece(int /*worker*/, const GroupEquations& /*to*/) const {}
   /// Computes a square root of the same: rows A with A'A = gram, from the residuals without
   /// squaring anything (QR of each view).
   virtual bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const = 0;

@@ -200,8 +200,10 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     kernels().gram(scratch.rows.data(), v.layout->padded_rows(), scratch.rows.outerStride(), w,
                    scratch.expand.gram.data(), static_cast<int>(scratch.expand.gram.outerStride()));
     motion.kinematic_matrix(v, s, state, scratch);
-    expand(w - 1, s.layout->paths[v.layout->path].rows(), v.layout->map, layout.groups[group],
-           scratch.expand, to);
+    const int depth = s.layout->paths[v.layout->path].rows(), sum = v.layout->sum;
+    const SharedSums sums(layout.sums[sum], scratch.sums.data() + scratch.sums_start[sum]);
+    expand(w - 1, depth, v.layout->map, layout.groups[group], scratch.expand, to,
+           scratch.summing ? &sums : nullptr);
   }
   const int errors = s.errors();
   const Sample& sample = layout.recorded[s.index];
@@ -215,6 +217,20 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     cost.chi2 += e * e;
   }
   return true;
+}
+
+void Estimation::begin_piece(int worker) const {
+  Scratch& scratch = parts_->scratch[worker];
+  std::fill(scratch.sums.begin(), scratch.sums.end(), 0.0);
+  scratch.summing = true;
+}
+
+void Estimation::end_piece(int worker, const GroupEquations& to) const {
+  Scratch& scratch = parts_->scratch[worker];
+  const std::vector<SharedColumns>& sums = parts_->layout.sums;
+  for (size_t i = 0; i < sums.size(); ++i)
+    add_shared(sums[i], {sums[i], scratch.sums.data() + scratch.sums_start[i]}, to);
+  scratch.summing = false;
 }
 
 namespace {
@@ -298,7 +314,8 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     auto part = rows.middleRows(used, view.rows());
     for (size_t i = 0; i < v.layout->map.kinematic.size(); ++i)
       part.col(v.layout->map.kinematic[i]) += kinematic.col(i);
-    for (const auto& own : v.layout->map.own) part.col(own.second) += view.col(own.first);
+    for (const OwnColumn& own : v.layout->map.own)
+      part.col(own.place) += own.sign * view.col(own.column);
     part.col(size) = view.col(view.cols() - 1);
     used += view.rows();
   }

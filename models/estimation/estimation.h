@@ -102,6 +102,8 @@ class Estimation final : public Problem {
   bool evaluate(int group, const VectorXd& state, int worker, Cost& cost) const override;
   bool linearise(int group, const VectorXd& state, int worker, const GroupEquations& to,
                  Cost& cost) const override;
+  void begin_piece(int worker) const override;
+  void end_piece(int worker, const GroupEquations& to) const override;
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override;
   void retract(const VectorXd& state, const VectorXd& shared_step, const VectorXd& private_step,
                VectorXd& moved) const override;

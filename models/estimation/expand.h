@@ -1,115 +1,206 @@
 // From the Gram matrix of one view to the normal equations of its group.
 //
-// Within one view J = L M (models/sensors/sensor.h): the small Gram matrix G of [L r] is
-// accumulated first, then expanded to M' G M.
+// Within one view J = L M (models/sensors/sensor.h), so J'J = M' G M with the small Gram matrix G
+// of [L r], which is accumulated first. The unknowns of a view are of two kinds. Kinematic columns
+// of M are dense in the first rows (those of the pose that the sensor sees) and differ from sample
+// to sample. Own ones are single columns of L, or minus one: the sensor's numbers, and its pose as
+// well, whose motion moves what is seen the other way round. With K the kinematic columns,
+//     X = K' G   (kinematic by all columns of [L r])   and   K' G K = X K
+// hold all products; those of own columns among themselves are G itself.
+//
+// Private unknowns have rows in each group. Of shared ones only sums count, and all views of one
+// sensor along one path have the same of them: G, X and X K are added as they are, side by side in
+// memory, for a whole piece of groups (SharedSums), and then go to their places in C and b once.
 #pragma once
 
 #include <algorithm>
-#include <utility>
 #include <vector>
 
+#include "../../solver/aligned.h"
 #include "../../solver/problem.h"
 #include "../sensors/sensor.h"
 
 namespace kincal {
 
-/// ViewColumns describes one view's M: dense kinematic columns for the first rows of L, and single
-/// columns of L that are unknowns themselves. Both stand in the order of their places in the group
-/// (private unknowns first, then touched columns); own ones are shared.
+/// An OwnColumn is an unknown that is `sign` times a column of L by itself.
+struct OwnColumn {
+  int column;  // of L
+  int place;   // in the group, or the shared column
+  double sign;
+};
+
+/// ViewColumns describes one view's M. Places are those in the group; private kinematic columns
+/// come first, ascending. Own ones are shared.
 struct ViewColumns {
-  std::vector<int> kinematic;            // place of each column of M
-  std::vector<std::pair<int, int>> own;  // (column of L, place)
+  std::vector<int> kinematic;  // place of each
+  std::vector<OwnColumn> own;
+};
+
+/// SharedColumns are those that views have in common.
+struct SharedColumns {
+  int width = 0;               // columns of L
+  std::vector<int> kinematic;  // shared columns of the last columns of M
+  std::vector<OwnColumn> own;
+
+  bool operator==(const SharedColumns& other) const {
+    return width == other.width && kinematic == other.kinematic &&
+           std::equal(own.begin(), own.end(), other.own.begin(), other.own.end(),
+                      [](const OwnColumn& a, const OwnColumn& b) {
+                        return a.column == b.column && a.place == b.place && a.sign == b.sign;
+                      });
+  }
+  int kinematic_size() const { return static_cast<int>(kinematic.size()); }
+  /// Returns the numbers of the sums below.
+  size_t size() const {
+    return static_cast<size_t>(width + 1 + kinematic_size()) * padded(width + 1) +
+           static_cast<size_t>(kinematic_size()) * padded(kinematic_size());
+  }
+};
+
+/// SharedSums are G, X and the upper triangle of X K, of one view or of many, row-major; X and X K
+/// of shared columns only.
+struct SharedSums {
+  double *gram, *product, *block;
+  int gram_stride, product_stride, block_stride;
+
+  SharedSums(double* g, double* x, double* xk, int g_stride, int x_stride, int xk_stride)
+      : gram(g),
+        product(x),
+        block(xk),
+        gram_stride(g_stride),
+        product_stride(x_stride),
+        block_stride(xk_stride) {}
+  /// In an array of columns.size() numbers.
+  SharedSums(const SharedColumns& columns, double* at)
+      : gram(at),
+        product(gram + static_cast<size_t>(columns.width + 1) * padded(columns.width + 1)),
+        block(product + static_cast<size_t>(columns.kinematic_size()) * padded(columns.width + 1)),
+        gram_stride(padded(columns.width + 1)),
+        product_stride(gram_stride),
+        block_stride(padded(columns.kinematic_size())) {}
 };
 
 /// ExpandScratch is the scratch of expand(): it is sized once for the largest view, so that nothing
 /// is allocated later.
 struct ExpandScratch {
-  MatrixXd gram;                       // of [L r]
-  RowMatrix m;                         // in its top left corner: M
-  std::vector<double> product, block;  // row-major, `stride` apart: G M and M' G M
-  std::vector<int> column;             // shared column of each column of M
-  std::vector<double> parts;           // squared norms of what each column of L M is a sum of
-  int stride = 0;
+  MatrixXd gram;                  // of [L r]
+  RowMatrix m;                    // in its top left corner: K
+  AlignedNumbers product, block;  // X and X K, rows `product_stride` and `stride` apart
+  std::vector<double> parts;      // squared norms of what each column of L K is a sum of
+  SharedColumns columns;          // places of the view's
+  int product_stride = 0, stride = 0;
 
   /// Makes room for `width` columns of L, `depth` rows of M and `columns` columns of M.
-  void reserve(int width, int depth, int columns) {
-    gram.resize(width + 1, width + 1);
-    stride = padded(columns) + kSlack;
+  void reserve(int width, int depth, int count) {
+    gram.setZero(padded(width + 1), width + 1);
+    product_stride = padded(width + 1);
+    stride = padded(count) + kSlack;
     m.setZero(depth, stride);
-    product.assign(static_cast<size_t>(width + 1) * stride, 0.0);
-    block.assign(static_cast<size_t>(columns) * stride, 0.0);
-    column.resize(columns);
-    parts.resize(columns);
+    product.assign(static_cast<size_t>(count) * product_stride, 0.0);
+    block.assign(static_cast<size_t>(count) * stride, 0.0);
+    parts.resize(count);
+    columns.kinematic.reserve(count);
+    columns.own.reserve(count);
   }
 };
 
-/// Where L M is a sum of parts that cancel (a rotation about a point of the target itself),
+/// Where L K is a sum of parts that cancel (a rotation about a point of the target itself),
 /// rounding leaves 1e-16 of the parts, not 0: a column of at most this share of the parts' squared
 /// norms is nothing.
 constexpr double kCancelled = 1e-14;
 
-/// Adds M' G M to the equations of a group: `gram` in the scratch is the Gram matrix of [L r]
-/// (width + 1 squared, both triangles), `m` the kinematic part of M (its first `depth` rows). Does
-/// not allocate.
-inline void expand(int width, int depth, const ViewColumns& columns, const GroupShape& group,
-                   ExpandScratch& s, const GroupEquations& to) {
-  const int k = group.private_size, size = group.size();
-  const int kin = static_cast<int>(columns.kinematic.size()),
-            ld = static_cast<int>(s.gram.outerStride()), stride = s.stride;
+/// Makes X and X K of a view in the scratch: `gram` there is the Gram matrix of [L r] (width + 1
+/// squared, both triangles), `m` has the first `depth` rows of K.
+inline void make_products(int width, int depth, int kin, ExpandScratch& s) {
+  const int ld = static_cast<int>(s.gram.outerStride());
   const double* g = s.gram.data();
-  const int* place = columns.kinematic.data();
-  kernels().expand(g, ld, width + 1, s.m.data(), stride, depth, kin, s.product.data(),
-                   s.block.data(), stride);
-  int own_rows = 0;  // columns of M that are private
-  while (own_rows < kin && place[own_rows] < k) ++own_rows;
+  kernels().expand(g, ld, width + 1, s.m.data(), s.stride, depth, kin, s.product.data(),
+                   s.product_stride, s.block.data(), s.stride);
   double* parts = s.parts.data();
   std::fill_n(parts, kin, 0.0);
   for (int r = 0; r < depth; ++r) {
     const double norm = g[r + static_cast<size_t>(r) * ld];
-    const double* m = s.m.data() + static_cast<size_t>(r) * stride;
+    const double* m = s.m.data() + static_cast<size_t>(r) * s.stride;
     for (int j = 0; j < kin; ++j) parts[j] += norm * m[j] * m[j];
   }
   for (int j = 0; j < kin; ++j) {
-    double* row = s.block.data() + static_cast<size_t>(j) * stride;
+    double* row = s.block.data() + static_cast<size_t>(j) * s.stride;
     if (row[j] > kCancelled * parts[j]) continue;
-    for (int i = 0; i < kin; ++i) row[i] = s.block[static_cast<size_t>(i) * stride + j] = 0;
-    for (int i = 0; i <= width; ++i) s.product[static_cast<size_t>(i) * stride + j] = 0;
+    for (int i = 0; i < j; ++i) s.block[static_cast<size_t>(i) * s.stride + j] = 0;
+    std::fill(row + j, row + kin, 0.0);
+    std::fill_n(s.product.begin() + static_cast<std::ptrdiff_t>(j) * s.product_stride, width + 1,
+                0.0);
   }
-  for (int j = own_rows; j < kin; ++j) s.column[j] = to.row[place[j] - k];
-  const int* shared = s.column.data();
+}
+
+/// Adds sums of shared columns to C and b; places in `columns` are those of `to`.
+inline void add_shared(const SharedColumns& columns, const SharedSums& sums,
+                       const GroupEquations& to) {
+  const auto add = [&](int a, int b, double value) {
+    to.shared[to.origin[std::min(a, b)] + std::max(a, b)] += value;
+  };
+  const int kin = columns.kinematic_size();
   for (int j = 0; j < kin; ++j) {
-    const double* from = s.block.data() + static_cast<size_t>(j) * stride;
-    if (j < own_rows) {
-      double* row = to.rows + static_cast<std::ptrdiff_t>(place[j]) * to.stride;
-#pragma GCC unroll 8
-      for (int i = j; i < kin; ++i) row[place[i]] += from[i];
-    } else {
-      double* column = to.shared + to.origin[s.column[j]];
-#pragma GCC unroll 8
-      for (int i = j; i < kin; ++i) column[shared[i]] += from[i];
-    }
+    const int a = to.row[columns.kinematic[j]];
+    const double* block = sums.block + static_cast<size_t>(j) * sums.block_stride;
+    const double* product = sums.product + static_cast<size_t>(j) * sums.product_stride;
+    for (int i = j; i < kin; ++i) add(a, to.row[columns.kinematic[i]], block[i]);
+    for (const OwnColumn& own : columns.own)
+      add(a, to.row[own.place], own.sign * product[own.column]);
+    to.gradient[a] += product[columns.width];
   }
-  const double* last = s.product.data() + static_cast<size_t>(width) * stride;  // of the residual
-  for (int j = 0; j < own_rows; ++j)
-    to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + size] += last[j];
-  for (int j = own_rows; j < kin; ++j) to.gradient[s.column[j]] += last[j];
-  for (const auto& own : columns.own) {
-    const double* from = s.product.data() + static_cast<size_t>(own.first) * stride;
-    const int column = to.row[own.second - k];
-    int j = 0;
-#pragma GCC unroll 4
-    for (; j < own_rows; ++j)
-      to.rows[static_cast<std::ptrdiff_t>(place[j]) * to.stride + own.second] += from[j];
-    for (; j < kin && place[j] < own.second; ++j)
-      to.shared[to.origin[s.column[j]] + column] += from[j];
-    double* below = to.shared + to.origin[column];
-#pragma GCC unroll 4
-    for (; j < kin; ++j) below[shared[j]] += from[j];
-    const double* g_own = g + static_cast<size_t>(own.first) * ld;
-    for (const auto& other : columns.own)
-      if (other.second >= own.second) below[to.row[other.second - k]] += g_own[other.first];
-    to.gradient[column] += g_own[width];
+  for (size_t j = 0; j < columns.own.size(); ++j) {
+    const OwnColumn& own = columns.own[j];
+    const int a = to.row[own.place];
+    const double* gram = sums.gram + static_cast<size_t>(own.column) * sums.gram_stride;
+    for (size_t i = j; i < columns.own.size(); ++i)
+      add(a, to.row[columns.own[i].place],
+          own.sign * columns.own[i].sign * gram[columns.own[i].column]);
+    to.gradient[a] += own.sign * gram[columns.width];
   }
+}
+
+/// Adds M' G M to the equations of a group; `gram` and `m` in the scratch are as make_products()
+/// wants them. What is shared goes to `sums` if they are given. Does not allocate.
+inline void expand(int width, int depth, const ViewColumns& columns, const GroupShape& group,
+                   ExpandScratch& s, const GroupEquations& to, const SharedSums* sums) {
+  const int k = group.private_size, size = group.size();
+  const int kin = static_cast<int>(columns.kinematic.size());
+  const int* place = columns.kinematic.data();
+  make_products(width, depth, kin, s);
+  int own_rows = 0;  // columns of K that are private
+  while (own_rows < kin && place[own_rows] < k) ++own_rows;
+  for (int j = 0; j < own_rows; ++j) {
+    double* row = to.rows + static_cast<std::ptrdiff_t>(place[j]) * to.stride;
+    const double* block = s.block.data() + static_cast<size_t>(j) * s.stride;
+    const double* product = s.product.data() + static_cast<size_t>(j) * s.product_stride;
+#pragma GCC unroll 8
+    for (int i = j; i < kin; ++i) row[place[i]] += block[i];
+#pragma GCC unroll 4
+    for (const OwnColumn& own : columns.own) row[own.place] += own.sign * product[own.column];
+    row[size] += product[width];
+  }
+  const SharedSums view(s.gram.data(),
+                        s.product.data() + static_cast<size_t>(own_rows) * s.product_stride,
+                        s.block.data() + static_cast<size_t>(own_rows) * (s.stride + 1),
+                        static_cast<int>(s.gram.outerStride()), s.product_stride, s.stride);
+  const int shared = kin - own_rows;
+  if (sums) {
+    kernels().add_rows(sums->gram, sums->gram_stride, view.gram, view.gram_stride, width + 1,
+                       width + 1, false);
+    kernels().add_rows(sums->product, sums->product_stride, view.product, view.product_stride,
+                       shared, width + 1, false);
+    kernels().add_rows(sums->block, sums->block_stride, view.block, view.block_stride, shared,
+                       shared, true);
+    return;
+  }
+  s.columns.width = width;
+  s.columns.kinematic.clear();
+  s.columns.own.clear();
+  for (int j = own_rows; j < kin; ++j) s.columns.kinematic.push_back(place[j] - k);
+  for (const OwnColumn& own : columns.own)
+    s.columns.own.push_back({own.column, own.place - k, own.sign});
+  add_shared(s.columns, view, to);
 }
 
 }  // namespace kincal

@@ -58,7 +58,10 @@ void Layout::place_sample(int index) {
   }
   if (s.views.empty()) return;
   std::unique_ptr<SampleLayout>& layout = layouts[key];
-  if (!layout) layout = std::make_unique<SampleLayout>(make_layout(s));
+  if (!layout) {
+    layout = std::make_unique<SampleLayout>(make_layout(s));
+    for (ViewLayout& v : layout->views) v.sum = place_sum(v, layout->shape);
+  }
   s.layout = layout.get();
   s.start = state_size;
   state_size += s.layout->state_size();
@@ -167,7 +170,7 @@ GroupShape Layout::place_columns(SampleLayout& s) const {
     for (int c : v.map.kinematic)
       if (c < 0) places[-c - 1] = 0;
     for (const auto& o : v.map.own)
-      if (o.second < 0) places[-o.second - 1] = 0;
+      if (o.place < 0) places[-o.place - 1] = 0;
     shape.rows += v.rows();
   }
   int place = shape.private_size;
@@ -177,6 +180,21 @@ GroupShape Layout::place_columns(SampleLayout& s) const {
   }
   place_all();
   return shape;
+}
+
+/// The view's shared columns among those of all views.
+int Layout::place_sum(const ViewLayout& v, const GroupShape& shape) {
+  const int k = shape.private_size;
+  SharedColumns found;
+  found.width = v.columns.total;
+  for (int place : v.map.kinematic)
+    if (place >= k) found.kinematic.push_back(shape.columns[place - k]);
+  for (const OwnColumn& own : v.map.own)
+    found.own.push_back({own.column, shape.columns[own.place - k], own.sign});
+  const auto it = std::find(sums.begin(), sums.end(), found);
+  if (it != sums.end()) return static_cast<int>(it - sums.begin());
+  sums.push_back(std::move(found));
+  return static_cast<int>(sums.size()) - 1;
 }
 
 namespace {
@@ -242,6 +260,13 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       path.noise.push_back(m);
     }
   }
+  // Into the order of their places. Columns of one origin follow each other there as well.
+  const std::vector<int> found = path.places;
+  std::sort(path.places.begin(), path.places.end());
+  for (MotionColumns& m : path.motion)
+    m.first =
+        static_cast<int>(std::lower_bound(path.places.begin(), path.places.end(), found[m.first]) -
+                         path.places.begin());
 }
 
 /// Columns of L and of M, and where they are in the group.
@@ -252,9 +277,8 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   v.poses.clear();
   const auto shared = [&](int column) { return place_of(places, column); };
 
-  // M: the target's pose, the sensor's, the joints.
+  // K: a free target's pose, the path's columns, other poses. What is private comes first.
   const auto add_pose = [&](Source source, int parameter) {
-    if (!freed[parameter]) return;
     MotionColumns m{source};
     m.parameter = parameter;
     m.count = static_cast<int>(freed[parameter]->components.size());
@@ -263,26 +287,25 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
       v.map.kinematic.push_back(shared(first_column[parameter] + i));
     v.poses.push_back(m);
   };
+  const int target_pose = table.target_pose[v.target_index],
+            sensor_pose = table.sensor_pose[v.sensor_index];
   if (v.target_slot >= 0) {
     MotionColumns m{Source::target_pose};
     m.count = 6;
     for (int i = 0; i < 6; ++i) v.map.kinematic.push_back(6 * v.target_slot + i);
     v.poses.push_back(m);
-  } else {
-    add_pose(Source::target_pose, table.target_pose[v.target_index]);
   }
-  add_pose(Source::sensor_pose, table.sensor_pose[v.sensor_index]);
-  const std::vector<int> poses = v.map.kinematic;
+  v.path_column = static_cast<int>(v.map.kinematic.size());
   v.map.kinematic.insert(v.map.kinematic.end(), path.places.begin(), path.places.end());
-  std::sort(v.map.kinematic.begin(), v.map.kinematic.end());
-  const auto column_at = [&](int place) {
-    return static_cast<int>(
-        std::lower_bound(v.map.kinematic.begin(), v.map.kinematic.end(), place) -
-        v.map.kinematic.begin());
-  };
-  for (MotionColumns& m : v.poses) m.first = column_at(poses[m.first]);
-  v.path_column.clear();
-  for (int place : path.places) v.path_column.push_back(column_at(place));
+  if (v.target_slot < 0 && freed[target_pose]) add_pose(Source::target_pose, target_pose);
+  if (freed[sensor_pose]) {
+    if (freed[sensor_pose]->whole(table.all[sensor_pose]))
+      for (int i = 0; i < 6; ++i)  // what is seen moves the other way
+        v.map.own.push_back(
+            {(path.scan_step >= 0 ? 6 : 0) + i, shared(first_column[sensor_pose] + i), -1});
+    else
+      add_pose(Source::sensor_pose, sensor_pose);
+  }
 
   // L: the pose, the sensor's own numbers, the target's shape. Kernels leave out numbers that are
   // held.
@@ -313,7 +336,7 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
           const int number = own + freed[parameter]->components[i];
           v.own[number] = v.kernel ? column++ : c.total + number;
           v.map.own.push_back(
-              {v.own[number], shared(first_column[parameter] + static_cast<int>(i))});
+              {v.own[number], shared(first_column[parameter] + static_cast<int>(i)), 1});
         }
       }
       own += table.all[parameter].size();
@@ -322,21 +345,21 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   }
   if (square >= 0 && freed[square]) {
     c.square = c.total++;
-    v.map.own.push_back({c.square, shared(first_column[square])});
+    v.map.own.push_back({c.square, shared(first_column[square]), 1});
   }
   if (warp >= 0 && freed[warp]) {
     c.warp = c.total;
     c.total += 2;
     for (size_t i = 0; i < freed[warp]->components.size(); ++i)
-      v.map.own.push_back(
-          {c.warp + freed[warp]->components[i], shared(first_column[warp] + static_cast<int>(i))});
+      v.map.own.push_back({c.warp + freed[warp]->components[i],
+                           shared(first_column[warp] + static_cast<int>(i)), 1});
   }
   if (points_freed) {
     c.points = c.total;
     c.total += table.all[points].size();
     for (size_t i = 0; i < freed[points]->components.size(); ++i)
       v.map.own.push_back({c.points + freed[points]->components[i],
-                           shared(first_column[points] + static_cast<int>(i))});
+                           shared(first_column[points] + static_cast<int>(i)), 1});
   }
 }
 

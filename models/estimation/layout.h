@@ -40,7 +40,7 @@ struct SensorPath {
   int scan_numbers = 0;               // own numbers of its model
   bool sensor_side = false;           // what is estimated moves the scanning joint, or the sensor
   std::vector<MotionColumns> motion;  // M's columns of joints
-  std::vector<int> places;            // place in the group of each of these columns
+  std::vector<int> places;            // place in the group of each of these columns, ascending
   std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
   std::vector<int> noisy;             // whose columns these are: the joints, once each
 
@@ -64,8 +64,9 @@ struct ViewLayout {
   int target_slot = -1;  // of a free target among the sample's
   Columns columns;       // of the sensor's own L
   ViewColumns map;
-  std::vector<MotionColumns> poses;  // M's columns of the target's and the sensor's poses
-  std::vector<int> path_column;      // and of the path: column of M of each
+  std::vector<MotionColumns> poses;  // M's dense columns of the target's and the sensor's poses
+  int path_column = 0;               // and of the path: the first column of M
+  int sum = -1;                      // which of Layout::sums is its shared columns'
   ViewKernel kernel = nullptr;       // if the sensor and its noise allow
   int own[kMaxParameters];           // for the kernel: column of each own number or -1
   size_t points = 0;  // for the kernel: where in Layout::seen the layout of the seen points begins
@@ -134,9 +135,10 @@ struct Layout {
   std::vector<const Freed*> freed;                                    // by parameter, null: held
   std::map<std::vector<int>, std::unique_ptr<SampleLayout>> layouts;  // by what samples show
   std::vector<PlacedSample> samples;
-  std::vector<GroupShape> groups;  // the samples', then that of the priors
-  std::vector<double> seen;        // what the kernels read: layouts, measured numbers
-  int whitenings = 0;              // views without a kernel
+  std::vector<GroupShape> groups;   // the samples', then that of the priors
+  std::vector<SharedColumns> sums;  // shared columns of views, each set once
+  AlignedNumbers seen;              // what the kernels read: layouts, measured numbers
+  int whitenings = 0;               // views without a kernel
   int state_size = 0;
 
  private:
@@ -149,6 +151,7 @@ struct Layout {
                     const SampleLayout& sample) const;
   void place_view(ViewLayout& v, const std::map<int, int>& places,
                   const SampleLayout& sample) const;
+  int place_sum(const ViewLayout& v, const GroupShape& shape);
   void place_data();
   void place_priors();
 };

@@ -1,6 +1,9 @@
 #include "motion.h"
 
 #include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <new>
 
 namespace kincal {
 
@@ -27,7 +30,9 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.points.resize(layout.rig.targets.size());
     for (size_t t = 0; t < s.points.size(); ++t)
       s.points[t].resize(3, layout.rig.targets[t].count());
-    s.rows.resize(rows, width + 1);
+    s.rows_memory.assign(rows * (width + 1), 0.0);
+    new (&s.rows) Eigen::Map<MatrixXd>(s.rows_memory.data(), static_cast<Eigen::Index>(rows),
+                                       static_cast<Eigen::Index>(width) + 1);
     s.evaluated.resize(rows, width + 1);
     s.r.resize(rows);
     s.slopes.resize(rows);
@@ -36,13 +41,20 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.rooted.resize(noisy, width + 1);
     s.expand.reserve(static_cast<int>(width), static_cast<int>(depth),
                      static_cast<int>(std::max(columns, path_columns)));
+    s.sums_start.clear();
+    size_t sums = 0;
+    for (const SharedColumns& shared : layout.sums) {
+      s.sums_start.push_back(sums);
+      sums += shared.size();
+    }
+    s.sums.assign(sums + kSlack, 0.0);
     s.motion.resize(layout.rig.tree.joints.size());
     s.moved.resize(layout.rig.tree.joints.size());
     s.reading.resize(layout.rig.tree.joints.size());
     s.paths.resize(paths);
     for (PathAtState& path : s.paths) {
       path.frames.resize(steps);
-      path.twists.resize(depth, path_columns);
+      path.twists.setZero(depth, padded(static_cast<int>(path_columns)) + kSlack);
     }
   }
 }
@@ -51,6 +63,16 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
   for (const Freed& f : layout.setup.free)
     if (layout.table.all[f.parameter].pose && !f.whole(layout.table.all[f.parameter]))
       charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
+  const Tree& tree = layout.rig.tree;
+  turn_.assign(tree.joints.size(), -1);
+  for (const auto& entry : layout.layouts)
+    for (int j : entry.second->joints) {
+      if (turn_[j] >= 0) continue;
+      turn_[j] = static_cast<int>(turns_.size());
+      turns_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
+                        tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
+                        Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
+    }
 }
 
 void Motion::prepare(const VectorXd& state) {
@@ -62,6 +84,14 @@ void Motion::prepare(const VectorXd& state) {
     const Matrix6d jacobian = right_jacobian_se3(xi);
     for (size_t i = 0; i < layout_.freed[p]->components.size(); ++i)
       charts_[p].col(i) = jacobian.col(layout_.freed[p]->components[i]);
+  }
+  for (Turn& turn : turns_) {
+    if (!turn.held) continue;
+    const Vector3d& axis = layout_.rig.tree.joints[turn.joint].axis;
+    turn.origin = get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
+    turn.along = turn.origin.rotation * axis;
+    turn.sine = turn.origin.rotation * skew(axis);
+    turn.versine = turn.sine * skew(axis);
   }
 }
 
@@ -79,13 +109,38 @@ void Motion::motions(const PlacedSample& s, const VectorXd& state, Scratch& scra
         scratch.reading[j], state.data() + layout_.table.all[layout_.table.joint_offset[j]].start);
   };
   for (int j : s.layout->joints) {
-    const Driver d = driver(layout_.rig.tree, j);
-    scratch.motion[j] =
-        joint_motion(layout_.rig.tree.joints[j], d.factor * position(d.joint) + d.offset);
-    scratch.moved[j] =
-        get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) * scratch.motion[j];
+    const Turn& turn = turns_[turn_[j]];
+    assert(!turn.held ||
+           get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start).rotation ==
+               turn.origin.rotation);
+    const double q = turn.driver.factor * position(turn.driver.joint) + turn.driver.offset;
+    Pose& moved = scratch.moved[j];
+    if (!turn.held) {
+      scratch.motion[j] = joint_motion(layout_.rig.tree.joints[j], q);
+      moved = get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) *
+              scratch.motion[j];
+    } else if (turn.prismatic) {
+      moved.rotation = turn.origin.rotation;
+      moved.translation = turn.origin.translation + q * turn.along;
+    } else {
+      const double sine = std::sin(q), versine = 1 - std::cos(q);
+      moved.rotation = turn.origin.rotation + sine * turn.sine + versine * turn.versine;
+      moved.translation = turn.origin.translation;
+    }
   }
 }
+
+namespace {
+
+/// reached * step^-1
+Pose back(const Pose& reached, const Pose& step) {
+  Pose out;
+  out.rotation.noalias() = reached.rotation * step.rotation.transpose();
+  out.translation = reached.translation - out.rotation * step.translation;
+  return out;
+}
+
+}  // namespace
 
 /// Walks the sample's paths. A step's frame is that of the joint before its motion where its origin
 /// is estimated; elsewhere one in which the joint's axis is the same.
@@ -115,7 +170,7 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
       else if (!down)
         walked.frames[k] = reached;
       const Pose step = moves ? scratch.moved[j] : origin();
-      reached = k == 0 ? (down ? step : inverse(step)) : reached * (down ? step : inverse(step));
+      reached = down ? (k == 0 ? step : reached * step) : back(reached, step);
       if (down && !layout_.freed[layout_.table.joint_origin[j]]) walked.frames[k] = reached;
     }
     walked.link_T_far = reached;
@@ -129,15 +184,17 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
                           PathAtState& walked) const {
   auto m = walked.twists.topLeftCorner(path.rows(), count);
   m.setZero();
+  Vector6d twist = Vector6d::Zero();
+  int twist_step = -1;  // whose it is
   for (const MotionColumns& column : program) {
     const PathStep& step = path.steps[column.step];
     const int row = path.on_sensor_side(column.step) ? 6 : 0;
     if (column.source == Source::origin) {
-      const Matrix6d twist = step.direction * adjoint(walked.frames[column.step]);
+      const Matrix6d moved = step.direction * adjoint(walked.frames[column.step]);
       if (charts_[column.parameter].size() > 0)
-        m.block(row, column.first, 6, column.count) += twist.lazyProduct(charts_[column.parameter]);
+        m.block(row, column.first, 6, column.count) += moved.lazyProduct(charts_[column.parameter]);
       else
-        m.block<6, 6>(row, column.first) += twist;
+        m.block<6, 6>(row, column.first) += moved;
       continue;
     }
     if (column.step == path.scan_step) {  // the scanning joint's own columns of L
@@ -151,9 +208,12 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
     const double by = column.factor * (column.source == Source::joint_number
                                            ? model.by_own(column.number, reading, own)
                                            : model.by_reading(reading, own));
-    m.block<6, 1>(row, column.first) +=
-        by * position_twist(layout_.rig.tree.joints[step.joint], step.direction,
-                            walked.frames[column.step]);
+    if (column.step != twist_step) {
+      twist = position_twist(layout_.rig.tree.joints[step.joint], step.direction,
+                             walked.frames[column.step]);
+      twist_step = column.step;
+    }
+    m.block<6, 1>(row, column.first) += by * twist;
   }
 }
 
@@ -192,39 +252,36 @@ void Motion::view_poses(const PlacedView& v, const PlacedSample& s, const Vector
   in.scan = &scan;
 }
 
-/// Columns of the path as the sensor sees them, column c to column at[c] of M.
+/// Columns of the path as the sensor sees them, to columns of M from `first` on.
 void Motion::seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
-                              const int* at, int count, Scratch& scratch) const {
+                              int first, int count, Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
-  const MatrixXd& twists = scratch.paths[v.layout->path].twists;
+  const RowMatrix& twists = scratch.paths[v.layout->path].twists;
   RowMatrix& m = scratch.expand.m;
-  if (path.scan_step >= 0 && !path.sensor_side) {
-    for (int c = 0; c < count; ++c) m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
-    return;
+  int moved = 0;  // first of the rows that are seen from the sensor's link
+  if (path.scan_step >= 0) {
+    m.block(0, first, 6, count) = twists.topLeftCorner(6, count);
+    if (!path.sensor_side) return;
+    moved = 6;
+    m.block(12, first, path.rows() - 12, count) = twists.block(12, 0, path.rows() - 12, count);
   }
   const Pose link_T_sensor =
       get_pose(state, layout_.table.all[layout_.table.sensor_pose[v.layout->sensor_index]].start);
-  const Matrix3d sensor_R_link = link_T_sensor.rotation.transpose();
-  const int moved = path.scan_step >= 0 ? 6 : 0;  // rows that are seen from the sensor's link
-  for (int c = 0; c < count; ++c) {
-    const Vector3d w = twists.block<3, 1>(moved + 3, c),
-                   x = twists.block<3, 1>(moved, c) + w.cross(link_T_sensor.translation);
-    if (moved) {
-      m.block<6, 1>(0, at[c]) = twists.block<6, 1>(0, c);
-      for (int row = 12; row < path.rows(); ++row) m(row, at[c]) = twists(row, c);
-    }
-    m.block<3, 1>(moved, at[c]).noalias() = sensor_R_link * x;
-    m.block<3, 1>(moved + 3, at[c]).noalias() = sensor_R_link * w;
-  }
+  const Matrix6d sensor_from_link = adjoint(inverse(link_T_sensor));
+  kernels().multiply(sensor_from_link.data(), 1, 6, 6, 6, twists.row(moved).data(),
+                     static_cast<int>(twists.outerStride()), count, m.row(moved).data() + first,
+                     static_cast<int>(m.outerStride()));
 }
 
-/// M (path's rows x columns) of a view into the top left corner of scratch.m; view_poses() and
-/// path_columns() have been called.
+/// K (path's rows x kinematic columns) of a view into the top left corner of scratch.m;
+/// view_poses() and path_columns() have been called.
 void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                               Scratch& scratch) const {
   const SensorPath& path = s.layout->paths[v.layout->path];
   RowMatrix& m = scratch.expand.m;
-  if (path.sensor_side) m.setZero();
+  // First: it may write behind the path's columns.
+  seen_from_sensor(v, s, state, v.layout->path_column, static_cast<int>(path.places.size()),
+                   scratch);
   for (const MotionColumns& column : v.layout->poses) {
     const bool sensor_side = column.source == Source::sensor_pose;
     Matrix6d twist;
@@ -233,13 +290,12 @@ void Motion::kinematic_matrix(const PlacedView& v, const PlacedSample& s, const 
     else
       twist = adjoint(scratch.input.sensor_T_target);
     const int row = sensor_side && path.scan_step >= 0 ? 6 : 0;
+    m.block(0, column.first, path.rows(), column.count).setZero();
     if (column.parameter >= 0 && charts_[column.parameter].size() > 0)
       m.block(row, column.first, 6, column.count) = twist.lazyProduct(charts_[column.parameter]);
     else
       m.block<6, 6>(row, column.first) = twist;
   }
-  seen_from_sensor(v, s, state, v.layout->path_column.data(),
-                   static_cast<int>(v.layout->path_column.size()), scratch);
 }
 
 }  // namespace kincal

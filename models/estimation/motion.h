@@ -19,7 +19,7 @@ struct PathAtState {
   Pose link_T_far;           // from the sensor's link to the target's
   Pose link_T_before;  // with a scanning joint: to it, on the sensor's side; link_T_far is then
                        // seen from behind it
-  MatrixXd twists;     // in its top left corner: the path's columns
+  RowMatrix twists;    // in its top left corner: the path's columns
 };
 
 /// Scratch is one worker's memory for the sample at hand.
@@ -33,12 +33,17 @@ struct Scratch {
   std::vector<Eigen::Matrix3Xd> points;  // by target
   std::vector<double> gathered;          // points of a view for its kernel
   RowMatrix evaluated;                   // L as sensors without a kernel write it
-  MatrixXd rows;               // in its top left corner: [L r]; residuals alone in the last column
+  AlignedNumbers rows_memory;
+  Eigen::Map<MatrixXd> rows{
+      nullptr, 0, 0};          // in its top left corner: [L r]; residuals alone in the last column
   VectorXd r;                  // residuals of sensors without a kernel
   std::vector<double> slopes;  // roots of the loss's slopes, by row
   MatrixXd projected, rooted;  // mode marginal: noise' [L r], and that times the root
   MatrixXd own_noise;
   ExpandScratch expand;
+  AlignedNumbers sums;  // SharedSums of Layout::sums, one behind the other
+  std::vector<size_t> sums_start;
+  bool summing = false;  // between begin_piece() and end_piece()
 };
 
 /// Makes scratch for `count` workers, sized for the largest view and path, so that nothing is
@@ -48,7 +53,7 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
 class Motion {
  public:
   explicit Motion(const Layout& layout);
-  /// Computes the charts of partly freed poses at this state.
+  /// Computes the charts of partly freed poses and the turns of joints at this state.
   void prepare(const VectorXd& state);
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
@@ -57,15 +62,28 @@ class Motion {
   void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                   Scratch& scratch) const;
   void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
-                        const int* at, int count, Scratch& scratch) const;
+                        int first, int count, Scratch& scratch) const;
   void kinematic_matrix(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                         Scratch& scratch) const;
 
  private:
+  /// A Turn is what a joint at position q does to its origin, where that is held:
+  ///     origin * motion(q) = {R (1 + sin(q) [a]x + (1 - cos(q)) [a]x^2), t}   for an axis a,
+  ///                          {R, t + q R a}                                   if it is prismatic.
+  struct Turn {
+    int joint;
+    bool held, prismatic;
+    Driver driver;
+    Pose origin;
+    Matrix3d sine, versine;  // R [a]x, R [a]x^2
+    Vector3d along;          // R a
+  };
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 
   const Layout& layout_;
   std::vector<MatrixXd> charts_;  // by parameter: 6 x freed components, of partly freed poses
+  std::vector<Turn> turns_;       // of joints that some view needs
+  std::vector<int> turn_;         // by joint: which of them
 };
 
 }  // namespace kincal

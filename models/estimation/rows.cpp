@@ -312,9 +312,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
         continue;  // undefined: the linearisation will report it
       const int noisy = static_cast<int>(path.noisy.size());
       motion_.path_columns(path, path.noise, noisy, state, scratch, scratch.paths[v.layout->path]);
-      std::vector<int> in_order(noisy);
-      std::iota(in_order.begin(), in_order.end(), 0);
-      motion_.seen_from_sensor(v, s, state, in_order.data(), noisy, scratch);
+      motion_.seen_from_sensor(v, s, state, 0, noisy, scratch);
       MatrixXd jq = l.leftCols(path.rows()) * scratch.expand.m.topLeftCorner(path.rows(), noisy);
       for (int i = 0; i < noisy; ++i)
         jq.col(i) *= joint_sigma(layout_.rig, layout_.recorded[s.index], path.noisy[i]);

@@ -196,23 +196,47 @@ TEST_CASE("kernels: expand") {
           const int width = depth + own + 1;
           const MatrixXd root = random(engine, 40, width), m = random(engine, depth, columns);
           const MatrixXd g = root.transpose() * root;
-          const int ldp = padded(columns) + 8;
-          RowMajor product = RowMajor::Constant(width + 1, ldp, 5),
+          const int ldp = padded(columns) + 8, ldx = padded(width) + 8;
+          RowMajor product = RowMajor::Constant(columns + 1, ldx, 5),
                    out = RowMajor::Constant(columns + 1, ldp, 5);
           RowMajor m_rows = RowMajor::Constant(depth, ldp, std::nan(""));
           m_rows.leftCols(columns) = m;
-          k->expand(g.data(), width, width, m_rows.data(), ldp, depth, columns, product.data(),
-                    out.data(), ldp);
-          const MatrixXd expected = g.leftCols(depth) * m,
-                         block = m.transpose() * expected.topRows(depth);
-          CHECK((product.topLeftCorner(width, columns) - expected).norm() <=
+          MatrixXd padded_g = MatrixXd::Constant(padded(width), width, std::nan(""));
+          padded_g.topRows(width) = g;
+          k->expand(padded_g.data(), padded(width), width, m_rows.data(), ldp, depth, columns,
+                    product.data(), ldx, out.data(), ldp);
+          const MatrixXd expected = m.transpose() * g.topRows(depth),
+                         block = expected.leftCols(depth) * m;
+          CHECK((product.topLeftCorner(columns, width) - expected).norm() <=
                 1e-12 * expected.norm());
           for (int i = 0; i < columns; ++i)
-            for (int j = 0; j < columns; ++j)
+            for (int j = i; j < columns; ++j)
               REQUIRE(out(i, j) == Approx(block(i, j)).epsilon(1e-11).margin(1e-11));
-          CHECK(product.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
+          CHECK(product.bottomRows(1) == RowMajor::Constant(1, ldx, 5));
+          CHECK(product.rightCols(8) == RowMajor::Constant(columns + 1, 8, 5));
           CHECK(out.bottomRows(1) == RowMajor::Constant(1, ldp, 5));
+          CHECK(out.rightCols(8) == RowMajor::Constant(columns + 1, 8, 5));
         }
+}
+
+TEST_CASE("kernels: add_rows") {
+  std::mt19937 engine(10);
+  for (const Kernels* k : sets())
+    for (int n : {1, 7, 8, 13, 24, 27})
+      for (bool upper : {false, true}) {
+        INFO(k->name << " " << n << " " << upper);
+        const int rows = upper ? n : n % 5 + 2, width = padded(n);
+        const MatrixXd a = random(engine, rows, n), b = random(engine, rows, n);
+        RowMajor to = RowMajor::Constant(rows + 1, width + 8, 3),
+                 from = RowMajor::Constant(rows, width + 16, std::nan(""));
+        to.topLeftCorner(rows, n) = a;
+        from.topLeftCorner(rows, n) = b;
+        k->add_rows(to.data(), width + 8, from.data(), width + 16, rows, n, upper);
+        for (int i = 0; i < rows; ++i)
+          for (int j = upper ? i : 0; j < n; ++j) REQUIRE(to(i, j) == a(i, j) + b(i, j));
+        CHECK(to.bottomRows(1) == RowMajor::Constant(1, width + 8, 3));
+        CHECK(to.rightCols(8) == RowMajor::Constant(rows + 1, 8, 3));
+      }
 }
 
 TEST_CASE("kernels: subtract_products_9x9") {

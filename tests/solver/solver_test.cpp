@@ -1028,6 +1028,10 @@ class Watched final : public Problem {
                  Cost& cost) const override {
     return count(inner_.linearise(group, state, worker, to, cost));
   }
+  void begin_piece(int worker) const override { inner_.begin_piece(worker); }
+  void end_piece(int worker, const GroupEquations& to) const override {
+    inner_.end_piece(worker, to);
+  }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return inner_.square_root(group, state, worker, rows);
   }

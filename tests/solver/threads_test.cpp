@@ -105,6 +105,10 @@ struct Failing final : Problem {
     if (group == 5) throw std::bad_alloc();
     return real.linearise(group, state, worker, to, cost);
   }
+  void begin_piece(int worker) const override { real.begin_piece(worker); }
+  void end_piece(int worker, const GroupEquations& to) const override {
+    real.end_piece(worker, to);
+  }
   bool square_root(int group, const VectorXd& state, int worker, MatrixXd& rows) const override {
     return real.square_root(group, state, worker, rows);
   }
