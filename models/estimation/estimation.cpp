@@ -202,7 +202,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     motion.kinematic_matrix(v, s, state, scratch);
     const int depth = s.layout->paths[v.layout->path].rows(), sum = v.layout->sum;
     const SharedSums sums(layout.sums[sum], scratch.sums.data() + scratch.sums_start[sum]);
-    expand(w - 1, depth, v.layout->map, layout.groups[group], scratch.expand, to,
+    expand(depth, v.layout->map, layout.groups[group], scratch.expand, to,
            scratch.summing ? &sums : nullptr);
   }
   const int errors = s.errors();

@@ -32,6 +32,7 @@ struct OwnColumn {
 /// ViewColumns describes one view's M. Places are those in the group; private kinematic columns
 /// come first, ascending. Own ones are shared.
 struct ViewColumns {
+  int width = 0;               // columns of L
   std::vector<int> kinematic;  // place of each
   std::vector<OwnColumn> own;
 };
@@ -162,9 +163,9 @@ inline void add_shared(const SharedColumns& columns, const SharedSums& sums,
 
 /// Adds M' G M to the equations of a group; `gram` and `m` in the scratch are as make_products()
 /// wants them. What is shared goes to `sums` if they are given. Does not allocate.
-inline void expand(int width, int depth, const ViewColumns& columns, const GroupShape& group,
-                   ExpandScratch& s, const GroupEquations& to, const SharedSums* sums) {
-  const int k = group.private_size, size = group.size();
+inline void expand(int depth, const ViewColumns& columns, const GroupShape& group, ExpandScratch& s,
+                   const GroupEquations& to, const SharedSums* sums) {
+  const int k = group.private_size, size = group.size(), width = columns.width;
   const int kin = static_cast<int>(columns.kinematic.size());
   const int* place = columns.kinematic.data();
   make_products(width, depth, kin, s);

@@ -361,6 +361,7 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
       v.map.own.push_back({c.points + freed[points]->components[i],
                            shared(first_column[points] + static_cast<int>(i)), 1});
   }
+  v.map.width = c.total;
 }
 
 /// What the kernels read: layouts of grids, each set of seen points once, and room for weights and
