@@ -11,9 +11,10 @@
 namespace kincal {
 namespace {
 
-/// Noise of a part of a picture. A fifth of the pixels, those where the smoothed picture is
-/// flattest, are compared with their neighbours by second differences both ways, which see no
-/// slope and no straight edge along the pixels. No less than rounding to whole levels.
+/// Noise of a part of a picture. A sixteenth of the pixels, those where the smoothed picture is
+/// flattest (beside small markers there are not many more), are compared with their neighbours by
+/// second differences both ways, which see no slope and no straight edge along the pixels. No less
+/// than rounding to whole levels.
 double noise_of(const cv::Mat& part) {
   cv::Mat fine, smooth, dx, dy, slopes, rough;
   part.convertTo(fine, CV_32F);
@@ -26,7 +27,7 @@ double noise_of(const cv::Mat& part) {
   for (int y = 1; y + 1 < part.rows; ++y)
     for (int x = 1; x + 1 < part.cols; ++x)
       all.emplace_back(slopes.at<float>(y, x), rough.at<float>(y, x));
-  const size_t flat = all.size() / 5;
+  const size_t flat = 1 + all.size() / 16;
   std::nth_element(all.begin(), all.begin() + static_cast<long>(flat), all.end());
   double sum = 0;
   for (size_t i = 0; i < flat; ++i) sum += all[i].second * all[i].second;

@@ -14,7 +14,7 @@ constexpr int kFine = 2;  // pixels are seen in parts, so many by so many
 struct Lattice {          // of rays in a part: Fibonacci numbers, the second before
   int rays, step;
 };
-constexpr Lattice kFew{8, 5}, kMany{89, 55};
+constexpr Lattice kFew{8, 5}, kMany{233, 144};
 constexpr double kInk = 30, kPaper = 220;  // grey levels
 constexpr double kBack = 0.5;              // of a sheet, between ink and paper
 
@@ -85,54 +85,52 @@ double background(const Look& look, std::uint64_t seed, double u, double v) {
          0.05 * lattice_noise(seed + 2, 160 * u, 160 * v);
 }
 
-/// What rays through a part of a pixel saw.
-struct Light {
-  double sum = 0, low = 1e300, high = -1e300;
-};
-
-/// The rays through one part of a pixel, which begins at `from`. `planes` may show in it, `seen`
-/// are the pixel's corners as they have them; the first that a ray hits is what it sees.
-Light light_of(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
-               double behind, const cv::Point2d& from, Lattice lattice, Draws& draws) {
-  Light out;
-  const double shift_x = draws.uniform(), shift_y = draws.uniform();
-  for (int i = 0; i < lattice.rays; ++i) {
-    double a = static_cast<double>(i) / lattice.rays + shift_x;
-    double b = static_cast<double>(i * lattice.step % lattice.rays) / lattice.rays + shift_y;
-    a = from.x + (a - std::floor(a)) / kFine, b = from.y + (b - std::floor(b)) / kFine;
-    double value = behind, nearest = 1e300;
-    for (size_t k = 0; k < planes.size(); ++k) {
-      const PixelCorners& c = seen[k];
-      const Vector3d at = (1 - b) * ((1 - a) * c[0] + a * c[1]) + b * ((1 - a) * c[2] + a * c[3]);
-      const double distance = reach(*planes[k], at);
-      const cv::Point2d place(at.x() / at.z(), at.y() / at.z());
-      const Print& print = *planes[k]->sheet->print;
-      if (distance >= nearest || !print.sheet.contains(place)) continue;
-      nearest = distance;
-      value = planes[k]->front ? print.brightness(place.x, place.y) : kBack;
-    }
-    out.sum += value;
-    out.low = std::min(out.low, value);
-    out.high = std::max(out.high, value);
+/// What a ray through a pixel sees, at (a, b) of it, 0 to 1. `planes` may show in it, `seen` are
+/// the pixel's corners as they have them; the first that the ray hits is what it sees.
+double ray_sees(const std::vector<const Plane*>& planes, const std::vector<PixelCorners>& seen,
+                double behind, double a, double b) {
+  double value = behind, nearest = 1e300;
+  for (size_t k = 0; k < planes.size(); ++k) {
+    const PixelCorners& c = seen[k];
+    const Vector3d at = (1 - b) * ((1 - a) * c[0] + a * c[1]) + b * ((1 - a) * c[2] + a * c[3]);
+    const double distance = reach(*planes[k], at);
+    const cv::Point2d place(at.x() / at.z(), at.y() / at.z());
+    const Print& print = *planes[k]->sheet->print;
+    if (distance >= nearest || !print.sheet.contains(place)) continue;
+    nearest = distance;
+    value = planes[k]->front ? print.brightness(place.x, place.y) : kBack;
   }
-  return out;
+  return value;
 }
 
-/// The parts of a pixel: the mean of a few rays where these see the same, else of many.
+/// The parts of a pixel: the mean of a few rays where these and its corners see the same (a
+/// straight edge leaves no pixel without a corner on either side of it), else of many.
 std::array<double, kFine * kFine> parts_of(const std::vector<const Plane*>& planes,
                                            const std::vector<PixelCorners>& seen, double behind,
                                            Draws& draws) {
   std::array<double, kFine * kFine> out;
   out.fill(behind);
   if (planes.empty()) return out;
+  double low = 1e300, high = -1e300;
+  const auto sees = [&](double a, double b) {
+    const double value = ray_sees(planes, seen, behind, a, b);
+    low = std::min(low, value), high = std::max(high, value);
+    return value;
+  };
+  for (const double a : {0, 1})
+    for (const double b : {0, 1}) sees(a, b);
   for (const Lattice& lattice : {kFew, kMany}) {
-    double low = 1e300, high = -1e300;
     for (size_t i = 0; i < out.size(); ++i) {
-      const size_t row = i / kFine, column = i % kFine;
-      const cv::Point2d from(static_cast<double>(column) / kFine, static_cast<double>(row) / kFine);
-      const Light light = light_of(planes, seen, behind, from, lattice, draws);
-      out[i] = light.sum / lattice.rays;
-      low = std::min(low, light.low), high = std::max(high, light.high);
+      const double shift_x = draws.uniform(), shift_y = draws.uniform();
+      double sum = 0;
+      for (int ray = 0; ray < lattice.rays; ++ray) {
+        const double a = static_cast<double>(ray) / lattice.rays + shift_x;
+        const double b =
+            static_cast<double>(ray * lattice.step % lattice.rays) / lattice.rays + shift_y;
+        sum += sees((static_cast<double>(i % kFine) + a - std::floor(a)) / kFine,
+                    (static_cast<double>(i / kFine) + b - std::floor(b)) / kFine);
+      }
+      out[i] = sum / lattice.rays;
     }
     if (low == high) break;
   }

@@ -11,6 +11,7 @@ namespace kincal {
 namespace {
 
 constexpr double kSmooth = 0.9;    // px, sigma of the Gaussian before gradients
+constexpr double kWhole = 1.1;     // px, sigma of that, of a pixel and of differences
 constexpr double kMost = 10;       // px: farther away the lens bends the edges
 constexpr int kMargin = 4;         // px around the window that filters need
 constexpr double kFloor = 0.003;   // px, of a coordinate: what sampling does
@@ -216,9 +217,11 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
     const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
     const bool with_sigma = out.ids.size() % stride == 0;
     if (blurs < (one.squares ? kShortest : kThinnest) || !refine(image, one, with_sigma)) continue;
-    // px: what is next to the strip does, or the edges of the next squares
-    const double beside =
-        one.squares ? 0.4 * std::exp(-1.6 * blurs) : 0.12 * std::exp(-1.4 * blurs);
+    // px: what the edges of the next squares do, or markers next to the strip
+    const double width = std::max(1.36, std::hypot(out.blur, kWhole));
+    const double beside = one.squares
+                              ? 0.4 * std::exp(-1.6 * blurs)
+                              : 0.082 * width * std::exp(-1.54 * one.strip * across / width);
     floor += kFloor * kFloor + beside * beside;
     if (with_sigma) noise += std::pow(out.noise * one.sigma, 2), ++count;
     out.ids.push_back(one.id);
