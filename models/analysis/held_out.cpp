@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "student.h"
+#include "../rig/student.h"
 
 namespace kincal {
 namespace {

@@ -12,6 +12,7 @@
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "unchecked_scales.h"
 #include "widths.h"
 
 namespace kincal {
@@ -103,8 +104,7 @@ std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& gr
   mounts.sensors = everything.sensors = indices(recording.rig.sensors.size());
   std::vector<Freed> turning = groups.mounts, placed;
   take_away(groups.pointing, turning);
-  // (The whole pose of a point is put where the data have it, turned as it may be. One that is held
-  // in part is searched for step by step, and what turns nothing would lead that astray.)
+  // (The whole pose of a point is put where the data have it; one held in part is searched for.)
   for (const Freed& pose : groups.mounts)
     if (pose.whole(table.all[pose.parameter]))
       placed.push_back(pose);
@@ -224,13 +224,6 @@ struct ReadingScore {
   double in_sigmas() const { return variance > 0 ? score / std::sqrt(variance) : 0; }
 };
 
-/// A problem of widths, what its unknowns are, and the score of errors of the readings.
-struct FitWidths {
-  WidthProblem problem;
-  std::vector<Component> columns;
-  double readings = 0;
-};
-
 /// The data's quadratic model at a fit.
 FitWidths width_problem(const Recording& recording, const Fit& fit, const AutomaticGroups& groups) {
   EstimationSetup setup = fit.problem->setup();
@@ -293,99 +286,29 @@ struct Learned {
   std::vector<UncheckedScale> unchecked;
 };
 
-/// Sets of unknowns that are one length each: the scale of a sliding joint, the squares of all
-/// boards (of one printer). Not what the rig's own priors say something of.
-std::vector<std::vector<int>> scales_of(const Recording& recording, const FitWidths& widths) {
-  std::vector<std::vector<int>> out;
-  std::vector<int> squares;
-  for (size_t i = 0; i < widths.columns.size(); ++i) {
-    const Parameter& p = recording.table.all[widths.columns[i].parameter];
-    if (widths.problem.group[i] < 0) continue;
-    if (p.kind == ParameterKind::square) squares.push_back(static_cast<int>(i));
-    if (p.kind == ParameterKind::joint_scale &&
-        recording.rig.tree.joints[p.owner].type == JointType::prismatic)
-      out.push_back({static_cast<int>(i)});
-  }
-  if (!squares.empty()) out.push_back(squares);
-  return out;
-}
-
-/// Lengths that nothing checks. With the scaled unknowns S moved by v, 1 % of their values, the
-/// others O follow by d = -(N + P)_OO^-1 N_OS v, and twice the cost grows by v' N_SS v + v' N_SO d:
-/// below kSeen data of that size do not tell. `widths` has the gears; sigmas are those of
-/// `learned`.
-std::vector<UncheckedScale> unchecked_scales(const Recording& recording, const FitWidths& widths,
-                                             const VectorXd& factor, const Learned& learned) {
-  constexpr double kShare = 0.01, kSeen = 9, kMatters = 1;  // 3 sigmas; sigmas of another number
-  const WidthProblem& problem = widths.problem;
-  const ParameterTable& table = recording.table;
-  const auto n = static_cast<Eigen::Index>(widths.columns.size());
-  VectorXd sigma = VectorXd::Zero(n);  // of what is estimated in any case: mounts, lenses
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const auto found = std::find(learned.columns.begin(), learned.columns.end(), widths.columns[i]);
-    const int group = problem.group[i];
-    if (found != learned.columns.end() &&
-        (problem.start(i) == 0 || (group >= 0 && problem.odds[group] == kNominalLens)))
-      sigma(i) = std::sqrt(learned.widths.posterior.variance(found - learned.columns.begin()));
-  }
-  std::vector<UncheckedScale> out;
-  for (const std::vector<int>& scaled : scales_of(recording, widths)) {
-    VectorXd v = VectorXd::Zero(n);
-    for (const int i : scaled)
-      v(i) = kShare * learned.values.shared(table.all[widths.columns[i].parameter].start);
-    MatrixXd others = problem.normal;
-    for (Eigen::Index i = 0; i < n; ++i)
-      if (problem.start(i) > 0) {
-        const int group = problem.group[i];
-        const double width = problem.start(i) * (group >= 0 ? factor(group) : 1);
-        others(i, i) += 1 / (width * width);
-      }
-    VectorXd pull = -(problem.normal * v);
-    for (const int i : scaled) {
-      others.row(i).setZero();
-      others.col(i).setZero();
-      others(i, i) = 1;
-      pull(i) = 0;
-    }
-    const VectorXd moved = others.ldlt().solve(pull);
-    if (!(v.dot(problem.normal * (v + moved)) < kSeen)) continue;
-    Eigen::Index worst = -1;
-    double most = kMatters;
-    for (Eigen::Index i = 0; i < n; ++i)
-      if (sigma(i) > 0 && std::abs(moved(i)) > most * sigma(i)) {
-        most = std::abs(moved(i)) / sigma(i);
-        worst = i;
-      }
-    if (worst < 0) continue;
-    UncheckedScale one;
-    for (const int i : scaled) one.scales.push_back(table.name(widths.columns[i]));
-    one.worst = table.name(widths.columns[worst]);
-    one.unit = table.unit(widths.columns[worst]);
-    one.moved = std::abs(moved(worst));
-    one.sigmas = most;
-    out.push_back(std::move(one));
-  }
-  return out;
-}
-
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
 /// with the boards' squares which lengths nothing checks.
 void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
                   Learned& out) {
+  FitWidths with{out.problem, out.columns};
   VectorXd factor = out.widths.factor;
-  if (groups.gears.empty()) {
-    out.unchecked = unchecked_scales(recording, {out.problem, out.columns}, factor, out);
-    return;
+  if (!groups.gears.empty()) {
+    AutomaticGroups all = groups;
+    all.groups.push_back({"gears", groups.gears, {}});
+    with = width_problem(recording, fit, all);
+    factor.conservativeResize(factor.size() + 1);
+    factor(factor.size() - 1) = 1;
+    const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
+    if (!widths.defined) return;
+    out.gears_gain = evidence_gain(with.problem, widths, with.problem.groups - 1);
   }
-  AutomaticGroups all = groups;
-  all.groups.push_back({"gears", groups.gears, {}});
-  const FitWidths with = width_problem(recording, fit, all);
-  factor.conservativeResize(factor.size() + 1);
-  factor(factor.size() - 1) = 1;
-  const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
-  if (!widths.defined) return;
-  out.gears_gain = evidence_gain(with.problem, widths, with.problem.groups - 1);
-  out.unchecked = unchecked_scales(recording, with, factor, out);
+  VectorXd sigma = VectorXd::Zero(with.problem.at.size());
+  for (Eigen::Index i = 0; i < sigma.size(); ++i) {
+    const auto found = std::find(out.columns.begin(), out.columns.end(), with.columns[i]);
+    if (found != out.columns.end())
+      sigma(i) = std::sqrt(out.widths.posterior.variance(found - out.columns.begin()));
+  }
+  out.unchecked = unchecked_scales(recording, with, factor, sigma, out.values.shared);
 }
 
 Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,

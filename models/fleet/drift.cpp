@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
-#include "../analysis/student.h"
+#include "../rig/student.h"
 
 namespace kincal {
 namespace {

@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
-#include "../analysis/student.h"
 #include "../rig/numbers.h"
+#include "../rig/student.h"
 
 namespace kincal {
 namespace {

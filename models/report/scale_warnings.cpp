@@ -5,10 +5,10 @@
 #include <cmath>
 #include <map>
 
-#include "../analysis/student.h"
 #include "../rig/configuration.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
+#include "../rig/student.h"
 #include "../rig/words.h"
 
 namespace kincal {

@@ -28,8 +28,7 @@ constexpr double kReadingErrors = 5;   // sigmas of their score, above which joi
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without a stated noise
 constexpr int kNoiseRounds = 4;
-// Boards that were measured and lenses that were calibrated are nearer than this: share of a size,
-// of a focal length.
+// Boards that were measured and lenses that were calibrated are nearer than this share.
 constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05, kMeasuredBaseline = 0.03;
 
 bool ended(const Solution& solution) {

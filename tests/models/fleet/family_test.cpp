@@ -13,8 +13,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../../../models/analysis/student.h"
 #include "../../../models/rig/draws.h"
+#include "../../../models/rig/student.h"
 
 using namespace kincal;
 
