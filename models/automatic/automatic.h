@@ -48,15 +48,6 @@ struct DoubtedPrior {
   double factor = 1, gain = 0;  // gain: of log evidence
 };
 
-/// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding
-/// joint, or the squares of all boards. With it 1 % larger the data fit as well, and other numbers
-/// come out elsewhere; worst, by their sigmas, this one.
-struct UncheckedScale {
-  std::vector<std::string> scales;  // joint/NAME/scale, or target/NAME/square of every board
-  std::string worst, unit;
-  double moved = 0, sigmas = 0;
-};
-
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`

@@ -59,6 +59,15 @@ struct AutomaticGroups {
   std::vector<Member> gears;   // of the group that has this name, if it was not asked for
 };
 
+/// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding
+/// joint, or the squares of all boards. With it 1 % larger the data fit as well, and other numbers
+/// come out elsewhere; worst, by their sigmas, this one.
+struct UncheckedScale {
+  std::vector<std::string> scales;  // joint/NAME/scale, or target/NAME/square of every board
+  std::string worst, unit;
+  double moved = 0, sigmas = 0;
+};
+
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
 struct GroupChoice {
   std::vector<std::string> with, without;

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "automatic.h"
+#include "groups.h"
 #include "widths.h"
 
 namespace kincal {
