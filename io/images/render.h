@@ -8,8 +8,9 @@
 // before a sensor counts it: blurred pixels of sharp light would lead finders astray by a hundredth
 // of a pixel. The rays of a part are a lattice (Fibonacci) of which no two share a row or a
 // column, moved at random for each part: an edge along the pixels would else be off by a half step
-// of the lattice. They are 8, and 233 where those of a pixel and its corners do not all see the same:
-// fewer would be noise, just where the edges are (89 moved corners by 0.003 px, 233 by 0.001). Then darker corners and noise.
+// of the lattice. They are 8, and 233 where those of a pixel and its corners do not all see the
+// same: fewer would be noise, just where the edges are (89 moved corners by 0.003 px, 233 by
+// 0.001). Then darker corners and noise.
 #pragma once
 
 #include <string>

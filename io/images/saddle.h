@@ -12,9 +12,9 @@
 // J^-1 C n, where J = dF/dq and C collects what each pixel does to the gradients around it (the
 // filters, transposed); its covariance is noise^2 J^-1 C C' J^-T. Beside that stays what is not
 // noise: a few thousandths of a pixel of sampling, and what is printed beside the strip along the
-// edges, if that is thin for the blur: b, with all that smooths, sigma of the edge as differences see
-// it, makes markers beside a strip of width s move a corner by 0.08 b exp(-1.5 s / b) (measured on
-// rendered boards, squares of 13 to 46 px, blur 0.5 to 1.2).
+// edges, if that is thin for the blur: b, the sigma of an edge with all that smooths it, makes
+// markers beside a strip of width s move a corner by 0.08 b exp(-1.5 s / b) (measured on rendered
+// boards, squares of 13 to 46 px, blur 0.5 to 1.2).
 #pragma once
 
 #include "image_target.h"
