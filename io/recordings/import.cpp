@@ -13,6 +13,7 @@
 #include "../../models/rig/targets.h"
 #include "../document/error.h"
 #include "../document/files.h"
+#include "../document/names.h"
 #include "held_targets.h"
 #include "raw_image.h"
 #include "robot_readings.h"
@@ -27,7 +28,21 @@ constexpr double kHarmless = 1. / 3;                          // of the rig's si
 constexpr double kMarginOfTilt = 0.2;                         // s, of readings around a sweep
 constexpr double kMostImages = 3000, kImageRate = 5;  // of a camera, where no joints tell; Hz
 constexpr double kStillShare = 0.1;                   // of such a recording's frames rest, at least
+constexpr size_t kMostNamed = 8;                      // rests in one line
 constexpr double kRestOfView = 0.5;                   // of a rest's frames are still at least
+
+std::string at_time(double time) {
+  char text[32];
+  std::snprintf(text, sizeof text, "(at %.1f s)", time);
+  return text;
+}
+
+/// The first of some rests.
+std::string few_of(std::vector<std::string> rests) {
+  const bool more = rests.size() > kMostNamed;
+  if (more) rests.resize(kMostNamed);
+  return comma_separated(rests) + (more ? ", ..." : "");
+}
 
 /// The frames of one target before one camera in one rest.
 using FramesOfRest = std::map<int, std::vector<CornerFrame>>;       // by rest
@@ -81,10 +96,14 @@ struct Importer {
       return;
     }
     const Intervals still = readings.still(recorded(), options.still_joints);
+    std::vector<std::string> creeping;
     for (const TimeInterval& band : still) {
       if (band.length() < options.rest) continue;
-      const TimeInterval one = readings.without_slow_ends(band);
-      if (one.length() < options.rest) continue;
+      const TimeInterval one = readings.without_slow_ends(band, options.still_joints);
+      if (one.length() < options.rest) {
+        creeping.push_back(at_time(band.begin));
+        continue;
+      }
       const double margin = std::min(kRestMargin, kRestMarginShare * one.length());
       rests.push_back({one.begin + margin, one.end - margin});
     }
@@ -92,6 +111,8 @@ struct Importer {
     std::snprintf(text, sizeof text, "rests of the joints: %zu of %.3g s at least, of %.4g s",
                   rests.size(), options.rest, streams.duration);
     out.lines.emplace_back(text);
+    if (!creeping.empty())
+      out.lines.push_back("left out, too short without the slow ends of ways: " + few_of(creeping));
     if (rests.empty()) out.diagnosis = readings.restless(options.rest, options.still_joints);
   }
 
@@ -335,6 +356,7 @@ struct Importer {
     rest_of_sample.clear();
     moving_lines.clear();
     scatter_lines.clear();
+    lost.clear();
     const FramesOfViews all = frames();
     std::map<int, std::vector<ViewOfRest>> views;  // by rest
     std::vector<TimeInterval> over = rests;
@@ -356,6 +378,7 @@ struct Importer {
         least = std::min(least, found.motion);
         if (!still) {
           ++moving;
+          lost[rest] = "what the cameras see moves";
           continue;
         }
         const auto r = static_cast<size_t>(rest);
@@ -367,12 +390,17 @@ struct Importer {
     for (size_t r = 0; r < rests.size(); ++r) {
       Sample sample;
       const TimeInterval interval = rest_of_poses(over[r]);
-      if (interval.length() <= 0) continue;
+      std::string& why = lost.emplace(static_cast<int>(r), "no target is seen").first->second;
+      if (interval.length() <= 0) {
+        why = "what the sensors see is never still at once";
+        continue;
+      }
       readings.average(interval, sample);
       add_cameras(views[static_cast<int>(r)], interval, sample);
       add_poses(interval, sample);
       add_beams(static_cast<int>(r), sample);
       if (sample.views.empty()) continue;
+      lost.erase(static_cast<int>(r));
       sample.time =
           static_cast<double>(streams.origin) * 1e-9 + (interval.begin + interval.end) / 2;
       out.samples.push_back(std::move(sample));
@@ -388,6 +416,21 @@ struct Importer {
   }
 
   std::vector<std::string> held_lines, moving_lines, scatter_lines;
+  std::map<int, std::string> lost;  // by rest that no sample comes of: why
+
+  std::vector<std::string> lost_lines() const {
+    std::map<std::string, std::vector<std::string>> by_reason;
+    for (const auto& [rest, why] : lost) {
+      char text[32];
+      std::snprintf(text, sizeof text, "rest_%04d ", rest + 1);
+      by_reason[why].push_back(text + at_time(rests[static_cast<size_t>(rest)].begin));
+    }
+    std::vector<std::string> lines;
+    for (const auto& [why, names] : by_reason)
+      lines.push_back("left out, " + why + ": " + std::to_string(names.size()) + " of " +
+                      std::to_string(rests.size()) + " rests: " + few_of(names));
+    return lines;
+  }
 
   void say_scatter(const std::pair<int, int>& view, double scatter) {
     if (scatter == 0) return;
@@ -634,6 +677,8 @@ struct Importer {
     }
     out.lines.insert(out.lines.end(), scatter_lines.begin(), scatter_lines.end());
     out.lines.insert(out.lines.end(), moving_lines.begin(), moving_lines.end());
+    const std::vector<std::string> left_out = lost_lines();
+    out.lines.insert(out.lines.end(), left_out.begin(), left_out.end());
     out.lines.insert(out.lines.end(), held_lines.begin(), held_lines.end());
     if (!numbered.empty()) out.lines.push_back(numbered);
     leave_out_duplicates();

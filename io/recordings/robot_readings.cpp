@@ -12,6 +12,8 @@
 namespace kincal {
 namespace {
 
+constexpr double kPause = 1;  // s without any readings: two recordings
+
 /// Joints that some sensor or target stands on.
 std::set<int> joints_that_matter(const Rig& rig) {
   std::set<int> out;
@@ -55,11 +57,29 @@ double tolerance_of(const Series& series, double given) {
   return std::isnan(given) ? std::max(1e-9, still_tolerance(series)) : given;
 }
 
-/// When a series is still, or has no values.
+/// When a series is still, or has no values. A time without values between two postures is apart
+/// from both.
 Intervals still_or_absent(const Series& series, double given, double gap,
                           const TimeInterval& during) {
-  return united(still_intervals(series, tolerance_of(series, given), gap),
-                complement(coverage(series.times, gap), during.begin, during.end));
+  const double tolerance = tolerance_of(series, given);
+  const Intervals absent = complement(coverage(series.times, gap), during.begin, during.end);
+  Intervals parts;
+  double begin = during.begin;
+  const auto part = [&](double end) {
+    if (end > begin) parts.push_back({begin, end});
+    begin = end;
+  };
+  for (const TimeInterval& one : absent) {
+    const auto after = static_cast<size_t>(
+        std::lower_bound(series.times.begin(), series.times.end(), one.end) - series.times.begin());
+    if (after == 0 || after == series.size() ||
+        std::abs(series.values[after] - series.values[after - 1]) <= 2 * tolerance)
+      continue;
+    part(one.begin);
+    part(one.end);
+  }
+  part(during.end);
+  return intersected(united(still_intervals(series, tolerance, gap), absent), parts);
 }
 
 }  // namespace
@@ -108,7 +128,8 @@ RobotReadings::RobotReadings(const Rig& rig, RecordedStreams& streams, const Top
     : rig_(rig),
       series_(rig.tree.joints.size()),
       gaps_(rig.tree.joints.size(), 0),
-      scatter_(rig.tree.joints.size(), 0) {
+      scatter_(rig.tree.joints.size(), 0),
+      smallest_step_(rig.tree.joints.size(), 0) {
   const std::set<int> matter = joints_that_matter(rig);
   TimeInterval span{kInfinity, -kInfinity};
   const auto widen = [&](const std::vector<double>& times) {
@@ -126,6 +147,7 @@ RobotReadings::RobotReadings(const Rig& rig, RecordedStreams& streams, const Top
     if (!matter.count(static_cast<int>(j))) continue;
     watched_.push_back(static_cast<int>(j));
     scatter_[j] = scatter_at_rest(series_[j]);
+    smallest_step_[j] = smallest_step(series_[j]);
   }
   streams.joints.clear();
   for (size_t j = 0; j < topics.floating.size(); ++j) {
@@ -153,7 +175,15 @@ std::vector<double> RobotReadings::at(double time) const {
 }
 
 Intervals RobotReadings::still(const TimeInterval& during, double tolerance) const {
-  Intervals out{during};
+  Intervals logged;  // at all: what happens in a pause of a recording nobody knows
+  for (const int j : watched_) {
+    const Series& series = series_[static_cast<size_t>(j)];
+    logged =
+        united(logged, coverage(series.times, std::max(kPause, gaps_[static_cast<size_t>(j)])));
+  }
+  for (const Floating& f : floating_)
+    logged = united(logged, coverage(f.poses.times, std::max(kPause, f.gap)));
+  Intervals out = intersected({during}, logged);
   for (const int j : watched_)
     out = intersected(out, still_or_absent(series_[static_cast<size_t>(j)], tolerance,
                                            gaps_[static_cast<size_t>(j)], during));
@@ -163,13 +193,14 @@ Intervals RobotReadings::still(const TimeInterval& during, double tolerance) con
   return out;
 }
 
-TimeInterval RobotReadings::without_slow_ends(TimeInterval rest) const {
+TimeInterval RobotReadings::without_slow_ends(TimeInterval rest, double tolerance) const {
+  const double given = std::isnan(tolerance) ? 0 : tolerance;
   for (const int j : watched_)
     rest = kincal::without_slow_ends(series_[static_cast<size_t>(j)], rest,
-                                     scatter_[static_cast<size_t>(j)]);
+                                     std::max(scatter_[static_cast<size_t>(j)], given));
   for (const Floating& f : floating_)
     for (size_t k = 0; k < f.series.size(); ++k)
-      rest = kincal::without_slow_ends(f.series[k], rest, f.scatter[k]);
+      rest = kincal::without_slow_ends(f.series[k], rest, std::max(f.scatter[k], given));
   return rest;
 }
 
@@ -212,7 +243,13 @@ void RobotReadings::average(const TimeInterval& over, Sample& sample) const {
     const Average mean = kincal::average(series_[j], over);
     sample.readings[j] = mean.count > 0 ? mean.mean : middle[j];
     const double sigma = rig_.joints[j].sigma;
-    if (sigma > 0 && mean.count > 1) sample.noise[j] = mean.sigma(sigma) / sigma;
+    if (!(sigma > 0) || mean.count < 2) continue;
+    // Encoders that count repeat themselves as well; that is in the rig's sigma.
+    const bool counts = smallest_step_[j] > scatter_[j] / 2;
+    const double n = independent(series_[j], over), scatter = std::max(mean.scatter, scatter_[j]);
+    const bool repeats = !counts && n < 0.5 * static_cast<double>(mean.count);
+    sample.noise[j] =
+        (repeats ? std::hypot(sigma, scatter / std::sqrt(n)) : mean.sigma(sigma)) / sigma;
   }
   for (const Floating& f : floating_) {
     const AveragePose mean = average_pose(f.poses, over);

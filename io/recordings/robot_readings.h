@@ -21,12 +21,14 @@ class RobotReadings {
   std::vector<double> at(double time) const;
 
   /// Returns when all joints rest that a sensor or target of the rig stands on, but for those that
-  /// scan. What has no readings at a time does not count then. `tolerance` is in rad and m, NaN:
-  /// each joint's own (still_tolerance() of settle.h).
+  /// scan. What has no readings at a time does not count then; where nothing has any for a second
+  /// (a pause between two bags) is no rest. `tolerance` is in rad and m, NaN: each joint's own
+  /// (still_tolerance() of settle.h).
   Intervals still(const TimeInterval& during, double tolerance) const;
 
-  /// Returns a rest without the slow ends of ways in the readings of single joints.
-  TimeInterval without_slow_ends(TimeInterval rest) const;
+  /// Returns a rest without the slow ends of ways in the readings of single joints. `tolerance` as
+  /// for still(): what is given there is what readings may scatter by.
+  TimeInterval without_slow_ends(TimeInterval rest, double tolerance) const;
 
   /// True if there are readings of such joints at all.
   bool any() const { return !watched_.empty() || !floating_.empty(); }
@@ -54,10 +56,11 @@ class RobotReadings {
   };
 
   const Rig& rig_;
-  std::vector<Series> series_;   // by joint
-  std::vector<double> gaps_;     // by joint: the longest in which it is interpolated
-  std::vector<double> scatter_;  // by joint, at rest; of those that have to rest
-  std::vector<int> watched_;     // joints that have to rest
+  std::vector<Series> series_;         // by joint
+  std::vector<double> gaps_;           // by joint: the longest in which it is interpolated
+  std::vector<double> scatter_;        // by joint, at rest; of those that have to rest
+  std::vector<double> smallest_step_;  // likewise
+  std::vector<int> watched_;           // joints that have to rest
   std::vector<Floating> floating_;
   TimeInterval span_;
 };

@@ -15,9 +15,22 @@ constexpr double kQuantile = 0.1;                        // of windows
 constexpr double kQuantileNormal = -1.2815515655446004;  // of the standard Gaussian at kQuantile
 constexpr double kTolerance = 6;                         // in scatters
 constexpr double kStepTolerance = 1.5;                   // in steps of an encoder
+constexpr double kNoTrend =
+    12;  // F of two and n - 3 degrees of freedom: 1 in 4000 of noise is above
+constexpr double kJitters = 0.1;  // of the windows at rest, at least
 
-/// The standard deviation of some values about a parabola.
-double deviation_from_parabola(const Series& s, size_t first, size_t end) {
+/// A NoiseWindow is what a parabola says of some values: what it leaves (standard deviation), and
+/// how much it explains, in variances of what it leaves, for each of its two slopes.
+struct NoiseWindow {
+  double deviation = 0, trend = 0, range = 0;
+};
+
+NoiseWindow noise_window(const Series& s, size_t first, size_t end) {
+  NoiseWindow out;
+  const auto [least, greatest] =
+      std::minmax_element(s.values.begin() + static_cast<std::ptrdiff_t>(first),
+                          s.values.begin() + static_cast<std::ptrdiff_t>(end));
+  out.range = *greatest - *least;
   const size_t n = end - first;
   const double begin = s.times[first], half = (s.times[end - 1] - begin) / 2;
   std::vector<double> basis[3], left(n);
@@ -39,17 +52,22 @@ double deviation_from_parabola(const Series& s, size_t first, size_t end) {
       for (size_t i = 0; i < n; ++i) basis[k][i] -= share * basis[j][i];
     }
     const double length = std::sqrt(dot(basis[k], basis[k]));
-    if (length < 1e-9) return 0;  // all at one time
+    if (length < 1e-9) return out;  // all at one time
     for (double& b : basis[k]) b /= length;
     const double share = dot(left, basis[k]);
+    if (k > 0) out.trend += share * share / 2;
     for (size_t i = 0; i < n; ++i) left[i] -= share * basis[k][i];
   }
-  return std::sqrt(dot(left, left) / static_cast<double>(n - 3));
+  const double variance = dot(left, left) / static_cast<double>(n - 3);
+  out.deviation = std::sqrt(variance);
+  out.trend = variance > 0 ? out.trend / variance : out.trend > 0 ? kInfinity : 0;
+  return out;
 }
 
-/// The quantile of a standard deviation of k degrees of freedom of a Gaussian with sigma 1.
-double usual_deviation(double k) {
-  const double a = 2 / (9 * k), cube = 1 - a + kQuantileNormal * std::sqrt(a);
+/// The quantile (`normal`: of the standard Gaussian there) of a standard deviation of k degrees of
+/// freedom of a Gaussian with sigma 1.
+double usual_deviation(double k, double normal) {
+  const double a = 2 / (9 * k), cube = 1 - a + normal * std::sqrt(a);
   return std::sqrt(std::max(1e-3, cube * cube * cube));
 }
 
@@ -110,20 +128,31 @@ struct Stretch {
 }  // namespace
 
 double scatter_at_rest(const Series& series) {
-  std::vector<double> deviations;
+  std::vector<double> deviations, jitters;
+  const double step = smallest_step(series);
+  size_t constant = 0;
   for (size_t first = 0; first < series.size();) {
     size_t end = first;
     while (end < series.size() &&
            (series.times[end] < series.times[first] + kNoiseWindow || end - first < kLeastInWindow))
       ++end;
-    if (end - first >= kLeastInWindow)
-      deviations.push_back(deviation_from_parabola(series, first, end) /
-                           usual_deviation(static_cast<double>(end - first) - 3));
+    if (end - first >= kLeastInWindow) {
+      const NoiseWindow window = noise_window(series, first, end);
+      const double freedom = static_cast<double>(end - first) - 3;
+      deviations.push_back(window.deviation / usual_deviation(freedom, kQuantileNormal));
+      if (window.range <= 1.001 * step)
+        ++constant;
+      else if (window.trend < kNoTrend)
+        jitters.push_back(window.deviation / usual_deviation(freedom, 0));
+    }
     first = end;
   }
   if (deviations.empty()) return 0;
-  const auto at = deviations.begin() +
-                  static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(deviations.size()));
+  const auto all = static_cast<double>(deviations.size()), resting = static_cast<double>(constant),
+             jittering = static_cast<double>(jitters.size());
+  if (resting > kQuantile * all && jittering > kJitters * (resting + jittering))
+    return median(std::move(jitters), 0);
+  const auto at = deviations.begin() + static_cast<std::ptrdiff_t>(kQuantile * all);
   std::nth_element(deviations.begin(), at, deviations.end());
   return *at;
 }
@@ -177,18 +206,35 @@ Intervals still_intervals(const Series& series, double tolerance, double longest
   return out;
 }
 
+double independent(const Series& series, const TimeInterval& over) {
+  const auto [first, end] = range_of(series, over);
+  double squares = 0;
+  for (size_t i = first, run = 0; i < end; ++i) {
+    ++run;
+    if (i + 1 < end && series.values[i + 1] == series.values[i]) continue;
+    squares += static_cast<double>(run * run);
+    run = 0;
+  }
+  const auto n = static_cast<double>(end - first);
+  return squares > 0 ? n * n / squares : 0;
+}
+
 TimeInterval without_slow_ends(const Series& series, const TimeInterval& rest, double scatter) {
   constexpr size_t block = 8;
   const double quarter = rest.length() / 4;
-  const double middle = average(series, {rest.begin + quarter, rest.end - quarter}).mean;
+  const TimeInterval half{rest.begin + quarter, rest.end - quarter};
+  const double middle = average(series, half).mean, in_middle = independent(series, half);
   // A mean of readings that count is known to a part of a step.
-  const double sigma = std::max(scatter, smallest_step(series) / std::sqrt(12.)) /
-                       std::sqrt(static_cast<double>(block));
+  const double step = smallest_step(series) / std::sqrt(12. * static_cast<double>(block));
   auto [first, end] = range_of(series, rest);
   const auto off = [&](size_t from) {
     Mean mean;
     for (size_t i = from; i < from + block; ++i) mean.sum += series.values[i], ++mean.count;
-    return std::abs(mean.value() - middle) > 3 * sigma;
+    const double in_block =
+        independent(series, {series.times[from], series.times[from + block - 1]});
+    const double sigma =
+        scatter / std::sqrt(std::max(1., in_middle > 0 ? std::min(in_middle, in_block) : in_block));
+    return std::abs(mean.value() - middle) > 3 * std::max(step, sigma);
   };
   TimeInterval out = rest;
   while (first + block < end && series.times[first + block] < rest.begin + quarter && off(first))

@@ -5,7 +5,10 @@
 // windows larger, so a low quantile (a tenth) of the windows' standard deviations is taken, divided
 // by what that quantile is of a Gaussian's (chi^2 of n - 3 degrees of freedom, by Wilson and
 // Hilferty). Encoders that count have no scatter at all while they rest; the smallest step between
-// two readings stands beside it.
+// two readings stands beside it. Some drivers repeat a reading bit by bit in some rests (a brake, a
+// filter, a stall) and not in others: where more than a tenth of the windows are constant (within
+// one step), but more than a tenth of those at rest are not, the median is taken of those which
+// jitter: windows of which a parabola explains no more than chance does (F below 12).
 //
 // Rest. A stretch is still if all its values are within a band of twice the tolerance. Of all
 // stretches that cannot be made longer the longest are taken first, so that a rest is whole and
@@ -16,6 +19,8 @@
 // Averages. n readings of scatter s have a mean of scatter s / sqrt(n). What a rest does not
 // average away (gears, bending, the lens) is in the rig's sigma: the mean's own is
 //     sigma^2 = s^2 / n + sigma_rig^2.
+// A reading that is repeated bit by bit is one, however often: with runs of n_k equal values, n is
+// (sum n_k)^2 / sum n_k^2.
 #pragma once
 
 #include <cstddef>
@@ -54,6 +59,9 @@ double still_tolerance(const Series& series);
 /// Returns the stretches in which all values are within +-tolerance of their middle; none goes over
 /// a gap of more than `longest_gap` s without values. Single values are no stretch.
 Intervals still_intervals(const Series& series, double tolerance, double longest_gap);
+
+/// Returns of how many independent values those in a time are: repeated ones are one.
+double independent(const Series& series, const TimeInterval& over);
 
 /// Returns a rest without the beginnings of ways at its ends; half of it stays at least. `scatter`
 /// is of one value.

@@ -110,6 +110,20 @@ double path_of(double t, double step) {
   return step * (k + u * u * (3 - 2 * u));
 }
 
+/// Takes readings and poses of a time away.
+void forget(RecordedStreams& streams, const TimeInterval& time, const std::string& joint = "") {
+  for (JointStream& s : streams.joints) {
+    if (!joint.empty() && s.joint != joint) continue;
+    Series left;
+    for (size_t i = 0; i < s.readings.size(); ++i)
+      if (!time.contains(s.readings.times[i])) {
+        left.times.push_back(s.readings.times[i]);
+        left.values.push_back(s.readings.values[i]);
+      }
+    s.readings = left;
+  }
+}
+
 /// Writes 5 rests: joint a at 100 Hz, b at 40 Hz on a topic of its own, poses at 50 Hz.
 void write_rests(Place& place, Wire wire, double a_scatter, double clock, bool stamped) {
   place.open(wire);
@@ -172,6 +186,42 @@ TEST_CASE("import: joints on several topics and poses become samples of the rest
       CHECK(sample.views[0].z[0] == Approx(0.2 * n).margin(1e-6));
       CHECK(sample.views[0].sigma[0] == Approx(1e-4).epsilon(0.01));
     }
+  }
+}
+
+TEST_CASE("import: what --still-joints allows is rest") {
+  Place place;
+  write_rests(place, Wire::cdr, 2e-4, 0, true);
+  const RigFile rig = place.rig(kMocap, kRobot);
+  RecordedStreams streams = place.streams();
+  for (JointStream& s : streams.joints)  // brakes hold three of five rests
+    for (size_t i = 1; i < s.readings.size() && s.joint == "a"; ++i) {
+      const double t = s.readings.times[i], k = std::floor(t / 3);
+      if (static_cast<int>(k) % 2 == 0 && t - 3 * k > 0.1 && t - 3 * k < 2)
+        s.readings.values[i] = s.readings.values[i - 1];
+    }
+  RecordedStreams again = streams;
+  ImportOptions options;
+  const RecordedSamples by_noise = import_recordings({}, rig, streams, nullptr, options);
+  options.still_joints = 0.0015;
+  CHECK(import_recordings({}, rig, again, nullptr, options).samples.size() == 5);
+  REQUIRE(by_noise.samples.size() == 5);
+  const int a = rig.rig.tree.find_joint("a");  // a repeated reading has the sigma of one
+  CHECK(joint_sigma(rig.rig, by_noise.samples[2], a) ==
+        Approx(std::hypot(1e-4, 2e-4)).epsilon(0.3));
+}
+
+TEST_CASE("import: a pause between two bags parts the rests before and after it") {
+  for (const char* joint : {"", "a"}) {  // of all joints, or of one
+    Place place;
+    write_rests(place, Wire::ros1, 1e-5, 0, true);
+    const RigFile rig = place.rig(kMocap, kRobot);
+    RecordedStreams streams = place.streams();
+    forget(streams, {7.8, 9.2}, joint);  // from the third rest to the fourth one
+    const RecordedSamples found = import_recordings({}, rig, streams, nullptr, ImportOptions());
+    CHECK(found.samples.size() == 5);
+    for (size_t k = 0; k < found.samples.size(); ++k)
+      CHECK(found.samples[k].views[0].z[0] == Approx(0.2 * static_cast<double>(k)).margin(1e-5));
   }
 }
 

@@ -2,10 +2,10 @@
 //
 // Proves: the scatter at rest is found within 15 % although the robot moves for two thirds of the
 // time; rests are found where they are, whole, and no motion is taken for one; encoders that count,
-// readings that are exact, gaps and single values; averages have the sigma that they state (1000
-// series); interpolation is right for cubics and stops at gaps; corners: motion and wrong corners
-// in single frames are left out, averages have the sigma that they state. Does not prove: that real
-// encoders and real motions look like these.
+// readings that are exact or repeated bit by bit in some rests, gaps and single values; averages
+// have the sigma that they state (1000 series); interpolation is right for cubics and stops at
+// gaps; corners: motion and wrong corners in single frames are left out, averages have the sigma
+// that they state. Does not prove: that real encoders and real motions look like these.
 #include "../../io/recordings/settle.h"
 
 #include <catch2/catch.hpp>
@@ -41,7 +41,8 @@ Intervals of_length(const Intervals& all, double length) {
   return out;
 }
 
-void check_stops(const Series& series, int stops) {
+/// `held`: the scatter of readings that are repeated throughout a rest.
+void check_stops(const Series& series, int stops, double held = 0) {
   const Intervals rests =
       of_length(still_intervals(series, still_tolerance(series), longest_gap(series.times)), 0.5);
   REQUIRE(rests.size() == static_cast<size_t>(stops));
@@ -56,7 +57,8 @@ void check_stops(const Series& series, int stops) {
     CHECK(cut.end >= 3 * k + 0.9);
     const Average mean = average(series, {cut.begin + 0.1, cut.end - 0.1});
     const double sigma = std::max(mean.scatter, 3e-4) / std::sqrt(static_cast<double>(mean.count));
-    CHECK(std::abs(mean.mean - 0.4 * k) < 5 * sigma + smallest_step(series));  // ... and no bias
+    CHECK(std::abs(mean.mean - 0.4 * k) <
+          5 * sigma + 4 * held + smallest_step(series));  // ... and no bias
   }
 }
 
@@ -82,6 +84,22 @@ TEST_CASE("settle: rests are found whole") {
   SECTION("encoders that count, and flicker between two counts") {
     check_stops(stops_and_ways(20, 0, draws, 1e-3), 20);
     check_stops(stops_and_ways(20, 2e-4, draws, 1e-3), 20);
+  }
+}
+
+TEST_CASE("settle: some rests repeat one reading bit by bit, others jitter") {
+  Draws draws(6);
+  for (const int every : {2, 3}) {  // every second or third rest jitters, brakes hold the others
+    Series series = stops_and_ways(24, 1e-4, draws);
+    double held = 0;
+    for (size_t i = 0; i < series.size(); ++i) {
+      const double t = series.times[i], at = std::floor(t / 3);
+      const bool braked = static_cast<int>(at) % every > 0 && t - 3 * at > 0.1 && t - 3 * at < 1;
+      if (braked && held != 0) series.values[i] = held;
+      held = braked ? series.values[i] : 0;
+    }
+    CHECK(scatter_at_rest(series) == Approx(1e-4).epsilon(0.25));
+    check_stops(series, 24, 1e-4);
   }
 }
 
