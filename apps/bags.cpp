@@ -162,7 +162,8 @@ std::string milliseconds(double offset, double sigma) {
 std::string offset_line(const Rig& rig, const TimeOffset& one, bool applied) {
   std::string line =
       "offset in time of " + rig.sensors[static_cast<size_t>(one.sensor)].name + ": ";
-  if (!one.why_not.empty()) return line + "not known: " + one.why_not;
+  if (!one.why_not.empty())
+    return line + "not known" + (applied ? ", and nothing is applied: " : ": ") + one.why_not;
   line += "images are stamped " + milliseconds(one.offset, one.sigma) + " later than readings (" +
           std::to_string(one.images) + " images on " + std::to_string(one.ways) + " ways)";
   char text[128];

@@ -24,6 +24,7 @@ namespace {
 
 constexpr double kRestMargin = 0.1, kRestMarginShare = 0.15;  // s, of a rest, cut off at both ends
 constexpr double kStillFrames = 3;                            // in scatters
+constexpr double kNoNoise = 2;                                // px of scatter
 constexpr double kHarmless = 1. / 3;                          // of the rig's sigma
 constexpr double kMarginOfTilt = 0.2;                         // s, of readings around a sweep
 constexpr double kMostImages = 3000, kImageRate = 5;  // of a camera, where no joints tell; Hz
@@ -75,6 +76,7 @@ struct Importer {
         readings(file.rig, in, topics) {
     out.lines = topics.lines;
     out.notes = topics.notes;
+    for (const std::string& note : readings.absences()) out.notes.push_back(note);
   }
 
   const std::string& name(int sensor) const {
@@ -237,7 +239,7 @@ struct Importer {
     out.notes.insert(out.notes.end(), said.begin(), said.end());
   }
 
-  void add_beams(int rest, Sample& sample) const {
+  void add_beams(int rest, Sample& sample) {
     const auto found = beam_views.find(rest);
     if (found == beam_views.end()) return;
     for (const View& view : found->second)
@@ -282,14 +284,19 @@ struct Importer {
     const std::vector<CornerFrame>* frames;
   };
 
-  bool has_needed_readings(const Sample& sample, int sensor, int target) const {
-    for (const int j : view_readings(rig, sensor, target))
-      if (std::isnan(sample.readings[static_cast<size_t>(j)])) return false;
+  bool has_needed_readings(const Sample& sample, int sensor, int target) {
+    for (const int j : view_readings(rig, sensor, target)) {
+      if (!std::isnan(sample.readings[static_cast<size_t>(j)])) continue;
+      without_reading = rig.tree.joints[static_cast<size_t>(j)].name;
+      ++views_without[{sensor, without_reading}];
+      return false;
+    }
     return true;
   }
+  std::string without_reading;  // the joint that the last such view misses
+  std::map<std::pair<int, std::string>, int> views_without;  // by sensor and joint
 
-  void add_cameras(const std::vector<ViewOfRest>& views, const TimeInterval& over,
-                   Sample& sample) const {
+  void add_cameras(const std::vector<ViewOfRest>& views, const TimeInterval& over, Sample& sample) {
     for (const ViewOfRest& one : views) {
       const Sensor& sensor = rig.sensors[static_cast<size_t>(one.sensor)];
       const SettledCorners corners = average_corners(*one.frames, over);
@@ -304,7 +311,7 @@ struct Importer {
     }
   }
 
-  void add_poses(const TimeInterval& over, Sample& sample) const {
+  void add_poses(const TimeInterval& over, Sample& sample) {
     for (size_t s = 0; s < topics.poses.size(); ++s) {
       if (topics.poses[s].stream < 0) continue;
       const PoseStream& stream = streams.poses[static_cast<size_t>(topics.poses[s].stream)];
@@ -357,6 +364,7 @@ struct Importer {
     moving_lines.clear();
     scatter_lines.clear();
     lost.clear();
+    views_without.clear();
     const FramesOfViews all = frames();
     std::map<int, std::vector<ViewOfRest>> views;  // by rest
     std::vector<TimeInterval> over = rests;
@@ -396,9 +404,11 @@ struct Importer {
         continue;
       }
       readings.average(interval, sample);
+      without_reading.clear();
       add_cameras(views[static_cast<int>(r)], interval, sample);
       add_poses(interval, sample);
       add_beams(static_cast<int>(r), sample);
+      if (!without_reading.empty()) why = "joint '" + without_reading + "' has no reading then";
       if (sample.views.empty()) continue;
       lost.erase(static_cast<int>(r));
       sample.time =
@@ -426,6 +436,9 @@ struct Importer {
       by_reason[why].push_back(text + at_time(rests[static_cast<size_t>(rest)].begin));
     }
     std::vector<std::string> lines;
+    for (const auto& [which, count] : views_without)
+      lines.push_back(name(which.first) + ": " + std::to_string(count) +
+                      " views left out, joint '" + which.second + "' has no reading then");
     for (const auto& [why, names] : by_reason)
       lines.push_back("left out, " + why + ": " + std::to_string(names.size()) + " of " +
                       std::to_string(rests.size()) + " rests: " + few_of(names));
@@ -434,7 +447,17 @@ struct Importer {
 
   void say_scatter(const std::pair<int, int>& view, double scatter) {
     if (scatter == 0) return;
-    char text[200];
+    char text[300];
+    if (scatter > kNoNoise) {
+      std::snprintf(text, sizeof text,
+                    "%s: corners of '%s' move by %.2g px from image to image while the joints "
+                    "rest: no noise, but a board or camera that is not still, readings of another "
+                    "time, or images of two recordings in one",
+                    name(view.first).c_str(),
+                    rig.targets[static_cast<size_t>(view.second)].name.c_str(), scatter);
+      out.notes.emplace_back(text);
+      return;
+    }
     std::snprintf(
         text, sizeof text,
         "%s: corners of '%s' scatter by %.2g px from image to image; averages are better, and the "
@@ -664,8 +687,12 @@ struct Importer {
     if (search) look_at_scans();
     make_samples();
     if (out.samples.empty()) {
-      out.diagnosis = any_images() ? "no target was found in the images of any rest"
-                                   : "no sensor of the rig measured anything in any rest";
+      const std::vector<std::string> left_out = lost_lines();
+      out.lines.insert(out.lines.end(), left_out.begin(), left_out.end());
+      out.diagnosis = !views_without.empty() ? "joint '" + views_without.begin()->first.second +
+                                                   "' has no readings when targets are seen"
+                      : any_images() ? "no target was found in the images of any rest"
+                                     : "no sensor of the rig measured anything in any rest";
       out.lines.insert(out.lines.end(), moving_lines.begin(), moving_lines.end());
       return;
     }

@@ -174,16 +174,38 @@ std::vector<double> RobotReadings::at(double time) const {
   return out;
 }
 
-Intervals RobotReadings::still(const TimeInterval& during, double tolerance) const {
-  Intervals logged;  // at all: what happens in a pause of a recording nobody knows
+Intervals RobotReadings::logged() const {
+  Intervals out;
   for (const int j : watched_) {
-    const Series& series = series_[static_cast<size_t>(j)];
-    logged =
-        united(logged, coverage(series.times, std::max(kPause, gaps_[static_cast<size_t>(j)])));
+    const auto i = static_cast<size_t>(j);
+    out = united(out, coverage(series_[i].times, std::max(kPause, gaps_[i])));
   }
   for (const Floating& f : floating_)
-    logged = united(logged, coverage(f.poses.times, std::max(kPause, f.gap)));
-  Intervals out = intersected({during}, logged);
+    out = united(out, coverage(f.poses.times, std::max(kPause, f.gap)));
+  return out;
+}
+
+std::vector<std::string> RobotReadings::absences() const {
+  std::vector<std::string> out;
+  const Intervals all = logged();
+  for (const int j : watched_) {
+    const auto i = static_cast<size_t>(j);
+    const Intervals absent =
+        intersected(all, complement(coverage(series_[i].times, gaps_[i]), span_.begin, span_.end));
+    double longest = 0, begin = 0;
+    for (const TimeInterval& one : absent)
+      if (one.length() > longest) longest = one.length(), begin = one.begin;
+    if (longest < kPause) continue;
+    char text[120];
+    std::snprintf(text, sizeof text,
+                  " has no readings for %.1f s from %.1f s on, while others have", longest, begin);
+    out.push_back("joint '" + rig_.tree.joints[i].name + "'" + text);
+  }
+  return out;
+}
+
+Intervals RobotReadings::still(const TimeInterval& during, double tolerance) const {
+  Intervals out = intersected({during}, logged());
   for (const int j : watched_)
     out = intersected(out, still_or_absent(series_[static_cast<size_t>(j)], tolerance,
                                            gaps_[static_cast<size_t>(j)], during));

@@ -36,6 +36,9 @@ class RobotReadings {
   /// Says which joint moves most in the quietest `length` s of each: for those who find no rest.
   std::string restless(double length, double tolerance) const;
 
+  /// Says which joints have no readings for a second or more while others have.
+  std::vector<std::string> absences() const;
+
   /// Sets readings and noise of a sample to the averages over a time; where there is no message in
   /// it, to what they are in its middle.
   void average(const TimeInterval& over, Sample& sample) const;
@@ -47,6 +50,9 @@ class RobotReadings {
   TimeInterval span() const { return span_; }
 
  private:
+  /// When anything is logged at all: what happens in a pause of a recording nobody knows.
+  Intervals logged() const;
+
   struct Floating {
     int joint;
     PoseStream poses;

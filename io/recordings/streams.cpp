@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <optional>
 #include <set>
+#include <string_view>
+#include <unordered_set>
 
 #include "bytes.h"
 #include "robot_measurement.h"
@@ -31,6 +34,9 @@ struct StreamReader {
   std::map<std::array<std::string, 3>, size_t> poses;
   std::map<std::string, size_t> images, scans;
   std::set<std::string> infos, descriptions;
+  std::unordered_set<std::uint64_t> seen;  // topic, stamp and bytes of messages
+  std::map<std::string, long> repeated;    // by topic
+  std::map<std::pair<std::string, std::string>, long> not_finite;  // by topic and joint
   std::optional<std::int64_t> first, last;
 
   double time_of(const BagMessage& raw, const MessageValue& header) {
@@ -44,9 +50,29 @@ struct StreamReader {
     return seconds(stamp);
   }
 
+  /// True if the same message of the same topic was there before.
+  bool again(const BagMessage& raw, const MessageValue& header) {
+    const std::int64_t stamp = nanoseconds_of(field(header, "stamp"));
+    std::uint64_t key = std::hash<std::string_view>()(raw.data);
+    const auto mix = [&](std::uint64_t with) {
+      key ^= with + 0x9e3779b97f4a7c15u + (key << 6) + (key >> 2);
+    };
+    mix(std::hash<std::string>()(raw.topic->name));
+    mix(static_cast<std::uint64_t>(stamp != 0 ? stamp : raw.received));
+    if (seen.insert(key).second) return false;
+    ++repeated[raw.topic->name];
+    return true;
+  }
+
+  /// The time of an image or scan; NaN: it is there again.
+  double time_of_new(const BagMessage& raw, const MessageValue& header) {
+    return again(raw, header) ? std::numeric_limits<double>::quiet_NaN() : time_of(raw, header);
+  }
+
   double seconds(std::int64_t ns) const { return static_cast<double>(ns - out.origin) * 1e-9; }
 
   void joint_states(const BagMessage& raw, const MessageValue& value) {
+    if (again(raw, field(value, "header"))) return;
     const double time = time_of(raw, field(value, "header"));
     const auto& names = list_of(field(value, "name"));
     const NumberArray positions = numbers_of(field(value, "position"));
@@ -59,7 +85,10 @@ struct StreamReader {
                                                     std::string(text_of(names[i]))};
       const auto [at, is_new] = joints.emplace(key, out.joints.size());
       if (is_new) out.joints.push_back({key.first, key.second, {}});
-      if (!std::isfinite(positions[i])) continue;
+      if (!std::isfinite(positions[i])) {
+        ++not_finite[key];
+        continue;
+      }
       Series& series = out.joints[at->second].readings;
       series.times.push_back(time);
       series.values.push_back(positions[i]);
@@ -127,7 +156,7 @@ struct StreamReader {
       }
       out.images.push_back(std::move(stream));
     }
-    out.images[at->second].times.push_back(time_of(raw, header));
+    out.images[at->second].times.push_back(time_of_new(raw, header));
   }
 
   void scan(const BagMessage& raw, const MessageValue& value) {
@@ -138,7 +167,7 @@ struct StreamReader {
                            raw.topic->type,
                            without_slash(std::string(text_of(field(header, "frame_id")))),
                            {}});
-    out.scans[at->second].times.push_back(time_of(raw, header));
+    out.scans[at->second].times.push_back(time_of_new(raw, header));
   }
 
   void info(const BagMessage& raw, const MessageValue& value) {
@@ -251,6 +280,23 @@ void put_on_one_clock(StreamReader& reader) {
   for (ScanStream& s : out.scans) move(s.topic, s.times);
 }
 
+/// Says what is there again, and readings that are no numbers.
+void say_what_is_left_out(StreamReader& reader) {
+  long messages = 0;
+  std::string topics;
+  for (const auto& [topic, count] : reader.repeated) {
+    messages += count;
+    topics += (topics.empty() ? "" : ", ") + topic;
+  }
+  if (messages > 0)
+    reader.out.notes.push_back(std::to_string(messages) + " messages of " + topics +
+                               " are there again, with the same stamp and content (the same bag "
+                               "twice, or bags that overlap): each counts once");
+  for (const auto& [which, count] : reader.not_finite)
+    reader.out.notes.push_back(which.first + ": " + std::to_string(count) + " readings of joint '" +
+                               which.second + "' are no finite numbers: left out");
+}
+
 Pose between(const Pose& a, const Pose& b, double share) {
   return a * exp_se3(share * log_se3(inverse(a) * b));
 }
@@ -297,6 +343,7 @@ RecordedStreams read_streams(const std::vector<std::string>& bags, const BagProg
   for (const auto& [topic, count] : unreadable)
     reader.out.losses.push_back(std::to_string(count) + " messages of " + topic +
                                 ", of which the first: " + why[topic]);
+  say_what_is_left_out(reader);
   put_on_one_clock(reader);
   for (JointStream& s : reader.out.joints) sort_by_time(s.readings.times, s.readings.values);
   for (PoseStream& s : reader.out.poses) sort_by_time(s.times, s.poses);

@@ -36,7 +36,8 @@ struct PoseStream {
   std::vector<Pose> poses;
 };
 
-/// An ImageStream is what one topic has of images, in the order of the bag.
+/// An ImageStream is what one topic has of images, in the order of the bag. A message that is there
+/// again (the same stamp and bytes: the same bag twice, bags that overlap) has the time NaN.
 struct ImageStream {
   std::string topic, type, frame;
   std::string encoding;       // of the first: bgr8, jpeg, ...
@@ -44,7 +45,7 @@ struct ImageStream {
   std::vector<double> times;
 };
 
-/// A ScanStream is what one topic has of laser scans or point clouds.
+/// A ScanStream is what one topic has of laser scans or point clouds; times likewise.
 struct ScanStream {
   std::string topic, type, frame;
   std::vector<double> times;

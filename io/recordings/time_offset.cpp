@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <functional>
 #include <optional>
 #include <set>
 
@@ -21,6 +23,12 @@ constexpr double kLeastSpeed = 5;                         // px / s
 constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
 constexpr size_t kStretches = 8;
 constexpr double kLeastChange = 1e-3;  // s
+constexpr double kFar = 5;             // px
+constexpr double kMostWrong = 0.25;    // of the images
+constexpr double kUnclear = 2e-3;      // s: a sigma that is no result
+constexpr double kClear = 0.3e-3;      // s: a sigma that tells that such a clock is right
+constexpr double kFarSigma =
+    0.5e-3;  // s, of a stretch of two ways, where the clock changes by more
 
 Pose on_the_way(const Pose& a, const Pose& b, double share) {
   return a * exp_se3(share * log_se3(inverse(a) * b));
@@ -242,13 +250,31 @@ struct ClockStretch {
   double time = 0, offset = 0, sigma = 0;
 };
 
-/// Offsets of stretches of the recording, each of some ways. A few ways do not tell their own
-/// noise, so that of all stretches, for the information that each has, is taken where it is more.
-std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double start) {
+/// The offset that some sightings agree on, from one near it.
+MeanOffset refined(const Predictor& predictor, const std::vector<WaySighting>& sightings,
+                   double offset, std::vector<OneOffset>& all) {
+  MeanOffset mean;
+  for (int round = 0; round < 10; ++round) {
+    all = one_by_one(predictor, sightings, offset);
+    mean = bounded_mean(all, offset);
+    const double step = mean.offset - offset;
+    offset = std::min(kFarthest, std::max(-kFarthest, mean.offset));
+    if (std::abs(step) < 1e-7) break;
+  }
+  return mean;
+}
+
+/// Offsets of stretches of the recording, each of `least` ways at least: `mean_of` gives that of
+/// the images on the ways from a first to a last one. A few ways do not tell their own noise, so
+/// that of all stretches, for the information that each has, is taken where it is more; or `floor`
+/// (s) where that is given, since stretches in which a clock changes would make all of them bad.
+std::vector<ClockStretch> stretches_of(
+    const std::vector<OneOffset>& all, size_t least, double floor,
+    const std::function<MeanOffset(const std::vector<OneOffset>&, int, int)>& mean_of) {
   std::set<int> ways;
   for (const OneOffset& one : all) ways.insert(one.way);
   const std::vector<int> order(ways.begin(), ways.end());
-  const size_t count = std::min(kStretches, order.size() / 3);
+  const size_t count = std::min(kStretches, order.size() / least);
   std::vector<ClockStretch> out;
   std::vector<double> information;
   double noise = 0, sum = 0;
@@ -259,15 +285,25 @@ std::vector<ClockStretch> stretches_of(const std::vector<OneOffset>& all, double
     double time = 0;
     for (const OneOffset& one : all)
       if (one.way >= first && one.way <= last) some.push_back(one), time += one.time;
-    const MeanOffset mean = bounded_mean(some, start);
+    const MeanOffset mean = mean_of(some, first, last);
+    if (mean.information == 0) continue;
     out.push_back({time / static_cast<double>(some.size()), mean.offset, mean.sigma()});
     information.push_back(mean.information);
     noise += std::pow(mean.sigma() * mean.information, 2);
     sum += mean.information;
   }
   for (size_t k = 0; k < out.size(); ++k)
-    out[k].sigma = std::max(out[k].sigma, std::sqrt(noise / sum / information[k]));
+    out[k].sigma =
+        std::max(out[k].sigma, floor > 0 ? floor : std::sqrt(noise / sum / information[k]));
   return out;
+}
+
+/// The same about an offset that they are all near.
+std::vector<ClockStretch> near_stretches(const std::vector<OneOffset>& all, double offset) {
+  return stretches_of(all, 3, 0, [&](const std::vector<OneOffset>& some, int, int) {
+    std::vector<OneOffset> weighed = some;
+    return bounded_mean(weighed, offset);
+  });
 }
 
 /// Sum of squares, in sigmas, about a level of some stretches; the level and its sigma.
@@ -330,6 +366,51 @@ void judge_clock(const std::vector<ClockStretch>& all, TimeOffset& out) {
     out.drift_sigma = slope_sigma;
     out.middle = middle;
     out.offset = level;
+    // Of the level, if a line explains the stretches.
+    out.sigma = sigma * std::sqrt(std::max(1., line / static_cast<double>(all.size() - 2)));
+  }
+}
+
+/// True if more images than may be wrong are far from what the others say.
+bool many_disagree(const std::vector<OneOffset>& all, double offset) {
+  const auto far = std::count_if(all.begin(), all.end(), [&](const OneOffset& one) {
+    return one.weight < 0.1 || std::abs(one.speed * (one.offset - offset)) > kFar;
+  });
+  return static_cast<double>(far) > kMostWrong * static_cast<double>(all.size());
+}
+
+/// Looks for drift and jumps that are too large for one offset to be near them all.
+void judge_far_clock(const Predictor& predictor, const std::vector<WaySighting>& sightings,
+                     const std::vector<OneOffset>& all, TimeOffset& out) {
+  const auto own = [&](const std::vector<OneOffset>&, int first, int last) {
+    std::vector<WaySighting> some;
+    for (const WaySighting& seen : sightings)
+      if (seen.before >= first && seen.before <= last) some.push_back(seen);
+    std::vector<OneOffset> ignored;
+    return refined(predictor, some, coarse_offset(predictor, some), ignored);
+  };
+  judge_clock(stretches_of(all, 2, kFarSigma, own), out);
+  const bool drifts = out.clock == TimeOffset::Clock::drifts;
+  for (int round = 0; round < 8 && out.clock != TimeOffset::Clock::steady; ++round) {
+    std::vector<WaySighting> corrected = sightings;  // what is left is near one offset
+    for (WaySighting& seen : corrected) seen.time -= out.at(seen.time) - out.offset;
+    std::vector<OneOffset> left;
+    const MeanOffset mean = refined(predictor, corrected, out.offset, left);
+    double w = 0, wt = 0, tt = 0, ty = 0, squares = 0;
+    for (const OneOffset& one : left) {
+      const double weight = one.weight * one.speed * one.speed;
+      w += weight, wt += weight * one.time;
+    }
+    for (const OneOffset& one : left) {
+      const double weight = one.weight * one.speed * one.speed, t = one.time - wt / w;
+      tt += weight * t * t, ty += weight * t * (one.offset - mean.offset), squares += t * t;
+    }
+    const double slope = drifts && tt > 0 ? ty / tt : 0;
+    out.drift += slope;
+    out.offset = mean.offset + (drifts ? slope * (out.middle - wt / w) : 0);
+    out.sigma = std::hypot(mean.sigma(), kInterpolation);
+    if (drifts) out.drift_sigma = out.sigma / std::sqrt(squares / static_cast<double>(left.size()));
+    if (many_disagree(left, mean.offset)) out.sigma = kInfinity;
   }
 }
 
@@ -351,20 +432,13 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
                                 "between rests whose targets are known there";
     return out;
   }
-  double offset = coarse_offset(predictor, sightings);
+  const double offset = coarse_offset(predictor, sightings);
   if (std::abs(offset) > kFarthest - kGrid / 2) {
     out.why_not = "it is more than 0.4 s, or the readings are not of this robot";
     return out;
   }
-  MeanOffset mean;
   std::vector<OneOffset> all;
-  for (int round = 0; round < 10; ++round) {
-    all = one_by_one(predictor, sightings, offset);
-    mean = bounded_mean(all, offset);
-    const double step = mean.offset - offset;
-    offset = std::min(kFarthest, std::max(-kFarthest, mean.offset));
-    if (std::abs(step) < 1e-7) break;
-  }
+  const MeanOffset mean = refined(predictor, sightings, offset, all);
   if (mean.ways < kLeastWays) {
     out.why_not = "what it saw hardly moved";
     return out;
@@ -373,7 +447,19 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   out.sigma = std::hypot(mean.sigma(), kInterpolation);
   out.images = static_cast<int>(all.size());
   out.ways = mean.ways;
-  judge_clock(stretches_of(all, mean.offset), out);
+  if (out.sigma <= kUnclear && !many_disagree(all, mean.offset)) {
+    judge_clock(near_stretches(all, mean.offset), out);
+    return out;
+  }
+  judge_far_clock(predictor, sightings, all, out);
+  if (out.clock != TimeOffset::Clock::steady && out.sigma <= kClear) return out;
+  out.clock = TimeOffset::Clock::steady;
+  char text[240];
+  std::snprintf(text, sizeof text,
+                "the motion does not fit one offset within 0.4 s (the best: %.0f +- %.0f ms): the "
+                "clock drifts or jumps, or is further off, or the readings are not of this robot",
+                1e3 * mean.offset, 1e3 * std::max(mean.sigma(), kUnclear));
+  out.why_not = text;
   return out;
 }
 

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "../../models/rig/configuration.h"
+#include "../../models/rig/numbers.h"
 #include "../document/names.h"
 #include "../urdf/urdf.h"
 #include "record_command.h"
@@ -15,8 +16,11 @@
 namespace kincal {
 namespace {
 
-constexpr double kEnough = 20;      // score that tells by itself what a topic is
-constexpr double kNearLens = 0.02;  // share of the focal length
+constexpr double kEnough = 20;        // score that tells by itself what a topic is
+constexpr double kNearLens = 0.02;    // share of the focal length
+constexpr double kSlowReadings = 10;  // Hz
+constexpr double kSameOrigin = 1e-4, kSameAxis = 1e-4;  // m and rad; rad
+constexpr size_t kMostJoints = 3;                       // missing ones with a line of their own
 
 std::set<std::string> lower_words(const std::string& name) {
   std::set<std::string> out;
@@ -77,14 +81,20 @@ std::vector<RecordedCameraTopics> cameras_of(const RecordedStreams& streams) {
   std::map<std::string, RecordedCameraTopics> by_space;
   for (size_t i = 0; i < streams.images.size(); ++i) {
     if (!usable_image(streams.images[i])) continue;
-    const std::string space = parent_of(picture_topic(streams.images[i]));
+    const std::string picture = picture_topic(streams.images[i]), parent = parent_of(picture),
+                      space = parent.empty() ? picture : parent;  // /cam0, /cam1 are two
     by_space[space].space = space;
     by_space[space].images.push_back(static_cast<int>(i));
   }
   std::vector<RecordedCameraTopics> out;
+  const auto at_root = [](const auto& one) { return parent_of(one.first).empty(); };
+  const bool one_at_root = std::count_if(by_space.begin(), by_space.end(), at_root) == 1;
   for (auto& [space, camera] : by_space) {
-    for (size_t i = 0; i < streams.infos.size(); ++i)
-      if (parent_of(streams.infos[i].topic) == space) camera.info = static_cast<int>(i);
+    for (size_t i = 0; i < streams.infos.size(); ++i) {
+      const std::string parent = parent_of(streams.infos[i].topic);
+      if (parent == space || (parent.empty() && one_at_root && parent_of(space).empty()))
+        camera.info = static_cast<int>(i);
+    }
     out.push_back(std::move(camera));
   }
   return out;
@@ -134,31 +144,64 @@ struct CameraTopics {
     return camera.info < 0 ? nullptr : &streams.infos[static_cast<size_t>(camera.info)];
   }
 
-  bool other_size(const Sensor& sensor, const RecordedCameraTopics& camera) const {
+  /// Width and height; 0: not known.
+  std::pair<int, int> size(const RecordedCameraTopics& camera) const {
     const CameraInfoMessage* about = info(camera);
     const ImageStream& image = streams.images[static_cast<size_t>(camera.images[0])];
-    const int width = image.width > 0 ? image.width
-                      : about         ? about->width
-                                      : 0,
-              height = image.height > 0 ? image.height
-                       : about          ? about->height
-                                        : 0;
+    return {image.width > 0 ? image.width
+            : about         ? about->width
+                            : 0,
+            image.height > 0 ? image.height
+            : about          ? about->height
+                             : 0};
+  }
+
+  bool other_size(const Sensor& sensor, const RecordedCameraTopics& camera) const {
+    const auto [width, height] = size(camera);
     return sensor.image_width > 0 && width > 0 &&
            (width != sensor.image_width || height != sensor.image_height);
+  }
+
+  /// The frame that a camera's images say; where it is no link of the robot, that of camera_info.
+  std::string frame_of(const RecordedCameraTopics& camera) const {
+    const CameraInfoMessage* about = info(camera);
+    const ImageStream& image = streams.images[static_cast<size_t>(camera.images[0])];
+    const bool known = rig.rig.tree.find_link(image.frame) >= 0;
+    return known || !about || about->frame.empty() ? image.frame : about->frame;
+  }
+
+  /// What the images are that a sensor was not given.
+  std::string what_is_left(const Sensor& sensor, const std::vector<size_t>& free) const {
+    std::vector<std::string> all;
+    bool any_fits = false;
+    for (const size_t c : free) {
+      const auto [width, height] = size(cameras[c]);
+      const bool fits = !other_size(sensor, cameras[c]);
+      any_fits = any_fits || fits;
+      std::string one = picture_topic(streams.images[static_cast<size_t>(cameras[c].images[0])]);
+      if (!fits) one += " (" + std::to_string(width) + " x " + std::to_string(height) + ")";
+      all.push_back(one);
+    }
+    if (all.empty()) return "no images of it in the recording";
+    if (any_fits)
+      return "which images are its is not clear (" + comma_separated(all) +
+             "): write `topic: ...` into its entry of the rig";
+    return "no images of its image_size, " + std::to_string(sensor.image_width) + " x " +
+           std::to_string(sensor.image_height) + ", in the recording, but " + comma_separated(all) +
+           ": correct image_size and intrinsics in the rig";
   }
 
   double score(const Sensor& sensor, const RecordedCameraTopics& camera, std::string& why) const {
     if (other_size(sensor, camera)) return -1;
     const CameraInfoMessage* about = info(camera);
-    const ImageStream& image = streams.images[static_cast<size_t>(camera.images[0])];
-    const std::string frame = about && !about->frame.empty() ? about->frame : image.frame;
+    const std::string frame = frame_of(camera);
     double out = 0;
     const auto add = [&](double points, const std::string& reason) {
       out += points;
       if (!reason.empty()) why += (why.empty() ? "" : ", ") + reason;
     };
     const std::string& link = rig.rig.tree.links[static_cast<size_t>(sensor.link)];
-    if (!frame.empty() && frame == link) add(50, "its frame '" + frame + "'");
+    if (!frame.empty() && frame == link) add(100, "its frame '" + frame + "'");
     const double named = likeness(sensor.name, camera.space);
     if (named > 0) add(40 * named, "its name");
     const double* lens = lens_of(sensor);
@@ -179,6 +222,12 @@ struct CameraTopics {
     out.images[sensor] = best_image(streams, cameras[camera], wants_rectified(s, about));
     out.infos[sensor] = cameras[camera].info;
     say(sensor, why);
+    const ImageStream& image = streams.images[static_cast<size_t>(out.images[sensor])];
+    if (about && !about->frame.empty() && !image.frame.empty() && about->frame != image.frame)
+      out.notes.push_back("sensor '" + s.name + "': its images (" + image.topic +
+                          ") are of frame '" + image.frame + "', " + about->topic +
+                          " is of frame '" + about->frame +
+                          "': one of them is wrong, perhaps cameras are exchanged");
   }
 
   void say(size_t sensor, const std::string& why) {
@@ -253,15 +302,10 @@ struct CameraTopics {
     if (left.size() == 1 && free.size() == 1 &&
         !other_size(rig.rig.sensors[left[0]], cameras[free[0]]))
       take(left[0], free[0], "guessed: the only one left");
-    std::vector<std::string> spaces;
-    for (const size_t c : free) spaces.push_back(cameras[c].space);
     for (const size_t s : left)
       if (out.images[s] < 0)
-        out.notes.push_back("sensor '" + rig.rig.sensors[s].name + "': " +
-                            (spaces.empty()
-                                 ? std::string("no images of it in the recording")
-                                 : "which images are its is not clear (" + comma_separated(spaces) +
-                                       "): write `topic: ...` into its entry of the rig"));
+        out.notes.push_back("sensor '" + rig.rig.sensors[s].name +
+                            "': " + what_is_left(rig.rig.sensors[s], free));
   }
 };
 
@@ -270,6 +314,65 @@ bool is_command(const std::string& topic) {
   for (const char* word : {"command", "desired", "goal", "target", "reference", "setpoint", "cmd"})
     if (has(topic, word)) return true;
   return false;
+}
+
+/// The joints that a sensor or target stands on, or that scan.
+std::set<int> joints_that_tell(const Rig& rig) {
+  std::set<int> out;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    for (const int j : needed_readings(rig, static_cast<int>(s), -1)) out.insert(j);
+    if (rig.sensors[s].scanning_joint >= 0) out.insert(rig.sensors[s].scanning_joint);
+  }
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    for (const int j : needed_readings(rig, -1, static_cast<int>(t))) out.insert(j);
+  return out;
+}
+
+/// Names joints of the rig that no topic has, and topics that are too slow.
+void check_joints(const Rig& rig, const RecordedStreams& streams, TopicMap& out) {
+  std::vector<std::string> missing, there;
+  std::map<std::string, double> slow;  // by topic: Hz
+  for (const JointStream& s : streams.joints) there.push_back(s.joint);
+  std::sort(there.begin(), there.end());
+  there.erase(std::unique(there.begin(), there.end()), there.end());
+  for (const int j : joints_that_tell(rig)) {
+    const Joint& joint = rig.tree.joints[static_cast<size_t>(j)];
+    if (!joint.has_reading()) continue;
+    const int at = out.joints[static_cast<size_t>(j)];
+    if (at < 0) {
+      missing.push_back(joint.name);
+      continue;
+    }
+    const JointStream& s = streams.joints[static_cast<size_t>(at)];
+    std::vector<double> steps;
+    for (size_t i = 1; i < s.readings.size(); ++i)
+      steps.push_back(s.readings.times[i] - s.readings.times[i - 1]);
+    const double step = median(steps, 0);
+    if (step > 1 / kSlowReadings) slow[s.topic] = 1 / step;
+  }
+  for (const auto& [topic, rate] : slow) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  ": %.2g readings a second are too few to tell when joints rest: record 50 or "
+                  "more, or rests may contain motion",
+                  rate);
+    out.notes.push_back(topic + text);
+  }
+  if (missing.empty()) return;
+  const std::string recorded = "the recording has";
+  if (there.empty())
+    out.notes.push_back("no topic has joint states: the readings of " + comma_separated(missing) +
+                        " are missing, and what stands on these joints gives no samples");
+  else if (missing.size() <= kMostJoints)
+    for (const std::string& name : missing)
+      out.notes.push_back("joint '" + name +
+                          "' is on no topic, what stands on it gives no samples" +
+                          nearest_or_all(name, there, recorded));
+  else
+    out.notes.push_back("joints " + comma_separated(missing) +
+                        " are on no topic, what stands on them gives no samples; the recording "
+                        "has joints " +
+                        comma_separated(there));
 }
 
 void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
@@ -471,7 +574,43 @@ void find_scans(const RigFile& rig, const RecordedStreams& streams, TopicMap& ou
   }
 }
 
-/// The robot inside the recording has the joints of the rig's, if it is the same.
+/// How joints of the robot inside the recording differ from the rig's; "": they do not.
+std::string joint_differences(const Tree& ours, const Tree& theirs) {
+  std::vector<std::string> out;
+  std::string farthest;
+  int moved = 0;
+  double most = 0, by_translation = 0, by_rotation = 0;
+  for (const Joint& joint : ours.joints) {
+    const int at = theirs.find_joint(joint.name);
+    if (at < 0) continue;
+    const Joint& other = theirs.joints[static_cast<size_t>(at)];
+    if (joint.type != other.type)
+      out.push_back("joint '" + joint.name + "' is " + type_name(other.type) + ", the rig's " +
+                    type_name(joint.type));
+    else if (joint.moves() && !((joint.axis - other.axis).norm() < kSameAxis))
+      out.push_back("joint '" + joint.name + "' has another axis");
+    const Vector6d off = log_se3(inverse(joint.parent_T_joint) * other.parent_T_joint);
+    const double translation = off.head<3>().norm(), rotation = off.tail<3>().norm();
+    if (translation < kSameOrigin && rotation < kSameOrigin) continue;
+    ++moved;
+    if (translation + rotation <= most) continue;
+    most = translation + rotation;
+    by_translation = translation, by_rotation = rotation, farthest = joint.name;
+  }
+  if (moved > 0) {
+    char text[100];
+    std::snprintf(text, sizeof text, ": %.3g mm, %.3g mrad", 1e3 * by_translation,
+                  1e3 * by_rotation);
+    out.push_back(std::to_string(moved) + " joints have another origin, '" + farthest + "' most" +
+                  text);
+  }
+  std::string all;
+  for (const std::string& one : out) all += (all.empty() ? "" : "; ") + one;
+  return all;
+}
+
+/// The robot inside the recording has the joints of the rig's, and where they are, if it is the
+/// same.
 void compare_descriptions(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
   for (const auto& [topic, text] : streams.descriptions) {
     Urdf robot;
@@ -488,6 +627,10 @@ void compare_descriptions(const RigFile& rig, const RecordedStreams& streams, To
     if (!missing.empty() && !rig.flange_only)
       out.notes.push_back("the robot of the recording (" + topic + ") is another than the rig's (" +
                           rig.urdf.path + "): it has no joint " + comma_separated(missing));
+    const std::string other = rig.flange_only ? "" : joint_differences(rig.urdf.tree, robot.tree);
+    if (!other.empty())
+      out.notes.push_back("the robot of the recording (" + topic + ") differs from the rig's (" +
+                          rig.urdf.path + "): " + other);
   }
 }
 
@@ -552,6 +695,7 @@ TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams) {
   out.joints.assign(joints, -1);
   out.floating.resize(joints);
   find_joints(rig, streams, out);
+  check_joints(rig.rig, streams, out);
   find_floating(rig, streams, out);
   CameraTopics{rig, streams, out}.find();
   find_pose_sensors(rig, streams, out);

@@ -6,13 +6,15 @@
 // clock are said and replaced; the busiest topic of a joint is taken and no command; poses of /tf
 // (through a chain, static ones too), PoseStamped for a floating joint and for motion capture;
 // which topic is which camera: by frame, name, size, what is left, and what is not decided; another
-// lens and another robot are said; every encoding of an image gives the same grey; what the hand
-// holds; a diagnosis where nothing rests; near postures are left out. Images that are searched:
-// tests/program/recordings_test.py. Does not prove: that other recorders write such messages.
+// lens and another robot, missing joints, slow readings and messages that are there again are said;
+// every encoding of an image gives the same grey; what the hand holds; a diagnosis where nothing
+// rests; near postures are left out. Images that are searched: tests/program/recordings_test.py.
+// Does not prove: that other recorders write such messages.
 #include "../../io/recordings/import.h"
 
 #include <unistd.h>
 
+#include <array>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <filesystem>
@@ -225,6 +227,84 @@ TEST_CASE("import: a pause between two bags parts the rests before and after it"
   }
 }
 
+TEST_CASE("import: joints that are missing, by name") {
+  const auto notes_of = [](const std::string& urdf, const std::string& rig_text) {
+    Place place;
+    write_rests(place, Wire::ros1, 1e-5, 0, true);
+    const RigFile rig = place.rig(rig_text, urdf);
+    RecordedStreams streams = place.streams();
+    std::string notes;
+    const RecordedSamples found = import_recordings({}, rig, streams, nullptr, ImportOptions());
+    for (const std::string& note : found.notes) notes += note + "\n";
+    return notes + found.diagnosis;
+  };
+  std::string urdf = kRobot, rig = kMocap;
+  urdf.replace(urdf.find("'b'"), 3, "'arm_b'");
+  rig.replace(rig.find("b: {s"), 1, "arm_b");
+  const std::string notes = notes_of(urdf, rig);
+  CHECK(notes.find("joint 'arm_b' is on no topic, what stands on it gives no samples; the "
+                   "recording has: a, b") != std::string::npos);
+  CHECK(notes.find("joint 'arm_b' has no readings when targets are seen") != std::string::npos);
+
+  Place place;  // one that stops midway
+  write_rests(place, Wire::ros1, 1e-5, 0, true);
+  const RigFile whole = place.rig(kMocap, kRobot);
+  RecordedStreams streams = place.streams();
+  forget(streams, {7, 100}, "b");
+  const RecordedSamples found = import_recordings({}, whole, streams, nullptr, ImportOptions());
+  REQUIRE(found.notes.size() == 1);
+  CHECK(found.notes[0].find("joint 'b' has no readings for 7.0 s from 7.0 s on") == 0);
+  std::string lines;
+  for (const std::string& line : found.lines) lines += line + "\n";
+  CHECK(lines.find("left out, joint 'b' has no reading then: 2 of 5 rests: rest_0004") !=
+        std::string::npos);
+}
+
+TEST_CASE("import: messages that are there again count once") {
+  Place place;
+  place.open(Wire::cdr);
+  const int topic = place.bag->add_topic("/joint_states", "sensor_msgs/JointState"),
+            images = place.bag->add_topic("/eye/image_raw", "sensor_msgs/Image");
+  for (int i = 0; i < 20; ++i)
+    for (int copy = 0; copy < 2; ++copy) {
+      const double reading = i == 7 ? kInfinity : 0.1;
+      place.bag->write(topic, at(0.1 * i),
+                       joint_state_message(Wire::cdr, at(0.1 * i), {"a", "b"}, {reading, 0}));
+      place.bag->write(images, at(0.1 * i),
+                       image_message(Wire::cdr, at(0.1 * i), "eye", {2, 2, "abcd"}));
+      if (i == 3)  // the same picture without stamps, at another time: two
+        place.bag->write(images, at(5 + copy), image_message(Wire::cdr, 0, "eye", {2, 2, "abcd"}));
+    }
+  const RecordedStreams streams = place.streams();
+  std::string notes;
+  for (const std::string& note : streams.notes) notes += note + "\n";
+  INFO(notes);
+  REQUIRE(streams.notes.size() == 3);
+  CHECK(streams.notes[0].find("40 messages of /eye/image_raw, /joint_states are there again") == 0);
+  CHECK(streams.notes[1].find("/joint_states: 1 readings of joint 'a' are no finite numbers") == 0);
+  CHECK(streams.joints[0].readings.size() == 19);
+  REQUIRE(streams.images[0].times.size() == 42);  // in the order of the bag
+  CHECK(streams.images[0].times[2] == Approx(0.1));
+  CHECK(std::isnan(streams.images[0].times[3]));
+  CHECK(streams.images[0].times[7] == Approx(5));
+  CHECK(streams.images[0].times[9] == Approx(6));
+}
+
+TEST_CASE("import: readings that come too slowly are said") {
+  Place place;
+  place.open(Wire::ros1);
+  const int topic = place.bag->add_topic("/joint_states", "sensor_msgs/JointState");
+  for (int i = 0; i < 40; ++i)
+    place.bag->write(topic, at(0.5 * i),
+                     joint_state_message(Wire::ros1, at(0.5 * i), {"a", "b"}, {0.1, 0.2}));
+  const RecordedStreams streams = place.streams();
+  const TopicMap topics = find_topics(place.rig(kMocap, kRobot), streams);
+  bool said = false;
+  for (const std::string& note : topics.notes)
+    said = said || note.find("/joint_states: 2 readings a second are too few") == 0;
+  CHECK(said);
+}
+
 TEST_CASE("import: stamps of 0 and of another clock are said and replaced") {
   Place place;
   write_rests(place, Wire::ros1, 1e-5, 5e5, false);
@@ -398,7 +478,9 @@ TEST_CASE("import: which topics are the cameras'") {
                      "cx cy are 510 510 3 2, the rig's 500 500 3 2") != std::string::npos);
     CHECK(notes.find("is another than the rig's") != std::string::npos);
     CHECK(notes.find("it has no joint a, b, w") != std::string::npos);
-    CHECK(map.notes.size() == 2);
+    CHECK(notes.find("no topic has joint states: the readings of a, b are missing") !=
+          std::string::npos);
+    CHECK(map.notes.size() == 3);
   }
   SECTION("what is not clear stays open") {
     const TopicMap map = found(camera_entry("eye", "link: two, image_size: [6, 4]")).first;
@@ -421,6 +503,59 @@ TEST_CASE("import: which topics are the cameras'") {
       said = said || note.find("nearest: /front/image_raw") != std::string::npos;
     CHECK(said);
   }
+}
+
+TEST_CASE("import: cameras that are exchanged, at the root, or of another size") {
+  Place place;
+  place.open(Wire::ros1);
+  for (const auto& [space, frames] : std::map<std::string, std::array<const char*, 2>>{
+           {"/left", {"two", "one"}}, {"/right", {"one", "two"}}}) {
+    const int images = place.bag->add_topic(space + "/image_raw", "sensor_msgs/Image"),
+              infos = place.bag->add_topic(space + "/camera_info", "sensor_msgs/CameraInfo");
+    CameraNumbers numbers;
+    numbers.width = 6, numbers.height = 4;
+    numbers.intrinsics[0] = numbers.intrinsics[1] = 500;
+    numbers.intrinsics[2] = 3, numbers.intrinsics[3] = 2;
+    place.bag->write(images, at(0),
+                     image_message(Wire::ros1, at(0), frames[0], {6, 4, std::string(24, 'x')}));
+    place.bag->write(infos, at(0), camera_info_message(Wire::ros1, at(0), frames[1], numbers));
+  }
+  for (const char* topic : {"/cam0", "/cam1"})
+    place.bag->write(place.bag->add_topic(topic, "sensor_msgs/Image"), at(0),
+                     image_message(Wire::ros1, at(0), "", {7, 4, std::string(28, 'x')}));
+  const int text = place.bag->add_topic("/robot_description", "std_msgs/String");
+  std::string robot = kRobot;
+  robot.replace(robot.find("1 0 0"), 5, "1.02 0 0");
+  robot.replace(robot.find("revolute"), 8, "continuous");
+  robot.replace(robot.rfind("0 1 0"), 5, "0 0 1");
+  place.bag->write(text, at(0), text_message(Wire::ros1, robot));
+  const RecordedStreams streams = place.streams();
+  const auto found = [&](const std::string& sensors, std::string& notes) {
+    const TopicMap map = find_topics(place.rig(kCameras + sensors, kRobot), streams);
+    for (const std::string& note : map.notes) notes += note + "\n";
+    return map;
+  };
+  std::string notes;
+  const TopicMap map = found(camera_entry("left", "link: one, image_size: [6, 4]") +
+                                 camera_entry("right", "link: two, image_size: [6, 4]") +
+                                 camera_entry("hand", "link: two, image_size: [7, 4]") +
+                                 camera_entry("big", "link: two, image_size: [9, 9]"),
+                             notes);
+  INFO(notes);
+  CHECK(streams.images[static_cast<size_t>(map.images[0])].topic == "/right/image_raw");
+  CHECK(streams.images[static_cast<size_t>(map.images[1])].topic == "/left/image_raw");
+  const auto said = [&](const std::string& what) { return notes.find(what) != std::string::npos; };
+  CHECK(
+      said("sensor 'left': its images (/right/image_raw) are of frame 'one', /right/camera_info "
+           "is of frame 'two'"));
+  CHECK(said("sensor 'hand': which images are its is not clear (/cam0, /cam1)"));
+  CHECK(
+      said("sensor 'big': no images of its image_size, 9 x 9, in the recording, but /cam0 (7 x 4)"
+           ", /cam1 (7 x 4)"));
+  CHECK(said("differs from the rig's (" + place.path +
+             "/robot.urdf): joint 'a' is continuous, the "
+             "rig's revolute; joint 'w' has another axis; 1 joints have another origin, 'b' most: "
+             "20 mm, 0 mrad"));
 }
 
 namespace {

@@ -4,7 +4,8 @@
 // its readings, of its encoders from posture to posture, and of corners: offsets of 0, 10, 20, 50
 // ms and -30 ms are found within 1 ms; errors are not larger than the stated sigmas say (60
 // recordings); wrong pictures do no harm; a clock that drifts or jumps is named, and one that does
-// neither is not, in any of the recordings; what cannot tell is said. PR2-like: a board in a hand,
+// neither is not, in any of the recordings; an offset that is too far is not taken for a small one;
+// what cannot tell is said. PR2-like: a board in a hand,
 // held by the one arm and then the other. Does not prove: that the corners of moving pictures have
 // no bias.
 #include "../../io/recordings/time_offset.h"
@@ -203,6 +204,31 @@ TEST_CASE("time offset: clocks that drift or jump are named") {
     CHECK(jumping.jump == Approx(0.03).margin(2e-3));
     CHECK(jumping.jump_time == Approx(0.6 * end).margin(0.15 * end));
     CHECK(jumping.at(1) == Approx(0.01).margin(1e-3));
+  }
+}
+
+TEST_CASE("time offset: clocks that change by tenths of a second, and what fits no offset") {
+  for (std::uint64_t seed = 51; seed < 54; ++seed) {
+    const Trip trip(kArm, kArm + "truth.json", 24, seed);
+    const double end = trip.journey->duration();
+    INFO("seed " << seed);
+    const TimeOffset jumping =
+        trip.find(0, trip.pictures(
+                         0, 0, [&](double t) { return t < 0.5 * end ? 0.02 : 0.17; }, seed));
+    INFO(jumping.offset << " +- " << jumping.sigma << ", " << jumping.images << " images");
+    REQUIRE(jumping.why_not.empty());
+    REQUIRE(jumping.clock == TimeOffset::Clock::jumps);
+    CHECK(jumping.jump == Approx(0.15).margin(5e-3));
+    const TimeOffset drifting =
+        trip.find(0, trip.pictures(
+                         0, 0, [&](double t) { return 0.25 * t / end; }, seed));
+    REQUIRE(drifting.why_not.empty());
+    REQUIRE(drifting.clock == TimeOffset::Clock::drifts);
+    CHECK(drifting.drift == Approx(0.25 / end).epsilon(0.05));
+    const TimeOffset far = trip.find(0, trip.pictures(
+                                            0, 0, [](double) { return 1.3; }, seed));
+    CHECK(!far.why_not.empty());  // and no number
+    CHECK(far.clock == TimeOffset::Clock::steady);
   }
 }
 
