@@ -19,8 +19,8 @@ namespace {
 constexpr double kEnough = 20;        // score that tells by itself what a topic is
 constexpr double kNearLens = 0.02;    // share of the focal length
 constexpr double kSlowReadings = 10;  // Hz
-constexpr double kSameOrigin = 1e-4, kSameAxis = 1e-4;  // m and rad; rad
-constexpr size_t kMostJoints = 3;                       // missing ones with a line of their own
+constexpr double kOriginOfJoint = 1e-4, kAxisOfJoint = 1e-4;  // m and rad; rad
+constexpr size_t kMostJoints = 3;  // missing ones with a line of their own
 
 std::set<std::string> lower_words(const std::string& name) {
   std::set<std::string> out;
@@ -587,11 +587,11 @@ std::string joint_differences(const Tree& ours, const Tree& theirs) {
     if (joint.type != other.type)
       out.push_back("joint '" + joint.name + "' is " + type_name(other.type) + ", the rig's " +
                     type_name(joint.type));
-    else if (joint.moves() && !((joint.axis - other.axis).norm() < kSameAxis))
+    else if (joint.moves() && !((joint.axis - other.axis).norm() < kAxisOfJoint))
       out.push_back("joint '" + joint.name + "' has another axis");
     const Vector6d off = log_se3(inverse(joint.parent_T_joint) * other.parent_T_joint);
     const double translation = off.head<3>().norm(), rotation = off.tail<3>().norm();
-    if (translation < kSameOrigin && rotation < kSameOrigin) continue;
+    if (translation < kOriginOfJoint && rotation < kOriginOfJoint) continue;
     ++moved;
     if (translation + rotation <= most) continue;
     most = translation + rotation;
