@@ -20,6 +20,7 @@ using Eigen::Matrix2d;
 using Eigen::Matrix4d;
 using Eigen::Vector2d;
 using Eigen::Vector4d;
+using Matrix23d = Eigen::Matrix<double, 2, 3>;
 
 constexpr size_t kFewest = 24;   // beams of a corner; with fewer residuals do not know its error
 constexpr double kReach = 0.45;  // squares: half of a corner's window
@@ -117,12 +118,20 @@ struct Corner {
   int id = 0;
   Vector2d at;                             // u, v
   Matrix2d sides;                          // ways of one square along rows and columns, as columns
+  Matrix23d bend = Matrix23d::Zero();      // of straight lines: times (du^2, du dv, dv^2)
   double strip = kReach;                   // squares beside an edge that are plain
   double mean = 0, half = 0;               // m and h
   Vector2d spot;                           // w_u, w_v
   std::vector<const Beam*> beams;          // in the window
   double squares = 0;                      // sum of squared residuals
   Matrix2d covariance = Matrix2d::Zero();  // of `at`
+
+  /// Returns where a beam is, seen from the corner, in a picture in which straight lines are
+  /// straight.
+  Vector2d away(const Beam& beam) const {
+    const Vector2d d = place_of(beam) - at;
+    return d + bend * Vector3d(d(0) * d(0), d(0) * d(1), d(1) * d(1));
+  }
 };
 
 /// An Edge is a step edge through the corner, blurred.
@@ -145,14 +154,14 @@ void take_beams(const std::vector<const Beam*>& near, Corner& corner) {
   const Matrix2d units = corner.sides.inverse();
   corner.beams.clear();
   for (const Beam* b : near) {
-    const Vector2d ab = (units * (place_of(*b) - corner.at)).cwiseAbs();
+    const Vector2d ab = (units * corner.away(*b)).cwiseAbs();
     if (ab.maxCoeff() < kReach && ab.minCoeff() < corner.strip) corner.beams.push_back(b);
   }
 }
 
 /// The residual of a beam, and the model's derivative by u, v, mean, half.
 double residual(const Corner& c, const Edge& ea, const Edge& eb, const Beam& beam, Vector4d& j) {
-  const Vector2d away = place_of(beam) - c.at;
+  const Vector2d away = c.away(beam);
   const double a = ea.place(away), b = eb.place(away);
   const double sa = ea.step(a), sb = eb.step(b), da = ea.slope(a), db = eb.slope(b);
   j.head<2>() = -c.half * (da * sb * ea.gradient + sa * db * eb.gradient);
@@ -188,7 +197,7 @@ double step(Corner& c) {
 double unseen(const Corner& c, const Edge& edge) {
   double before = -kReach, after = kReach;
   for (const Beam* beam : c.beams) {
-    const double a = edge.place(place_of(*beam) - c.at);
+    const double a = edge.place(c.away(*beam));
     (a < 0 ? before : after) = a < 0 ? std::max(before, a) : std::min(after, a);
   }
   const double gap = std::max(0., after - before - 3 * edge.sigma);
@@ -335,7 +344,7 @@ void start_levels(const std::vector<const Beam*>& near, Corner& c) {
   double turn = 0;
   c.mean = 0.5 * (low + high);
   for (const Beam* b : c.beams) {
-    const Vector2d ab = c.sides.inverse() * (place_of(*b) - c.at);
+    const Vector2d ab = c.sides.inverse() * c.away(*b);
     turn += (ab(0) * ab(1) > 0 ? 1 : -1) * (b->intensity - c.mean);
   }
   c.half = std::copysign(0.5 * (high - low), turn);
@@ -380,7 +389,7 @@ bool goes_on(const Beams& beams, const BeamPicture& picture, const PlaneView& vi
       const Edge ea(c, 0), eb(c, 1);
       double n = 0, x = 0, y = 0, xx = 0, xy = 0;  // of the line: intensity by A B
       for (const Beam* b : c.beams) {
-        const Vector2d away = place_of(*b) - c.at;
+        const Vector2d away = c.away(*b);
         const double ab = ea.step(ea.place(away)) * eb.step(eb.place(away));
         n += 1, x += ab, y += b->intensity, xx += ab * ab, xy += ab * b->intensity;
       }
@@ -389,46 +398,6 @@ bool goes_on(const Beams& beams, const BeamPicture& picture, const PlaneView& vi
     if (10 * such > 7 * rim.size()) return true;
   }
   return false;
-}
-
-/// Fits all corners with the spot that suits them best together, from a fifth of the beams'
-/// distance on. Keeps those that are as good as the others. Returns whether the squares are there
-/// that were taken for a board.
-bool fit_all(const Beams& beams, std::vector<Corner>& corners) {
-  const std::vector<const Beam*> near = beams_near(beams, corners);
-  for (Corner& c : corners) start_levels(near, c);
-  const Vector2d pitch(beams.step_u, beams.step_v);
-  Vector2d spot = 0.5 * pitch;
-  double best = 0;
-  std::vector<Corner> kept = fitted(near, corners, spot, best);
-  for (const double factor : {1.6, 1.25, 1.1})
-    for (int k = 0; k < 2; ++k)
-      for (const double way : {factor, 1 / factor})
-        for (;;) {
-          Vector2d other = spot;
-          other(k) *= way;
-          if (other(k) < 0.2 * pitch(k) || other(k) > 8 * pitch(k)) break;
-          double squares = 0;
-          std::vector<Corner> with = fitted(near, corners, other, squares);
-          if (with.size() < kept.size() || squares >= best) break;
-          best = squares, spot = other, kept = with;
-        }
-  std::vector<double> contrasts, errors;
-  for (const Corner& c : kept) {
-    contrasts.push_back(std::abs(c.half));
-    errors.push_back(c.squares / static_cast<double>(c.beams.size()));
-  }
-  const double contrast = median(contrasts), error = median(errors);
-  corners.clear();
-  if (std::sqrt(error) > kUnlike * contrast) return false;
-  const Grain grain = grain_of(near, error);
-  for (Corner& c : kept)
-    if (std::abs(c.half) > 0.4 * contrast &&
-        c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
-      c.covariance = covariance_of(c, grain);
-      corners.push_back(c);
-    }
-  return true;
 }
 
 // -------------------------------------------------------------------------------------- the ranges
@@ -469,7 +438,7 @@ std::vector<RangedBeam> bright_beams(const Beams& beams, const std::vector<Corne
     const Corner& c = corners[i];
     const Edge ea(c, 0), eb(c, 1);
     for (const Beam* b : c.beams) {
-      const Vector2d away = place_of(*b) - c.at;
+      const Vector2d away = c.away(*b);
       const double bright =
           std::copysign(1., c.half) * ea.step(ea.place(away)) * eb.step(eb.place(away));
       if (bright < 0.9 || !(b->range > 0)) continue;
@@ -515,6 +484,73 @@ bool fit_plane(std::vector<RangedBeam>& beams, RangePlane& plane) {
   for (RangedBeam& b : beams) b.error = b.beam->range - plane.expected(b.ray);
   return true;
 }
+
+/// How straight lines on the board are bent around the corners. Where nothing has ranges, they stay
+/// as they are.
+void straighten(const Beams& beams, std::vector<Corner>& corners) {
+  constexpr double kStep = 1e-3;
+  std::vector<RangedBeam> paper = bright_beams(beams, corners);
+  RangePlane plane;
+  if (!fit_plane(paper, plane)) return;
+  for (Corner& c : corners) {
+    const auto on_board = [&](double du, double dv) {
+      const Ray ray = beams.ray(c.at(0) + kStep * du, c.at(1) + kStep * dv);
+      return Vector3d(ray.origin + plane.expected(ray) * ray.direction);
+    };
+    Eigen::Matrix<double, 3, 2> first;
+    Matrix3d second;
+    first << on_board(1, 0) - on_board(-1, 0), on_board(0, 1) - on_board(0, -1);
+    second << on_board(1, 0) - 2 * on_board(0, 0) + on_board(-1, 0),
+        0.5 * (on_board(1, 1) - on_board(1, -1) - on_board(-1, 1) + on_board(-1, -1)),
+        on_board(0, 1) - 2 * on_board(0, 0) + on_board(0, -1);
+    const Matrix23d bend = first.colPivHouseholderQr().solve(second) / kStep;
+    if (bend.allFinite()) c.bend = bend;
+  }
+}
+
+/// Fits all corners with the spot that suits them best together, from a fifth of the beams'
+/// distance on. Keeps those that are as good as the others. Returns whether the squares are there
+/// that were taken for a board.
+bool fit_all(const Beams& beams, std::vector<Corner>& corners) {
+  const std::vector<const Beam*> near = beams_near(beams, corners);
+  for (Corner& c : corners) start_levels(near, c);
+  const Vector2d pitch(beams.step_u, beams.step_v);
+  Vector2d spot = 0.5 * pitch;
+  double best = 0;
+  std::vector<Corner> kept = fitted(near, corners, spot, best);
+  for (const double factor : {1.6, 1.25, 1.1})
+    for (int k = 0; k < 2; ++k)
+      for (const double way : {factor, 1 / factor})
+        for (;;) {
+          Vector2d other = spot;
+          other(k) *= way;
+          if (other(k) < 0.2 * pitch(k) || other(k) > 8 * pitch(k)) break;
+          double squares = 0;
+          std::vector<Corner> with = fitted(near, corners, other, squares);
+          if (with.size() < kept.size() || squares >= best) break;
+          best = squares, spot = other, kept = with;
+        }
+  straighten(beams, kept);
+  kept = fitted(near, kept, spot, best);
+  std::vector<double> contrasts, errors;
+  for (const Corner& c : kept) {
+    contrasts.push_back(std::abs(c.half));
+    errors.push_back(c.squares / static_cast<double>(c.beams.size()));
+  }
+  const double contrast = median(contrasts), error = median(errors);
+  corners.clear();
+  if (std::sqrt(error) > kUnlike * contrast) return false;
+  const Grain grain = grain_of(near, error);
+  for (Corner& c : kept)
+    if (std::abs(c.half) > 0.4 * contrast &&
+        c.squares / static_cast<double>(c.beams.size()) < 6 * error + 1e-12) {
+      c.covariance = covariance_of(c, grain);
+      corners.push_back(c);
+    }
+  return true;
+}
+
+// -------------------------------------------------------------------------------------- the points
 
 /// When beams at a place were measured, if time goes along with it: by least squares.
 double time_at(const std::vector<const Beam*>& beams, const Vector2d& at, double& span) {
