@@ -151,7 +151,8 @@ void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
   const int width = sensor.image_width, height = sensor.image_height;
   if (!block || block->values.size() != 4 || width <= 0) return;
   const Intrinsics k = {block->values[0], block->values[1], block->values[2], block->values[3]};
-  if (std::max(k[0], k[1]) > 0 && std::max(k[0], k[1]) < kShortestFocal * width) {
+  // (With a centre in pixels; else the whole is of normalised coordinates.)
+  if (plausible(k, width, height, 0.3) && std::max(k[0], k[1]) < kShortestFocal * width) {
     out.push_back(implausible(
         "intrinsics", sensor.name,
         "The focal lengths of camera " + quoted(sensor.name) +
