@@ -213,7 +213,7 @@ def check_warnings(source):
                 with open(os.path.join(folder, name), encoding="utf-8") as file:
                     code += file.read()
     ids = set(re.findall(r'(?:warnings\.push_back\(\s*|\bWarning)\{"([a-z_0-9]+)",', code))
-    for name in ("warnings.cpp", "noise_warnings.cpp", "trial_warnings.cpp", "input_warnings.cpp", "parameter_warnings.cpp"):
+    for name in ("warnings.cpp", "noise_warnings.cpp", "trial_warnings.cpp", "input_warnings.cpp", "parameter_warnings.cpp", "scale_warnings.cpp"):
         with open(os.path.join(source, "models", "report", name), encoding="utf-8") as file:
             ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{|\bwarning_of\()"([a-z_0-9]+)",', file.read()))
     ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
