@@ -566,7 +566,7 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()
 /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length
 /// in standard deviations.
 bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, double& length) {
-  if (!system.factor(damped_matrix.data())) return false;
+  if (!system.factor(damped_matrix.data(), crew)) return false;
   for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
   system.solve(damped_matrix.data(), right_side.data());
   for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];

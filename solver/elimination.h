@@ -23,8 +23,9 @@ struct GroupStore {
   int private_start = 0;
 };
 
-/// A Piece is a range of groups of the partition, with its sums.
-struct Piece {
+/// A Piece is a range of groups of the partition, with its sums, on cache lines of its own: two
+/// threads write to the sums of two pieces at the same time.
+struct alignas(kCacheLine) Piece {
   int first = 0, last = 0;
   Cost cost;
   bool defined = true, definite = true;
@@ -33,7 +34,7 @@ struct Piece {
 
 /// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are
 /// added to the totals in the pieces' order.
-struct Worker {
+struct alignas(kCacheLine) Worker {
   AlignedNumbers shared;      // C
   AlignedNumbers eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
@@ -41,9 +42,9 @@ struct Worker {
   AlignedNumbers right;              // B of one group
   AlignedNumbers stacked, sums;      // rows of all stacks; minus the sums of their products
   std::vector<int> height;           // of each stack: how many rows there are
-  std::vector<double> block;         // sparse: C of one group
-  std::vector<double> solution;      // private step of one group
-  std::vector<double> touched;       // shared steps of one group's columns
+  AlignedNumbers block;              // sparse: C of one group
+  AlignedNumbers solution;           // private step of one group
+  AlignedNumbers touched;            // shared steps of one group's columns
 };
 
 /// A Stack collects eliminated rows [B_Q | B_a] of groups, over some shared columns and b, to be

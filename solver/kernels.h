@@ -13,6 +13,7 @@
 namespace kincal {
 
 constexpr int kSlack = 8;
+constexpr int kStrip = 48;  // columns that Cholesky's factorisation multiplies at once
 
 /// A block of 9 x 9 has this many numbers: it is padded so that it fills whole cache lines.
 constexpr int kBlockStorage9x9 = 88;
@@ -32,12 +33,20 @@ struct Kernels {
   void (*subtract_product)(double* c, int n, int ldc, const double* a, int depth,
                            std::ptrdiff_t lda);
 
+  /// The same for the first `columns` columns of C only.
+  void (*subtract_columns)(double* c, int n, int columns, int ldc, const double* a, int depth,
+                           std::ptrdiff_t lda);
+
   /// Replaces the lower triangle by its Cholesky factor L; the diagonal then holds 1 / L(i, i).
   /// False if it is not positive definite to rounding.
   bool (*cholesky)(double* a, int n, int ld);
   /// The same for the first `columns` columns only, [L11; L21]; from the triangle behind them it
   /// subtracts L21 L21'. What is above the diagonal there is scratch.
   bool (*partial_cholesky)(double* a, int n, int columns, int ld);
+  /// [L11; L21] alone, of at most kStrip columns: the triangle behind them stays.
+  /// partial_cholesky() is this strip after strip, and the products of each subtracted from all
+  /// that is behind it.
+  bool (*factor_columns)(double* a, int n, int columns, int ld);
   /// These compute b <- L^-1 b and b <- L^-T b with such a factor (b has slack).
   void (*solve_lower)(const double* factor, int n, int ld, double* b);
   void (*solve_lower_transposed)(const double* factor, int n, int ld, double* b);

@@ -136,7 +136,7 @@ void subtract_product(double* c, int n, int ldc, const double* a, int depth, std
 // ---- cholesky: strips of kStrip columns, of panels of kPanel columns; the rest of the strip is
 // updated after each panel, the rest of the matrix after each strip.
 
-constexpr int kPanel = 16, kStrip = 48;
+constexpr int kPanel = 16;
 
 inline double root(double x) { return __builtin_sqrt(x); }
 
@@ -214,27 +214,31 @@ inline void solve_below_few(const double* corner, int columns, double* x, int ld
   }
 }
 
+bool factor_columns(double* a, int n, int columns, int ld) {
+  for (int k = 0; k < columns; k += kPanel) {
+    const int end = k + kPanel < columns ? k + kPanel : columns, width = end - k;
+    double* corner = a + k + static_cast<std::ptrdiff_t>(k) * ld;
+    if (!cholesky_corner(corner, width, ld)) return false;
+    if (end == n) return true;
+    for (int i = width; i < n - k; i += kLanes) {
+      if (width == kPanel)
+        solve_below(corner, corner + i, ld);
+      else
+        solve_below_few(corner, width, corner + i, ld);
+    }
+    subtract_columns(corner + width * (static_cast<std::ptrdiff_t>(ld) + 1), n - end, columns - end,
+                     ld, corner + width, width, ld);
+  }
+  return true;
+}
+
 bool partial_cholesky(double* a, int n, int columns, int ld) {
   for (int strip = 0; strip < columns; strip += kStrip) {
-    const int strip_end = strip + kStrip < columns ? strip + kStrip : columns;
-    for (int k = strip; k < strip_end; k += kPanel) {
-      const int end = k + kPanel < columns ? k + kPanel : columns, width = end - k;
-      double* corner = a + k + static_cast<std::ptrdiff_t>(k) * ld;
-      if (!cholesky_corner(corner, width, ld)) return false;
-      if (end == n) return true;
-      for (int i = width; i < n - k; i += kLanes) {
-        if (width == kPanel)
-          solve_below(corner, corner + i, ld);
-        else
-          solve_below_few(corner, width, corner + i, ld);
-      }
-      subtract_columns(corner + width * (static_cast<std::ptrdiff_t>(ld) + 1), n - end,
-                       strip_end - end, ld, corner + width, width, ld);
-    }
-    double* rest = a + strip_end * (static_cast<std::ptrdiff_t>(ld) + 1);
-    subtract_product(rest, n - strip_end, ld,
-                     a + strip_end + static_cast<std::ptrdiff_t>(strip) * ld, strip_end - strip,
-                     ld);
+    const int width = strip + kStrip < columns ? kStrip : columns - strip, behind = strip + width;
+    double* corner = a + strip * (static_cast<std::ptrdiff_t>(ld) + 1);
+    if (!factor_columns(corner, n - strip, width, ld)) return false;
+    subtract_product(a + behind * (static_cast<std::ptrdiff_t>(ld) + 1), n - behind, ld,
+                     corner + width, width, ld);
   }
   return true;
 }
@@ -509,8 +513,10 @@ extern const Kernels kKernels;
 const Kernels kKernels = {KINCAL_ISA_NAME,
                           gram,
                           subtract_product,
+                          subtract_columns,
                           cholesky,
                           partial_cholesky,
+                          factor_columns,
                           solve_lower,
                           solve_lower_transposed,
                           solve_rows,

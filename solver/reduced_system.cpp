@@ -424,8 +424,30 @@ MatrixXd ReducedSystem::full(const double* values) const {
   return m.selfadjointView<Eigen::Lower>();
 }
 
-bool ReducedSystem::factor(double* values) {
-  if (dense_) return kernels().cholesky(values, n_, ld_);
+/// Columns from which on a crew saves more than it costs to call it once a strip.
+constexpr int kShared = 300;
+
+/// Kernels::cholesky() by a crew, which shares the columns behind each strip: the same bits. Who
+/// has the next strip's columns factors them at once, while the others are at work on the rest.
+static bool factor_together(double* a, int n, int ld, Crew& crew) {
+  bool definite = kernels().factor_columns(a, n, std::min(kStrip, n), ld);
+  for (int strip = 0; definite && strip + kStrip < n; strip += kStrip) {
+    double* corner = a + strip * (static_cast<std::ptrdiff_t>(ld) + 1);
+    crew.run((n - strip - 1) / kStrip, [&](int piece, int) {
+      const int first = (piece + 1) * kStrip, rows = n - strip - first,
+                columns = std::min(kStrip, rows);
+      double* block = corner + first * (static_cast<std::ptrdiff_t>(ld) + 1);
+      kernels().subtract_columns(block, rows, columns, ld, corner + first, kStrip, ld);
+      if (piece == 0) definite = kernels().factor_columns(block, rows, columns, ld);
+    });
+  }
+  return definite;
+}
+
+bool ReducedSystem::factor(double* values, Crew& crew) {
+  if (dense_)
+    return n_ > kShared && crew.size() > 1 ? factor_together(values, n_, ld_, crew)
+                                           : kernels().cholesky(values, n_, ld_);
   return fronts_ ? fronts_->factor(values) : cholmod_->compute(values);
 }
 

@@ -19,6 +19,7 @@
 
 #include "problem.h"
 #include "sparse_cholesky.h"
+#include "threads.h"
 
 namespace kincal {
 
@@ -96,8 +97,8 @@ class ReducedSystem {
   MatrixXd full(const double* values) const;
 
   /// Factors the matrix; false if it is not positive definite to rounding. A dense system is
-  /// factored in place, without allocation.
-  bool factor(double* values);
+  /// factored in place, without allocation, by the whole crew if it is large: the same bits.
+  bool factor(double* values, Crew& crew);
   /// Solves S x = b in place, after factor(); b has kSlack numbers behind its n.
   void solve(const double* factored, double* b);
 

@@ -118,14 +118,10 @@ int import_poses(const ImportArguments& a) {
                      ": say both, what saw and what was seen, or neither");
   const std::vector<FlangePose> poses =
       read_flange_poses(a.file, pose_format(a.pose_format), pose_unit(a.unit));
-  constexpr double kFar = 20;  // m: no robot reaches so far
-  for (const FlangePose& one : poses)
-    if (one.pose.translation.norm() > kFar) {
-      std::cerr << "kincal: warning: " << a.file << ": a pose is "
-                << static_cast<int>(one.pose.translation.norm())
-                << " m away: if lengths are in mm, take --unit mm\n";
-      break;
-    }
+  std::vector<Pose> all;
+  for (const FlangePose& one : poses) all.push_back(one.pose);
+  if (const std::string doubt = doubt_of_unit(a.file, all); !doubt.empty())
+    std::cerr << "kincal: warning: " << doubt << "\n";
   const std::string text = flange_lines(poses, a.sensor, a.target);
   if (a.out.empty()) {
     std::cout << text;

@@ -16,6 +16,7 @@ namespace kincal {
 namespace {
 
 constexpr double kDegree = kPi / 180;
+constexpr double kFar = 20;      // m: no robot reaches so far
 constexpr double kRound = 1e-2;  // how far from a rotation rounded numbers may be
 
 using Row = std::vector<double>;
@@ -60,11 +61,16 @@ std::string lower(std::string text) {
   return text;
 }
 
-/// Cells between commas, semicolons, tabs or blanks, whichever the line has first of these.
+/// Cells between semicolons, tabs, commas or blanks, whichever of these the line has first. A pose
+/// as robots of Universal Robots write it, p[x, y, z, rx, ry, rz], is its numbers.
 Cells cells_of_line(std::string line) {
   if (!line.empty() && line.back() == '\r') line.pop_back();
+  if (const size_t p = line.find("p["); p != std::string::npos && line.back() == ']') {
+    line.erase(p, 2);
+    line.pop_back();
+  }
   char separator = ' ';
-  for (const char c : {',', '\t', ';'})
+  for (const char c : {',', '\t', ';'})  // the last of these: commas may be decimal ones
     if (line.find(c) != std::string::npos) separator = c;
   Cells cells;
   std::istringstream in(line);
@@ -80,8 +86,10 @@ Cells cells_of_line(std::string line) {
 
 bool is_header(const Cells& cells) {
   double ignored = 0;
-  return std::none_of(cells.begin(), cells.end(),
-                      [&](const std::string& cell) { return read_number(cell, ignored); });
+  return std::none_of(cells.begin(), cells.end(), [&](std::string cell) {
+    std::replace(cell.begin(), cell.end(), ',', '.');  // a decimal comma
+    return read_number(cell, ignored);
+  });
 }
 
 /// Which column of a table has what; -1: none has it.
@@ -161,7 +169,8 @@ bool is_file_name(const std::string& text) {
 double number_of_cell(const std::string& text, const std::string& where) {
   double value = 0;
   if (!read_number(text, value))
-    throw InputError(where + ": a finite number is expected, not '" + text + "'");
+    throw InputError(where + ": a finite number is expected, not '" + text + "'" +
+                     (text.find(',') != std::string::npos ? "; write a point, not a comma" : ""));
   return value;
 }
 
@@ -288,6 +297,14 @@ std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFor
   }
   if (out.empty()) throw InputError(path + ": no pose in it");
   return out;
+}
+
+std::string doubt_of_unit(const std::string& path, const std::vector<Pose>& poses) {
+  for (const Pose& pose : poses)
+    if (pose.translation.norm() > kFar)
+      return path + ": a pose is " + std::to_string(static_cast<long>(pose.translation.norm())) +
+             " m away: if lengths are in mm, take --unit mm";
+  return "";
 }
 
 }  // namespace kincal

@@ -48,4 +48,8 @@ struct FlangePose {
 std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFormat& format,
                                           double length);
 
+/// Returns what to say of the unit of a file's lengths if a pose is farther away than robots reach,
+/// else "".
+std::string doubt_of_unit(const std::string& path, const std::vector<Pose>& poses);
+
 }  // namespace kincal

@@ -17,6 +17,7 @@
 #include "../document/error.h"
 #include "../document/files.h"
 #include "../document/names.h"
+#include "../exchange/poses.h"
 #include "../results/json_values.h"
 #include "detect.h"
 #include "finders.h"
@@ -410,6 +411,11 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
       out.notes.push_back(first->where + ": no reading of joint '" + joint +
                           "': what depends on it cannot be calibrated from these samples");
   }
+  std::vector<Pose> flange;
+  for (const JointRow& row : rows)
+    for (const auto& [name, value] : row.poses) flange.push_back(value);
+  if (const std::string doubt = doubt_of_unit(options.joints, flange); !doubt.empty())
+    out.notes.push_back(doubt);
   out.lost.insert(out.lost.begin(), without.begin(), without.end());
   return out;
 }

@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "../../solver/aligned.h"
 #include "../../solver/problem.h"
 #include "bundle_kernels.h"
 
@@ -52,10 +53,10 @@ class BundleAdjustment final : public RangeProblem {
   bool renew(const VectorXd&) override { return false; }
 
  private:
-  struct Scratch {
-    std::vector<double> rows;   // kObservationNumbers an observation of the range at hand
-    std::vector<double> steps;  // kCameraNumbers a camera
-    int first = 0;              // its first observation
+  struct alignas(kCacheLine) Scratch {  // one worker's
+    std::vector<double> rows;           // kObservationNumbers an observation of the range at hand
+    std::vector<double> steps;          // kCameraNumbers a camera
+    int first = 0;                      // its first observation
     bool defined = true;
   };
 

@@ -23,7 +23,7 @@ struct PathAtState {
 };
 
 /// Scratch is one worker's memory for the sample at hand.
-struct Scratch {
+struct alignas(kCacheLine) Scratch {
   std::vector<Pose> motion;     // by joint
   std::vector<Pose> moved;      // by joint: origin * motion, parent_T_child
   std::vector<double> reading;  // by joint, error included

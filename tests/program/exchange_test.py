@@ -591,6 +591,8 @@ class Poses(Case):
         self.write("p.csv", "\ufeffimage,x,y,z,rx,ry,rz\r\nb.png,0.1,0.2,0.3,0,0,0\r\n")  # as Excel saves it
         line = self.lines("p.csv", "--pose-format", "rotvec")[0]
         self.assertEqual((line["image"], line["joints"]["flange"]["xyz"]), ("b.png", [0.1, 0.2, 0.3]))
+        self.write("p.csv", "p[0.1, 0.2, 0.3, 0, 0, 0]\n")  # as Universal Robots writes it
+        self.assertEqual(self.lines("p.csv", "--pose-format", "rotvec")[0]["joints"]["flange"]["xyz"], [0.1, 0.2, 0.3])
         self.write("p.csv", "a.png;100;200;300;0;0;0;1\n")
         line = self.lines("p.csv", "--pose-format", "xyzw", "--unit", "mm")[0]
         self.assertEqual((line["id"], line["image"]), ("a", "a.png"))
@@ -607,6 +609,7 @@ class Poses(Case):
                 ("0,0,0,1,0,0\n0,0,0,1,0\n", ["--pose-format", "rotvec"], ("p.csv:2", "5 cells")),
                 ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
                 ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
+                ("0,1;0,2;0,3;0,5;0,5;0,5\n", ["--pose-format", "rotvec"], ("p.csv:1: x", "'0,1'", "write a point")),
                 ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
                 ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
                 ("", ["--pose-format", "rpy"], ("no pose",)),

@@ -6,8 +6,8 @@
 // subtract() with and without an array of diagonal blocks, origin(), diagonal_origin(),
 // add_diagonal_blocks(), accumulate(), clear() and add_to_diagonal() mean the same matrix; nothing
 // is written behind the arrays; the solution is that of a plain Cholesky; an indefinite matrix is
-// refused and does no harm to the next; what `automatic` chooses. Does not prove: anything about
-// time or fill.
+// refused and does no harm to the next; what `automatic` chooses; a crew factors to the same bits
+// as one thread. Does not prove: anything about time or fill.
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -186,17 +186,18 @@ void check(const Structure& s, int depth, bool light, Random& random) {
     CHECK(difference(system.full(single.data()), entries) == 0);
 
     // Factors: one that is refused, then twice one that is not.
+    Crew alone(1);
     if (n > 0) {
       std::vector<double> indefinite = values.all;
       system.add_to_diagonal(indefinite.data(), n / 2, -whole(n / 2, n / 2) - 1);
-      CHECK_FALSE(system.factor(indefinite.data()));
+      CHECK_FALSE(system.factor(indefinite.data(), alone));
     }
     const VectorXd right = VectorXd::NullaryExpr(n, [&] { return random.normal(); });
     const Eigen::LLT<MatrixXd> llt(whole);
     REQUIRE((n == 0 || llt.info() == Eigen::Success));
     for (int again = 0; again < 2; ++again) {
       std::vector<double> factored = values.all;
-      REQUIRE(system.factor(factored.data()));
+      REQUIRE(system.factor(factored.data(), alone));
       std::vector<double> x(right.data(), right.data() + n);
       x.resize(n + kSlack, 0.0);
       system.solve(factored.data(), x.data());
@@ -306,4 +307,35 @@ TEST_CASE(
   CHECK_FALSE(ReducedSystem(410, with_priors, LinearSolver::automatic,
                             {false, static_cast<int>(large.size())})
                   .dense());
+}
+
+TEST_CASE("reduced system: a crew factors a large dense system to the same bits") {
+  Random random(41);
+  for (const int n : {301, 336, 441}) {
+    const RowMatrix a = RowMatrix::NullaryExpr(n, n + 20, [&] { return random.normal(); });
+    const MatrixXd whole = a * a.transpose();
+    GroupShape group;
+    for (int c = 0; c < n; ++c) group.columns.push_back(c);
+    group.rows = n;
+    const std::vector<GroupShape> groups = {group};
+    ReducedSystem system(n, groups, LinearSolver::dense);
+    std::vector<double> values(system.storage(), 0.0);
+    for (int j = 0; j < n; ++j)
+      for (int i = j; i < n; ++i) values[system.origin()[j] + i] = whole(i, j);
+    Crew alone(1);
+    std::vector<double> expected = values;
+    REQUIRE(system.factor(expected.data(), alone));
+    for (const int threads : {2, 3, 7}) {
+      Crew crew(threads);
+      std::vector<double> factored = values, indefinite = values;
+      system.add_to_diagonal(indefinite.data(), n - 60, -whole(n - 60, n - 60) - 1);
+      CHECK_FALSE(system.factor(indefinite.data(), crew));
+      REQUIRE(system.factor(factored.data(), crew));
+      bool same = true;
+      for (int j = 0; j < n; ++j)
+        for (int i = j; i < n; ++i)
+          same = same && factored[system.origin()[j] + i] == expected[system.origin()[j] + i];
+      CHECK(same);
+    }
+  }
 }
