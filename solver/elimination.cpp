@@ -47,27 +47,22 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       system(n, groups, linear_solver, {ranges != nullptr, p.prior_group()}),
       crew(std::max(1, threads)) {
   problem.set_workers(crew.size());
-  size_t rows_size = 0, factor_size = 0, largest_rows = 0, largest_factor = 0;
+  size_t rows_size = 0, largest_rows = 0;
   stores.resize(groups.size());
   for (size_t g = 0; g < groups.size(); ++g) {
     const int k = groups[g].private_size;
-    stores[g] = {rows_size, factor_size, private_size};
-    const size_t r = static_cast<size_t>(k) * stride(g), f = static_cast<size_t>(k) * (k + kSlack);
+    stores[g] = {rows_size, private_size};
+    const size_t r = static_cast<size_t>(k) * stride(g);
     rows_size += r;
-    factor_size += f;
     largest_rows = std::max(largest_rows, r);
-    largest_factor = std::max(largest_factor, f);
     if (static_cast<int>(g) != p.prior_group())
       widest = std::max(widest, static_cast<int>(groups[g].columns.size()));
     deepest = std::max(deepest, k);
     private_size += k;
     rows += groups[g].rows;
   }
-  if (!ranges) {
-    // They are not filled: the thread that works on a group touches its memory first.
-    group_rows.reset(new double[rows_size + kSlack]);
-    group_factors.reset(new double[factor_size + kSlack]);
-  }
+  // They are not filled: the thread that works on a group touches its memory first.
+  if (!ranges) group_rows.reset(new double[rows_size + kSlack]);
   place_pieces();
   if (system.stacks()) place_stacks();
   for (int i = 0; i < std::max(widest, n); ++i) {
@@ -80,10 +75,8 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     w.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
     w.gradient.setZero(n);
     w.eliminated_gradient.setZero(n);
-    if (ranges) {
-      w.rows.resize(largest_rows * RangeProblem::kRange + kSlack);
-      w.factor.resize(largest_factor * RangeProblem::kRange + kSlack);
-    }
+    if (ranges) w.rows.resize(largest_rows * RangeProblem::kRange + kSlack);
+    w.factor.resize(static_cast<size_t>(deepest) * (deepest + kSlack) + kSlack);
     w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
     if (!stacks.empty()) {
       const Stack& last = stacks.back();
@@ -103,7 +96,7 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
   for (VectorXd* v :
        {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale})
     v->setZero(n);
-  for (VectorXd* v : {&private_step, &private_scale, &first_private_scale})
+  for (VectorXd* v : {&private_step, &private_scale, &first_private_scale, &factor_diagonal})
     v->setZero(private_size);
   right_side.assign(n + kSlack, 0.0);
 }
@@ -215,12 +208,10 @@ bool Arrowhead::evaluate(const VectorXd& state, Cost& cost) {
   return defined && std::isfinite(cost.doubled);
 }
 
-Arrowhead::GroupArrays Arrowhead::arrays_of(size_t g, int first, int worker) {
-  Worker& w = workers[worker];
-  return ranges ? GroupArrays{w.rows.data() + (stores[g].rows - stores[first].rows),
-                              w.factor.data() + (stores[g].factor - stores[first].factor)}
-                : GroupArrays{group_rows.get() + stores[g].rows,
-                              group_factors.get() + stores[g].factor};
+/// Where the rows of a group are, which is of the range that begins with `first`.
+double* Arrowhead::rows_of(size_t g, int first, int worker) {
+  return ranges ? workers[worker].rows.data() + (stores[g].rows - stores[first].rows)
+                : group_rows.get() + stores[g].rows;
 }
 
 /// Equations of groups first .. last - 1 (of one range): rows to their arrays, C and b to the
@@ -230,7 +221,7 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
   if (ranges) ranges->prepare_range(first, last, state, worker);
   for (int g = first; g < last; ++g) {
     const int k = groups[g].private_size;
-    double* rows_of_group = arrays_of(g, first, worker).rows;
+    double* rows_of_group = rows_of(g, first, worker);
     std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
     GroupEquations to{
         rows_of_group,    stride(g), w.shared.data(), system.origin(), groups[g].columns.data(),
@@ -257,37 +248,62 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
   return true;
 }
 
-/// Factor of the damped private block of a group, whose rows are `width` apart; false if it is not
-/// positive definite to rounding.
-bool Arrowhead::factor_private(size_t g, const GroupArrays& at, int width, double lambda) {
+/// Factors the damped private block of a group, whose rows are `width` apart, in the worker's
+/// scratch; false if it is not positive definite to rounding.
+bool Arrowhead::factor_private(size_t g, const double* group, int width, double lambda,
+                               int worker) {
+  double* factor = workers[worker].factor.data();
   const int k = groups[g].private_size, ld = k + kSlack;
   for (int j = 0; j < k; ++j)
     for (int i = j; i < k; ++i)
-      at.factor[i + static_cast<size_t>(j) * ld] = at.rows[static_cast<size_t>(j) * width + i];
+      factor[i + static_cast<size_t>(j) * ld] = group[static_cast<size_t>(j) * width + i];
   for (int i = 0; i < k; ++i) {
     const double scale = private_scale(stores[g].private_start + i);
-    at.factor[i + static_cast<size_t>(i) * ld] +=
+    factor[i + static_cast<size_t>(i) * ld] +=
         scale > 0 ? lambda * scale : 1.0;  // a column of zeros: its step is 0
   }
-  return kernels().cholesky(at.factor, k, ld);
+  return kernels().cholesky(factor, k, ld);
+}
+
+/// Keeps the worker's factor in the group's rows, for the substitution: what is below the diagonal
+/// of its column j in row k - 1 - j, which has as many numbers below the diagonal of P.
+void Arrowhead::keep_factor(size_t g, double* group, int worker) {
+  const int k = groups[g].private_size, ld = k + kSlack, width = stride(g);
+  const double* from = workers[worker].factor.data();
+  double* to = group + static_cast<std::ptrdiff_t>(k - 1) * width;
+  for (int j = 0; j < k; ++j, from += ld + 1, to -= width) {
+    factor_diagonal(stores[g].private_start + j) = from[0];
+    for (int i = 1; i < k - j; ++i) to[i - 1] = from[i];
+  }
+}
+
+void Arrowhead::fetch_factor(size_t g, const double* group, int worker) {
+  const int k = groups[g].private_size, ld = k + kSlack, width = stride(g);
+  const double* from = group + static_cast<std::ptrdiff_t>(k - 1) * width;
+  double* to = workers[worker].factor.data();
+  for (int j = 0; j < k; ++j, from -= width, to += ld + 1) {
+    to[0] = factor_diagonal(stores[g].private_start + j);
+    for (int i = 1; i < k - j; ++i) to[i] = from[i - 1];
+  }
 }
 
 /// Eliminates the private unknowns of a group into the piece.
-bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker) {
+bool Arrowhead::eliminate_group(size_t g, double* group, double lambda, int worker) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size()),
             width = stride(g);
   if (k == 0) return true;
-  if (!factor_private(g, at, width, lambda)) return false;
+  if (!factor_private(g, group, width, lambda, worker)) return false;
+  if (!ranges) keep_factor(g, group, worker);
   if (!stacks.empty()) {
-    eliminate_onto(stacks[stack_of[g]], g, at, worker);
+    eliminate_onto(stacks[stack_of[g]], g, group, worker);
     return true;
   }
   Worker& w = workers[worker];
   const int right_width = padded(m + 1);
   for (int i = 0; i < k; ++i)
-    std::copy_n(at.rows + static_cast<size_t>(i) * width + k, m + 1,
+    std::copy_n(group + static_cast<size_t>(i) * width + k, m + 1,
                 w.right.data() + i * right_width);
-  kernels().solve_rows(at.factor, k, k + kSlack, w.right.data(), m + 1, right_width);
+  kernels().solve_rows(w.factor.data(), k, k + kSlack, w.right.data(), m + 1, right_width);
   if (system.in_blocks())
     system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, w.eliminated.data(),
                            w.eliminated_gradient.data());
@@ -298,7 +314,7 @@ bool Arrowhead::eliminate_group(size_t g, const GroupArrays& at, double lambda, 
 }
 
 /// Adds the group's eliminated rows to a stack, whose columns are the group's or all.
-void Arrowhead::eliminate_onto(const Stack& stack, size_t g, const GroupArrays& at, int worker) {
+void Arrowhead::eliminate_onto(const Stack& stack, size_t g, const double* group, int worker) {
   Worker& w = workers[worker];
   const std::vector<int>& columns = groups[g].columns;
   const int k = groups[g].private_size, m = static_cast<int>(columns.size());
@@ -308,9 +324,9 @@ void Arrowhead::eliminate_onto(const Stack& stack, size_t g, const GroupArrays& 
   double* solved = same ? top : w.right.data();
   const int apart = same ? stack.ld : padded(m + 1);
   for (int i = 0; i < k; ++i)
-    std::copy_n(at.rows + static_cast<size_t>(i) * stride(g) + k, m + 1,
+    std::copy_n(group + static_cast<size_t>(i) * stride(g) + k, m + 1,
                 solved + static_cast<std::ptrdiff_t>(i) * apart);
-  kernels().solve_rows(at.factor, k, k + kSlack, solved, m + 1, apart);
+  kernels().solve_rows(w.factor.data(), k, k + kSlack, solved, m + 1, apart);
   for (int i = 0; i < k && !same; ++i) {
     double* to = top + static_cast<std::ptrdiff_t>(i) * stack.ld;
     const double* from = solved + static_cast<std::ptrdiff_t>(i) * apart;
@@ -382,17 +398,17 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
     const int last = std::min(p.last, first + RangeProblem::kRange);
     if (fresh && !linearise_range(p, first, last, state, worker)) p.defined = false;
     for (int g = first; g < last && p.defined; ++g) {
-      const GroupArrays at = arrays_of(g, first, worker);
+      double* group = rows_of(g, first, worker);
       if (pass.linearise)
         for (int i = 0; i < groups[g].private_size; ++i) {
           const int place = stores[g].private_start + i;
-          private_scale(place) = scale_of(at.rows[static_cast<size_t>(i) * stride(g) + i],
+          private_scale(place) = scale_of(group[static_cast<size_t>(i) * stride(g) + i],
                                           first_private_scale(place), pass.first_scales);
         }
       if (pass.linearise && curved)
-        kernels().add(at.rows, rows_curvature.data() + stores[g].rows,
+        kernels().add(group, rows_curvature.data() + stores[g].rows,
                       static_cast<std::ptrdiff_t>(groups[g].private_size) * stride(g));
-      if (pass.eliminate) p.definite = p.definite && eliminate_group(g, at, pass.lambda, worker);
+      if (pass.eliminate) p.definite = p.definite && eliminate_group(g, group, pass.lambda, worker);
     }
   }
   if (pass.eliminate) add_stacks(worker);
@@ -579,7 +595,7 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
       const int last = std::min(p.last, first + RangeProblem::kRange);
       if (ranges) substitute_range(p, first, last, state, lambda, worker);
       for (int g = first; g < last && !ranges; ++g)
-        substitute(p, g, arrays_of(g, first, worker), lambda, worker);
+        substitute(p, g, rows_of(g, first, worker), lambda, worker);
     }
   });
   for (const Piece& p : fine_pieces) {
@@ -592,15 +608,16 @@ bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, dou
   return std::isfinite(promised) && shared_step.allFinite() && private_step.allFinite();
 }
 
-void Arrowhead::substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker) {
+void Arrowhead::substitute(Piece& p, size_t g, const double* group, double lambda, int worker) {
   const int k = groups[g].private_size, m = static_cast<int>(groups[g].columns.size());
   if (k == 0) return;
+  fetch_factor(g, group, worker);
   double* d = workers[worker].solution.data();
   const int* column = groups[g].columns.data();
   double* touched = workers[worker].touched.data();
   for (int j = 0; j < m; ++j) touched[j] = shared_step(column[j]);
   for (int i = 0; i < k; ++i) {
-    const double* row = at.rows + static_cast<size_t>(i) * stride(g) + k;
+    const double* row = group + static_cast<size_t>(i) * stride(g) + k;
     double totals[4] = {row[m], 0, 0, 0};  // sums that do not wait for each other
     int j = 0;
     for (; j + 4 <= m; j += 4)
@@ -608,7 +625,7 @@ void Arrowhead::substitute(Piece& p, size_t g, const GroupArrays& at, double lam
     for (; j < m; ++j) totals[0] += row[j] * touched[j];
     d[i] = -((totals[0] + totals[1]) + (totals[2] + totals[3]));
   }
-  private_steps(p, g, at.factor, {at.rows + k + m, stride(g)}, d, lambda);
+  private_steps(p, g, {group + k + m, stride(g)}, lambda, worker);
 }
 
 /// substitute() for the groups of a range, from [P | a | a + Q dx] that the problem computes again.
@@ -619,17 +636,18 @@ void Arrowhead::substitute_range(Piece& p, int first, int last, const VectorXd& 
   double* group = w.rows.data();
   for (int g = first; g < last; ++g) {
     const int k = groups[g].private_size, width = k + 2;
-    p.definite = factor_private(g, {group, w.factor.data()}, width, lambda) && p.definite;
+    p.definite = factor_private(g, group, width, lambda, worker) && p.definite;
     for (int i = 0; i < k; ++i) w.solution[i] = -group[static_cast<size_t>(i) * width + k + 1];
-    private_steps(p, g, w.factor.data(), {group + k, width}, w.solution.data(), lambda);
+    private_steps(p, g, {group + k, width}, lambda, worker);
     group += static_cast<size_t>(k) * width;
   }
 }
 
-/// Steps of a group from d = -(a + Q dx).
-void Arrowhead::private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d,
-                              double lambda) {
+/// Steps of a group from d = -(a + Q dx), the worker's solution, and its factor.
+void Arrowhead::private_steps(Piece& p, size_t g, const Column& a, double lambda, int worker) {
   const int k = groups[g].private_size, start = stores[g].private_start;
+  const double* factor = workers[worker].factor.data();
+  double* d = workers[worker].solution.data();
   kernels().solve_lower(factor, k, k + kSlack, d);
   kernels().solve_lower_transposed(factor, k, k + kSlack, d);
   for (int i = 0; i < k; ++i) {

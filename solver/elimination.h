@@ -16,10 +16,11 @@
 namespace kincal {
 
 /// A GroupStore says where one group keeps its numbers between linearisation and substitution: its
-/// rows [P Q a] and the factor of the damped P, as offsets into arenas. The groups of a
-/// RangeProblem keep nothing; their offsets are into the worker's scratch.
+/// rows [P Q a], in whose lower triangle of P the factor of the damped P is kept, as an offset into
+/// an arena. The groups of a RangeProblem keep nothing; their offsets are into the worker's
+/// scratch.
 struct GroupStore {
-  size_t rows = 0, factor = 0;
+  size_t rows = 0;
   int private_start = 0;
 };
 
@@ -38,13 +39,14 @@ struct alignas(kCacheLine) Worker {
   AlignedNumbers shared;      // C
   AlignedNumbers eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
-  std::vector<double> rows, factor;  // of a RangeProblem: of kRange groups
-  AlignedNumbers right;              // B of one group
-  AlignedNumbers stacked, sums;      // rows of all stacks; minus the sums of their products
-  std::vector<int> height;           // of each stack: how many rows there are
-  AlignedNumbers block;              // sparse: C of one group
-  AlignedNumbers solution;           // private step of one group
-  AlignedNumbers touched;            // shared steps of one group's columns
+  std::vector<double> rows;      // of a RangeProblem: of kRange groups
+  AlignedNumbers factor;         // of the damped P of one group
+  AlignedNumbers right;          // B of one group
+  AlignedNumbers stacked, sums;  // rows of all stacks; minus the sums of their products
+  std::vector<int> height;       // of each stack: how many rows there are
+  AlignedNumbers block;          // sparse: C of one group
+  AlignedNumbers solution;       // private step of one group
+  AlignedNumbers touched;        // shared steps of one group's columns
 };
 
 /// A Stack collects eliminated rows [B_Q | B_a] of groups, over some shared columns and b, to be
@@ -102,9 +104,6 @@ class Arrowhead {
   VectorXd shared_scale, private_scale;
 
  private:
-  struct GroupArrays {
-    double *rows, *factor;
-  };
   /// A Pass over all groups: what it does.
   struct Pass {
     bool linearise, eliminate, first_scales;
@@ -130,24 +129,25 @@ class Arrowhead {
   template <class Work>
   void over(std::vector<Piece>& partition, const Work& work);
   bool evaluate_each(Piece& p, const VectorXd& state, int worker) const;
-  GroupArrays arrays_of(size_t g, int first, int worker);
+  double* rows_of(size_t g, int first, int worker);
   bool linearise_beside(const VectorXd& state);
   void bend_private(size_t g, int k);
   void bend_shared(int k);
   void pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker, Cost& cost);
   Assembly run(const VectorXd& state, const Pass& pass, Cost& cost);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
-  bool factor_private(size_t g, const GroupArrays& at, int width, double lambda);
-  bool eliminate_group(size_t g, const GroupArrays& at, double lambda, int worker);
-  void eliminate_onto(const Stack& stack, size_t g, const GroupArrays& at, int worker);
+  bool factor_private(size_t g, const double* rows, int width, double lambda, int worker);
+  void keep_factor(size_t g, double* rows, int worker);
+  void fetch_factor(size_t g, const double* rows, int worker);
+  bool eliminate_group(size_t g, double* rows, double lambda, int worker);
+  void eliminate_onto(const Stack& stack, size_t g, const double* rows, int worker);
   void clear_eliminated(int worker);
   void multiply(int stack, int worker);
   void add_stacks(int worker);
-  void substitute(Piece& p, size_t g, const GroupArrays& at, double lambda, int worker);
+  void substitute(Piece& p, size_t g, const double* rows, double lambda, int worker);
   void substitute_range(Piece& p, int first, int last, const VectorXd& state, double lambda,
                         int worker);
-  void private_steps(Piece& p, size_t g, const double* factor, const Column& a, double* d,
-                     double lambda);
+  void private_steps(Piece& p, size_t g, const Column& a, double lambda, int worker);
 
   Crew crew;
   std::vector<Piece> pieces, fine_pieces;
@@ -155,7 +155,7 @@ class Arrowhead {
   std::vector<GroupStore> stores;
   std::vector<Stack> stacks;
   std::vector<int> stack_of;  // by group
-  std::unique_ptr<double[]> group_rows, group_factors;
+  std::unique_ptr<double[]> group_rows;
   bool curved = false;
   std::vector<double> rows_curvature, shared_curvature;  // in places of group_rows, shared_matrix
   Linearisation here;                                    // of find_curvature()
@@ -166,6 +166,7 @@ class Arrowhead {
   AlignedNumbers shared_matrix, eliminated_blocks;
   std::vector<double> right_side;
   VectorXd shared_gradient, first_shared_scale, first_private_scale;
+  VectorXd factor_diagonal;  // of the factors of all P, inverse
 };
 
 }  // namespace kincal
