@@ -94,6 +94,7 @@ std::string in_program_words(std::string message) {
   replace("number take up another mistake? Look for mistakes",
           "number take up another mistake? Look for mistakes (kincal check)");
   replace("look for mistakes before", "look for mistakes (kincal check) before");
+  replace("look for the usual mistakes", "look for the usual mistakes (kincal check)");
   replace("have the noise estimated", "give --estimate-noise");
   for (const auto& [mark, option] : {std::pair("(`fix`)", "(--fix)"), {"(`free`)", "(--free)"}})
     while (message.find(mark) != std::string::npos) replace(mark, option);

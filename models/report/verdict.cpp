@@ -198,7 +198,7 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "implausible") return "correct that, and calibrate again";
   if (id == "width")
     return "compare what the rig says of these numbers with the robot, and the readings with its "
-           "own display; `kincal check` tries the usual mistakes";
+           "own display, and look for the usual mistakes";
   if (id == "prior" && !report.automatic.empty() && report.doubted.empty())
     return "is the robot off there by as much, or does this number take up another mistake? Look "
            "for mistakes";
