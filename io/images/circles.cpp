@@ -1,9 +1,11 @@
-// Grids of circles: found by OpenCV, the middles of the ellipses corrected to the circles' centres.
+// Grids of circles: found by OpenCV, the middles of their images corrected to the circles' centres.
 //
-// The centre of a circle does not project into the middle of its ellipse when it is seen obliquely.
-// With H the homography from the plane and C = H diag(1, 1, -rho^2) H^T (moved to the circle's
-// place) as its dual conic, the middle of the ellipse is (C13, C23) / C33; the centre is H (x, y,
-// 1). Their difference, with rho from the area of the blobs, is taken off.
+// The centre of a circle does not project into the middle of its image when it is seen obliquely
+// (then that is an ellipse), nor through a lens that bends straight lines: with a radial number k1
+// and the circle's radius rho in normalised coordinates the middle is 3 k1 rho^2 x off at x. So a
+// homography with a lens is fitted to all middles (plane_view.h), the rim of each circle goes
+// through it, and what lies between the middle of that and the image of the centre is taken off.
+// The radius comes from the area of the blobs.
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -11,6 +13,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "finders.h"
+#include "plane_view.h"
 
 namespace kincal {
 namespace {
@@ -19,6 +22,31 @@ struct Blob {
   cv::Point2d middle;
   double area = 0;  // px^2
 };
+
+/// How bright it is around a blob, which changes over the image (light, vignetting): at its middle,
+/// and by how much for one pixel.
+struct Surround {
+  double at_middle = 0;
+  cv::Point2d slope;
+};
+
+/// Fitted to pixels (from the middle) and their brightness, but for those far from most.
+Surround fit_surround(const std::vector<cv::Point>& away, const std::vector<double>& bright,
+                      double tolerance) {
+  std::vector<double> sorted = bright;
+  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+  Surround out{sorted[sorted.size() / 2], {}};
+  cv::Matx33d a = cv::Matx33d::zeros();
+  cv::Vec3d b;
+  for (size_t i = 0; i < away.size(); ++i) {
+    if (std::abs(bright[i] - out.at_middle) > tolerance) continue;
+    const cv::Vec3d row(1, away[i].x, away[i].y);
+    a += row * row.t();
+    b += bright[i] * row;
+  }
+  const cv::Vec3d x = a.solve(b, cv::DECOMP_SVD);
+  return {x[0], {x[1], x[2]}};
+}
 
 /// The weighted middle and the area of the dark (or bright) blob at `p`. `field` is what a circle
 /// through the nearest of its neighbours looks like: its axes, as columns, px; seen obliquely it is
@@ -32,20 +60,34 @@ Blob measure_blob(const cv::Mat& image, cv::Point2d p, const cv::Matx22d& field)
       cv::Rect(cv::Point(p - reach), cv::Point(p + reach)) & cv::Rect(0, 0, image.cols, image.rows);
   const cv::Point middle(cvRound(p.x), cvRound(p.y));
   if (!box.contains(middle)) return out;
-  std::vector<uchar> rim;
+  std::vector<cv::Point> rim;
+  std::vector<double> bright;
   for (int i = 0; i < 64; ++i) {
     const cv::Vec2d away =
         kRim * (field * cv::Vec2d(std::cos(i * CV_PI / 32), std::sin(i * CV_PI / 32)));
     const cv::Point at(p + cv::Point2d(away[0], away[1]));
-    if (box.contains(at)) rim.push_back(image.at<uchar>(at));
+    if (!box.contains(at)) continue;
+    rim.push_back(at - middle);
+    bright.push_back(image.at<uchar>(at));
   }
   if (rim.size() < 16) return out;
-  std::nth_element(rim.begin(), rim.begin() + rim.size() / 2, rim.end());
-  const double around = rim[rim.size() / 2], inside = image.at<uchar>(middle);
-  if (std::abs(around - inside) < 10) return out;
-  // Only what hangs together with the middle, and the slope around it.
-  cv::Mat half, labels;
-  cv::Mat(image(box)).convertTo(half, CV_32F, 1 / (inside - around), -around / (inside - around));
+  std::vector<double> sorted = bright;
+  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+  const double inside = image.at<uchar>(middle),
+               contrast = std::abs(sorted[sorted.size() / 2] - inside);
+  if (contrast < 10) return out;
+  const Surround around = fit_surround(rim, bright, 0.25 * contrast);
+  // As if it were equally bright all around. Only what hangs together with the middle, and the
+  // slope around it.
+  cv::Mat half(box.size(), CV_32F), labels;
+  for (int y = 0; y < half.rows; ++y)
+    for (int x = 0; x < half.cols; ++x) {
+      const cv::Point at = cv::Point(x, y) + box.tl();
+      const double here = around.at_middle + around.slope.dot(cv::Point2d(at - middle)),
+                   share = here > 0.2 * around.at_middle ? around.at_middle / here : 5;
+      half.at<float>(y, x) = static_cast<float>((image.at<uchar>(at) * share - around.at_middle) /
+                                                (inside - around.at_middle));
+    }
   const cv::Mat own = half > 0.5;
   cv::connectedComponents(own, labels, 4);
   const int label = labels.at<int>(middle - box.tl());
@@ -65,13 +107,55 @@ Blob measure_blob(const cv::Mat& image, cv::Point2d p, const cv::Matx22d& field)
   return out;
 }
 
-/// How far the middle of the ellipse of a circle lies from the image of its centre.
-cv::Point2d ellipse_offset(const cv::Matx33d& h, cv::Point2d centre, double radius) {
-  const cv::Matx33d place(1, 0, centre.x, 0, 1, centre.y, 0, 0, 1);
-  const cv::Matx33d dual(radius * radius, 0, 0, 0, radius * radius, 0, 0, 0, -1);
-  const cv::Matx33d m = h * place, c = m * dual * m.t();
-  return cv::Point2d(c(0, 2) / c(2, 2), c(1, 2) / c(2, 2)) -
-         cv::Point2d(m(0, 2) / m(2, 2), m(1, 2) / m(2, 2));
+/// How far the middle of a disc's image lies from the image of its centre, and its area, px^2.
+struct DiscImage {
+  cv::Point2d offset;
+  double area = 0;
+};
+
+DiscImage disc_image(const PlaneView& view, cv::Point2d centre, double radius) {
+  constexpr int kCorners = 64;
+  const cv::Point2d from = view(centre);
+  const auto corner = [&](int i) {
+    const double angle = 2 * CV_PI * i / kCorners;
+    return view(centre + radius * cv::Point2d(std::cos(angle), std::sin(angle))) - from;
+  };
+  DiscImage out;
+  cv::Point2d before = corner(kCorners - 1);
+  for (int i = 0; i < kCorners; ++i) {
+    const cv::Point2d now = corner(i);
+    const double twice = before.cross(now);
+    out.area += twice / 2;
+    out.offset += twice / 6 * (before + now);
+    before = now;
+  }
+  out.offset = out.offset / out.area;
+  out.area = std::abs(out.area);
+  return out;
+}
+
+/// The middles of the blobs without what the view makes of discs. False: they lie on a line.
+bool correct_middles(const ImageTarget& target, const std::vector<Blob>& blobs, cv::Size image,
+                     std::vector<cv::Point2d>& centres) {
+  const double some = 0.25 * cv::norm(target.points[1] - target.points[0]);  // a radius
+  centres.clear();
+  for (const Blob& blob : blobs) centres.push_back(blob.middle);
+  for (int pass = 0; pass < 2; ++pass) {  // the first view is that of middles
+    const PlaneView view = fit_plane_view(target.points, centres, image);
+    if (view.rms > 1e8) return false;
+    std::vector<double> radii;
+    for (size_t i = 0; i < blobs.size(); ++i)
+      radii.push_back(some *
+                      std::sqrt(blobs[i].area / disc_image(view, target.points[i], some).area));
+    std::vector<double> sorted = radii;
+    std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+    for (size_t i = 0; i < blobs.size(); ++i)
+      centres[i] = blobs[i].middle -
+                   disc_image(view, target.points[i],
+                              i == 0 && target.large_origin ? radii[0] : sorted[sorted.size() / 2])
+                       .offset;
+  }
+  return true;
 }
 
 /// How the plane lies at each point of a grid: the ways in px of one unit, as columns. OpenCV's
@@ -216,25 +300,12 @@ Detection find_circles(const cv::Mat& image, const ImageTarget& target) {
     }
   }
   number(target, blobs);
-  std::vector<cv::Point2d> middles;
-  for (const Blob& blob : blobs) middles.push_back(blob.middle);
-  const cv::Mat fitted = cv::findHomography(target.points, middles);
-  if (fitted.empty()) {
+  if (!correct_middles(target, blobs, image.size(), out.pixels)) {
+    out.pixels.clear();
     out.reason = "the circles lie on a line";
     return out;
   }
-  const cv::Matx33d h(fitted);
-  std::vector<double> areas;
-  for (size_t i = 0; i < blobs.size(); ++i)
-    areas.push_back(blobs[i].area / area_scale(h, target.points[i]));
-  std::vector<double> sorted = areas;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  const double usual = sorted[sorted.size() / 2];
-  for (size_t i = 0; i < blobs.size(); ++i) {
-    const double area = i == 0 && target.large_origin ? areas[0] : usual;
-    out.ids.push_back(static_cast<int>(i));
-    out.pixels.push_back(middles[i] - ellipse_offset(h, target.points[i], std::sqrt(area / CV_PI)));
-  }
+  for (size_t i = 0; i < blobs.size(); ++i) out.ids.push_back(static_cast<int>(i));
   return out;
 }
 
