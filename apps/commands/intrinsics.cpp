@@ -6,6 +6,7 @@
 #include "../../io/document/files.h"
 #include "../../io/results/intrinsics_file.h"
 #include "../../io/rig/samples_file.h"
+#include "../../models/doctor/plausibility.h"
 #include "../job.h"
 #include "../signals.h"
 #include "../tables/intrinsics_table.h"
@@ -39,9 +40,10 @@ int intrinsics(const IntrinsicsArguments& a) {
   now("calibrating cameras");
   IntrinsicsOptions options = a.options;
   options.stage = [&](const std::string& what, double share) { progress.stage(what, share); };
-  const std::optional<IntrinsicsResult> result =
-      calibrate_intrinsics(rig_file.rig, samples, options);
+  std::optional<IntrinsicsResult> result = calibrate_intrinsics(rig_file.rig, samples, options);
   if (!result) return say_interrupted();
+  for (const Finding& finding : find_implausible(rig_file.rig, samples))
+    if (finding.id == "square") result->notes.push_back({finding.id, finding.text});
   progress.stage("writing", std::nan(""));
   const auto files = intrinsics_files(rig_file, *result, {KINCAL_VERSION, a.command, sha256(text)});
   begin_writing();

@@ -423,6 +423,8 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
 std::vector<std::string> image_files(const std::string& path) {
   const bool folder = fs::is_directory(path);
   const bool pattern = !folder && path.find_first_of("*?[") != std::string::npos;
+  if (!folder && !pattern && !fs::exists(path))
+    throw InputError(path + ": there is no such file or folder");
   if (!folder && !pattern) return {path};
   fs::path inside = folder ? fs::path(path) : fs::path(path).parent_path();
   if (inside.empty()) inside = ".";

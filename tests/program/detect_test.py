@@ -235,6 +235,12 @@ class Detect(Case):
         self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
         self.assertIn("--pose-format", self.err)
 
+        self.write("poses.csv", (head + "a1.pgm,512,0.2,0.3,0,0,0,1\na2.pgm,0.2,0.2,0.3,0,0,0,1\n").encode())
+        self.detect("rig.yaml", "images", "--out", "far.jsonl", "--joints", "poses.csv", "--pose-format", "xyzw")
+        self.assertIn("512 m away: if lengths are in mm, take --unit mm", self.out)
+        self.detect("rig.yaml", "pictures", "--out", "wrong.jsonl", code=1)
+        self.assertIn("pictures: there is no such file or folder", self.err)
+
     def test_ids_are_unique(self):
         os.rename(os.path.join(self.dir, "images", "a2.pgm"), os.path.join(self.dir, "images", "a1.PGM"))
         self.detect("rig.yaml", "images", "--out", "out.jsonl")

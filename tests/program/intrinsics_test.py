@@ -215,6 +215,12 @@ class Mistakes(Case):
         result, errors = self.lens(self.views, 0)
         self.assertEqual((result["warnings"], errors), ([], ""))
 
+    def test_millimetres(self):
+        self.write("rig.yaml", self.one.replace("square: 0.03", "square: 30"))
+        result, errors = self.lens(self.views, 0)
+        self.assertEqual(result["warnings"][0]["id"], "square")
+        self.assertIn("The fields of target 'board' are 30 m large in the rig. Write metres: 0.03 if these are millimetres", errors)
+
     def test_rows_and_columns(self):
         self.write("rig.yaml", self.one.replace("rows: 6, columns: 9", "rows: 9, columns: 6"))
         done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
