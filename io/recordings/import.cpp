@@ -691,7 +691,10 @@ struct Importer {
       out.lines.insert(out.lines.end(), left_out.begin(), left_out.end());
       out.diagnosis = !views_without.empty() ? "joint '" + views_without.begin()->first.second +
                                                    "' has no readings when targets are seen"
-                      : any_images() ? "no target was found in the images of any rest"
+                      : any_images() ? std::all_of(looked.images.begin(), looked.images.end(),
+                                                   [](long count) { return count == 0; })
+                                           ? "no image was taken during any rest"
+                                           : "no target was found in the images of any rest"
                                      : "no sensor of the rig measured anything in any rest";
       out.lines.insert(out.lines.end(), moving_lines.begin(), moving_lines.end());
       return;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -16,6 +17,7 @@
 namespace kincal {
 namespace {
 
+constexpr double kOtherRate = 2;    // of a clock; those that drift do by less than a thousandth
 constexpr double kOtherClock = 60;  // s, by which the stamps of two streams differ at most
 constexpr const char* kJointState = "sensor_msgs/JointState";
 
@@ -23,6 +25,15 @@ constexpr const char* kJointState = "sensor_msgs/JointState";
 struct Clock {
   std::optional<std::int64_t> under_way;  // ns, of the first message with a stamp
   long without = 0;                       // messages whose stamp is 0
+  struct Time {
+    std::int64_t stamp = 0, received = 0;  // ns
+  } first, last;                           // messages with a stamp
+
+  /// Returns how many times as fast as the recording's clock the stamps pass; 1 where they are few.
+  double rate() const {
+    const double passed = static_cast<double>(last.received - first.received);
+    return passed > 2e9 ? static_cast<double>(last.stamp - first.stamp) / passed : 1;
+  }
 };
 
 /// A Reader fills in the streams.
@@ -46,7 +57,11 @@ struct StreamReader {
       ++clock.without;
       return seconds(raw.received);
     }
-    if (!clock.under_way) clock.under_way = raw.received - stamp;
+    clock.last = {stamp, raw.received};
+    if (!clock.under_way) {
+      clock.under_way = raw.received - stamp;
+      clock.first = clock.last;
+    }
     return seconds(stamp);
   }
 
@@ -261,6 +276,14 @@ void put_on_one_clock(StreamReader& reader) {
                           " messages have no stamp (0): the time at which they were received is "
                           "taken, which is later and less regular");
     if (!clock.under_way) continue;
+    if (const double rate = clock.rate(); rate > kOtherRate || rate < 1 / kOtherRate) {
+      char times[32];
+      std::snprintf(times, sizeof times, "%.3g", rate);
+      out.notes.push_back(topic + ": its stamps pass " + times +
+                          " times as fast as the clock of the recording: are they in another unit "
+                          "(milliseconds for seconds)? They do not fit the other streams");
+      continue;
+    }
     const double differs = static_cast<double>(*clock.under_way - *usual) * 1e-9;
     if (std::abs(differs) < kOtherClock) continue;
     moved[topic] = differs;

@@ -317,6 +317,23 @@ TEST_CASE("import: stamps of 0 and of another clock are said and replaced") {
   CHECK(import_recordings({}, rig, streams, nullptr, ImportOptions()).samples.size() == 5);
 }
 
+TEST_CASE("import: stamps in another unit are said") {
+  Place place;
+  place.open(Wire::ros1);
+  const int joints = place.bag->add_topic("/joint_states", "sensor_msgs/JointState"),
+            images = place.bag->add_topic("/eye/image_raw", "sensor_msgs/Image");
+  for (int i = 0; i < 40; ++i) {
+    place.bag->write(joints, at(0.1 * i),
+                     joint_state_message(Wire::ros1, at(0.1 * i), {"a", "b"}, {0.1, 0.2}));
+    place.bag->write(images, at(0.1 * i),
+                     image_message(Wire::ros1, at(100. * i + 1), "eye", {2, 2, "abcd"}));
+  }
+  const RecordedStreams streams = place.streams();
+  REQUIRE(streams.notes.size() == 1);
+  CHECK(streams.notes[0].find("/eye/image_raw: its stamps pass 1e+03 times as fast as the clock of "
+                              "the recording: are they in another unit (milliseconds") == 0);
+}
+
 TEST_CASE("import: which topics are the joints'") {
   Place place;
   write_rests(place, Wire::cdr, 1e-5, 0, true);
