@@ -194,6 +194,16 @@ class ReasonFinder {
 
   std::string first() const { return scene_.table().name(scene_.columns()[columns_[0]]); }
 
+  /// What to do with the first: a pose that the rig does not give has nothing to be held at.
+  std::string hold_first() const {
+    const Rig& rig = scene_.rig();
+    const Parameter& p = scene_.table().all[scene_.columns()[columns_[0]].parameter];
+    const bool absent =
+        (p.kind == ParameterKind::sensor_pose && !rig.sensors[p.owner].pose_given) ||
+        (p.kind == ParameterKind::target_pose && !rig.targets[p.owner].pose_given);
+    return (absent ? "give " + p.name + " in the rig, and hold " : "hold ") + first();
+  }
+
   /// Components, those of one parameter together: "joint/a/origin (x, ry)".
   std::vector<std::string> grouped(bool with_first) const {
     const ParameterTable& table = scene_.table();
@@ -426,7 +436,7 @@ class ReasonFinder {
     }
     if (joints.empty()) {
       out_.why += ", whatever the posture";
-      out_.cure = "no posture tells them apart: hold " + first() +
+      out_.cure = "no posture tells them apart: " + hold_first() +
                   (columns_.size() > 1 ? " (or another of them)" : "") + ", or give it a prior";
       return;
     }
