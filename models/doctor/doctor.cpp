@@ -130,6 +130,7 @@ Finding word(const Hypothesis& h, const Evidence& evidence) {
   Finding finding;
   finding.id = h.id;
   finding.where = h.where;
+  finding.estimated = h.estimated;
   finding.chi2_as_is = evidence.before;
   finding.chi2_corrected = evidence.after;
   std::string sentence = h.mistake;
@@ -371,8 +372,9 @@ std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> 
     return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected)
                                             : kInfinity;
   };
-  std::stable_sort(by_fits.begin(), by_fits.end(),
-                   [&](const Finding& a, const Finding& b) { return ratio(a) > ratio(b); });
+  std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Finding& a, const Finding& b) {
+    return std::make_pair(a.estimated, -ratio(a)) < std::make_pair(b.estimated, -ratio(b));
+  });
   // A fit that proves how an image is wrong says why points lie outside of it.
   const auto says = [](const Finding& g, const Finding& f) {
     return g.id == f.id ||

@@ -12,7 +12,8 @@ struct Finding {
   std::string id, text;            // ids: docs/formats.md
   std::vector<std::string> where;  // sensors, targets, joints, samples
   std::optional<double> chi2_as_is,
-      chi2_corrected;  // nothing: does not apply, or (as is) the fit cannot even start
+      chi2_corrected;      // nothing: does not apply, or (as is) the fit cannot even start
+  bool estimated = false;  // no mistake where it is estimated: goes behind the others
 };
 
 /// A Diagnosis is all that was found, and what it explains.

@@ -308,6 +308,7 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
   for (const auto& group : groups) {
     Hypothesis h;
     h.id = "rectified";
+    h.estimated = !group.first;  // a lens that the rig leaves open
     std::string names;
     for (int s : group.second) {
       h.where.push_back(rig.sensors[s].name);

@@ -33,8 +33,9 @@ struct Hypothesis {
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
   /// empty function: `mistake` and `cure` stand as they are.
   std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told;
-  bool proves = false;  // believed only if the fit then proves the rig's sigmas
-  double shrinks = 1;   // by which undo() makes measured lengths smaller, and with them chi2
+  bool proves = false;     // believed only if the fit then proves the rig's sigmas
+  bool estimated = false;  // as of a Finding
+  double shrinks = 1;      // by which undo() makes measured lengths smaller, and with them chi2
 };
 
 /// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")

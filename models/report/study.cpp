@@ -619,7 +619,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);
     }
-    if (options.diagnose && solution.status == Status::converged && !report.automatic.empty())
+    if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
       look_for_a_wrong_length(recording->rig, options, report);
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
       std::vector<Finding> elsewhere = exchanged_cameras(solution);
