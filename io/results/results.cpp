@@ -292,6 +292,9 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   if (options.residuals && !report.loop_views.empty())
     json["loops_csv"] = {{"every", loops_every(report)}};
   out.result_json = json_text(json);
+  for (const auto& [key, value] : json.get_ref<const Json::object_t&>())
+    if (key != "samples" && key != "scene") out.told.members.emplace_back(key, node_of(value));
+  out.told.kind = Node::Kind::mapping;
 
   out.covariance_csv = covariance_csv(solution);
   out.information_csv = information_csv(report);
