@@ -81,10 +81,11 @@ struct Kernels {
   void (*multiply)(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows,
                    int depth, const double* g, int ldg, int columns, double* out, int ld);
 
-  /// Replaces `columns` columns of `rows` numbers (a multiple of 8), `stride` apart, by an upper
-  /// triangle R with the same Gram matrix (Householder's reflections); what is below the diagonal
-  /// is scratch afterwards.
-  void (*triangularise)(double* a, int rows, int columns, std::ptrdiff_t stride);
+  /// Reflects `columns` columns of `rows` numbers (a multiple of 8), `stride` apart, so that the
+  /// first `first` of them become an upper triangle (Householder's reflections): their Gram matrix
+  /// stays. With all of them reflected an upper triangle is left. What is below the diagonal of
+  /// the first ones is scratch afterwards.
+  void (*triangularise)(double* a, int rows, int columns, int first, std::ptrdiff_t stride);
 
   /// Adds B (rows x columns) to A, both row-major with rows at least padded(columns) apart; with
   /// `upper` the upper triangle, what is below the diagonal of A is scratch then.

@@ -483,8 +483,8 @@ inline void reflect(const Reflection& w, int rows, double* a, std::ptrdiff_t str
       store(a + j * stride + r, load(a + j * stride + r) - load(w.column + r) * by[j]);
 }
 
-void triangularise(double* a, int rows, int columns, std::ptrdiff_t stride) {
-  for (int k = 0; k < columns && k + 1 < rows; ++k) {
+void triangularise(double* a, int rows, int columns, int first, std::ptrdiff_t stride) {
+  for (int k = 0; k < first && k + 1 < rows; ++k) {
     double* x = a + k * stride;
     const int packs = (k + kLanes) / kLanes * kLanes;
     Pack squares = {};

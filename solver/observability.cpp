@@ -49,7 +49,7 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
     if (used <= n) return;
     const int filled = padded(static_cast<int>(used));
     stack.middleRows(used, filled - used).setZero();
-    kernels().triangularise(stack.data(), filled, n, stack.rows());
+    kernels().triangularise(stack.data(), filled, n, n, stack.rows());
     for (int i = 0; i < n; ++i) stack.col(i).segment(i + 1, used - i - 1).setZero();
     used = n;
   };
@@ -67,14 +67,15 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
       continue;
     }
     for (int i = 0; i < m; ++i) to.squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
-    const MatrixXd left = eliminate(rows, k, out.rank);
-    if (reduced_rows) reduced_rows->push_back(left);
-    for (Eigen::Index r = 0; r < left.rows() && m > 0; ++r) {
+    MatrixXd left = eliminate(std::move(rows), k, out.rank);
+    for (Eigen::Index r = 0, taken; r < left.rows() && m > 0; r += taken, used += taken) {
       if (used == stack.rows()) compress();
-      stack.row(used).setZero();
-      for (int i = 0; i < m; ++i) stack(used, shape.columns[i]) = left(r, i);
-      ++used;
+      taken = std::min(left.rows() - r, stack.rows() - used);
+      stack.middleRows(used, taken).setZero();
+      for (int i = 0; i < m; ++i)
+        stack.col(shape.columns[i]).segment(used, taken) = left.col(i).segment(r, taken);
     }
+    if (reduced_rows) reduced_rows->push_back(std::move(left));
   }
   compress();
   to.data = stack.topRows(std::max<Eigen::Index>(used, 1));
@@ -157,13 +158,21 @@ void add_gauges(MatrixXd space, int gauges, const VectorXd& scale, Observability
 }  // namespace
 
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
-  const Eigen::Index m = rows.cols() - private_size;
   if (private_size == 0) return rows;
-  const Elimination own(rows.leftCols(private_size));
+  const Eigen::Index k = private_size, m = rows.cols() - k, count = std::max(rows.rows(), k);
+  const int filled = padded(static_cast<int>(count));
+  rows.conservativeResizeLike(MatrixXd::Zero(filled, k + m));
+  kernels().triangularise(rows.data(), filled, static_cast<int>(k + m), private_size, filled);
+  const Elimination own(rows.topLeftCorner(k, k).triangularView<Eigen::Upper>());
   rank += own.rank();
-  MatrixXd shared = rows.middleCols(private_size, m);
-  own.rotate(shared);
-  return shared.bottomRows(shared.rows() - own.rank());
+  MatrixXd left(count - own.rank(), m);
+  if (own.rank() < k) {  // what the private unknowns leave undetermined tells of the others
+    MatrixXd upper = rows.topRightCorner(k, m);
+    own.rotate(upper);
+    left.topRows(k - own.rank()) = upper.bottomRows(k - own.rank());
+  }
+  left.bottomRows(count - k) = rows.block(k, k, count - k, m);
+  return left;
 }
 
 Observability observe(Problem& problem, const VectorXd& state,

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <set>
 
-#include "../../io/document/json.h"
 #include "../../io/document/numbers.h"
 #include "../../models/report/warnings.h"
 #include "../../models/rig/numbers.h"
@@ -318,8 +317,7 @@ std::string mount_lines(const std::vector<MountText>& mounts, bool has_urdf) {
 std::string short_text(const Report& report, const ResultFiles& files) {
   constexpr size_t kMost = 3;
   const std::string place = "result.json";
-  const Node result = parse_json(files.result_json, place);
-  std::string out = show_text(top(result, place), false);
+  std::string out = show_text(top(files.told, place), false);
   if (report.diagnosis && report.diagnosis->findings.empty())
     out += "\nWhat may be wrong (kincal check)\n" +
            wrapped(std::string(explained(*report.diagnosis) ? "nothing found; "

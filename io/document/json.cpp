@@ -335,6 +335,8 @@ void for_each_json_line(const std::string& text, const std::string& path,
 }
 
 bool is_utf8(const std::string& text) {
+  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
+  if (std::all_of(text.begin(), text.end(), is_ascii)) return true;
   try {
     nlohmann::json(text).dump();
     return true;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
+#include "../document/node.h"
 
 namespace kincal {
 
@@ -15,6 +16,9 @@ using Json = nlohmann::ordered_json;
 /// The text of a JSON file. Command lines, paths and errors may be in any encoding: bytes that are
 /// not UTF-8 are replaced, so that a result is written whatever its folder is called.
 std::string json_text(const Json& json);
+
+/// The tree that parse_json() makes of that text, but for the places.
+Node node_of(const Json& json);
 
 /// A number that is not finite becomes null.
 Json number(double v);

@@ -14,7 +14,7 @@ Json directions(const std::vector<Direction>& all) {
   for (const Direction& d : all) {
     Json one = Json::object();
     for (const auto& c : d) one[c.first] = c.second;
-    out.push_back(one);
+    out.push_back(std::move(one));
   }
   return out;
 }
@@ -161,7 +161,7 @@ Json weak_list(const std::vector<WeakDirection>& weak) {
   for (const WeakDirection& w : weak) {
     Json parameters = Json::object();
     for (const auto& p : w.parameters) parameters[p.first] = p.second;
-    out.push_back({{"parameters", parameters},
+    out.push_back({{"parameters", std::move(parameters)},
                    {"unit", w.unit},
                    {"sigma", number(w.sigma)},
                    {"sigma_with_priors", number(w.sigma_with_priors)},
@@ -216,7 +216,7 @@ Json loop_list(const std::vector<Loop>& loops) {
     Json one = {{"from", loop.from}, {"to", loop.to}, {"unit", loop.unit}};
     one.update(statistics_of(loop.train));
     if (loop.test.points) one["test"] = statistics_of(loop.test);
-    out.push_back(one);
+    out.push_back(std::move(one));
   }
   return out;
 }
@@ -330,7 +330,7 @@ Json result_json(const Report& report) {
                              {"dof_data", number(s.dof_data)},
                              {"seconds", s.seconds},
                              {"linear_solver", s.linear_solver},
-                             {"history", history},
+                             {"history", std::move(history)},
                              {"unused", s.unused},
                              {"held_out", s.held_out},
                              {"unobservable", directions(s.unobservable)}});
@@ -343,7 +343,7 @@ Json result_json(const Report& report) {
                 {"sigma", numbers(e.sigma)},
                 {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
-    json["parameters"][e.name] = one;
+    json["parameters"][e.name] = std::move(one);
   }
   // (Found by number: by name each would be looked for among all.)
   std::vector<std::pair<std::string, Json>> placed;

@@ -222,7 +222,8 @@ Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& chan
                           {"old", exact_pose(joint.parent_T_joint)},
                           {"new", exact_pose(c.second)}};
   }
-  Json robot = {{"joints", joints}, {"mimics", Json::object()}, {"reductions", Json::object()}};
+  Json robot = {
+      {"joints", std::move(joints)}, {"mimics", Json::object()}, {"reductions", Json::object()}};
   for (const Joint& joint : rig.tree.joints)
     if (joint.moves() && joint.mimic) robot["mimics"][joint.name] = motion_text(rig.tree, joint);
   for (const Reduction& r : reductions)
@@ -285,13 +286,17 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
         {"urdf", out.urdf_hash}}}};
   if (!rig_file.serial.empty()) json["serial"] = rig_file.serial;
   if (!rig_file.time.empty()) json["time"] = rig_file.time;
-  json.update(result_json(report));
+  Json result = result_json(report);
+  for (auto& [key, value] : result.get_ref<Json::object_t&>()) json[key] = std::move(value);
   json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
   if (rig_file.flange_only) json["robot"]["urdf"] = false;
   json["scene"] = scene_json(report, rig_file.urdf);
   if (options.residuals && !report.loop_views.empty())
     json["loops_csv"] = {{"every", loops_every(report)}};
   out.result_json = json_text(json);
+  for (const auto& [key, value] : json.get_ref<const Json::object_t&>())
+    if (key != "samples" && key != "scene") out.told.members.emplace_back(key, node_of(value));
+  out.told.kind = Node::Kind::mapping;
 
   out.covariance_csv = covariance_csv(solution);
   out.information_csv = information_csv(report);

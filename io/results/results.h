@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../../models/report/report.h"
+#include "../document/node.h"
 #include "../rig/rig_file.h"
 #include "mount_texts.h"
 
@@ -25,6 +26,7 @@ struct ResultFiles {
       loops_csv;            // the last two: empty, not written
   std::string report_html;  // made of these (io/report); empty: not written
   std::string batch_json;   // left to a batch (summary_file.h); empty: not written
+  Node told;                // what result_json tells, but for samples and scene: for tables
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
   std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
   std::vector<MountText> mounts;         // of what was estimated and no joint has; in changes.yaml

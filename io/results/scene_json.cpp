@@ -41,11 +41,13 @@ std::vector<Pose> origins_at(const Solution& solution, const VectorXd& values) {
   return fold_offsets(tree, origins, offsets);
 }
 
-Json joint_json(const Solution& solution, int j) {
+/// Adds what is known of a joint.
+void add_joint(const Solution& solution, int j, Json& out) {
   const Rig& rig = solution.rig();
   const Joint& joint = rig.tree.joints[j];
-  Json out = {{"joint", joint.name}, {"type", type_name(joint.type)}};
-  if (!joint.moves()) return out;
+  out["joint"] = joint.name;
+  out["type"] = type_name(joint.type);
+  if (!joint.moves()) return;
   out["axis"] = vector3(joint.axis);
   if (joint.lower != joint.upper) out["limits"] = numbers({joint.lower, joint.upper});
   if (joint.mimic)
@@ -58,24 +60,23 @@ Json joint_json(const Solution& solution, int j) {
     const double before = solution.initial(start), after = solution.values.shared(start);
     if (before != 1 || after != 1) out["scale"] = numbers({before, after});
   }
-  return out;
 }
 
-/// What a sensor and a mounted target have: their poses on a link, and how well they are known.
-/// `open`: poses that the rig does not give.
-Json mount_json(const Report& report, const std::vector<int>& open, int link_index, int parameter) {
+/// Adds what a sensor and a mounted target have: their poses on a link, and how well they are
+/// known. `open`: poses that the rig does not give.
+void add_mount(const Report& report, const std::vector<int>& open, int link_index, int parameter,
+               Json& out) {
   const Solution& solution = report.solution;
   const bool given = std::count(open.begin(), open.end(), parameter) == 0;
   const int start = solution.table().all[parameter].start;
-  Json out = {{"link", link_index},
-              {"before", given ? seven(get_pose(solution.initial, start)) : Json(nullptr)},
-              {"after", seven(get_pose(solution.values.shared, start))}};
+  out["link"] = link_index;
+  out["before"] = given ? seven(get_pose(solution.initial, start)) : Json(nullptr);
+  out["after"] = seven(get_pose(solution.values.shared, start));
   const auto c = report.position_covariances.find(parameter);
   if (c != report.position_covariances.end()) {
     const Matrix3d& m = c->second;
     out["covariance"] = numbers({m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)});
   }
-  return out;
 }
 
 }  // namespace
@@ -101,19 +102,19 @@ Json scene_json(const Report& report, const Urdf& urdf) {
                 {"parent", j < 0 ? -1 : place[rig.tree.joints[j].parent]}};
     if (is_between_axes(rig.tree, l)) one["between_axes"] = true;
     if (j >= 0) {
-      one.update(joint_json(solution, j));
+      add_joint(solution, j, one);
       one["before"] = seven(before[j]);
       one["after"] = seven(after[j]);
     }
     if (const auto at = written.find(rig.tree.links[l]); at != written.end())
       for (const LinkBox& box : boxes.of[at->second])
         one["boxes"].push_back({{"pose", seven(box.link_T_box)}, {"size", vector3(box.size)}});
-    links.push_back(one);
+    links.push_back(std::move(one));
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.sensors[s];
     Json one = {{"name", sensor.name}, {"type", sensor.type}};
-    one.update(mount_json(report, open, place[sensor.link], table.sensor_pose[s]));
+    add_mount(report, open, place[sensor.link], table.sensor_pose[s], one);
     if (sensor.image_width > 0)
       one["image_size"] = Json::array({sensor.image_width, sensor.image_height});
     const auto own = [&](ParameterKind kind, const char* name) {
@@ -124,26 +125,26 @@ Json scene_json(const Report& report, const Urdf& urdf) {
     };
     own(ParameterKind::intrinsics, "intrinsics");
     own(ParameterKind::baseline, "baseline");
-    sensors.push_back(one);
+    sensors.push_back(std::move(one));
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
     Json one = {{"name", target.name}, {"type", target.type}};
     if (target.link >= 0)
-      one.update(mount_json(report, open, place[target.link], table.target_pose[t]));
+      add_mount(report, open, place[target.link], table.target_pose[t], one);
     else
       one["link"] = -1;
     const Matrix3Xd points = target_points(rig, table, estimated, static_cast<int>(t));
     one["points"] = Json::array();
     for (Eigen::Index i = 0; i < std::min<Eigen::Index>(points.cols(), kDrawnPoints); ++i)
       one["points"].push_back(vector3(points.col(i)));
-    targets.push_back(one);
+    targets.push_back(std::move(one));
   }
   Json out = {{"robot", urdf.robot},
               {"base", place[rig.base]},
-              {"links", links},
-              {"sensors", sensors},
-              {"targets", targets}};
+              {"links", std::move(links)},
+              {"sensors", std::move(sensors)},
+              {"targets", std::move(targets)}};
   if (boxes.left_out > 0) out["meshes_left_out"] = boxes.left_out;
   return out;
 }

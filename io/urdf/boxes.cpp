@@ -101,7 +101,7 @@ LinkBoxes link_boxes(const Urdf& urdf) {
   LinkBoxes out;
   out.of.resize(urdf.tree.links.size());
   Xml xml{urdf.text, urdf.path, {}};
-  const Elements links = children(load(xml), "link");
+  const Elements links = children(load_again(xml), "link");
   for (size_t i = 0; i < links.size() && i < out.of.size(); ++i) {
     for (const char* kind : {"visual", "collision"})
       if (out.of[i].empty())

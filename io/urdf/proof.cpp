@@ -108,7 +108,7 @@ Written read_written(const std::string& text, const Urdf& input) {
 }
 
 /// The written robot, each joint beside the same joint of the input. Parents and masters are
-/// checked, so walking up ends.
+/// checked.
 class WrittenRobot {
  public:
   WrittenRobot(const Written& written, const Tree& tree)
@@ -125,13 +125,22 @@ class WrittenRobot {
           joints_[j].master != (joint.mimic ? tree.joints[joint.mimic->master].name : ""))
         fail("another mimic in joint '" + joint.name + "'");
     }
+    std::vector<int> links = {tree.root};
+    for (size_t i = 0; i < links.size(); ++i)
+      for (size_t j = 0; j < joints_.size(); ++j)
+        if (tree.joints[j].parent == links[i]) {
+          outwards_.push_back(static_cast<int>(j));
+          links.push_back(tree.joints[j].child);
+        }
   }
 
-  /// root_T_link for readings of all joints; followers and joints that do not move have none.
-  Eigen::Isometry3d pose(int link, const std::vector<double>& readings) const {
-    Eigen::Isometry3d root_T_link = Eigen::Isometry3d::Identity();
-    for (int j = tree_.joint_above[link]; j >= 0; j = tree_.joint_above[tree_.joints[j].parent])
-      root_T_link = parent_T_child(j, readings) * root_T_link;
+  /// root_T_link of all links for readings of all joints; followers and joints that do not move
+  /// have none.
+  std::vector<Eigen::Isometry3d> poses(const std::vector<double>& readings) const {
+    std::vector<Eigen::Isometry3d> root_T_link(tree_.links.size(), Eigen::Isometry3d::Identity());
+    for (const int j : outwards_)
+      root_T_link[tree_.joints[j].child] =
+          root_T_link[tree_.joints[j].parent] * parent_T_child(j, readings);
     return root_T_link;
   }
 
@@ -159,6 +168,7 @@ class WrittenRobot {
 
   const Tree& tree_;
   std::vector<WrittenJoint> joints_;  // as in the tree
+  std::vector<int> outwards_;         // joints, from the root on
 };
 
 /// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16
@@ -200,9 +210,8 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
     }
     follow_mimics(tree, positions);
     const std::vector<Pose> poses = link_poses(tree, origins, positions);
-    const auto compare = [&](int link) {
-      return difference(poses[link], written.pose(link, readings));
-    };
+    const std::vector<Eigen::Isometry3d> are = written.poses(readings);
+    const auto compare = [&](int link) { return difference(poses[link], are[link]); };
     for (size_t l = 0; l < tree.links.size(); ++l) {
       int link = static_cast<int>(l);
       if (!compare(link).matters()) continue;

@@ -22,10 +22,10 @@ std::string own_title(const pugi::xml_node& element) {
 
 /// Whether a name has no prefix, a built-in one, or one declared (xmlns:prefix) on the element or
 /// above it.
-bool is_bound(const pugi::xml_node& element, const std::string& name) {
-  const size_t colon = name.find(':');
-  if (colon == std::string::npos) return true;
-  const std::string prefix = name.substr(0, colon);
+bool is_bound(const pugi::xml_node& element, const char* name) {
+  const char* const colon = std::strchr(name, ':');
+  if (!colon) return true;
+  const std::string prefix(name, colon);
   if (prefix == "xml" || prefix == "xmlns") return true;
   for (pugi::xml_node n = element; n; n = n.parent())
     if (n.attribute(("xmlns:" + prefix).c_str())) return true;
@@ -40,8 +40,9 @@ void check_element(const Xml& xml, const pugi::xml_node& element) {
   if (levels > kMostLevels)
     throw InputError(at_offset(xml, element.offset_debug()) + ": nested more than " +
                      std::to_string(kMostLevels) + " levels deep");
-  const auto check_prefix = [&](const std::string& name) {
-    if (is_bound(element, name)) return;
+  const auto check_prefix = [&](const char* written) {
+    if (is_bound(element, written)) return;
+    const std::string name = written;
     if (name.compare(0, 6, "xacro:") == 0)
       throw InputError(at_offset(xml, element.offset_debug()) + ": '" + name +
                        "' is not expanded: run xacro first");
@@ -121,13 +122,17 @@ void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what
   throw InputError(where(xml, element) + what);
 }
 
-pugi::xml_node load_document(Xml& xml) {
+pugi::xml_node load_again(Xml& xml) {
   const pugi::xml_parse_result result = xml.document.load_buffer(
       xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
   if (!result)
     throw InputError(at_offset(xml, result.offset) +
                      ": not well-formed XML: " + result.description());
-  const pugi::xml_node top = xml.document.document_element();
+  return xml.document.document_element();
+}
+
+pugi::xml_node load_document(Xml& xml) {
+  const pugi::xml_node top = load_again(xml);
   for (pugi::xml_node n = xml.document.first_child(); n; n = next_node(n))
     if (n.type() == pugi::node_element) {
       if (n.parent() == xml.document && n != top)

@@ -27,6 +27,9 @@ pugi::xml_node load_document(Xml& xml);
 /// Parses a URDF and returns <robot>. @throws InputError
 pugi::xml_node load(Xml& xml);
 
+/// Parses what load() has accepted before, as the text of a Urdf, without its checks.
+pugi::xml_node load_again(Xml& xml);
+
 /// Returns "path:line" of a byte.
 std::string at_offset(const Xml& xml, std::ptrdiff_t offset);
 

@@ -49,7 +49,7 @@ struct RowSums {
   double squares = 0;    // weighted
   double weights = 0;    // n
   double projected = 0;  // tr H
-  MatrixXd shared;       // minus the sum of B'B (lower triangle, then whole)
+  MatrixXd shared;       // minus the sum of B'B (lower triangle)
   bool mixed = false;    // its rows hold other noise as well
   double expected = 1;   // b
 };
@@ -248,13 +248,14 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
                VectorXd(groups)};
   for (size_t g = 0; g < problem.groups().size(); ++g)
     add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
-  for (RowSums& sum : kinds.sums) {
-    sum.shared.conservativeResize(sum.shared.cols(), Eigen::NoChange);
-    sum.shared.triangularView<Eigen::StrictlyUpper>() = sum.shared.transpose();
+  const int n = problem.shared_size();
+  MatrixXd shared = MatrixXd::Zero(padded(n * n), groups);  // B'B of a kind in each column
+  for (int g = 0; g < groups; ++g) {
+    Eigen::Map<MatrixXd>(shared.col(g).data(), n, n) =
+        kinds.sums[g].shared.topRows(n).selfadjointView<Eigen::Lower>();
+    kinds.sums[g].shared.resize(0, 0);
   }
-  for (int a = 0; a < groups; ++a)
-    for (int c = 0; c < groups; ++c)
-      out.s(a, c) += kinds.sums[a].shared.cwiseProduct(kinds.sums[c].shared).sum();
+  out.s += products(shared, groups);
   for (int g = 0; g < groups; ++g) {
     const RowSums& sum = kinds.sums[g];
     out.s(g, g) += sum.weights - 2 * sum.projected;

@@ -238,7 +238,8 @@ namespace {
 /// An upper triangle with the same Gram matrix as `rows` rows, which end with zeros to a multiple
 /// of 8; they are scratch afterwards.
 MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
-  kernels().triangularise(rows.data(), static_cast<int>(rows.rows()), static_cast<int>(rows.cols()),
+  const int width = static_cast<int>(rows.cols());
+  kernels().triangularise(rows.data(), static_cast<int>(rows.rows()), width, width,
                           rows.outerStride());
   return rows.topRows(rows.cols()).triangularView<Eigen::Upper>();
 }

@@ -1,4 +1,5 @@
-// solver/decompositions.h: dense algebra behind plain functions.
+// solver/decompositions.h: dense algebra behind plain functions; and eliminate() of
+// solver/observability.h.
 //
 // Proves: each function does what its definition says, on random matrices of several shapes,
 // rank-deficient ones where that is allowed: factors multiplied give the matrix back and are
@@ -14,6 +15,7 @@
 #include <catch2/catch.hpp>
 #include <vector>
 
+#include "../../solver/observability.h"
 #include "../fixtures/random.h"
 
 using namespace kincal;
@@ -207,4 +209,25 @@ TEST_CASE(
     const MatrixXd rest = before - q * (q.transpose() * before), rows = others.bottomRows(left);
     CHECK(largest(rows.transpose() * rows - rest.transpose() * rest) < 1e-12);
   }
+}
+
+TEST_CASE("eliminate: what is left of the shared columns, by rank of the private ones") {
+  Random random(8);
+  for (const Shape shape : {Shape{40, 9}, Shape{12, 9}, Shape{5, 9}, Shape{3, 1}})
+    for (const Eigen::Index missing : {0, 1, 4}) {
+      const auto [count, k] = shape;
+      const Eigen::Index most = std::min(count, k),
+                         full = std::max<Eigen::Index>(most - missing, 0);
+      INFO(count << " rows, " << k << " private columns of rank " << full);
+      MatrixXd rows(count, k + 7);
+      rows << with_rank(random, count, k, full), random_matrix(random, count, 7);
+      rows.col(0) *= 1e-7;
+      const MatrixXd q = Elimination(rows.leftCols(k)).basis(), shared = rows.rightCols(7),
+                     rest = shared - q * (q.transpose() * shared);
+      long rank = 3;
+      const MatrixXd left = eliminate(rows, static_cast<int>(k), rank);
+      CHECK(rank == 3 + full);
+      CHECK(left.rows() == std::max(count, k) - full);
+      CHECK(largest(left.transpose() * left - rest.transpose() * rest) < 1e-12);
+    }
 }
