@@ -270,7 +270,8 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const Eigen::Map<const VectorXd> sigma(view.sigma.data(),
                                              static_cast<Eigen::Index>(view.sigma.size()));
       const bool own_noise = v.layout->model->has_own_noise(), joints = !path.noise.empty();
-      depends = depends || own_noise || joints;
+      depends = depends || joints ||
+                (own_noise && (v.layout->model->noise_sees_target() || path.sensor_side));
       if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
       white.roots.clear();
       if (!own_noise && !joints && view.covariance.empty()) continue;

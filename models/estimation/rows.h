@@ -33,7 +33,7 @@ class Rows {
   Rows(const Layout& layout, const Motion& motion);
   /// Takes over the setup's noise ratios when they have changed.
   void set_losses();
-  /// Evaluates the covariances that depend on the state at this one; false if there are none.
+  /// Evaluates the covariances at this state; false if none depends on what is estimated.
   /// Motion::prepare() must have been called.
   bool renew(const VectorXd& state, Scratch& scratch);
 

@@ -133,6 +133,9 @@ class SensorModel {
 
   /// True if the own noise depends on what is seen: block i has the covariance B diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
+  /// True if the own noise depends on where the target is; else, of a scanning sensor, only on what
+  /// moves the sensor's side of its joint, and on the joint's numbers.
+  virtual bool noise_sees_target() const { return has_own_noise(); }
   /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
   /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are

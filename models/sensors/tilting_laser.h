@@ -33,6 +33,7 @@ class TiltingLaser final : public SensorModel {
   bool scans() const override { return true; }
   MeasurementKind measurement_kind() const override { return MeasurementKind::scan; }
   bool has_own_noise() const override { return true; }
+  bool noise_sees_target() const override { return false; }
   std::vector<NoisePart> noise_parts() const override {
     return {{"joint", "rad", 0, 1}, {"bearing", "rad", 1, 1}, {"range", "m", 2, 1}};
   }
