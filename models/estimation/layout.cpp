@@ -380,14 +380,11 @@ void Layout::place_data() {
     }
   for (PlacedSample& s : samples)
     for (PlacedView& v : s.views) {
-      if (v.layout->kernel) {
-        v.measured = seen.size();
-        seen.resize(seen.size() + kWeights +
-                        static_cast<size_t>(v.layout->stride()) * v.layout->model->numbers(),
-                    0.0);
-      } else {
-        v.whitening = whitenings++;
-      }
+      const ViewLayout& layout = *v.layout;
+      if (!layout.kernel || layout.model->has_own_noise()) v.whitening = whitenings++;
+      if (!layout.kernel) continue;
+      v.measured = seen.size();
+      seen.resize(seen.size() + kWeights + static_cast<size_t>(layout.padded_rows()), 0.0);
     }
 }
 
@@ -395,12 +392,11 @@ void Layout::reload() {
   for (PlacedSample& s : samples)
     for (PlacedView& v : s.views) {
       if (!v.layout->kernel) continue;
-      const int numbers = v.layout->model->numbers(), stride = v.layout->stride();
+      const SensorModel& model = *v.layout->model;
       double* to = seen.data() + v.measured;
-      for (int k = 0; k < v.layout->model->rows(); ++k) to[k] = 1 / v.view->sigma[k];
-      for (size_t i = 0; i < v.layout->ids.size(); ++i)
-        for (int k = 0; k < numbers; ++k)
-          to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
+      for (int k = 0; k < model.rows(); ++k) to[k] = 1 / v.view->sigma[k];
+      model.compared(v.view->z.data(), static_cast<int>(v.layout->ids.size()), v.layout->stride(),
+                     to + kWeights);
     }
 }
 

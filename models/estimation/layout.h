@@ -77,6 +77,11 @@ struct ViewLayout {
   /// Returns the rows of [L r] with the padding; residual k of block b is row(b, k).
   int padded_rows() const { return kernel ? model->rows() * stride() : padded(rows()); }
   int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
+  /// Returns the place of entry (r, c) of block b among the roots of a Whitening.
+  size_t root_place(int b, int r, int c) const {
+    const int k = model->rows();
+    return static_cast<size_t>(kernel ? (r * k + c) * stride() + b : (b * k + c) * k + r);
+  }
 };
 
 /// A SampleLayout is shared by all samples with the same sensors, targets and points, and computed
@@ -96,8 +101,8 @@ struct PlacedView {
   const View* view;
   const ViewLayout* layout;
   size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then
-                        // the measured numbers begin
-  int whitening = -1;   // without: which of the whitenings
+                        // what it compares with begin
+  int whitening = -1;   // without, or with own noise: which of the whitenings
 };
 
 struct PlacedSample {
@@ -138,7 +143,7 @@ struct Layout {
   std::vector<GroupShape> groups;   // the samples', then that of the priors
   std::vector<SharedColumns> sums;  // shared columns of views, each set once
   AlignedNumbers seen;              // what the kernels read: layouts, measured numbers
-  int whitenings = 0;               // views without a kernel
+  int whitenings = 0;               // views without a kernel, or with own noise
   int state_size = 0;
 
  private:

@@ -9,7 +9,7 @@ namespace kincal {
 
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch) {
   size_t rows = 8, width = 0, columns = 6, paths = 0, steps = 0, path_columns = 0, noisy = 0,
-         depth = 6;  // of the largest view and path
+         depth = 6, scanned = 0;  // of the largest view and path
   for (const auto& entry : layout.layouts) {
     const SampleLayout& sample = *entry.second;
     paths = std::max(paths, sample.paths.size());
@@ -23,6 +23,9 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
       rows = std::max(rows, static_cast<size_t>(v.padded_rows()));
       width = std::max(width, static_cast<size_t>(v.columns.total));
       columns = std::max(columns, v.map.kinematic.size() + v.map.own.size());
+      if (sample.paths[v.path].scan_step >= 0)
+        scanned = std::max(scanned, static_cast<size_t>(v.stride()) *
+                                        (kTurns + sample.paths[v.path].scan_numbers));
     }
   }
   scratch.resize(count);
@@ -37,6 +40,7 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.r.resize(rows);
     s.slopes.resize(rows);
     s.gathered.resize(3 * rows);
+    s.turned.resize(scanned);
     s.projected.resize(noisy, width + 1);
     s.rooted.resize(noisy, width + 1);
     s.expand.reserve(static_cast<int>(width), static_cast<int>(depth),

@@ -22,6 +22,8 @@ struct PathAtState {
   RowMatrix twists;    // in its top left corner: the path's columns
 };
 
+constexpr int kTurns = 3;  // arrays of ScanView::turns
+
 /// Scratch is one worker's memory for the sample at hand.
 struct Scratch {
   std::vector<Pose> motion;     // by joint
@@ -32,6 +34,7 @@ struct Scratch {
   Scan scan;
   std::vector<Eigen::Matrix3Xd> points;  // by target
   std::vector<double> gathered;          // points of a view for its kernel
+  std::vector<double> turned;            // what the joint of a scan does at each, for its kernel
   RowMatrix evaluated;                   // L as sensors without a kernel write it
   AlignedNumbers rows_memory;
   Eigen::Map<MatrixXd> rows{

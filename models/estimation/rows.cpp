@@ -46,6 +46,15 @@ SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>
   return scaled.lazyProduct(scaled.transpose());
 }
 
+/// The inverse root of that.
+SmallMatrix root_of_noise(const MatrixXd& b, const Eigen::Ref<const VectorXd>& sigma) {
+  if (b.rows() == 3 && b.cols() == 3)
+    return Vector3d(sigma).cwiseInverse().asDiagonal() *
+           Matrix3d(b.topLeftCorner<3, 3>().inverse());
+  if (b.rows() == b.cols()) return sigma.cwiseInverse().asDiagonal() * inverse_of_small(b);
+  return inverse_square_root(covariance_of(b, sigma));
+}
+
 }  // namespace
 
 Rows::Rows(const Layout& layout, const Motion& motion)
@@ -95,6 +104,35 @@ bool Rows::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd&
                           : plain_rows(v, state, scratch, derivatives, cost);
 }
 
+/// What the kernel of a scanning sensor reads of the joint, which is elsewhere at each point.
+ScanView Rows::scan_view(const PlacedView& v, const RowMatrix3d& side, bool derivatives,
+                         Scratch& scratch) const {
+  const Scan& scan = scratch.scan;
+  const int stride = v.layout->stride(), count = static_cast<int>(v.layout->ids.size()),
+            apart = v.layout->model->numbers(), numbers = scan.model->size();
+  double* turns = scratch.turned.data();
+  double* by_own = turns + kTurns * stride;
+  std::fill(turns, by_own + numbers * stride, 0.0);
+  for (int i = 0; i < count; ++i) {
+    const double reading = v.view->z[static_cast<size_t>(i) * apart],
+                 q = scan.direction * scan.position(reading);
+    turns[i] = scan.prismatic ? 1 : std::cos(q);
+    turns[stride + i] = scan.prismatic ? 0 : std::sin(q);
+    turns[2 * stride + i] = scan.prismatic ? q : 0;
+    if (!derivatives || v.layout->columns.joint < 0) continue;
+    for (int n = 0; n < numbers; ++n)
+      by_own[n * stride + i] = scan.direction * scan.model->by_own(n, reading, scan.own);
+  }
+  return {side.data(),
+          scan.sensor_T_before.translation.data(),
+          scan.axis.data(),
+          scan.prismatic,
+          turns,
+          by_own,
+          numbers,
+          whitenings_[v.whitening].roots.data()};
+}
+
 /// view_rows() by the sensor's kernel.
 bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch,
                        bool derivatives, Cost& cost) const {
@@ -110,8 +148,8 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
     points = scratch.gathered.data();
   }
   const Pose& pose = scratch.input.sensor_T_target;
-  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
-  const PointView view = {
+  const RowMatrix3d rotation = pose.rotation;
+  PointView view = {
       points,
       v.layout->target->grid
           ? state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start)
@@ -124,8 +162,19 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
       count,
       stride};
   const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(),
-                        derivatives ? scratch.rows.data() : nullptr, scratch.rows.outerStride(),
-                        v.layout->own, v.layout->columns.square};
+                        derivatives ? scratch.rows.data() : nullptr,
+                        scratch.rows.outerStride(),
+                        v.layout->own,
+                        v.layout->columns.square,
+                        v.layout->columns.sensor_side,
+                        v.layout->columns.joint};
+  RowMatrix3d side;
+  ScanView scan;
+  if (scratch.input.scan) {
+    side = scratch.scan.sensor_T_before.rotation;
+    scan = scan_view(v, side, derivatives, scratch);
+    view.scan = &scan;
+  }
   double squares;
   if (!v.layout->kernel(view, to, squares)) return false;
   cost.chi2 += squares;
@@ -262,7 +311,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
   for (const PlacedSample& s : layout_.samples) {
     bool walked = false;
     for (const PlacedView& v : s.views) {
-      if (v.layout->kernel) continue;
+      if (v.whitening < 0) continue;
       const SensorPath& path = s.layout->paths[v.layout->path];
       Whitening& white = whitenings_[v.whitening];
       const View& view = *v.view;
@@ -287,22 +336,15 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const auto root_of = [&](int i) {
         return Eigen::Map<MatrixXd>(white.roots.data() + i * size, k, k);
       };
-      if (block_by_block) white.roots.resize(blocks * size);
+      if (block_by_block)
+        white.roots.resize(size * (v.layout->kernel ? v.layout->stride() : blocks), 0.0);
       for (int i = 0; block_by_block && i < blocks; ++i) {
-        Eigen::Map<MatrixXd> root = root_of(i);
-        if (!view.covariance.empty()) {
-          root = inverse_square_root(view.covariance[i]);
-          continue;
-        }
-        v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
-        const MatrixXd& b = scratch.own_noise;
-        if (b.rows() == 3 && b.cols() == 3)
-          Eigen::Map<Matrix3d>(root.data()) = Vector3d(sigma).cwiseInverse().asDiagonal() *
-                                              Matrix3d(b.topLeftCorner<3, 3>().inverse());
-        else
-          root = b.rows() == b.cols()
-                     ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
-                     : inverse_square_root(covariance_of(b, sigma));
+        if (view.covariance.empty())
+          v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
+        const SmallMatrix root = view.covariance.empty() ? root_of_noise(scratch.own_noise, sigma)
+                                                         : inverse_square_root(view.covariance[i]);
+        for (int c = 0; c < k; ++c)
+          for (int r = 0; r < k; ++r) white.roots[v.layout->root_place(i, r, c)] = root(r, c);
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.

@@ -144,6 +144,9 @@ class SensorModel {
   /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has
   /// none.
   virtual ViewKernel kernel() const { return nullptr; }
+  /// Computes what the kernel compares with, rows() numbers a point, component after component,
+  /// `stride` apart: what a view of n points measured, or what follows from it.
+  virtual void compared(const double* z, int n, int stride, double* to) const;
   /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals
   /// at each target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
