@@ -63,6 +63,11 @@ int Estimation::prior_group() const {
 
 void Estimation::reload() { parts_->layout.reload(); }
 
+void Estimation::set_loss(const Loss& loss) {
+  parts_->layout.setup.loss = loss;
+  parts_->whitened.set_losses();
+}
+
 void Estimation::set_noise_ratios(const std::vector<double>& noise_ratios) {
   parts_->layout.setup.noise_ratios = noise_ratios;
   parts_->whitened.set_losses();

@@ -33,7 +33,7 @@ struct PriorRow {
 class Rows {
  public:
   Rows(const Layout& layout, const Motion& motion);
-  /// Takes over the setup's noise ratios when they have changed.
+  /// Takes over the setup's loss and noise ratios when they have changed.
   void set_losses();
   /// Evaluates the covariances at this state; false if none depends on what is estimated.
   /// Motion::prepare() must have been called.
