@@ -76,6 +76,7 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
       turns_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
                         tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
                         Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
+      turns_.back().set_origin(tree.joints[j].parent_T_joint, tree.joints[j].axis);
     }
 }
 
@@ -91,12 +92,18 @@ void Motion::prepare(const VectorXd& state) {
   }
   for (Turn& turn : turns_) {
     if (!turn.held) continue;
-    const Vector3d& axis = layout_.rig.tree.joints[turn.joint].axis;
-    turn.origin = get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
-    turn.along = turn.origin.rotation * axis;
-    turn.sine = turn.origin.rotation * skew(axis);
-    turn.versine = turn.sine * skew(axis);
+    const Pose origin =
+        get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
+    if (origin.rotation != turn.origin.rotation || origin.translation != turn.origin.translation)
+      turn.set_origin(origin, layout_.rig.tree.joints[turn.joint].axis);
   }
+}
+
+void Motion::Turn::set_origin(const Pose& pose, const Vector3d& axis) {
+  origin = pose;
+  along = origin.rotation * axis;
+  sine = origin.rotation * skew(axis);
+  versine = sine * skew(axis);
 }
 
 /// Motions of all joints of the sample and their readings with errors.

@@ -80,6 +80,8 @@ class Motion {
     Pose origin;
     Matrix3d sine, versine;  // R [a]x, R [a]x^2
     Vector3d along;          // R a
+
+    void set_origin(const Pose& pose, const Vector3d& axis);
   };
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 
