@@ -125,18 +125,18 @@ std::vector<char> Estimation::influencing() const {
   const auto use = [&](int parameter) {
     if (parameter >= 0) used[parameter] = 1;
   };
-  for (const PlacedSample& s : layout.samples)
-    for (const PlacedView& v : s.views) {
-      use(layout.table.sensor_pose[v.layout->sensor_index]);
-      for (size_t b = 0; b < v.layout->sensor->parameters.size(); ++b)
-        use(layout.table.sensor_block[v.layout->sensor_index] + static_cast<int>(b));
-      use(layout.table.target_pose[v.layout->target_index]);
-      if (!v.layout->sensor->model->measures_pose()) {
-        use(layout.table.target_square[v.layout->target_index]);
-        use(layout.table.target_warp[v.layout->target_index]);
-        use(layout.table.target_points[v.layout->target_index]);
+  for (const auto& entry : layout.layouts)
+    for (const ViewLayout& v : entry.second->views) {
+      use(layout.table.sensor_pose[v.sensor_index]);
+      for (size_t b = 0; b < v.sensor->parameters.size(); ++b)
+        use(layout.table.sensor_block[v.sensor_index] + static_cast<int>(b));
+      use(layout.table.target_pose[v.target_index]);
+      if (!v.sensor->model->measures_pose()) {
+        use(layout.table.target_square[v.target_index]);
+        use(layout.table.target_warp[v.target_index]);
+        use(layout.table.target_points[v.target_index]);
       }
-      for (const PathStep& step : s.layout->paths[v.layout->path].steps) {
+      for (const PathStep& step : entry.second->paths[v.path].steps) {
         use(layout.table.joint_origin[step.joint]);
         if (!layout.rig.tree.joints[step.joint].moves()) continue;
         const int drv = driver(layout.rig.tree, step.joint).joint;
