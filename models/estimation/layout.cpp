@@ -273,7 +273,8 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
 void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
                         const SampleLayout& s) const {
   const SensorPath& path = s.paths[v.path];
-  v.map = ViewColumns();
+  v.map.kinematic.clear();
+  v.map.own.clear();
   v.poses.clear();
   const auto shared = [&](int column) { return place_of(places, column); };
 
@@ -367,6 +368,13 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
 /// What the kernels read: layouts of grids, each set of seen points once, and room for weights and
 /// measured numbers, view after view.
 void Layout::place_data() {
+  size_t most = 0;
+  for (const auto& entry : layouts)
+    for (const ViewLayout& v : entry.second->views) most += 3 * static_cast<size_t>(v.stride());
+  for (const PlacedSample& s : samples)
+    for (const PlacedView& v : s.views)
+      most += kWeights + static_cast<size_t>(v.layout->padded_rows());
+  seen.reserve(most);
   std::map<std::pair<int, std::vector<int>>, size_t> grids;
   for (auto& entry : layouts)
     for (ViewLayout& v : entry.second->views) {

@@ -8,6 +8,7 @@
 namespace kincal {
 
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch) {
+  if (scratch.size() == static_cast<size_t>(count)) return;  // it is that of this layout
   size_t rows = 8, width = 0, columns = 6, paths = 0, steps = 0, path_columns = 0, noisy = 0,
          depth = 6, scanned = 0;  // of the largest view and path
   for (const auto& entry : layout.layouts) {
