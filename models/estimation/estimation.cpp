@@ -266,9 +266,9 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
                                    MatrixXd& rows, std::vector<NoiseRows>* kinds) {
   const GroupShape& shape = layout.groups[group];
   const int size = shape.size();
-  rows.setZero(shape.rows, size + 1);
   if (kinds) kinds->clear();
   if (group == static_cast<int>(layout.samples.size())) {
+    rows.setZero(shape.rows, size + 1);
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, true, row);
@@ -281,16 +281,23 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   }
   const PlacedSample& s = layout.samples[group];
   Scratch& local = scratch[worker];
-  Eigen::Index used = 0;
+  Eigen::Index most = static_cast<Eigen::Index>(s.layout->noisy.size()), used = 0;
+  for (const ViewLayout& v : s.layout->views) {
+    const size_t parts = kinds ? v.model->noise_parts().size() : 1;
+    const int width = v.columns.total + 1;
+    most += compress ? std::min(v.rows(), static_cast<int>(parts) * width) : v.rows();
+  }
+  rows.setZero(most, size + 1);
   Cost cost;
   walk(s, state, local, true);
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
     const int width = v.layout->columns.total + 1;
-    const std::vector<NoisePart> noise = v.layout->model->noise_parts();
+    const std::vector<NoisePart> noise =
+        kinds ? v.layout->model->noise_parts() : std::vector<NoisePart>();
     MatrixXd view;
-    if (kinds && noise.size() > 1) {
+    if (noise.size() > 1) {
       view.resize(v.layout->rows(), width);
       Eigen::Index filled = 0;
       for (size_t p = 0; p < noise.size(); ++p) {

@@ -77,11 +77,6 @@ struct ViewLayout {
   /// Returns the rows of [L r] with the padding; residual k of block b is row(b, k).
   int padded_rows() const { return kernel ? model->rows() * stride() : padded(rows()); }
   int row(int b, int k) const { return kernel ? k * stride() + b : b * model->rows() + k; }
-  /// Returns the place of entry (r, c) of block b among the roots of a Whitening.
-  size_t root_place(int b, int r, int c) const {
-    const int k = model->rows();
-    return static_cast<size_t>(kernel ? (r * k + c) * stride() + b : (b * k + c) * k + r);
-  }
 };
 
 /// A SampleLayout is shared by all samples with the same sensors, targets and points, and computed

@@ -82,14 +82,15 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
 }
 
 void Motion::prepare(const VectorXd& state) {
-  for (size_t p = 0; p < charts_.size(); ++p) {
-    if (charts_[p].size() == 0) continue;
-    const int start = layout_.table.all[p].start;
+  for (const Freed& f : layout_.setup.free) {
+    MatrixXd& chart = charts_[f.parameter];
+    if (chart.size() == 0) continue;
+    const int start = layout_.table.all[f.parameter].start;
     const Vector6d xi =
         log_se3(inverse(get_pose(layout_.initial(), start)) * get_pose(state, start));
     const Matrix6d jacobian = right_jacobian_se3(xi);
-    for (size_t i = 0; i < layout_.freed[p]->components.size(); ++i)
-      charts_[p].col(i) = jacobian.col(layout_.freed[p]->components[i]);
+    for (size_t i = 0; i < f.components.size(); ++i)
+      chart.col(static_cast<Eigen::Index>(i)) = jacobian.col(f.components[i]);
   }
   for (Turn& turn : turns_) {
     if (!turn.held) continue;

@@ -46,13 +46,15 @@ SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>
   return scaled.lazyProduct(scaled.transpose());
 }
 
-/// The inverse root of that.
-SmallMatrix root_of_noise(const MatrixXd& b, const Eigen::Ref<const VectorXd>& sigma) {
+/// The inverse root of that, b.rows() squared, column by column.
+void root_of_noise(const MatrixXd& b, const Eigen::Ref<const VectorXd>& sigma, double* root) {
   if (b.rows() == 3 && b.cols() == 3)
-    return Vector3d(sigma).cwiseInverse().asDiagonal() *
-           Matrix3d(b.topLeftCorner<3, 3>().inverse());
-  if (b.rows() == b.cols()) return sigma.cwiseInverse().asDiagonal() * inverse_of_small(b);
-  return inverse_square_root(covariance_of(b, sigma));
+    Eigen::Map<Matrix3d>(root, 3, 3) =
+        Vector3d(sigma).cwiseInverse().asDiagonal() * Matrix3d(b.topLeftCorner<3, 3>().inverse());
+  else
+    Eigen::Map<MatrixXd>(root, b.rows(), b.rows()) =
+        b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
+                             : inverse_square_root(covariance_of(b, sigma));
 }
 
 }  // namespace
@@ -336,15 +338,22 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const auto root_of = [&](int i) {
         return Eigen::Map<MatrixXd>(white.roots.data() + i * size, k, k);
       };
-      if (block_by_block)
-        white.roots.resize(size * (v.layout->kernel ? v.layout->stride() : blocks), 0.0);
+      // Block after block; for a kernel entry after entry, one number a block.
+      const int stride = v.layout->kernel ? v.layout->stride() : 1;
+      const size_t apart = v.layout->kernel ? 1 : size;
+      if (block_by_block) white.roots.resize(size * (v.layout->kernel ? stride : blocks), 0.0);
       for (int i = 0; block_by_block && i < blocks; ++i) {
-        if (view.covariance.empty())
+        double root[36];
+        if (view.covariance.empty()) {
           v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
-        const SmallMatrix root = view.covariance.empty() ? root_of_noise(scratch.own_noise, sigma)
-                                                         : inverse_square_root(view.covariance[i]);
-        for (int c = 0; c < k; ++c)
-          for (int r = 0; r < k; ++r) white.roots[v.layout->root_place(i, r, c)] = root(r, c);
+          root_of_noise(scratch.own_noise, sigma, root);
+        } else {
+          Eigen::Map<MatrixXd>(root, k, k) = inverse_square_root(view.covariance[i]);
+        }
+        double* to = white.roots.data() + i * apart;
+        for (int r = 0; r < k; ++r)
+          for (int c = 0; c < k; ++c)
+            to[(v.layout->kernel ? r * k + c : c * k + r) * stride] = root[c * k + r];
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.

@@ -118,8 +118,8 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
       return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
-  const VectorXd start = out.state;
   const bool rough = rough_for_loss(recording, out);
+  const VectorXd start = rough ? out.state : VectorXd();
   out.summary = out.solver->solve(out.state);
   if (rough && out.defined() && out.summary.outcome != Outcome::cancelled)
     solve_from_graduated(recording, options, start, out);

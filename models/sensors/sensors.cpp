@@ -14,8 +14,9 @@ void SensorModel::own_noise(const ViewInput&, int, Eigen::MatrixXd& b) const {
 }
 
 void SensorModel::compared(const double* z, int n, int stride, double* to) const {
+  const int count = rows(), apart = numbers();
   for (int i = 0; i < n; ++i)
-    for (int k = 0; k < rows(); ++k) to[k * stride + i] = z[i * numbers() + k];
+    for (int k = 0; k < count; ++k) to[k * stride + i] = z[i * apart + k];
 }
 
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count) {

@@ -780,7 +780,7 @@ TEST_CASE("estimation: covariances are held until they are renewed") {
     for (const GroupShape& g : problem->groups()) privates += g.private_size;
     VectorXd moved;
     problem->retract(state, VectorXd::Constant(problem->shared_size(), 0.02),
-                     VectorXd::Zero(privates), moved);
+                     VectorXd::Constant(privates, 0.01), moved);
     const double before = chi2(state), there = chi2(moved);
     problem->prepare(moved);
     CHECK(chi2(state) == before);
