@@ -392,7 +392,7 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
     w.gradient.setZero();
   }
   if (pass.eliminate) clear_eliminated(worker);
-  const bool in_pieces = pass.linearise && system.dense() && !ranges;
+  const bool in_pieces = pass.linearise && system.dense() && !ranges && n > 0;
   if (in_pieces) problem.begin_piece(worker);
   for (int first = p.first; first < p.last && p.defined; first += RangeProblem::kRange) {
     const int last = std::min(p.last, first + RangeProblem::kRange);

@@ -144,11 +144,12 @@ struct LevenbergMarquardt::Workspace {
   }
   /// A step that will be accepted and is not the last is linearised at its end, which gives its
   /// cost as well. One that was rejected after all costs a linearisation: then the trials only
-  /// evaluate, until the first trial of an iteration is accepted again.
+  /// evaluate, until the first trial of an iteration is accepted again. Near the minimum the
+  /// covariances are renewed before anything is linearised.
   bool linearises_at_once(double doubled, const Trial& trial) const {
-    return hopeful && linearised == Linearised::here && !renewable && !arrowhead.ranges &&
-           !arrowhead.has_curvature() && trial.decrement >= converged &&
-           trial.promised > options.relative_decrease * doubled;
+    return hopeful && linearised == Linearised::here && !arrowhead.ranges &&
+           !(renewable && is_near(trial, doubled)) && !arrowhead.has_curvature() &&
+           trial.decrement >= converged && trial.promised > options.relative_decrease * doubled;
   }
   /// assemble() at `state`, linearised again if need be.
   Assembly assemble(const VectorXd& state, double lambda, bool first) {

@@ -83,7 +83,7 @@ class Problem {
   virtual void retract(const VectorXd& state, const VectorXd& shared_step,
                        const VectorXd& private_step, VectorXd& moved) const = 0;
   /// Evaluates covariances that depend on the state at this one and holds them from then on; false
-  /// if there are none.
+  /// if none does, however the state moves.
   virtual bool renew(const VectorXd& state) = 0;
 };
 

@@ -8,14 +8,19 @@
 namespace kincal {
 namespace {
 
-/// By parameter: whether the measurements of a step depend on it; empty: no training sample has a
-/// view of its sensors.
-std::vector<char> used_by(const Recording& recording, const Step& step) {
+/// By the sensors of a step, and by parameter: whether its measurements depend on it; empty: no
+/// training sample has a view of its sensors.
+using Used = std::map<std::vector<int>, std::vector<char>>;
+
+const std::vector<char>& used_by(const Recording& recording, const Step& step, Used& used) {
+  const auto [found, is_new] = used.try_emplace(step.sensors);
+  if (!is_new) return found->second;
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = step.sensors;
   const Estimation probe(recording, recording.training(), setup);
-  return probe.groups().empty() ? std::vector<char>() : probe.influencing();
+  if (!probe.groups().empty()) found->second = probe.influencing();
+  return found->second;
 }
 
 std::string place(const char* list, size_t i) {
@@ -200,9 +205,10 @@ bool among(const std::vector<Freed>& a, const std::vector<Freed>& b) {
 std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelection& selection) {
   const std::vector<const Step*> steps = steps_to_run(recording.rig, selection.last_step);
   std::vector<StepPlan> out;
+  Used known;
   for (const Step* step : steps) {
     const bool last = step == steps.back();
-    const std::vector<char> used = used_by(recording, *step);
+    const std::vector<char>& used = used_by(recording, *step, known);
     out.push_back(last ? resolve(recording, *step, used, selection.free, selection.fix)
                        : resolve(recording, *step, used, {}, {}));
     if (last) out.back().without_effect = without_effect(recording, *step, used, selection);
@@ -215,8 +221,9 @@ std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelect
 
 void check_steps(const Recording& recording) {
   if (recording.samples.empty()) throw std::invalid_argument("there are no samples");
+  Used known;
   for (const Step& step : recording.rig.steps)
-    resolve(recording, step, used_by(recording, step), {}, {});
+    resolve(recording, step, used_by(recording, step, known), {}, {});
 }
 
 void count(const Recording& recording, NoiseMode noise, StepPlan& plan) {

@@ -63,6 +63,11 @@ int Estimation::prior_group() const {
 
 void Estimation::reload() { parts_->layout.reload(); }
 
+void Estimation::set_loss(const Loss& loss) {
+  parts_->layout.setup.loss = loss;
+  parts_->whitened.set_losses();
+}
+
 void Estimation::set_noise_ratios(const std::vector<double>& noise_ratios) {
   parts_->layout.setup.noise_ratios = noise_ratios;
   parts_->whitened.set_losses();
@@ -120,18 +125,18 @@ std::vector<char> Estimation::influencing() const {
   const auto use = [&](int parameter) {
     if (parameter >= 0) used[parameter] = 1;
   };
-  for (const PlacedSample& s : layout.samples)
-    for (const PlacedView& v : s.views) {
-      use(layout.table.sensor_pose[v.layout->sensor_index]);
-      for (size_t b = 0; b < v.layout->sensor->parameters.size(); ++b)
-        use(layout.table.sensor_block[v.layout->sensor_index] + static_cast<int>(b));
-      use(layout.table.target_pose[v.layout->target_index]);
-      if (!v.layout->sensor->model->measures_pose()) {
-        use(layout.table.target_square[v.layout->target_index]);
-        use(layout.table.target_warp[v.layout->target_index]);
-        use(layout.table.target_points[v.layout->target_index]);
+  for (const auto& entry : layout.layouts)
+    for (const ViewLayout& v : entry.second->views) {
+      use(layout.table.sensor_pose[v.sensor_index]);
+      for (size_t b = 0; b < v.sensor->parameters.size(); ++b)
+        use(layout.table.sensor_block[v.sensor_index] + static_cast<int>(b));
+      use(layout.table.target_pose[v.target_index]);
+      if (!v.sensor->model->measures_pose()) {
+        use(layout.table.target_square[v.target_index]);
+        use(layout.table.target_warp[v.target_index]);
+        use(layout.table.target_points[v.target_index]);
       }
-      for (const PathStep& step : s.layout->paths[v.layout->path].steps) {
+      for (const PathStep& step : entry.second->paths[v.path].steps) {
         use(layout.table.joint_origin[step.joint]);
         if (!layout.rig.tree.joints[step.joint].moves()) continue;
         const int drv = driver(layout.rig.tree, step.joint).joint;
@@ -262,9 +267,9 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
                                    MatrixXd& rows, std::vector<NoiseRows>* kinds) {
   const GroupShape& shape = layout.groups[group];
   const int size = shape.size();
-  rows.setZero(shape.rows, size + 1);
   if (kinds) kinds->clear();
   if (group == static_cast<int>(layout.samples.size())) {
+    rows.setZero(shape.rows, size + 1);
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, true, row);
@@ -277,16 +282,23 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   }
   const PlacedSample& s = layout.samples[group];
   Scratch& local = scratch[worker];
-  Eigen::Index used = 0;
+  Eigen::Index most = static_cast<Eigen::Index>(s.layout->noisy.size()), used = 0;
+  for (const ViewLayout& v : s.layout->views) {
+    const size_t parts = kinds ? v.model->noise_parts().size() : 1;
+    const int width = v.columns.total + 1;
+    most += compress ? std::min(v.rows(), static_cast<int>(parts) * width) : v.rows();
+  }
+  rows.setZero(most, size + 1);
   Cost cost;
   walk(s, state, local, true);
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
     const int width = v.layout->columns.total + 1;
-    const std::vector<NoisePart> noise = v.layout->model->noise_parts();
+    const std::vector<NoisePart> noise =
+        kinds ? v.layout->model->noise_parts() : std::vector<NoisePart>();
     MatrixXd view;
-    if (kinds && noise.size() > 1) {
+    if (noise.size() > 1) {
       view.resize(v.layout->rows(), width);
       Eigen::Index filled = 0;
       for (size_t p = 0; p < noise.size(); ++p) {

@@ -84,6 +84,7 @@ class Estimation final : public Problem {
   /// next solve() starts from them without new analysis. The views, their points and the number of
   /// sigmas must have stayed.
   void reload();
+  void set_loss(const Loss& loss);
   /// Sets the units of the loss's scale, by sensor: the observed noise over the assumed
   /// (fitting/robust.h).
   void set_noise_ratios(const std::vector<double>& noise_ratios);

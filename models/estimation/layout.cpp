@@ -273,7 +273,8 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
 void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
                         const SampleLayout& s) const {
   const SensorPath& path = s.paths[v.path];
-  v.map = ViewColumns();
+  v.map.kinematic.clear();
+  v.map.own.clear();
   v.poses.clear();
   const auto shared = [&](int column) { return place_of(places, column); };
 
@@ -367,6 +368,13 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
 /// What the kernels read: layouts of grids, each set of seen points once, and room for weights and
 /// measured numbers, view after view.
 void Layout::place_data() {
+  size_t most = 0;
+  for (const auto& entry : layouts)
+    for (const ViewLayout& v : entry.second->views) most += 3 * static_cast<size_t>(v.stride());
+  for (const PlacedSample& s : samples)
+    for (const PlacedView& v : s.views)
+      most += kWeights + static_cast<size_t>(v.layout->padded_rows());
+  seen.reserve(most);
   std::map<std::pair<int, std::vector<int>>, size_t> grids;
   for (auto& entry : layouts)
     for (ViewLayout& v : entry.second->views) {
@@ -380,14 +388,11 @@ void Layout::place_data() {
     }
   for (PlacedSample& s : samples)
     for (PlacedView& v : s.views) {
-      if (v.layout->kernel) {
-        v.measured = seen.size();
-        seen.resize(seen.size() + kWeights +
-                        static_cast<size_t>(v.layout->stride()) * v.layout->model->numbers(),
-                    0.0);
-      } else {
-        v.whitening = whitenings++;
-      }
+      const ViewLayout& layout = *v.layout;
+      if (!layout.kernel || layout.model->has_own_noise()) v.whitening = whitenings++;
+      if (!layout.kernel) continue;
+      v.measured = seen.size();
+      seen.resize(seen.size() + kWeights + static_cast<size_t>(layout.padded_rows()), 0.0);
     }
 }
 
@@ -395,12 +400,11 @@ void Layout::reload() {
   for (PlacedSample& s : samples)
     for (PlacedView& v : s.views) {
       if (!v.layout->kernel) continue;
-      const int numbers = v.layout->model->numbers(), stride = v.layout->stride();
+      const SensorModel& model = *v.layout->model;
       double* to = seen.data() + v.measured;
-      for (int k = 0; k < v.layout->model->rows(); ++k) to[k] = 1 / v.view->sigma[k];
-      for (size_t i = 0; i < v.layout->ids.size(); ++i)
-        for (int k = 0; k < numbers; ++k)
-          to[kWeights + static_cast<size_t>(k) * stride + i] = v.view->z[i * numbers + k];
+      for (int k = 0; k < model.rows(); ++k) to[k] = 1 / v.view->sigma[k];
+      model.compared(v.view->z.data(), static_cast<int>(v.layout->ids.size()), v.layout->stride(),
+                     to + kWeights);
     }
 }
 

@@ -96,8 +96,8 @@ struct PlacedView {
   const View* view;
   const ViewLayout* layout;
   size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then
-                        // the measured numbers begin
-  int whitening = -1;   // without: which of the whitenings
+                        // what it compares with begin
+  int whitening = -1;   // without, or with own noise: which of the whitenings
 };
 
 struct PlacedSample {
@@ -138,7 +138,7 @@ struct Layout {
   std::vector<GroupShape> groups;   // the samples', then that of the priors
   std::vector<SharedColumns> sums;  // shared columns of views, each set once
   AlignedNumbers seen;              // what the kernels read: layouts, measured numbers
-  int whitenings = 0;               // views without a kernel
+  int whitenings = 0;               // views without a kernel, or with own noise
   int state_size = 0;
 
  private:

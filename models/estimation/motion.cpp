@@ -8,8 +8,9 @@
 namespace kincal {
 
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch) {
+  if (scratch.size() == static_cast<size_t>(count)) return;  // it is that of this layout
   size_t rows = 8, width = 0, columns = 6, paths = 0, steps = 0, path_columns = 0, noisy = 0,
-         depth = 6;  // of the largest view and path
+         depth = 6, scanned = 0;  // of the largest view and path
   for (const auto& entry : layout.layouts) {
     const SampleLayout& sample = *entry.second;
     paths = std::max(paths, sample.paths.size());
@@ -23,6 +24,9 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
       rows = std::max(rows, static_cast<size_t>(v.padded_rows()));
       width = std::max(width, static_cast<size_t>(v.columns.total));
       columns = std::max(columns, v.map.kinematic.size() + v.map.own.size());
+      if (sample.paths[v.path].scan_step >= 0)
+        scanned = std::max(scanned, static_cast<size_t>(v.stride()) *
+                                        (kTurns + sample.paths[v.path].scan_numbers));
     }
   }
   scratch.resize(count);
@@ -37,6 +41,7 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.r.resize(rows);
     s.slopes.resize(rows);
     s.gathered.resize(3 * rows);
+    s.turned.resize(scanned);
     s.projected.resize(noisy, width + 1);
     s.rooted.resize(noisy, width + 1);
     s.expand.reserve(static_cast<int>(width), static_cast<int>(depth),
@@ -72,27 +77,35 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
       turns_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
                         tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
                         Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
+      turns_.back().set_origin(tree.joints[j].parent_T_joint, tree.joints[j].axis);
     }
 }
 
 void Motion::prepare(const VectorXd& state) {
-  for (size_t p = 0; p < charts_.size(); ++p) {
-    if (charts_[p].size() == 0) continue;
-    const int start = layout_.table.all[p].start;
+  for (const Freed& f : layout_.setup.free) {
+    MatrixXd& chart = charts_[f.parameter];
+    if (chart.size() == 0) continue;
+    const int start = layout_.table.all[f.parameter].start;
     const Vector6d xi =
         log_se3(inverse(get_pose(layout_.initial(), start)) * get_pose(state, start));
     const Matrix6d jacobian = right_jacobian_se3(xi);
-    for (size_t i = 0; i < layout_.freed[p]->components.size(); ++i)
-      charts_[p].col(i) = jacobian.col(layout_.freed[p]->components[i]);
+    for (size_t i = 0; i < f.components.size(); ++i)
+      chart.col(static_cast<Eigen::Index>(i)) = jacobian.col(f.components[i]);
   }
   for (Turn& turn : turns_) {
     if (!turn.held) continue;
-    const Vector3d& axis = layout_.rig.tree.joints[turn.joint].axis;
-    turn.origin = get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
-    turn.along = turn.origin.rotation * axis;
-    turn.sine = turn.origin.rotation * skew(axis);
-    turn.versine = turn.sine * skew(axis);
+    const Pose origin =
+        get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
+    if (origin.rotation != turn.origin.rotation || origin.translation != turn.origin.translation)
+      turn.set_origin(origin, layout_.rig.tree.joints[turn.joint].axis);
   }
+}
+
+void Motion::Turn::set_origin(const Pose& pose, const Vector3d& axis) {
+  origin = pose;
+  along = origin.rotation * axis;
+  sine = origin.rotation * skew(axis);
+  versine = sine * skew(axis);
 }
 
 /// Motions of all joints of the sample and their readings with errors.

@@ -22,6 +22,8 @@ struct PathAtState {
   RowMatrix twists;    // in its top left corner: the path's columns
 };
 
+constexpr int kTurns = 3;  // arrays of ScanView::turns
+
 /// Scratch is one worker's memory for the sample at hand.
 struct alignas(kCacheLine) Scratch {
   std::vector<Pose> motion;     // by joint
@@ -32,6 +34,7 @@ struct alignas(kCacheLine) Scratch {
   Scan scan;
   std::vector<Eigen::Matrix3Xd> points;  // by target
   std::vector<double> gathered;          // points of a view for its kernel
+  std::vector<double> turned;            // what the joint of a scan does at each, for its kernel
   RowMatrix evaluated;                   // L as sensors without a kernel write it
   AlignedNumbers rows_memory;
   Eigen::Map<MatrixXd> rows{
@@ -77,6 +80,8 @@ class Motion {
     Pose origin;
     Matrix3d sine, versine;  // R [a]x, R [a]x^2
     Vector3d along;          // R a
+
+    void set_origin(const Pose& pose, const Vector3d& axis);
   };
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 

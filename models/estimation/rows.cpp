@@ -46,6 +46,17 @@ SmallMatrix covariance_of(const SmallMatrix& b, const Eigen::Ref<const VectorXd>
   return scaled.lazyProduct(scaled.transpose());
 }
 
+/// The inverse root of that, b.rows() squared, column by column.
+void root_of_noise(const MatrixXd& b, const Eigen::Ref<const VectorXd>& sigma, double* root) {
+  if (b.rows() == 3 && b.cols() == 3)
+    Eigen::Map<Matrix3d>(root, 3, 3) =
+        Vector3d(sigma).cwiseInverse().asDiagonal() * Matrix3d(b.topLeftCorner<3, 3>().inverse());
+  else
+    Eigen::Map<MatrixXd>(root, b.rows(), b.rows()) =
+        b.rows() == b.cols() ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
+                             : inverse_square_root(covariance_of(b, sigma));
+}
+
 }  // namespace
 
 Rows::Rows(const Layout& layout, const Motion& motion)
@@ -95,6 +106,35 @@ bool Rows::view_rows(const PlacedView& v, const PlacedSample& s, const VectorXd&
                           : plain_rows(v, state, scratch, derivatives, cost);
 }
 
+/// What the kernel of a scanning sensor reads of the joint, which is elsewhere at each point.
+ScanView Rows::scan_view(const PlacedView& v, const RowMatrix3d& side, bool derivatives,
+                         Scratch& scratch) const {
+  const Scan& scan = scratch.scan;
+  const int stride = v.layout->stride(), count = static_cast<int>(v.layout->ids.size()),
+            apart = v.layout->model->numbers(), numbers = scan.model->size();
+  double* turns = scratch.turned.data();
+  double* by_own = turns + kTurns * stride;
+  std::fill(turns, by_own + numbers * stride, 0.0);
+  for (int i = 0; i < count; ++i) {
+    const double reading = v.view->z[static_cast<size_t>(i) * apart],
+                 q = scan.direction * scan.position(reading);
+    turns[i] = scan.prismatic ? 1 : std::cos(q);
+    turns[stride + i] = scan.prismatic ? 0 : std::sin(q);
+    turns[2 * stride + i] = scan.prismatic ? q : 0;
+    if (!derivatives || v.layout->columns.joint < 0) continue;
+    for (int n = 0; n < numbers; ++n)
+      by_own[n * stride + i] = scan.direction * scan.model->by_own(n, reading, scan.own);
+  }
+  return {side.data(),
+          scan.sensor_T_before.translation.data(),
+          scan.axis.data(),
+          scan.prismatic,
+          turns,
+          by_own,
+          numbers,
+          whitenings_[v.whitening].roots.data()};
+}
+
 /// view_rows() by the sensor's kernel.
 bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch,
                        bool derivatives, Cost& cost) const {
@@ -110,8 +150,8 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
     points = scratch.gathered.data();
   }
   const Pose& pose = scratch.input.sensor_T_target;
-  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = pose.rotation;
-  const PointView view = {
+  const RowMatrix3d rotation = pose.rotation;
+  PointView view = {
       points,
       v.layout->target->grid
           ? state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start)
@@ -124,8 +164,19 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
       count,
       stride};
   const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(),
-                        derivatives ? scratch.rows.data() : nullptr, scratch.rows.outerStride(),
-                        v.layout->own, v.layout->columns.square};
+                        derivatives ? scratch.rows.data() : nullptr,
+                        scratch.rows.outerStride(),
+                        v.layout->own,
+                        v.layout->columns.square,
+                        v.layout->columns.sensor_side,
+                        v.layout->columns.joint};
+  RowMatrix3d side;
+  ScanView scan;
+  if (scratch.input.scan) {
+    side = scratch.scan.sensor_T_before.rotation;
+    scan = scan_view(v, side, derivatives, scratch);
+    view.scan = &scan;
+  }
   double squares;
   if (!v.layout->kernel(view, to, squares)) return false;
   cost.chi2 += squares;
@@ -262,7 +313,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
   for (const PlacedSample& s : layout_.samples) {
     bool walked = false;
     for (const PlacedView& v : s.views) {
-      if (v.layout->kernel) continue;
+      if (v.whitening < 0) continue;
       const SensorPath& path = s.layout->paths[v.layout->path];
       Whitening& white = whitenings_[v.whitening];
       const View& view = *v.view;
@@ -270,7 +321,8 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const Eigen::Map<const VectorXd> sigma(view.sigma.data(),
                                              static_cast<Eigen::Index>(view.sigma.size()));
       const bool own_noise = v.layout->model->has_own_noise(), joints = !path.noise.empty();
-      depends = depends || own_noise || joints;
+      depends = depends || joints ||
+                (own_noise && (v.layout->model->noise_sees_target() || path.sensor_side));
       if (!own_noise && sigma.size() == k) white.inverse_sigma = sigma.cwiseInverse();
       white.roots.clear();
       if (!own_noise && !joints && view.covariance.empty()) continue;
@@ -286,22 +338,22 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       const auto root_of = [&](int i) {
         return Eigen::Map<MatrixXd>(white.roots.data() + i * size, k, k);
       };
-      if (block_by_block) white.roots.resize(blocks * size);
+      // Block after block; for a kernel entry after entry, one number a block.
+      const int stride = v.layout->kernel ? v.layout->stride() : 1;
+      const size_t apart = v.layout->kernel ? 1 : size;
+      if (block_by_block) white.roots.resize(size * (v.layout->kernel ? stride : blocks), 0.0);
       for (int i = 0; block_by_block && i < blocks; ++i) {
-        Eigen::Map<MatrixXd> root = root_of(i);
-        if (!view.covariance.empty()) {
-          root = inverse_square_root(view.covariance[i]);
-          continue;
+        double root[36];
+        if (view.covariance.empty()) {
+          v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
+          root_of_noise(scratch.own_noise, sigma, root);
+        } else {
+          Eigen::Map<MatrixXd>(root, k, k) = inverse_square_root(view.covariance[i]);
         }
-        v.layout->model->own_noise(scratch.input, i, scratch.own_noise);
-        const MatrixXd& b = scratch.own_noise;
-        if (b.rows() == 3 && b.cols() == 3)
-          Eigen::Map<Matrix3d>(root.data()) = Vector3d(sigma).cwiseInverse().asDiagonal() *
-                                              Matrix3d(b.topLeftCorner<3, 3>().inverse());
-        else
-          root = b.rows() == b.cols()
-                     ? SmallMatrix(sigma.cwiseInverse().asDiagonal() * inverse_of_small(b))
-                     : inverse_square_root(covariance_of(b, sigma));
+        double* to = white.roots.data() + i * apart;
+        for (int r = 0; r < k; ++r)
+          for (int c = 0; c < k; ++c)
+            to[(v.layout->kernel ? r * k + c : c * k + r) * stride] = root[c * k + r];
       }
       if (!joints) continue;
       // Jq S^1/2 = L Mq sigma, unwhitened.

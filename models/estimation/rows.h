@@ -8,12 +8,14 @@
 
 namespace kincal {
 
+using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;  // on the stack
 
-/// A Whitening says how residuals of a view without a kernel become white.
+/// A Whitening says how residuals of a view become white that has no kernel, or own noise.
 struct Whitening {
   VectorXd inverse_sigma;     // one a row of a block, where there are no roots
-  std::vector<double> roots;  // k x k of each block of k rows, column by column; or empty
+  std::vector<double> roots;  // k x k of each block of k rows, column by column (for a kernel as
+                              // ScanView has them); or empty
   MatrixXd noise;             // mode marginal: U, whitened own noise assumed; or empty
   MatrixXd root;              // (1 + U U')^-1/2 = 1 - noise root noise'
 };
@@ -31,9 +33,9 @@ struct PriorRow {
 class Rows {
  public:
   Rows(const Layout& layout, const Motion& motion);
-  /// Takes over the setup's noise ratios when they have changed.
+  /// Takes over the setup's loss and noise ratios when they have changed.
   void set_losses();
-  /// Evaluates the covariances that depend on the state at this one; false if there are none.
+  /// Evaluates the covariances at this state; false if none depends on what is estimated.
   /// Motion::prepare() must have been called.
   bool renew(const VectorXd& state, Scratch& scratch);
 
@@ -43,6 +45,8 @@ class Rows {
   void prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow& row) const;
 
  private:
+  ScanView scan_view(const PlacedView& v, const RowMatrix3d& side, bool derivatives,
+                     Scratch& scratch) const;
   bool kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives,
                    Cost& cost) const;
   bool plain_rows(const PlacedView& v, const VectorXd& state, Scratch& scratch, bool derivatives,

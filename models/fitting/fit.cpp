@@ -56,8 +56,7 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording,
   };
   if (!options.leave_out_undefined) {
     auto problem = std::make_unique<Estimation>(recording, samples, setup);
-    start(options.trust_start ? with_unknown_targets(recording, samples, setup.sensors, out.values)
-                              : samples);
+    start(with_unknown_targets(recording, samples, setup.sensors, out.values));
     return problem;
   }
   std::set<int> undefined;
@@ -119,8 +118,8 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
       return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
-  const VectorXd start = out.state;
   const bool rough = rough_for_loss(recording, out);
+  const VectorXd start = rough ? out.state : VectorXd();
   out.summary = out.solver->solve(out.state);
   if (rough && out.defined() && out.summary.outcome != Outcome::cancelled)
     solve_from_graduated(recording, options, start, out);
@@ -139,8 +138,8 @@ Fit fit(const Recording& recording, const std::vector<int>& samples, const Estim
     return out;
   }
   minimise(recording, options, out);
-  if (!out.defined() && options.trust_start && !options.leave_out_undefined) {
-    out.values.targets.clear();
+  if (!out.defined() && !options.leave_out_undefined) {
+    if (options.trust_start) out.values.targets.clear();
     start_targets(recording, samples, setup.sensors, options.start_loss.value_or(setup.loss),
                   out.values);
     minimise(recording, options, out);

@@ -22,8 +22,9 @@ namespace kincal {
 struct FitOptions {
   SolverOptions solver;
   std::optional<Loss> start_loss;  // of the fits that start single targets; absent: the setup's
-  /// True: poses of targets in the start are not checked; all are found anew if they lead nowhere.
-  /// It has no effect if samples may be left out.
+  /// Where a residual is undefined at the start, poses of targets that are not given are found
+  /// anew: false: those that cannot be evaluated; true: all. It has no effect if samples may be
+  /// left out.
   bool trust_start = false;
   bool leave_out_undefined =
       false;  // samples that cannot start are left out and listed instead of an error

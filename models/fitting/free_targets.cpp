@@ -88,14 +88,14 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
       setup.noise = NoiseMode::none;
       setup.sensors = sensors;
       setup.only_target = target;
-      setup.loss = {LossKind::soft_l1, 1};
-      Estimation rank(recording, {index}, setup);
+      setup.loss = {LossKind::soft_l1, 1};  // that ranks proposals
+      Estimation problem(recording, {index}, setup);
       Values trial;
       trial.shared = values.shared;
       const auto before = values.targets.find(key);
       if (before != values.targets.end()) {  // from an earlier step: kept, if it can be evaluated
         trial.targets[key] = before->second;
-        if (cost_at(rank, trial)) continue;
+        if (cost_at(problem, trial)) continue;
       }
       std::vector<Pose> found;
       for (const View& v : sample.views)
@@ -112,7 +112,7 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {
         trial.targets[key] = found[i];
-        if (const std::optional<double> cost = cost_at(rank, trial)) order.push_back({*cost, i});
+        if (const std::optional<double> cost = cost_at(problem, trial)) order.push_back({*cost, i});
       }
       if (order.empty())
         throw std::runtime_error(
@@ -124,8 +124,7 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
         values.targets[key] = found[order[0].second];
         continue;
       }
-      setup.loss = loss;
-      Estimation problem(recording, {index}, setup);
+      problem.set_loss(loss);
       values.targets[key] = refined_proposal(problem, key, found, order, trial,
                                              how.effort == StartEffort::converged ? 0 : 1e-6);
     }

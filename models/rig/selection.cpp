@@ -13,6 +13,14 @@ namespace {
 
 const std::string kGeometry = "geometry/";
 
+/// Whether a text begins with the first n letters of another. The last of them, in which names
+/// mostly differ, is compared first.
+bool begins_with(const std::string& text, const std::string& other, size_t n) {
+  return n == 0 ||
+         (text.size() >= n && text[n - 1] == other[n - 1] &&
+          std::equal(other.begin(), other.begin() + static_cast<std::ptrdiff_t>(n), text.begin()));
+}
+
 }  // namespace
 
 bool glob_matches(const std::string& glob, const std::string& name) {
@@ -22,10 +30,10 @@ bool glob_matches(const std::string& glob, const std::string& name) {
 std::vector<Freed> ParameterTable::select_exact(const std::string& name) const {
   std::vector<Freed> out;
   for (size_t p = 0; p < all.size(); ++p) {
-    if (all[p].replaced_by >= 0 || all[p].hidden() ||
-        name.compare(0, all[p].name.size(), all[p].name) != 0)
+    const std::string& own = all[p].name;
+    if (all[p].replaced_by >= 0 || all[p].hidden() || !begins_with(name, own, own.size()))
       continue;  // component names begin with the parameter's
-    const bool whole = name.size() == all[p].name.size();
+    const bool whole = name.size() == own.size();
     Freed freed{static_cast<int>(p), {}};
     for (int c = 0; c < all[p].size(); ++c)
       if (whole || name == all[p].component_name(c)) freed.components.push_back(c);
@@ -98,10 +106,13 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   const size_t head = pattern.find_first_of("*?["), tail = pattern.find_last_of("*?[]") + 1;
   if (!out.empty() || head == std::string::npos) return out;
   // What stands before the first and behind the last special character is taken by the letter, and
-  // quick to compare.
+  // quick to compare; the last letter first.
   const size_t behind = pattern.size() - tail;
+  const auto ends_alike = [&](const std::string& name) {
+    return !name.empty() && (behind == 0 || name.back() == pattern.back());
+  };
   const auto matches = [&](const std::string& name) {
-    return name.size() >= behind &&
+    return ends_alike(name) && name.size() >= behind &&
            name.compare(name.size() - behind, behind, pattern, tail) == 0 &&
            glob_matches(pattern, name);
   };
@@ -109,17 +120,18 @@ std::vector<Freed> ParameterTable::select(const std::string& pattern) const {
   for (size_t p = 0; p < all.size(); ++p) {
     const std::string& name = all[p].name;
     const size_t common = std::min(head, name.size());
-    if (all[p].replaced_by >= 0 || all[p].hidden() ||
-        pattern.compare(0, common, name, 0, common) != 0)
+    if (all[p].replaced_by >= 0 || all[p].hidden() || !begins_with(pattern, name, common))
       continue;  // neither this name nor those of its components
     const bool whole = matches(name);
     Freed freed{static_cast<int>(p), {}};
     for (int c = 0; c < all[p].size(); ++c) {
-      if (!whole)
-        component.assign(name)
-            .append(all[p].components[c].empty() ? "" : ".")
-            .append(all[p].components[c]);
-      if (whole || matches(component)) freed.components.push_back(c);
+      const std::string& part = all[p].components[c];  // empty: its name is the parameter's
+      bool found = whole;
+      if (!whole && ends_alike(part)) {
+        component.assign(name).append(".").append(part);
+        found = matches(component);
+      }
+      if (found) freed.components.push_back(c);
     }
     if (!freed.components.empty()) out.push_back(std::move(freed));
   }

@@ -133,6 +133,9 @@ class SensorModel {
 
   /// True if the own noise depends on what is seen: block i has the covariance B diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
+  /// True if the own noise depends on where the target is; else, of a scanning sensor, only on what
+  /// moves the sensor's side of its joint, and on the joint's numbers.
+  virtual bool noise_sees_target() const { return has_own_noise(); }
   /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
   /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are
@@ -141,6 +144,9 @@ class SensorModel {
   /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has
   /// none.
   virtual ViewKernel kernel() const { return nullptr; }
+  /// Computes what the kernel compares with, rows() numbers a point, component after component,
+  /// `stride` apart: what a view of n points measured, or what follows from it.
+  virtual void compared(const double* z, int n, int stride, double* to) const;
   /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals
   /// at each target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }

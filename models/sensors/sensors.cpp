@@ -13,6 +13,12 @@ void SensorModel::own_noise(const ViewInput&, int, Eigen::MatrixXd& b) const {
   b.setIdentity(rows(), rows());
 }
 
+void SensorModel::compared(const double* z, int n, int stride, double* to) const {
+  const int count = rows(), apart = numbers();
+  for (int i = 0; i < n; ++i)
+    for (int k = 0; k < count; ++k) to[k * stride + i] = z[i * apart + k];
+}
+
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count) {
   const auto camera = [](auto camera_lens, ViewKernel kernel) {
     return std::make_shared<PointwiseSensor<decltype(camera_lens)>>(camera_lens, "px", kernel);

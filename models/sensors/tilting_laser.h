@@ -33,6 +33,14 @@ class TiltingLaser final : public SensorModel {
   bool scans() const override { return true; }
   MeasurementKind measurement_kind() const override { return MeasurementKind::scan; }
   bool has_own_noise() const override { return true; }
+  bool noise_sees_target() const override { return false; }
+  ViewKernel kernel() const override { return view_kernels().tilting_laser; }
+  void compared(const double* z, int n, int stride, double* to) const override {
+    for (int i = 0; i < n; ++i) {
+      const Vector3d m = measured_point(z + 3 * i);
+      for (int k = 0; k < 3; ++k) to[k * stride + i] = m(k);
+    }
+  }
   std::vector<NoisePart> noise_parts() const override {
     return {{"joint", "rad", 0, 1}, {"bearing", "rad", 1, 1}, {"range", "m", 2, 1}};
   }

@@ -6,9 +6,10 @@
 // kernels' order; own numbers wanted in part and in any order of columns, spacing wanted or not,
 // points of a grid and plain ones; rows of no point are zero; nothing else is written, not even
 // right behind the arrays; squares is the sum; residuals alone are the same to rounding; what is
-// behind a camera or not a number is refused, in whatever place of whatever pack it stands. Does
-// not prove: that evaluate() is right (models/sensors/sensors_test.cpp), nor sets that this
-// processor lacks.
+// behind a camera or not a number is refused, in whatever place of whatever pack it stands. The
+// same for a tilting laser, for joints that turn and slide, both directions, its own side wanted or
+// not, with any whitening. Does not prove: that evaluate() is right
+// (models/sensors/sensors_test.cpp), nor sets that this processor lacks.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstring>
@@ -243,6 +244,110 @@ TEST_CASE("view kernels: the rows of evaluate(), whitened, and nothing else is t
         }
 }
 
+TEST_CASE("view kernels: a tilting laser's rows are those of evaluate(), whitened by roots") {
+  int sets;
+  all_kernels(sets);
+  Random random(703);
+  const Kind kind{"tilting_laser", make_tilting_laser(), &ViewKernels::tilting_laser, {}};
+  for (int set = 0; set < sets; ++set)
+    for (const int count : counts())
+      for (int variant = 0; variant < 16; ++variant) {
+        const bool sensor_side = variant & 1, square = variant & 2;
+        INFO("set " << set << ", " << count << " points, variant " << variant);
+        Scene s(kind, count, square, random);
+        kind.model->compared(s.z.data(), count, s.stride, s.packed_z.data());
+        Scan scan;
+        scan.sensor_T_before = {random.rotation(3), random.vector(0.3)};
+        scan.behind_T_target = s.pose;
+        scan.axis = random.direction();
+        scan.prismatic = variant & 4;
+        scan.direction = variant & 8 ? 1 : -1;
+        scan.model = linear_joint().get();
+        const double own[2] = {0.13, 1.1};
+        scan.own = own;
+
+        Columns columns;
+        if (sensor_side) {
+          columns.sensor_side = 6;
+          columns.joint = 12;
+          columns.total = 14;
+        }
+        if (square) columns.square = columns.total++;
+        const int width = columns.total, length = 3 * s.stride, ld = length + 3;
+        ViewInput in = s.input();
+        in.scan = &scan;
+        VectorXd r(3 * count);
+        RowMatrix l = RowMatrix::Zero(3 * count, width);
+        Eigen::Ref<RowMatrix> l_ref(l);
+        REQUIRE(kind.model->evaluate(in, columns, r.data(), &l_ref));
+
+        Unaligned turns(5 * static_cast<size_t>(s.stride), 0),
+            roots(9 * static_cast<size_t>(s.stride), 0);
+        double expected_squares = 0;
+        for (int i = 0; i < count; ++i) {
+          const double reading = s.z[3 * i], q = scan.direction * scan.position(reading);
+          turns[i] = scan.prismatic ? 1 : std::cos(q);
+          turns[s.stride + i] = scan.prismatic ? 0 : std::sin(q);
+          turns[2 * s.stride + i] = scan.prismatic ? q : 0;
+          for (int n = 0; n < 2; ++n)
+            turns[(3 + n) * s.stride + i] = scan.direction * scan.model->by_own(n, reading, own);
+          Matrix3d root;
+          for (int c = 0; c < 9; ++c)
+            roots[c * s.stride + i] = root(c / 3, c % 3) = random.uniform(-2, 2);
+          r.segment<3>(3 * i) = (root * r.segment<3>(3 * i)).eval();
+          l.middleRows(3 * i, 3) = (root * l.middleRows(3 * i, 3)).eval();
+          expected_squares += r.segment<3>(3 * i).squaredNorm();
+        }
+        const Matrix3d side = scan.sensor_T_before.rotation.transpose();
+        const ScanView scan_view{side.data(),
+                                 scan.sensor_T_before.translation.data(),
+                                 scan.axis.data(),
+                                 scan.prismatic,
+                                 turns.data(),
+                                 turns.data() + 3 * s.stride,
+                                 2,
+                                 roots.data()};
+        PointView view = s.view();
+        view.scan = &scan_view;
+        Unaligned to_r(length + 16, kGuard), to_l(static_cast<size_t>(ld) * width + 16, kGuard);
+        const ViewKernel kernel = view_kernels(set).tilting_laser;
+        double squares = kGuard;
+        REQUIRE(kernel(view,
+                       {to_r.data(), to_l.data(), ld, nullptr, columns.square, columns.sensor_side,
+                        columns.joint},
+                       squares));
+        CHECK(std::abs(squares - expected_squares) <= 1e-12 * expected_squares);
+        double worst = 0;
+        bool clean = true;
+        for (int k = 0; k < 3; ++k)
+          for (int i = 0; i < s.stride; ++i)
+            for (int c = -1; c < width; ++c) {
+              const int row = k * s.stride + i;
+              const double got = c < 0 ? to_r[row] : to_l[row + static_cast<size_t>(c) * ld];
+              if (i >= count)
+                clean = clean && got == 0;
+              else
+                worst = std::max(worst, std::abs(got - (c < 0 ? r(3 * i + k) : l(3 * i + k, c))));
+            }
+        CHECK(worst < 1e-13 * (1 + l.cwiseAbs().maxCoeff() + r.cwiseAbs().maxCoeff()));
+        for (int i = length; i < length + 16; ++i) clean = clean && to_r[i] == kGuard;
+        for (int c = 0; c < width; ++c)
+          for (int i = length; i < ld; ++i)
+            clean = clean && to_l[i + static_cast<size_t>(c) * ld] == kGuard;
+        CHECK(clean);
+
+        Unaligned alone(length + 16, kGuard);
+        REQUIRE(kernel(view, {alone.data(), nullptr, 0, nullptr, -1}, squares));
+        double apart = 0;
+        for (int i = 0; i < length; ++i) apart = std::max(apart, std::abs(alone[i] - to_r[i]));
+        CHECK(apart <= 1e-13 * (1 + r.cwiseAbs().maxCoeff()));
+        CHECK(alone[length] == kGuard);
+
+        s.packed_z[s.stride] = kNaN;
+        CHECK_FALSE(kernel(view, {alone.data(), nullptr, 0, nullptr, -1}, squares));
+      }
+}
+
 TEST_CASE("view kernels: undefined wherever one point is") {
   int sets;
   all_kernels(sets);
@@ -304,5 +409,5 @@ TEST_CASE("view kernels: those in use are of the instruction set in use, and sen
     CHECK(kind.model->kernel() == used.*kind.kernel);
   }
   CHECK(make_camera(Lens::kannala_brandt, 4)->kernel() == nullptr);
-  CHECK(make_tilting_laser()->kernel() == nullptr);
+  CHECK(make_tilting_laser()->kernel() == used.tilting_laser);
 }
