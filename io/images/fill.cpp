@@ -400,6 +400,9 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
     samples.back()["views"] = views;
     tasks.push_back(std::move(task));
   }
+  if (without.size() == images.size() && !rows.empty() && !rows[0].image.empty())
+    throw InputError(options.joints + ": names none of the images: its first is '" + rows[0].image +
+                     "', the first image is '" + images[0] + "'");
   Filled out = finish(rig, samples, tasks, targets, options);
   for (const std::string& joint :
        rows.empty() ? std::vector<std::string>() : joints_with_readings(rig)) {

@@ -325,15 +325,14 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
                  return find_block(rig.sensors[s], ParameterKind::distortion) != nullptr;
                })) {
       h.mistake = "the lens of camera " + names + " distorts, but its distortion is 0 in the rig";
-      h.cure =
-          "Free sensor/NAME/distortion (calibrate does where the rig has no estimate), write the "
-          "lens into the rig, or detect in rectified images.";
+      h.cure = "Free " + listed(h.free) +
+               " (calibrate does where the rig has no estimate), write the lens into the rig, or "
+               "detect in rectified images.";
     } else {
       h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =
           "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free "
-          "sensor/NAME/distortion, or detect in "
-          "rectified images.";
+          "it, or detect in rectified images.";
     }
     h.undo = [group](Rig& r, std::vector<Sample>&) {
       for (int s : group.second) {
