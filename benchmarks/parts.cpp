@@ -8,6 +8,7 @@
 #include "../solver/levenberg_marquardt.h"
 #include "../solver/observability.h"
 #include "../solver/reduced_system.h"
+#include "../solver/threads.h"
 #include "pr2_like.h"
 #include "random.h"
 #include "run.h"

@@ -5,6 +5,8 @@
 #include <cstring>
 #include <new>
 
+#include "threads.h"
+
 #ifdef KINCAL_CHOLMOD
 #include <cholmod.h>
 #include <dlfcn.h>

@@ -19,9 +19,10 @@
 
 #include "problem.h"
 #include "sparse_cholesky.h"
-#include "threads.h"
 
 namespace kincal {
+
+class Crew;  // threads.h
 
 enum class LinearSolver { automatic, dense, sparse, cholmod };
 

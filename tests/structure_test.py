@@ -317,7 +317,7 @@ def violations(source):
     types = {}
     for path, text in sorted(files.items()):
         if path.endswith(".h"):
-            for name in re.findall(r"^(?:class|struct|union|enum(?: class)?) (\w+)[^;{]*\{", without_comments(text), re.MULTILINE):
+            for name in re.findall(r"^(?:class|struct|union|enum(?: class)?) (?:alignas\([^)]*\) )?(\w+)[^;{]*\{", without_comments(text), re.MULTILINE):
                 types.setdefault(name, []).append(path)
     found += [f"{paths[-1]}: type {name} is also in {paths[0]}: the linker takes them for one" for name, paths in types.items() if len(paths) > 1]
     many, excused = set(), set()

@@ -16,8 +16,8 @@ namespace kincal {
 namespace {
 
 constexpr double kDegree = kPi / 180;
-constexpr double kFar = 20;      // m: no robot reaches so far
-constexpr double kRound = 1e-2;  // how far from a rotation rounded numbers may be
+constexpr double kFarthestFlange = 20;  // m: no robot reaches so far
+constexpr double kRound = 1e-2;         // how far from a rotation rounded numbers may be
 
 using Row = std::vector<double>;
 using Cells = std::vector<std::string>;
@@ -301,7 +301,7 @@ std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFor
 
 std::string doubt_of_unit(const std::string& path, const std::vector<Pose>& poses) {
   for (const Pose& pose : poses)
-    if (pose.translation.norm() > kFar)
+    if (pose.translation.norm() > kFarthestFlange)
       return path + ": a pose is " + std::to_string(static_cast<long>(pose.translation.norm())) +
              " m away: if lengths are in mm, take --unit mm";
   return "";

@@ -15,6 +15,7 @@
 #include <set>
 
 #include "../../solver/reduced_system.h"
+#include "../../solver/threads.h"
 #include "../fixtures/random.h"
 
 using namespace kincal;
