@@ -12,6 +12,7 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "../../models/rig/numbers.h"
 #include "finders.h"
 #include "plane_view.h"
 
@@ -30,16 +31,14 @@ struct Surround {
   cv::Point2d slope;
 };
 
-/// Fitted to pixels (from the middle) and their brightness, but for those far from most.
+/// Fitted to pixels (from the middle) and their brightness, but for those more than `tolerance`
+/// from the usual one.
 Surround fit_surround(const std::vector<cv::Point>& away, const std::vector<double>& bright,
-                      double tolerance) {
-  std::vector<double> sorted = bright;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  Surround out{sorted[sorted.size() / 2], {}};
+                      double usual, double tolerance) {
   cv::Matx33d a = cv::Matx33d::zeros();
   cv::Vec3d b;
   for (size_t i = 0; i < away.size(); ++i) {
-    if (std::abs(bright[i] - out.at_middle) > tolerance) continue;
+    if (std::abs(bright[i] - usual) > tolerance) continue;
     const cv::Vec3d row(1, away[i].x, away[i].y);
     a += row * row.t();
     b += bright[i] * row;
@@ -71,12 +70,10 @@ Blob measure_blob(const cv::Mat& image, cv::Point2d p, const cv::Matx22d& field)
     bright.push_back(image.at<uchar>(at));
   }
   if (rim.size() < 16) return out;
-  std::vector<double> sorted = bright;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  const double inside = image.at<uchar>(middle),
-               contrast = std::abs(sorted[sorted.size() / 2] - inside);
+  const double inside = image.at<uchar>(middle), usual = median(bright),
+               contrast = std::abs(usual - inside);
   if (contrast < 10) return out;
-  const Surround around = fit_surround(rim, bright, 0.25 * contrast);
+  const Surround around = fit_surround(rim, bright, usual, 0.25 * contrast);
   // As if it were equally bright all around. Only what hangs together with the middle, and the
   // slope around it.
   cv::Mat half(box.size(), CV_32F), labels;
@@ -147,13 +144,11 @@ bool correct_middles(const ImageTarget& target, const std::vector<Blob>& blobs, 
     for (size_t i = 0; i < blobs.size(); ++i)
       radii.push_back(some *
                       std::sqrt(blobs[i].area / disc_image(view, target.points[i], some).area));
-    std::vector<double> sorted = radii;
-    std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-    for (size_t i = 0; i < blobs.size(); ++i)
-      centres[i] = blobs[i].middle -
-                   disc_image(view, target.points[i],
-                              i == 0 && target.large_origin ? radii[0] : sorted[sorted.size() / 2])
-                       .offset;
+    const double usual = median(radii);
+    for (size_t i = 0; i < blobs.size(); ++i) {
+      const double radius = i == 0 && target.large_origin ? radii[0] : usual;
+      centres[i] = blobs[i].middle - disc_image(view, target.points[i], radius).offset;
+    }
   }
   return true;
 }
