@@ -15,6 +15,7 @@
 #include "../io/document/names.h"
 #include "../io/report/report_page.h"
 #include "../io/results/comparison.h"
+#include "../io/results/intrinsics_file.h"
 #include "../io/rig/rig_text.h"
 #include "../io/rig/samples_file.h"
 #include "../models/rig/selection.h"
@@ -148,6 +149,14 @@ Job read_job(const std::string& rig, const std::string& samples, int holdout, Pr
   RigFile rig_file = read_rig(rig_path(rig));
   now("reading " + samples);
   const std::string text = read_file(samples);  // once: it may be a pipe
+  const std::string hash = sha256(text);
+  std::string note;
+  if (!rig_file.rig.priors.empty() && lenses_are_from(rig_file.path, hash)) {
+    forget_lenses(rig_file.rig);
+    note = "the lenses of " + rig_file.path +
+           " come from these samples: they are found again, with all else, so that no corner "
+           "counts twice";
+  }
   std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, parse_samples(text, samples, rig_file.rig, progress), samples);
   if (recording->training().empty())
@@ -167,7 +176,7 @@ Job read_job(const std::string& rig, const std::string& samples, int holdout, Pr
       throw InputError("--holdout: " + std::string(error.what()));
     }
   }
-  return {std::move(rig_file), samples, sha256(text), std::move(recording), std::move(held_out)};
+  return {std::move(rig_file), samples, hash, std::move(recording), std::move(held_out), note};
 }
 
 namespace {

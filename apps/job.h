@@ -52,6 +52,7 @@ struct Job {
   std::string samples_path, samples_hash;
   std::shared_ptr<const Recording> recording;
   std::vector<std::string> held_out;  // samples and targets that --holdout took out of the training
+  std::string note;                   // what was done to the rig, for the user; mostly empty
 };
 
 /// Says what was cleared away of runs that were killed (clear_leftovers).

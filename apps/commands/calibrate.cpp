@@ -48,6 +48,7 @@ int calibrate(const CalibrateArguments& a) {
   progress.clear();
   for (const std::string& warning : job.rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
+  if (!job.note.empty() && !a.quiet) std::fprintf(stderr, "kincal: %s\n", job.note.c_str());
   check_validation(job, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
     check_names(job, a.settings);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 
 #include "../../models/rig/words.h"
 #include "../document/files.h"
@@ -222,6 +223,23 @@ RigFile with_lenses(RigFile rig, const IntrinsicsResult& result) {
   return rig;
 }
 
+/// What the views of boards leave open of lenses and of boards that are bent, as priors for a
+/// calibration that sees other samples.
+std::vector<PriorSetting> priors_of(const IntrinsicsResult& result) {
+  std::vector<PriorSetting> out;
+  for (const IntrinsicsGroup& group : result.groups)
+    for (const ParameterEstimate& e : group.solution.parameters) {
+      const ParameterKind kind = group.solution.table().all[e.parameter].kind;
+      if (kind != ParameterKind::intrinsics && kind != ParameterKind::distortion &&
+          kind != ParameterKind::warp)
+        continue;
+      for (size_t c = 0; c < e.sigma.size(); ++c)
+        if (e.sigma[c] > 0)
+          out.push_back({e.component_name(c), e.sigma[c], e.sigma[c], false, "kincal intrinsics"});
+    }
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::string> names_without_parameter(const RigFile& rig_file,
@@ -239,7 +257,10 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
                                                                   const IntrinsicsResult& result,
                                                                   const IntrinsicsSource& source) {
   RigFile written = with_lenses(rig_file, result);
+  if (written.rig.steps.empty()) add_priors(written, priors_of(result));
   RigValues values = values_of(written.rig);
+  for (size_t j = 0; j < written.rig.joints.size(); ++j)
+    if (written.rig.joints[j].noise_unknown) values.joint_sigmas[j] = 0;  // as the rig has it: open
   for (const CameraIntrinsics& camera : result.cameras)
     values.sensor_poses[camera.camera] =
         calibrated_camera(rig_file.rig, result, camera).link_T_sensor;
@@ -256,6 +277,28 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
           {"rig.yaml", mark + rig_text(written, values, "robot.urdf")},
           {"intrinsics.json", json_text(result_of(rig_file, result, source))},
           {"coverage.svg", coverage_svg(rig_file.rig, result)}};
+}
+
+bool lenses_are_from(const std::string& rig_path, const std::string& samples_hash) {
+  const auto beside = std::filesystem::path(rig_path).parent_path() / "intrinsics.json";
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(beside, ignored)) return false;
+  try {
+    const Json all = Json::parse(read_file(beside.string()));
+    return all.at("input").at("samples") == samples_hash;
+  } catch (const std::exception&) {  // not ours, or damaged: nothing is known
+    return false;
+  }
+}
+
+void forget_lenses(Rig& rig) {
+  constexpr double kNothing = 1000;  // times as wide
+  for (PriorSetting& prior : rig.priors)
+    for (const char* part : {"/intrinsics.", "/distortion.", "/warp."})
+      if (prior.pattern.find(part) != std::string::npos) {
+        prior.translation *= kNothing;
+        prior.rotation *= kNothing;
+      }
 }
 
 }  // namespace kincal

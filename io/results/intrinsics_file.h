@@ -25,4 +25,13 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
                                                                   const IntrinsicsResult& result,
                                                                   const IntrinsicsSource& source);
 
+/// Returns whether the lenses of a rig come from these samples: whether intrinsics.json, where
+/// `kincal intrinsics` wrote it beside the rig, has their hash. What cannot be read says no.
+bool lenses_are_from(const std::string& rig_path, const std::string& samples_hash);
+
+/// Takes what such a rig says of how well its lenses and bent boards are known (the priors that
+/// intrinsics_files() writes) back to next to nothing: the samples say it again, and would count
+/// twice.
+void forget_lenses(Rig& rig);
+
 }  // namespace kincal

@@ -205,10 +205,10 @@ void set_target(Node& node, const Target& target, const Pose& pose, double squar
       member(node, find_type(target_types(), target.type)->size) = number_node(square);
     return;
   }
-  Node& rows = member(node, "points");
   for (int i = 0; i < target.count(); ++i)
     for (int k = 0; k < 3; ++k)
-      if (points(k, i) != target.points(k, i)) rows.items[i].items[k] = number_node(points(k, i));
+      if (points(k, i) != target.points(k, i))
+        member(node, "points").items[i].items[k] = number_node(points(k, i));
 }
 
 }  // namespace
@@ -255,6 +255,16 @@ void set_nominal(RigFile& rig, const std::vector<NominalValue>& values) {
     member(node, "quat") = list_node(q.data(), 4);
   }
   member(rig.node, "nominal") = nominal;
+}
+
+void add_priors(RigFile& rig, const std::vector<PriorSetting>& priors) {
+  for (const PriorSetting& prior : priors) {
+    Node& all = member(rig.node, "priors");
+    if (all.kind != Node::Kind::mapping) all = mapping_node();
+    erase_member(all, prior.pattern);
+    member(all, prior.pattern) = number_node(prior.translation);
+    rig.rig.priors.push_back(prior);
+  }
 }
 
 void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found) {

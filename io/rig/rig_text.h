@@ -11,6 +11,9 @@ namespace kincal {
 /// Replaces the nominal values of the rig, in its meaning and in its text.
 void set_nominal(RigFile& rig, const std::vector<NominalValue>& values);
 
+/// Adds priors of one number each to the rig, in its meaning and in its text, behind its own.
+void add_priors(RigFile& rig, const std::vector<PriorSetting>& priors);
+
 /// Replaces the lens of a camera, in the rig's meaning and in its text, by that of `found`; `model`
 /// is the rig's word for it.
 void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found);

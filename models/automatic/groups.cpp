@@ -29,6 +29,7 @@ namespace {
 constexpr double kOffset = 0.005, kSlide = 0.001;  // rad, m
 constexpr double kLength = 0.001, kAngle = 0.002;  // m, rad
 constexpr double kSize = 0.02, kBaseline = 0.002;  // share, m
+constexpr double kBend = 0.0005;                   // m
 constexpr double kLens = 0.02, kDistortion = 0.5;  // share of the focal length; as the numbers are
 constexpr double kScanScale = 0.02, kScanOffset = 0.01, kGear = 1e-3;
 
@@ -274,6 +275,9 @@ void GroupMaker::make_targets_and_sensors() {
     const int square = table_.target_square[t];
     if (square >= 0 && used_[square])
       add("sizes", square, 0, kSize * table_.initial(table_.all[square].start));
+    const int warp = table_.target_warp[t];
+    for (int c = 0; warp >= 0 && c < 2; ++c)
+      if (used_[warp]) add("bends", warp, c, kBend);
   }
   for (size_t s = 0; s < rig_.sensors.size(); ++s)
     for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {

@@ -14,6 +14,7 @@
 //   slides           of prismatic ones                 1 mm
 //   lengths, angles  numbers of origins, by run        1 mm, 2 mrad
 //   sizes            of boards                         2 %
+//   bends            warps of boards that have them    0.5 mm
 //   baselines                                          2 mm
 //   focal lengths    of each camera                    2 %
 //   centres                                            2 % of the focal length

@@ -7,6 +7,7 @@
 #include "../automatic/groups.h"
 #include "../rig/configuration.h"
 #include "../rig/words.h"
+#include "bent_boards.h"
 
 namespace kincal {
 
@@ -102,6 +103,13 @@ std::vector<Finding> pairs_apart(const Solution& solution) {
            {},
            {}});
     }
+  return out;
+}
+
+std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals) {
+  std::vector<Finding> out = exchanged_cameras(solution);
+  if (out.empty()) out = pairs_apart(solution);
+  if (out.empty()) out = bent_boards(solution, residuals);
   return out;
 }
 

@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "../analysis/residuals.h"
 #include "../calibration/solution.h"
 #include "../doctor/finding.h"
 
@@ -18,5 +19,9 @@ std::vector<Finding> exchanged_cameras(const Solution& solution);
 /// Returns a finding (`baseline`) for each rectified pair whose cameras, at one place in the rig,
 /// were found apart along the baseline by more than 3 % of it and five sigmas of that distance.
 std::vector<Finding> pairs_apart(const Solution& solution);
+
+/// Returns what a calibration that explains its data found otherwise than the rig has it: the first
+/// kind of the two above and bent_boards() of which there is something.
+std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals);
 
 }  // namespace kincal

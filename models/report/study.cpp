@@ -622,9 +622,8 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
       look_for_a_wrong_length(recording->rig, options, report);
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
-      std::vector<Finding> elsewhere = exchanged_cameras(solution);
-      if (elsewhere.empty()) elsewhere = pairs_apart(solution);
-      if (!elsewhere.empty()) report.diagnosis.emplace().findings = std::move(elsewhere);
+      std::vector<Finding> other = not_as_given(solution, report.residuals);
+      if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
     }
   } catch (const StudyCancelled&) {
     return std::nullopt;

@@ -133,6 +133,19 @@ class Result(Case):
         self.write("free/rig.yaml", self.read("free/rig.yaml") + "estimate:\n  - {step: all, free: [sensor/right/pose, 'sensor/*/intrinsics']}\n")
         self.run_it("calibrate", "free", "samples.jsonl", "--out", "result", "--quiet")
 
+    def test_markers_in_the_rig_read_back(self):
+        self.write("rig.yaml", RIG.replace("targets:\n", "targets:\n  tag: {type: marker, dictionary: DICT_4X4_50, id: 7, size: 0.08, mount: {link: base}}\n"))
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet")
+        self.assertNotIn("points", self.read("lens/rig.yaml"))
+        self.write("postures.jsonl", self.read("samples.jsonl").replace('"joints": {}', '"joints": {"pan": 0}'))
+        self.run_it("evaluate", "lens", "postures.jsonl")
+
+    def test_noise_of_a_flange_that_nobody_stated(self):
+        """It stays open: what the program supposes until it finds it is no statement."""
+        self.write("rig.yaml", RIG.replace("robot: robot.urdf\nbase: base", "robot: {base: base, flange: head}"))
+        self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet")
+        self.assertNotIn("joints", self.read("lens/rig.yaml"))
+
     def test_settings_of_all_joints_where_there_are_none(self):
         """As `init` writes them, whatever the robot."""
         self.write("robot.urdf", '<robot name="bench"><link name="base"/></robot>\n')

@@ -1,0 +1,25 @@
+// Boards that are bent: what is taken for flat and bulges by a few tenths of a millimetre pulls
+// lenses and mounts by many of their sigmas, with residuals that are hardly larger than the noise.
+//
+// A screen comes first, of residuals that are there already. With w_i the whitened residual of a
+// view's point i in one component and b_i how far the point stands out of a board that bulges by
+// one (warp_shapes(), counted from its mean over the view),
+//     t = (sum w_i b_i)^2 / sum b_i^2
+// is on average the mean square of w where nothing is bent, so the ratio of the two, over n views
+// and components, is above 1 + 4 sqrt(2 / n) once in some 10,000 boards. What stands out so is
+// fitted once more from the solution with its two numbers free.
+#pragma once
+
+#include <vector>
+
+#include "../analysis/residuals.h"
+#include "../calibration/solution.h"
+#include "../doctor/finding.h"
+
+namespace kincal {
+
+/// Returns a finding (`bent`) for each board that is flat in the rig and with whose warp chi2 falls
+/// by what chance makes of one in 10,000, and by half of what it exceeds its degrees of freedom.
+std::vector<Finding> bent_boards(const Solution& solution, const Residuals& residuals);
+
+}  // namespace kincal
