@@ -64,7 +64,7 @@ def arm(folder):
     truth = json.loads(read(EXAMPLES, "arm", "truth.json"))["parameters"]
     pose = {name: [truth.get("%s/pose.%s" % (name, c), {"true": 0})["true"] for c in ("x", "y", "z", "rx", "ry", "rz")] for name in ("sensor/camera", "target/board")}
     rig = read(EXAMPLES, "arm", "rig.yaml").split("\npriors:")[0]
-    rig = re.sub(r"sigma: 0\.014 .*", "sigma: %s\n    pose: %s" % (SIGMAS["arm"], pose_text(pose["sensor/camera"])), rig)
+    rig = re.sub(r"sigma: 0\.005 .*", "sigma: %s\n    pose: %s" % (SIGMAS["arm"], pose_text(pose["sensor/camera"])), rig)
     rig = rig.replace("mount: {link: base}", "mount: {link: base, pose: %s}" % pose_text(pose["target/board"]))
     write(os.path.join(folder, "rig.yaml"), rig + ARM_STEPS)
     shutil.copy(os.path.join(EXAMPLES, "arm", "robot.urdf"), folder)
