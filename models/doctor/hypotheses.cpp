@@ -22,6 +22,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_squares(rig, table, survey, freed, out);
   add_boards(rig, survey, out);
   add_widths(rig, samples, survey, out);
+  add_counts_from_one(rig, samples, survey, out);
   add_point_orders(rig, samples, survey, out);
   add_mirrors(rig, survey, out);
   add_mirrored_points(rig, survey, out);

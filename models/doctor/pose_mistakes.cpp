@@ -156,8 +156,11 @@ const Mistake kMistakes[] = {
        return pose;
      }},
     {"convention",
-     "are those of a left-handed frame: one axis points the other way, or two are exchanged",
-     "Mirror them: of an exchanged sign of y, y, roll and yaw change their signs.", left_handed},
+     "are those of a left-handed frame (one axis points the other way, or two are exchanged), or "
+     "all pictures are mirrored: the data are the same",
+     "Take pictures as the camera gives them; or mirror the poses: where y has the other sign, y, "
+     "roll and yaw change theirs.",
+     left_handed},
     {"convention", "have x of their positions with the wrong sign", "Change it.", other_sign<0>},
     {"convention", "have y of their positions with the wrong sign", "Change it.", other_sign<1>},
     {"convention", "have z of their positions with the wrong sign", "Change it.", other_sign<2>},

@@ -265,6 +265,36 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
   }
 }
 
+void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                         std::vector<Hypothesis>& out) {
+  for (int t : survey.targets) {
+    const Target& target = rig.targets[t];
+    const GridShape shape = shape_of(target);
+    if (!target.grid || shape.rows == 0 || shape.block > 1) continue;
+    std::vector<char> seen(target.count(), 0);
+    for (const Sample& sample : samples)
+      for (const View& v : sample.views)
+        if (v.target == t)
+          for (int id : v.ids) seen[id] = 1;
+    for (const int by : {1, -1}) {
+      if (seen[by > 0 ? 0 : target.count() - 1] || !std::count(seen.begin(), seen.end(), 1))
+        continue;
+      Hypothesis h;
+      h.id = "numbering";
+      h.where = {target.name};
+      h.mistake = "the ids of the points of target " + quoted(target.name) + " are one too " +
+                  (by > 0 ? "large" : "small");
+      h.cure = by > 0 ? "Subtract 1 from these ids: they count from 0."
+                      : "Add 1 to these ids: the first point is 0.";
+      h.undo = [t, layout = laid_out(target, shape, [&](int i) {
+                     const int own = i - by + shape.columns;  // (not negative)
+                     return std::make_pair(own / shape.columns - 1, own % shape.columns);
+                   })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
+      out.push_back(h);
+    }
+  }
+}
+
 // ------------------------------------------------------------------------------------------------
 // the order of points
 namespace {

@@ -17,6 +17,10 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
 /// of inner corners, another board.
 void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out);
+/// Adds ids of a board's points that are one too large or too small, where no view has the first id
+/// or none the last.
+void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                         std::vector<Hypothesis>& out);
 /// Adds points of a target (not a grid) that are measured in another order than the rig lists them:
 /// the orders that suit the distances measured; of what measures no distances the reverse.
 void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,

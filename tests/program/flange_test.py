@@ -186,6 +186,18 @@ class Flange(helpers.Folder):
             self.assertLess(abs(found["value"][0] - 1e-3), 4 * found["sigma"][0])
             self.assertLess(abs(found["value"][1]), max(4 * found["sigma"][1], 5e-5))
 
+    def test_ids_from_one(self):
+        """Of pictures that do not show the last point."""
+        self.write("rig.yaml", CAMERA % "")
+        for by, words, shown in ((1, "are one too large", range(34)), (-1, "are one too small", range(1, 35))):
+            lines = pictures(15, 1280)
+            for line in lines:
+                view = line["views"][0]
+                view["ids"], view["pixels"] = [i + by for i in shown], [view["pixels"][i] for i in shown]
+            self.write("samples.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
+            done = subprocess.run([KINCAL, "check", "rig.yaml", "samples.jsonl"], cwd=self.dir, capture_output=True, text=True)
+            self.assertTrue(done.stdout.startswith("numbering: The ids of the points of target 'board' " + words), done.stdout + done.stderr)
+
     def test_pictures_of_nothing(self):
         lines = pictures(15, 1280)
         for line in lines:
