@@ -49,6 +49,7 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
 namespace {
 
 constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
+constexpr size_t kMostWithout = 4;  // of so many samples one may have points behind its camera
 constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
 constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
@@ -351,9 +352,10 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
     further.given_poses_freed = frees_given_poses(t.recording, t.stage);
     const double typical = robust_fit(t.recording, further).typical();
     if (!(typical < least)) continue;
-    least = typical;
     t.stage = further.all;
     t.fit = best_fit(t.recording, further, t.stage, {100, 1e-9});
+    if (kMostWithout * t.fit.undefined.size() > t.recording.samples.size()) continue;
+    least = typical;
     best = std::move(t);
     chosen = i;
   }

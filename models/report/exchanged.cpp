@@ -11,39 +11,71 @@
 
 namespace kincal {
 
-std::vector<Finding> exchanged_cameras(const Solution& solution) {
+namespace {
+
+/// Something with a place in the base frame, as given and as found.
+struct Placed {
+  std::string name, kind;  // of one kind only may be in each other's place
+  Vector3d given, found;
+};
+
+/// Pairs of which each was found where the other was given.
+std::vector<Finding> in_each_others_place(const std::vector<Placed>& all, const char* id,
+                                          const char* what, const char* cure) {
   constexpr double kNear = 0.25, kFar = 0.75, kLeast = 0.01;  // of the distance; m
-  const Rig& rig = solution.rig();
-  const std::vector<double> readings(rig.tree.joints.size(), 0.0);
-  const Configuration given(rig, solution.table(), solution.table().initial, readings);
-  const Configuration found(rig, solution.table(), solution.values.shared, readings);
   std::vector<Finding> out;
-  for (size_t a = 0; a < rig.sensors.size(); ++a)
-    for (size_t b = a + 1; b < rig.sensors.size(); ++b) {
-      const Sensor &first = rig.sensors[a], &second = rig.sensors[b];
-      if (first.type != "camera" || second.type != "camera" || !first.pose_given ||
-          !second.pose_given)
-        continue;
-      const auto at = [](const Configuration& robot, size_t sensor) {
-        return robot.base_T_sensor(static_cast<int>(sensor)).translation;
+  for (size_t a = 0; a < all.size(); ++a)
+    for (size_t b = a + 1; b < all.size(); ++b) {
+      const Placed &first = all[a], &second = all[b];
+      const double distance = (first.given - second.given).norm();
+      const auto at_the_other = [&](const Placed& x, const Placed& other) {
+        return (x.found - other.given).norm() < kNear * distance &&
+               (x.found - x.given).norm() > kFar * distance;
       };
-      const Vector3d given_a = at(given, a), given_b = at(given, b), found_a = at(found, a),
-                     found_b = at(found, b);
-      const double distance = (given_a - given_b).norm();
-      const auto near = [&](const Vector3d& x, const Vector3d& other, const Vector3d& own) {
-        return (x - other).norm() < kNear * distance && (x - own).norm() > kFar * distance;
-      };
-      if (distance < kLeast || !near(found_a, given_b, given_a) || !near(found_b, given_a, given_b))
+      if (first.kind != second.kind || distance < kLeast || !at_the_other(first, second) ||
+          !at_the_other(second, first))
         continue;
-      out.push_back({"swapped-cameras",
-                     "Cameras " + quoted(first.name) + " and " + quoted(second.name) +
+      out.push_back({id,
+                     what + quoted(first.name) + " and " + quoted(second.name) +
                          " are exchanged: each was found where the rig has the other, " +
-                         text("%.3g m", distance) +
-                         " away. Exchange the two names, in the rig or in the views.",
+                         text("%.3g m", distance) + " away. " + cure,
                      {first.name, second.name},
                      {},
                      {}});
     }
+  return out;
+}
+
+}  // namespace
+
+std::vector<Finding> exchanged_things(const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const std::vector<double> readings(rig.tree.joints.size(), 0.0);
+  const Configuration given(rig, solution.table(), solution.table().initial, readings);
+  const Configuration found(rig, solution.table(), solution.values.shared, readings);
+  std::vector<Placed> cameras, targets;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    const Sensor& sensor = rig.sensors[s];
+    const int i = static_cast<int>(s);
+    if (sensor.type == "camera" && sensor.pose_given)
+      cameras.push_back({sensor.name, sensor.type, given.base_T_sensor(i).translation,
+                         found.base_T_sensor(i).translation});
+  }
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    const Target& target = rig.targets[t];
+    const int i = static_cast<int>(t);
+    if (target.link >= 0 && target.pose_given)
+      targets.push_back({target.name, target.type + std::to_string(target.count()),
+                         given.base_T_target(i).translation, found.base_T_target(i).translation});
+  }
+  std::vector<Finding> out = in_each_others_place(cameras, "swapped-cameras", "Cameras ",
+                                                  "Exchange the two names, in the rig or in the "
+                                                  "views.");
+  for (Finding& finding :
+       in_each_others_place(targets, "exchanged-targets", "Targets ",
+                            "Exchange the two names, or what tells them apart (ids of markers), in "
+                            "the rig; or correct their poses."))
+    out.push_back(std::move(finding));
   return out;
 }
 
@@ -107,7 +139,7 @@ std::vector<Finding> pairs_apart(const Solution& solution) {
 }
 
 std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals) {
-  std::vector<Finding> out = exchanged_cameras(solution);
+  std::vector<Finding> out = exchanged_things(solution);
   if (out.empty()) out = pairs_apart(solution);
   if (out.empty()) out = bent_boards(solution, residuals);
   return out;

@@ -1,6 +1,6 @@
-// Cameras that came out where the rig has none: two in each other's place, for somebody exchanged
-// their names; the two of a rectified pair apart along its baseline, for that is wrong. Where their
-// poses are free nothing else shows it, for the data are explained as well.
+// Cameras and targets that came out where the rig has none: two in each other's place, for somebody
+// exchanged their names; the two of a rectified pair apart along its baseline, for that is wrong.
+// Where their poses are free nothing else shows it, for the data are explained as well.
 #pragma once
 
 #include <vector>
@@ -11,10 +11,10 @@
 
 namespace kincal {
 
-/// Returns a finding (`swapped-cameras`) for each pair of cameras with given places of which each
-/// was found where the other was given: within a quarter of the distance of these, and farther than
-/// three quarters from its own.
-std::vector<Finding> exchanged_cameras(const Solution& solution);
+/// Returns a finding for each pair of cameras (`swapped-cameras`) or of mounted targets of one type
+/// and size (`exchanged-targets`) with given places of which each was found where the other was
+/// given: within a quarter of the distance of these, and farther than three quarters from its own.
+std::vector<Finding> exchanged_things(const Solution& solution);
 
 /// Returns a finding (`baseline`) for each rectified pair whose cameras, at one place in the rig,
 /// were found apart along the baseline by more than 3 % of it and five sigmas of that distance.

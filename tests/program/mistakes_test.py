@@ -321,6 +321,23 @@ class Units(Case):
             self.assertEqual([f["id"] for f in result.get("findings", [])], ["swapped-cameras"] if exchanged else [], done.stdout)
             self.assertEqual(result["verdict"]["use"] == "doubts", exchanged, result["verdict"])
 
+    def test_exchanged_targets_whose_places_are_free(self):
+        scene = Scene("room")
+        boards = (BOARD.format(name="board", link="l6", more=HAND) + BOARD.format(name="other", link="l6", more=HAND.replace("-0.1, -0.06", "0.2, -0.06")))
+        rig = HEAD + boards + "sensors:\n" + CAMERA.format(name="cam", link="base", more=ROOM)
+        scene.write(rig, [])
+        subprocess.run([KINCAL, "simulate", "rig.yaml", "--samples", "30", "--seed", "3", "--out", "two"], cwd=scene.dir, check=True, capture_output=True)
+        with open(os.path.join(scene.dir, "two", "samples.jsonl"), encoding="utf-8") as f:
+            samples = [json.loads(line) for line in f]
+        for exchanged in (False, True):
+            for v in [v for s in samples for v in s["views"] if exchanged]:
+                v["target"] = "board" if v["target"] == "other" else "other"
+            scene.write(rig, samples)
+            done = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force"], cwd=scene.dir, capture_output=True, text=True)
+            with open(os.path.join(scene.dir, "out", "result.json"), encoding="utf-8") as f:
+                result = json.load(f)
+            self.assertEqual([f["id"] for f in result.get("findings", [])], ["exchanged-targets"] if exchanged else [], done.stdout)
+
     def test_focal_lengths(self):
         scene = Scene("room")
         self.one(scene.check(scene.rig.replace("[1000, 1000,", "[1100, 1100,")), "intrinsics", ["cam"], r"the data say 1000|the data say 99\d|times 0\.909")
