@@ -4,7 +4,7 @@ Records an arm with one camera and a PR2-like robot as `kincal simulate --bag` d
 truth. For each robot and seed it prints chi2/dof, NEES/dof (e' C^-1 e over all that is freed, of the covariance that the result states), and the
 offsets in time that the import found beside those that were simulated (0, 10, 20, 50 ms in turn); at the end means of all seeds beside the 99 %
 intervals of that many numbers. ROS 1 bags and MCAP take turns. The sigmas of cameras in the rigs below are what averaging over images of a rest
-leaves of the errors of corners in rendered pictures: `--scale` prints the sigma that would make chi2/dof 1, by which they were set, on seeds that are not judged (arm: 101 to 106,
+leaves of the errors of corners in rendered pictures: `--scale` prints the sigma that would make chi2/dof 1, by which they were set, on seeds that are not judged (arm: 101 to 114,
 PR2: 101 to 103). Needs kincal, kincal-render, kincal-detect's library and kincal-bags; no Python packages.
 """
 import argparse
@@ -93,7 +93,7 @@ def pr2(folder):
 
 
 ROBOTS = {"arm": arm, "pr2": pr2}
-SIGMAS = {"arm": 0.0016, "pr2": 0.0028}  # px, see above
+SIGMAS = {"arm": 0.00156, "pr2": 0.0028}  # px, see above
 # A recording of a rest is short here, to have many.
 RECORDING = {"arm": ["--rest", "1.2", "--move", "1", "--frame-rate", "5"], "pr2": ["--rest", "1.2", "--move", "0.6", "--frame-rate", "5"]}
 
