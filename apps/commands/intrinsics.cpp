@@ -6,6 +6,7 @@
 #include "../../io/document/files.h"
 #include "../../io/results/intrinsics_file.h"
 #include "../../io/rig/samples_file.h"
+#include "../../models/doctor/camera_mistakes.h"
 #include "../../models/doctor/plausibility.h"
 #include "../job.h"
 #include "../signals.h"
@@ -37,6 +38,8 @@ int intrinsics(const IntrinsicsArguments& a) {
   const std::string text = read_file(a.samples);  // once: it may be a pipe
   const std::vector<Sample> samples =
       parse_samples(text, a.samples, without_robot(rig_file.rig), progress);
+  for (const Finding& finding : find_normalised(rig_file.rig, samples))
+    throw InputError(finding.text);
   now("calibrating cameras");
   IntrinsicsOptions options = a.options;
   options.stage = [&](const std::string& what, double share) { progress.stage(what, share); };

@@ -30,6 +30,15 @@ int marker_dictionary(const std::string& name) {
 
 }  // namespace
 
+std::string dictionary_name(int dictionary) {
+  static const char* const names[] = {"DICT_ARUCO_ORIGINAL", "tag16h5", "tag25h9", "tag36h10",
+                                      "tag36h11"};
+  static const char* const sizes[] = {"50", "100", "250", "1000"};
+  const int bits = 4 + dictionary / 4, other = dictionary - cv::aruco::DICT_ARUCO_ORIGINAL;
+  if (other >= 0) return other < 5 ? names[other] : "";
+  return "DICT_" + std::to_string(bits) + "X" + std::to_string(bits) + "_" + sizes[dictionary % 4];
+}
+
 ImageTarget read_image_target(const std::string& name, const Field& field,
                               std::vector<cv::Point2d> points) {
   using Kind = ImageTarget::Kind;

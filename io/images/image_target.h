@@ -36,6 +36,10 @@ ImageTarget read_image_target(const std::string& name, const Field& field,
 /// Returns the same of a target of a rig. @throws InputError
 ImageTarget image_target(const RigFile& rig, const Target& target);
 
+/// Returns what a rig calls a dictionary by OpenCV's number, from 0 on: DICT_4X4_50, tag36h11; "":
+/// there are no more.
+std::string dictionary_name(int dictionary);
+
 /// A Detection is what was found of a target in one image.
 struct Detection {
   std::vector<int> ids;  // ascending; empty: not found
@@ -48,6 +52,7 @@ struct Detection {
   double floor = 0;     // px: what of it is not noise, so that averaging pictures leaves it
   double rms = 0;       // px: of the best homography with a radial distortion
   std::array<int, 2> layouts{};  // charuco: markers that agree with each layout
+  std::vector<int> no_corners;   // charuco, tags: where a corner should be and fields do not meet
 };
 
 }  // namespace kincal

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "finders.h"
+#include "markers.h"
 
 namespace kincal {
 namespace {
@@ -163,6 +164,22 @@ cv::Matx22d covariance(const Slopes& slopes, const Window& window, const cv::Poi
   return inverse * cc * inverse.t();
 }
 
+/// Whether four fields meet at a corner, dark and bright in turn: at the rim of a print one or
+/// three are dark.
+bool fields_meet(const cv::Mat& image, const Saddle& corner) {
+  constexpr double kInside = 0.7, kLeast = 0.2;  // of the strip; of what is between the fields
+  const double s = kInside * corner.strip;
+  const auto field = [&](double x, double y) {
+    return brightness(image, corner.pixel + cv::Point2d(corner.sides * cv::Vec2d(x, y)));
+  };
+  const std::array<double, 2> one = {field(s, s), field(-s, -s)},
+                              two = {field(s, -s), field(-s, s)};
+  const auto [low, high] = std::minmax({one[0], one[1], two[0], two[1]});
+  const bool dark = one[0] + one[1] < two[0] + two[1];
+  const auto &below = dark ? one : two, &above = dark ? two : one;
+  return std::min(above[0], above[1]) - std::max(below[0], below[1]) > kLeast * (high - low);
+}
+
 }  // namespace
 
 bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma) {
@@ -217,6 +234,10 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
     const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
     const bool with_sigma = out.ids.size() % stride == 0;
     if (blurs < (one.squares ? kShortest : kThinnest) || !refine(image, one, with_sigma)) continue;
+    if (!one.squares && !fields_meet(image, one)) {
+      out.no_corners.push_back(one.id);
+      continue;
+    }
     // px: what the edges of the next squares do, or markers next to the strip
     const double width = std::max(1.36, std::hypot(out.blur, kWhole));
     const double beside = one.squares

@@ -37,7 +37,8 @@ bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma = true);
 
 /// Refines the corners of a target, in the order of their ids, and says how well they are known,
 /// by every few of them.
-/// Left out are those that cannot be located: no saddle, or the strip is too thin for the blur.
+/// Left out are those that cannot be located: no saddle, or the strip is too thin for the blur, or
+/// beside markers the fields around it are not dark and bright in turn (Detection::no_corners).
 Detection refined(const cv::Mat& image, std::vector<Saddle> saddles);
 
 }  // namespace kincal

@@ -12,6 +12,7 @@
 #include <opencv2/aruco.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "../../models/rig/words.h"
 #include "finders.h"
 #include "markers.h"
 #include "saddle.h"
@@ -246,7 +247,11 @@ Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
       out.pixels.push_back(one.pixel);
     }
   if (squares()) out = refined(image, saddles);
-  if (out.ids.empty()) return missing("its tags are too small for the blur");
+  if (out.ids.empty())
+    return missing(
+        text("the gaps between its tags (spacing: %g) are too narrow for the blur, "
+             "or no dark squares are there",
+             target.gap));
   return out;
 }
 

@@ -1,6 +1,7 @@
 #include "cross_validation.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "../analysis/linearisation.h"
 
@@ -75,6 +76,38 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
   out.blocks = folds.blocks;
   out.sensors = held_out_errors(recording->rig, out.blocks, sums);
   return out;
+}
+
+HeldOutBlocks blocks(const CrossValidation& held_out) {
+  HeldOutBlocks out;
+  for (const auto& [place, sums] : held_out.sums.all) {
+    out[place.second].first += sums.squared;
+    out[place.second].second += sums.points;
+  }
+  return out;
+}
+
+double rms_of(const HeldOutBlocks& blocks) {
+  double squares = 0, points = 0;
+  for (const auto& [sample, block] : blocks) {
+    squares += block.first;
+    points += static_cast<double>(block.second);
+  }
+  return std::sqrt(squares / points);
+}
+
+std::pair<double, double> worse_by(const HeldOutBlocks& one, const HeldOutBlocks& other) {
+  std::vector<double> without;
+  for (const auto& [sample, block] : one) {
+    HeldOutBlocks a = one, b = other;
+    a.erase(sample), b.erase(sample);
+    without.push_back(rms_of(a) - rms_of(b));
+  }
+  const auto m = static_cast<double>(without.size());
+  double mean = 0, variance = 0;
+  for (double d : without) mean += d / m;
+  for (double d : without) variance += (d - mean) * (d - mean);
+  return {rms_of(one) - rms_of(other), std::sqrt(variance * (m - 1) / m)};
 }
 
 }  // namespace kincal

@@ -8,9 +8,11 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../analysis/held_out.h"
@@ -47,5 +49,14 @@ using FoldJudge = std::function<bool(const Solution&, const std::vector<int>&)>;
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int folds,
                                               bool reject = false, const FoldJudge& also = nullptr);
+
+/// HeldOutBlocks are squares and points held out, by sample.
+using HeldOutBlocks = std::map<int, std::pair<double, long>>;
+HeldOutBlocks blocks(const CrossValidation& held_out);
+/// Returns their root mean square.
+double rms_of(const HeldOutBlocks& blocks);
+/// Returns by how much the root mean square of the one is above that of the other, both of the same
+/// samples, and the standard error of that: the jackknife over samples, paired.
+std::pair<double, double> worse_by(const HeldOutBlocks& one, const HeldOutBlocks& other);
 
 }  // namespace kincal

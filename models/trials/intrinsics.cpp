@@ -14,96 +14,14 @@
 #include "../rig/geometry.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
+#include "camera_groups.h"
 #include "estimate_noise.h"
 
 namespace kincal {
 namespace {
 
-constexpr int kFewestPoints = 4;  // of a view: fewer determine no pose
-
-bool has_lens(const Sensor& sensor) {
-  return sensor.type == "camera" && find_block(sensor, ParameterKind::intrinsics);
-}
-
-// ------------------------------------------------------------------------------------------------
-// recordings without a robot
-/// One link that the given cameras stand on, the first at its origin; every board is free.
-Rig bench(const Rig& rig, const std::vector<int>& cameras) {
-  Rig out;
-  out.tree.links = {"base"};
-  finish_tree(out.tree);
-  out.targets = without_robot(rig).targets;
-  for (int camera : cameras) {
-    out.sensors.push_back(rig.sensors[camera]);
-    Sensor& sensor = out.sensors.back();
-    sensor.link = 0;
-    sensor.mount_joint = -1;
-    sensor.link_T_sensor = Pose();
-    sensor.pose_given = out.sensors.size() == 1;
-  }
-  return out;
-}
-
-/// Whether a view tells the pose of its board.
-bool determines_pose(const Rig& rig, const View& view) {
-  const Target& target = rig.targets[view.target];
-  const std::vector<int> ids = view_ids(view, target);
-  return static_cast<int>(ids.size()) >= kFewestPoints &&
-         !on_a_line(select_columns(target_points(target), ids));
-}
-
-/// The training samples with the views of the given cameras that tell something.
-std::vector<Sample> seen_by(const Rig& rig, const std::vector<Sample>& samples,
-                            const std::vector<int>& cameras) {
-  std::vector<Sample> out;
-  for (const Sample& sample : samples) {
-    Sample kept;
-    kept.id = sample.id;
-    for (const View& view : sample.views) {
-      const auto camera = std::find(cameras.begin(), cameras.end(), view.sensor);
-      if (camera == cameras.end() || !determines_pose(rig, view)) continue;
-      kept.views.push_back(view);
-      kept.views.back().sensor = static_cast<int>(camera - cameras.begin());
-    }
-    if (sample.train && !kept.views.empty()) out.push_back(std::move(kept));
-  }
-  return out;
-}
-
-std::vector<const View*> views_of(const std::vector<Sample>& samples, int sensor) {
-  std::vector<const View*> out;
-  for (const Sample& sample : samples)
-    for (const View& view : sample.views)
-      if (view.sensor == sensor) out.push_back(&view);
-  return out;
-}
-
-/// Cameras that are calibrated together: on one rigid body, and tied by boards that they see in the
-/// same samples.
-std::vector<std::vector<int>> groups_of(const Rig& rig, const std::vector<Sample>& samples,
-                                        const std::vector<int>& cameras) {
-  std::vector<int> leader(rig.sensors.size());
-  for (size_t s = 0; s < leader.size(); ++s) leader[s] = static_cast<int>(s);
-  const auto find = [&](int s) {
-    while (leader[s] != s) s = leader[s];
-    return s;
-  };
-  for (const Sample& sample : samples)
-    for (const View& a : sample.views)
-      for (const View& b : sample.views)
-        if (a.target == b.target && sample.train && has_lens(rig.sensors[a.sensor]) &&
-            has_lens(rig.sensors[b.sensor]) && determines_pose(rig, a) && determines_pose(rig, b) &&
-            body_of(rig.tree, rig.sensors[a.sensor].link) ==
-                body_of(rig.tree, rig.sensors[b.sensor].link)) {
-          const int x = find(a.sensor), y = find(b.sensor);
-          leader[std::max(x, y)] = std::min(x, y);
-        }
-  std::map<int, std::vector<int>> groups;
-  for (int camera : cameras) groups[find(camera)].push_back(camera);
-  std::vector<std::vector<int>> out;
-  for (auto& group : groups) out.push_back(std::move(group.second));
-  return out;
-}
+constexpr double kUnsettled = 1.1;  // times the sigma used: the noise was not found
+constexpr double kSurelyBent = 3;   // standard errors by which bent boards are better
 
 // ------------------------------------------------------------------------------------------------
 // lenses
@@ -177,7 +95,26 @@ Rig at_solution(const Solution& solution) {
     for (ParameterBlock& block : rig.sensors[s].parameters)
       for (double& v : block.values) v = solution.values.shared(start++);
   }
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (table.target_warp[t] >= 0)
+      rig.targets[t].warp =
+          solution.values.shared.segment<2>(table.all[table.target_warp[t]].start);
   return rig;
+}
+
+/// Frees the warp of the boards that samples show; false: they show none.
+bool bend_boards(const std::vector<Sample>& samples, Rig& rig) {
+  std::set<int> seen;
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views)
+      if (rig.targets[view.target].grid) seen.insert(view.target);
+  for (const int t : seen) {
+    Target& target = rig.targets[t];
+    target.bulge = warp_shapes(target.layout);
+    rig.steps[0].free.push_back("target/" + target.name + "/warp");
+    rig.steps[0].free_where.push_back("warp");
+  }
+  return !seen.empty();
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -188,13 +125,15 @@ struct OneCamera {
   std::vector<Sample> samples;
   std::vector<const View*> views;
   std::vector<Sensor> starts;
+  bool bent = false;  // its boards: their warp is fitted with each lens
 };
 
-OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera) {
+OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent) {
   OneCamera out;
+  out.bent = bent;
   out.rig = bench(rig, {camera});
   out.samples = seen_by(rig, samples, {camera});
-  out.views = views_of(out.samples, 0);
+  out.views = camera_views(out.samples, 0);
   out.starts = {out.rig.sensors[0]};
   for (const char* plain : {"pinhole", "kannala_brandt"}) {
     Rig undistorted = out.rig;
@@ -227,6 +166,7 @@ Solution fit_lens(const LensModel& model, const CalibrationOptions& options, One
   Rig rig = camera.rig;
   rig.sensors[0] = best_start(camera, model);
   set_steps({&model}, rig);
+  if (camera.bent) bend_boards(camera.samples, rig);
   Solution solution = calibrate(make_recording(rig, camera.samples), options);
   if (solution.usable()) camera.starts.push_back(at_solution(solution).sensors[0]);
   return solution;
@@ -259,40 +199,6 @@ std::string why_unusable(const Solution& solution) {
   return solution.unobservable.empty() ? "" : "not determined by these views";
 }
 
-HeldOutBlocks blocks_of(const CrossValidation& held_out) {
-  HeldOutBlocks out;
-  for (const auto& [place, sums] : held_out.sums.all) {
-    out[place.second].first += sums.squared;
-    out[place.second].second += sums.points;
-  }
-  return out;
-}
-
-double rms_of(const HeldOutBlocks& blocks) {
-  double squares = 0, points = 0;
-  for (const auto& [sample, block] : blocks) {
-    squares += block.first;
-    points += static_cast<double>(block.second);
-  }
-  return std::sqrt(squares / points);
-}
-
-/// By how much the rms of the one is above that of the other, and the standard error of that; both
-/// are of the same samples.
-std::pair<double, double> difference(const HeldOutBlocks& one, const HeldOutBlocks& other) {
-  std::vector<double> without;
-  for (const auto& [sample, block] : one) {
-    HeldOutBlocks a = one, b = other;
-    a.erase(sample), b.erase(sample);
-    without.push_back(rms_of(a) - rms_of(b));
-  }
-  const auto m = static_cast<double>(without.size());
-  double mean = 0, variance = 0;
-  for (double d : without) mean += d / m;
-  for (double d : without) variance += (d - mean) * (d - mean);
-  return {rms_of(one) - rms_of(other), std::sqrt(variance * (m - 1) / m)};
-}
-
 /// Sets how much worse than the best each lens is on what was held out.
 void compare(std::vector<LensTrial>& trials) {
   const LensTrial* best = nullptr;
@@ -300,7 +206,7 @@ void compare(std::vector<LensTrial>& trials) {
     if (t.unusable.empty() && (!best || t.held_out < best->held_out)) best = &t;
   if (!best) return;
   for (LensTrial& t : trials)
-    if (t.unusable.empty()) std::tie(t.worse, t.worse_sigma) = difference(t.blocks, best->blocks);
+    if (t.unusable.empty()) std::tie(t.worse, t.worse_sigma) = worse_by(t.blocks, best->blocks);
 }
 
 /// Tries all lenses on one camera; false: cancelled.
@@ -320,7 +226,7 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
       const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
       if (!held_out) return false;
       if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;
-      trial.blocks = blocks_of(*held_out);
+      trial.blocks = blocks(*held_out);
     }
     out.trials.push_back(std::move(trial));
   }
@@ -341,7 +247,7 @@ const LensTrial* chosen(const std::vector<LensTrial>& trials) {
 
 /// Finds the lens of a camera and where it starts; nullopt: cancelled.
 std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& camera,
-                                  IntrinsicsResult& result, CameraIntrinsics& out) {
+                                  std::vector<IntrinsicsNote>& notes, CameraIntrinsics& out) {
   const std::string& name = camera.rig.sensors[0].name;
   const LensModel& given = lens_of(camera.rig.sensors[0]);
   if (options.model == "auto") {
@@ -349,7 +255,7 @@ std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& c
     const LensTrial* best = chosen(out.trials);
     out.model = best && !best->loose ? best->model : &given;
     if (out.model == &given && (!best || best->loose))
-      result.notes.push_back(
+      notes.push_back(
           {"model",
            text("'%s': no lens can be judged by what is held out of %zu samples%s: it is %s, as "
                 "in the rig",
@@ -373,7 +279,7 @@ std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& c
 void describe(const Solution& solution, const std::vector<NoiseLevel>& levels,
               const CrossValidation& held_out, CameraIntrinsics& out) {
   const Sensor& camera = solution.rig().sensors[out.sensor];
-  const std::vector<const View*> views = views_of(solution.samples(), out.sensor);
+  const std::vector<const View*> views = camera_views(solution.samples(), out.sensor);
   out.image = image_size(camera, views);
   out.views = static_cast<long>(views.size());
   for (const View* view : views) out.points += static_cast<long>(view->ids.size());
@@ -383,7 +289,11 @@ void describe(const Solution& solution, const std::vector<NoiseLevel>& levels,
     squares += static_cast<double>(view->ids.size()) * view->sigma[0] * view->sigma[0];
   out.noise = std::sqrt(squares / static_cast<double>(out.points));
   for (const NoiseLevel& level : levels)
-    if (level.sensor == out.sensor) out.stated = out.noise * level.assumed / level.used;
+    if (level.sensor == out.sensor) {
+      out.stated = out.noise * level.assumed / level.used;
+      if (level.seen > kUnsettled * level.used)  // rounds that ended before the noise was found
+        out.noise *= level.seen / level.used;
+    }
   for (const HeldOutError& error : held_out.sensors)
     if (error.sensor == camera.name) out.held_out = error;
   out.coverage = coverage(solution, out.sensor, out.image);
@@ -455,75 +365,140 @@ std::optional<GroupFit> fit_group(const Rig& rig, const std::vector<Sample>& sam
   return out;
 }
 
-/// Fits the group again with boards that may be bent, and keeps that if it is better on what was
-/// held out; false: cancelled.
-bool try_warp(const std::vector<Sample>& samples, const IntrinsicsOptions& options, GroupFit& flat,
-              std::optional<WarpTrial>& trial) {
-  Rig rig = at_solution(flat.estimate.solution);
-  std::set<int> seen;
-  for (const Sample& sample : samples)
-    for (const View& view : sample.views)
-      if (rig.targets[view.target].grid) seen.insert(view.target);
-  for (int t : seen) {
-    Target& target = rig.targets[t];
-    target.bulge = warp_shapes(target.layout);
-    rig.steps[0].free.push_back("target/" + target.name + "/warp");
-    rig.steps[0].free_where.push_back("warp");
+/// A group on its way: its cameras, and what each was found to be.
+struct Group {
+  std::vector<int> cameras;  // of the given rig
+  std::vector<CameraIntrinsics> found;
+  std::vector<const LensModel*> lenses;
+  Rig rig;                      // to start from
+  std::vector<Sample> samples;  // that it sees
+};
+
+/// Chooses the lens of each camera by itself; `rig` is that of all cameras, its boards flat or as
+/// bent as they are to start from. False: cancelled.
+bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
+                 const IntrinsicsOptions& options, Group& group,
+                 std::vector<IntrinsicsNote>& notes) {
+  group.rig = bench(rig, group.cameras);
+  group.lenses.clear();
+  for (size_t s = 0; s < group.cameras.size(); ++s) {
+    CameraIntrinsics& found = group.found[s];
+    found.trials.clear();
+    OneCamera camera = one_camera(rig, samples, group.cameras[s], bent);
+    const std::optional<Sensor> start = find_camera(options, camera, notes, found);
+    if (!start) return false;
+    group.rig.sensors[s].model = start->model;
+    group.rig.sensors[s].parameters = start->parameters;
+    group.lenses.push_back(found.model);
   }
-  if (seen.empty() || flat.held || flat.held_out.sensors.empty()) return true;
-  options.tell("boards that may be bent");
-  std::optional<GroupFit> warped = fit_group(rig, samples, options);
-  if (!warped) return false;
-  const HeldOutBlocks before = blocks_of(flat.held_out), after = blocks_of(warped->held_out);
-  if (!warped->estimate.solution.usable() || after.size() != before.size()) return true;
-  trial = WarpTrial{rms_of(before), rms_of(after)};
-  std::tie(trial->better, trial->better_sigma) = difference(before, after);
-  trial->kept = trial->better > trial->better_sigma;
-  if (trial->kept) flat = std::move(*warped);
+  set_steps(group.lenses, group.rig);
   return true;
+}
+
+/// Fits the group again with boards that may be bent, from where it stands. Where they may
+/// (options.warp) and it is better on what was held out, that stays, and the lenses are chosen
+/// again with such boards, for a bent board looks like a lens. False: cancelled.
+bool try_warp(const Rig& given, const std::vector<Sample>& samples,
+              const IntrinsicsOptions& options, Group& group, GroupFit& fit,
+              std::optional<WarpTrial>& trial) {
+  Rig rig = at_solution(fit.estimate.solution);
+  if (fit.held || fit.held_out.sensors.empty() || !bend_boards(group.samples, rig)) return true;
+  const HeldOutBlocks flat = blocks(fit.held_out);
+  const auto better = [&](const Rig& bent) {
+    options.tell("boards that may be bent");
+    std::optional<GroupFit> warped = fit_group(bent, group.samples, options);
+    if (!warped) return false;
+    const HeldOutBlocks after = blocks(warped->held_out);
+    if (!warped->estimate.solution.usable() || after.size() != flat.size()) return true;
+    trial = WarpTrial{rms_of(flat), rms_of(after)};
+    std::tie(trial->better, trial->better_sigma) = worse_by(flat, after);
+    for (const Target& target : at_solution(warped->estimate.solution).targets)
+      trial->largest = std::max(trial->largest, target.warp.cwiseAbs().maxCoeff());
+    trial->kept = options.warp && trial->better > trial->better_sigma;
+    if (trial->kept) fit = std::move(*warped);
+    return true;
+  };
+  if (!better(rig)) return false;
+  if (!trial || !trial->kept || options.model != "auto") return true;
+  const std::vector<const LensModel*> before = group.lenses;
+  Rig bent = given;
+  bent.targets = at_solution(fit.estimate.solution).targets;
+  std::vector<IntrinsicsNote> said;  // as of flat boards
+  if (!find_lenses(bent, samples, true, options, group, said)) return false;
+  if (group.lenses == before) return true;
+  bend_boards(group.samples, group.rig);
+  return better(group.rig);
+}
+
+/// Says where each camera of a group explains its views by itself, but not all together do; `fit`
+/// is of all. A solution of one that is cancelled says nothing.
+std::vector<IntrinsicsNote> views_apart(const Rig& rig, const std::vector<Sample>& samples,
+                                        const IntrinsicsOptions& options, const Group& group,
+                                        const Solution& fit) {
+  double alone = 0, together = 0;
+  std::vector<std::string> names;
+  for (size_t s = 0; s < group.cameras.size(); ++s) {
+    OneCamera camera = one_camera(rig, samples, group.cameras[s], false);
+    const Solution own = fit_lens(*group.lenses[s], options, camera);
+    if (!own.usable()) return {};
+    alone = std::max(alone, training_rms(own, 0));
+    together = std::max(together, training_rms(fit, static_cast<int>(s)));
+    names.push_back(quoted(rig.sensors[group.cameras[s]].name));
+  }
+  return apart(names, alone, together);
 }
 
 /// Calibrates cameras together and adds them to the result; false: cancelled.
 bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
                      const std::vector<int>& cameras, const IntrinsicsOptions& options,
                      IntrinsicsResult& result) {
-  Rig together = bench(rig, cameras);
-  std::vector<CameraIntrinsics> found(cameras.size());
-  std::vector<const LensModel*> lenses;
+  Group group{cameras,
+              std::vector<CameraIntrinsics>(cameras.size()),
+              {},
+              {},
+              seen_by(rig, samples, cameras)};
   std::vector<char> mistaken(cameras.size());
-  for (size_t s = 0; s < cameras.size(); ++s) {
-    found[s].camera = cameras[s];
-    found[s].sensor = static_cast<int>(s);
-    found[s].group = static_cast<int>(result.groups.size());
-    OneCamera camera = one_camera(rig, samples, cameras[s]);
-    const std::vector<IntrinsicsNote> wrong = wrong_views(camera.rig, camera.samples, 0);
-    mistaken[s] = !wrong.empty();
-    result.notes.insert(result.notes.end(), wrong.begin(), wrong.end());
-    for (const IntrinsicsNote& note : wrong)
+  const auto say = [&](const std::vector<IntrinsicsNote>& notes) {
+    result.notes.insert(result.notes.end(), notes.begin(), notes.end());
+    for (const IntrinsicsNote& note : notes)
       if (note.spoils) result.status = graver(result.status, Status::unexplained);
-    const std::vector<IntrinsicsNote> copies = copied_views(camera.rig, camera.samples, 0);
-    result.notes.insert(result.notes.end(), copies.begin(), copies.end());
-    const size_t said = result.notes.size();
-    const std::optional<Sensor> start = find_camera(options, camera, result, found[s]);
-    if (!start) return false;
-    if (mistaken[s]) result.notes.resize(said);  // the choice of a lens follows from that
-    together.sensors[s].model = start->model;
-    together.sensors[s].parameters = start->parameters;
-    lenses.push_back(found[s].model);
+  };
+  for (size_t s = 0; s < cameras.size(); ++s) {
+    group.found[s].camera = cameras[s];
+    group.found[s].sensor = static_cast<int>(s);
+    group.found[s].group = static_cast<int>(result.groups.size());
+    const Rig one = bench(rig, {cameras[s]});
+    const std::vector<Sample> seen = seen_by(rig, samples, {cameras[s]});
+    const std::vector<IntrinsicsNote> wrong = wrong_views(one, seen, 0);
+    mistaken[s] = !wrong.empty();
+    say(wrong);
+    say(copied_views(one, seen, 0));
   }
-  set_steps(lenses, together);
-  const std::vector<Sample> seen = seen_by(rig, samples, cameras);
-  std::optional<GroupFit> fitted = fit_group(together, seen, options);
+  bool any = std::count(mistaken.begin(), mistaken.end(), 1) > 0;
+  std::vector<IntrinsicsNote> of_lenses;
+  if (!find_lenses(rig, samples, false, options, group, of_lenses)) return false;
+  if (!any) say(of_lenses);  // else the choice of a lens follows from that
+  std::optional<GroupFit> fitted = fit_group(group.rig, group.samples, options);
   if (!fitted) return false;
   std::optional<WarpTrial> warp;
-  if (options.warp && !try_warp(seen, options, *fitted, warp)) return false;
-  result.groups.push_back({std::move(fitted->estimate.solution), cameras, warp});
-  const IntrinsicsGroup& group = result.groups.back();
-  Status status = fitted->held ? Status::unobservable : group.solution.status;
-  for (size_t s = 0; s < found.size(); ++s) {
-    CameraIntrinsics& camera = found[s];
-    describe(group.solution, fitted->estimate.levels, fitted->held_out, camera);
-    status = graver(status, judge_camera(group.solution, camera, mistaken[s], result.notes));
+  if ((options.warp || !any) && !try_warp(rig, samples, options, group, *fitted, warp))
+    return false;
+  if (!options.warp && warp && warp->better > kSurelyBent * warp->better_sigma)
+    say({bent_boards(warp->flat, warp->warped, warp->largest)});
+  result.groups.push_back(
+      {std::move(fitted->estimate.solution), cameras, options.warp ? warp : std::nullopt});
+  const Solution& solution = result.groups.back().solution;
+  if (!any && cameras.size() > 1) {
+    const std::vector<IntrinsicsNote> said = views_apart(rig, samples, options, group, solution);
+    any = !said.empty();
+    mistaken.assign(cameras.size(), any);
+    say(said);
+  }
+  Status status = fitted->held ? Status::unobservable : solution.status;
+  for (size_t s = 0; s < cameras.size(); ++s) {
+    CameraIntrinsics& camera = group.found[s];
+    describe(solution, fitted->estimate.levels, fitted->held_out, camera);
+    status = graver(status, judge_camera(solution, camera, mistaken[s], result.notes));
     result.cameras.push_back(std::move(camera));
   }
   result.status = graver(result.status, status);
@@ -543,19 +518,6 @@ const std::vector<LensModel>& lens_models() {
   return models;
 }
 
-Rig without_robot(Rig rig) {
-  for (Target& target : rig.targets) {
-    target.link = target.mount_joint = -1;
-    target.link_T_target = Pose();
-    target.pose_given = false;
-  }
-  for (Sensor& sensor : rig.sensors) {
-    sensor.link = rig.base;
-    sensor.mount_joint = -1;
-  }
-  return rig;
-}
-
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
                                                      const std::vector<Sample>& samples,
                                                      const IntrinsicsOptions& given) {
@@ -571,8 +533,13 @@ std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
         "no camera of the rig sees a board: views with at least four points, not on a line, in "
         "training samples are needed");
   IntrinsicsResult out;
-  for (const std::vector<int>& group : groups_of(rig, samples, cameras))
-    if (!calibrate_group(rig, samples, group, options, out)) return std::nullopt;
+  try {
+    for (const std::vector<int>& group : camera_groups(rig, samples, cameras))
+      if (!calibrate_group(rig, samples, group, options, out)) return std::nullopt;
+  } catch (const std::runtime_error& error) {
+    if (out.notes.empty()) throw;
+    throw std::runtime_error(out.notes[0].text + " (" + error.what() + ")");
+  }
   std::stable_sort(
       out.cameras.begin(), out.cameras.end(),
       [](const CameraIntrinsics& a, const CameraIntrinsics& b) { return a.camera < b.camera; });

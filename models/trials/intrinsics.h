@@ -14,9 +14,10 @@
 // views do not determine a focal length with that, they cannot tell lenses apart, and the rig's
 // stays.
 //
-// Boards bend. Where it is asked for, the group is fitted once more with the warp of its boards
-// (rig/targets.h) free, which stays if it is better on what was held out by more than the standard
-// error of that.
+// Boards bend, and a bent board looks like a lens. The group is fitted once more with the warp of
+// its boards (rig/targets.h) free. Where it is asked for, that stays if it is better on what was
+// held out by more than the standard error of that, and the lenses are chosen again with the warp
+// free in each fit; else it is said where it is better by three of them.
 #pragma once
 
 #include <optional>
@@ -26,6 +27,7 @@
 #include "../analysis/projection.h"
 #include "../calibration/calibration.h"
 #include "../sensors/sensors.h"
+#include "camera_groups.h"
 #include "cross_validation.h"
 #include "intrinsics_notes.h"
 
@@ -47,9 +49,6 @@ struct IntrinsicsOptions : CalibrationOptions {
   int folds = 5;
   bool warp = false;  // whether boards may be bent
 };
-
-/// HeldOutBlocks are squares and points held out, by sample.
-using HeldOutBlocks = std::map<int, std::pair<double, long>>;
 
 /// A LensTrial is how a lens did in the choice.
 struct LensTrial {
@@ -80,7 +79,8 @@ struct CameraIntrinsics {
 struct WarpTrial {
   double flat = kNan, warped = kNan;
   double better = kNan, better_sigma = kNan;
-  bool kept = false;  // the solution has the warp
+  double largest = 0;  // of the numbers of all boards, m
+  bool kept = false;   // the solution has the warp
 };
 
 struct IntrinsicsGroup {
@@ -95,10 +95,6 @@ struct IntrinsicsResult {
   std::vector<IntrinsicsNote> notes;
   Status status = Status::converged;  // the worst of the groups'
 };
-
-/// Returns the rig with every board free and every sensor on the base, so that samples need no
-/// joint readings.
-Rig without_robot(Rig rig);
 
 /// Calibrates all cameras of a rig. `samples` are of without_robot(rig); those that are held out
 /// take no part. nullopt: options.progress cancelled.

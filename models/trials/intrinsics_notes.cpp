@@ -27,6 +27,7 @@ constexpr double kOfLargest = 0.4;  // the corners of a view that are as far off
 constexpr double kFarView = 3;      // times the middle corner of all views: the middle of a view
 constexpr double kFewAreFar = 5;    // times the view's middle: a few corners, not the view
 constexpr double kFarChi2 = 100, kProvenChi2 = 25;  // as report/verdict.h has them
+constexpr double kFarApart = 5;  // times what each camera leaves: their views are of other moments
 constexpr size_t kNamedViews = 5;
 
 using Points2 = Eigen::Matrix2Xd;
@@ -114,13 +115,14 @@ double middle_misfit(const std::vector<BoardView>& views) {
   return median(all, 0);
 }
 
-/// The same with corners numbered row by row, so many in a row.
-double middle_misfit(const std::vector<BoardView>& views, int in_row) {
+/// The same with corners numbered row by row, so many in a row, from another number on.
+double middle_misfit(const std::vector<BoardView>& views, int in_row, int first = 0) {
   std::vector<double> all;
   for (const BoardView& view : views) {
     Points2 points = view.points;
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      points.col(i) = Eigen::Vector2d(view.ids[i] % in_row, view.ids[i] / in_row);
+      points.col(i) =
+          Eigen::Vector2d((view.ids[i] - first) % in_row, (view.ids[i] - first) / in_row);
     all.push_back(homography_misfit(points, view.pixels));
   }
   return median(all, 0);
@@ -139,6 +141,11 @@ std::string numbering_text(const Target& target, const std::vector<BoardView>& v
     const double left = middle_misfit(views, in_row);
     if (left < least) least = left, best = in_row;
   }
+  for (const int first : {-1, 1})
+    if (middle_misfit(views, columns, first) < least)
+      return "the corners of board '" + target.name + "' are numbered one too " +
+             (first > 0 ? "high" : "low") + ": ids count from 0, row by row. Write every id " +
+             (first > 0 ? "less" : "more") + " by one";
   if (best == 0) return "";
   const std::string board = "targets." + target.name;
   if (best == rows)
@@ -442,6 +449,26 @@ std::vector<IntrinsicsNote> copied_views(const Rig& rig, const std::vector<Sampl
                          listed(copies, kNamedViews) +
                          ". A copy tells nothing new but counts, so that sigmas are too small: "
                          "take copies out of the samples"}};
+}
+
+IntrinsicsNote bent_boards(double flat, double bent, double most) {
+  return {
+      "bent",
+      text("boards look bent, by up to %.2g mm: what was held out is off by %.3g px, and by %.3g "
+           "px with boards that may be bent. Glue the board to something flat and record again, "
+           "or let it be bent: --warp",
+           most * 1e3, flat, bent)};
+}
+
+std::vector<IntrinsicsNote> apart(const std::vector<std::string>& cameras, double alone,
+                                  double together) {
+  if (!(together > kSpoiltNoise && together > kFarApart * alone)) return {};
+  return {{"apart",
+           text("the views of cameras %s do not belong together: each camera by itself leaves %.2g "
+                "px, together they leave %.3g px. What is one sample is to be one moment: see "
+                "whether the pictures of one camera are in another order, or shifted",
+                listed(cameras, cameras.size()).c_str(), alone, together),
+           true}};
 }
 
 double looseness(const ParameterEstimate& intrinsics, double noise, double counted) {

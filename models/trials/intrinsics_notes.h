@@ -36,6 +36,15 @@ std::vector<IntrinsicsNote> wrong_views(const Rig& rig, const std::vector<Sample
 std::vector<IntrinsicsNote> copied_views(const Rig& rig, const std::vector<Sample>& samples,
                                          int sensor);
 
+/// Says that boards look bent, by `most` m: what was held out is off by `flat` px where they are
+/// taken as flat, and by `bent` px where they are not.
+IntrinsicsNote bent_boards(double flat, double bent, double most);
+
+/// Says that cameras do not see the same boards, where each by itself leaves no more than `alone`
+/// px (rms) but together they leave `together`; empty: that is no reason to.
+std::vector<IntrinsicsNote> apart(const std::vector<std::string>& cameras, double alone,
+                                  double together);
+
 /// A FittedLens is what is judged: a camera of a group's solution.
 struct FittedLens {
   const Solution& solution;

@@ -163,6 +163,21 @@ TEST_CASE("images: a ChArUco board is found, whole and in part") {
   CHECK(e.worst < 0.3);
 }
 
+TEST_CASE("images: the rim of a ChArUco print has no corners") {
+  const ImageTarget target = target_of(
+      "{type: charuco, rows: 7, columns: 8, square: 0.03, marker: 0.021, dictionary: "
+      "DICT_5X5_250}",
+      {GridLayout::Kind::charuco, 7, 8});
+  for (const PictureCamera& camera : postures(4, 3, 12)) {
+    const Detection found =
+        detect(render(camera, [](double x, double y) { return charuco(x, y, 6, 8, 1); }), target);
+    CHECK(found.ids.size() == 35);
+    CHECK(found.ids.back() == 34);
+    CHECK(!found.no_corners.empty());
+    CHECK(errors_of(camera, target, found).worst < 0.3);
+  }
+}
+
 TEST_CASE("images: a ChArUco board that one threshold cannot read is looked at with all") {
   const ImageTarget target = target_of(
       "{type: charuco, rows: 6, columns: 8, square: 0.03, marker: 0.021, dictionary: "

@@ -1,6 +1,7 @@
 // Proves what only all images of a set tell: a ChArUco board with an odd number of columns that is
 // seen in part suits both of OpenCV's layouts, and is read by the one that the other images have;
-// where no image tells, that is said. What is unusual about images is counted. Not proved: other
+// where no image tells, that is said. A row too many in the rig, another dictionary and pictures of
+// another size are named. What is unusual about images is counted. Not proved: other
 // files and tables (program/detect_test.py).
 #include "../../io/images/fill.h"
 
@@ -59,6 +60,14 @@ struct Folder {
     aim(part, 3.5, 3, 5);  // neither the left nor the right column is in it
     cv::imwrite((path / "part.png").string(), render(part, bright_first));
   }
+  /// Changes words of the rig.
+  void write_rig(const std::string& from, const std::string& to) const {
+    std::stringstream text;
+    text << std::ifstream(path / "rig.yaml").rdbuf();
+    std::string rig = text.str();
+    rig.replace(rig.find(from), from.size(), to);
+    std::ofstream(path / "rig.yaml") << rig;
+  }
   ~Folder() { std::filesystem::remove_all(path); }
   Filled fill() const {
     FillOptions options;
@@ -98,6 +107,27 @@ TEST_CASE("images: which layout a ChArUco board has is told by all images togeth
   for (const std::string& note : both.notes)
     said = said || note.find("part.png: board: read again") != std::string::npos;
   CHECK(said);
+}
+
+TEST_CASE("images: what no image shows, and what is there instead") {
+  const struct {
+    const char *from, *to, *note;
+  } cases[] = {{"rows: 6", "rows: 7", "in 3 the print ends where it should be"},
+               {"DICT_5X5_250", "DICT_4X4_50",
+                "show markers of DICT_5X5_50, ids 0 to 20: write dictionary: DICT_5X5_50"},
+               {"[640, 480]", "[320, 240]",
+                "all 4 images: each has 640 x 480 pixels, the rig's image_size is 320 x 240"}};
+  for (const auto& one : cases) {
+    const Folder folder;
+    for (const char* name : {"1.png", "2.png", "3.png"})
+      cv::imwrite((folder.path / name).string(), render(folder.whole, bright_first));
+    folder.write_rig(one.from, one.to);
+    const Filled filled = folder.fill();
+    std::string notes;
+    for (const std::string& note : filled.notes) notes += note + "\n";
+    INFO(notes);
+    CHECK(notes.find(one.note) != std::string::npos);
+  }
 }
 
 TEST_CASE("images: turns that EXIF asks for are named and counted, and not done") {

@@ -39,10 +39,11 @@ def corners(angle, x, y):
     return [[x + SIDE * (c * i - s * j), y + SIDE * (s * i + c * j)] for j in range(5) for i in range(8)]
 
 
-def picture(angle, x, y, width=400, height=300, fine=5):
+def picture(angle, x, y, width=400, height=300, fine=5, wave=0):
     step = (numpy.arange(fine) + 0.5) / fine - 0.5
     u = (numpy.arange(width)[:, None] + step).ravel()[None, :] - x
     v = (numpy.arange(height)[:, None] + step).ravel()[:, None] - y
+    u = u - wave * numpy.sin(v / 40)
     c, s = numpy.cos(angle), numpy.sin(angle)
     i, j = numpy.floor((c * u + s * v) / SIDE), numpy.floor((c * v - s * u) / SIDE)
     dark = ((i + j) % 2 == 0) & (i >= -1) & (i < 8) & (j >= -1) & (j < 5)
@@ -275,6 +276,17 @@ class Detect(Case):
         self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.jsonl", "--tolerance", "0.02")
         self.assertEqual({s["id"]: s["joints"]["j"] for s in self.samples()}, {"12.50": 2, "1700000000250000000": 3})
         self.assertIn("99.pgm", self.out)
+        self.write("images/frame_7.pgm", pgm(picture(*self.truth["a1"])))
+        self.detect("rig.yaml", "images", "--out", "more.jsonl", "--joints", "joints.jsonl")
+        self.assertIn("frame_7.pgm': no joint readings in joints.jsonl, which goes by time: the image's name is no number", self.out)
+
+    def test_a_board_that_is_not_flat(self):
+        self.detect("rig.yaml", "images", "--out", "out.jsonl")
+        self.assertNotIn("the board is bent", self.out)
+        for name, where in self.truth.items():
+            self.write("images/%s.pgm" % name, pgm(picture(*where, wave=1.5)))
+        self.detect("rig.yaml", "images", "--out", "bent.jsonl")
+        self.assertRegex(self.out, r"target 'board': its points are [0-9.]+ px off a plane seen through a lens .*: the board is bent, or the lens strong")
 
     def test_poses_of_a_flange(self):
         self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())

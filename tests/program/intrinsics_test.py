@@ -32,6 +32,7 @@ sensors:
           image_size: [640, 480], sigma: 0.3}
 """
 FREE = RIG.replace("mount: {link: base}", "mount: free").replace("link: head", "link: base")
+TANGENTIAL = {"left": (0.0015, -0.001), "right": (-0.001, 0.0012)}
 NUMBERS = {"left": [500, 505, 322, 236, -0.25, 0.08], "right": [510, 512, 318, 241, -0.22, 0.06]}
 BASELINE = 0.12
 NOISE = 0.1
@@ -45,15 +46,15 @@ def rotation(w):
     return numpy.eye(3) - numpy.sin(angle) * k + (1 - numpy.cos(angle)) * k @ k
 
 
-def pixels(numbers, points):
+def pixels(numbers, points, p1=0, p2=0):
     fx, fy, cx, cy, k1, k2 = numbers
     u, v = points[0] / points[2], points[1] / points[2]
     s = u * u + v * v
     radial = 1 + k1 * s + k2 * s * s
-    return numpy.array([fx * u * radial + cx, fy * v * radial + cy])
+    return numpy.array([fx * (u * radial + 2 * p1 * u * v + p2 * (s + 2 * u * u)) + cx, fy * (v * radial + p1 * (s + 2 * v * v) + 2 * p2 * u * v) + cy])
 
 
-def samples(count, tilt=0.6, seed=1, cameras=("left", "right"), bent=0):
+def samples(count, tilt=0.6, seed=1, cameras=("left", "right"), bent=0, noise=NOISE, tangential=None):
     draws = numpy.random.RandomState(seed)
     board = numpy.array([[c * 0.03, r * 0.03, bent * (1 - (c / 4 - 1) ** 2)] for r in range(6) for c in range(9)]).T
     lines = []
@@ -66,7 +67,7 @@ def samples(count, tilt=0.6, seed=1, cameras=("left", "right"), bent=0):
         views = []
         for camera in cameras:
             seen = points - numpy.array([[BASELINE if camera == "right" else 0], [0], [0]])
-            z = pixels(NUMBERS[camera], seen) + NOISE * draws.normal(size=(2, 54))
+            z = pixels(NUMBERS[camera], seen, *(tangential or {}).get(camera, ())) + noise * draws.normal(size=(2, 54))
             inside = [k for k in range(54) if 0 <= z[0, k] < 640 and 0 <= z[1, k] < 480]
             views.append({"sensor": camera, "target": "board", "ids": inside, "pixels": [[round(z[0, k], 4), round(z[1, k], 4)] for k in inside]})
         lines.append(json.dumps({"id": "s%d" % i, "joints": {}, "views": views}) + "\n")
@@ -191,6 +192,24 @@ class Bent(Case):
         self.assertLess(abs(result["value"][0] - 0.0015), 4 * result["sigma"][0])
         self.assertIn("warp: [%r" % result["value"][0], self.read("result/rig.yaml"))
 
+    def test_lens_behind_a_bent_board(self):
+        """A lens that shows only once the board is bent is chosen then."""
+        self.write("rig.yaml", FREE)
+        self.write("samples.jsonl", samples(16, bent=0.003, noise=0.02, tangential=TANGENTIAL))
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "flat", "--quiet")
+        self.assertIn("boards look bent, by up to 3", errors)
+        result = json.loads(self.read("flat/intrinsics.json"))
+        self.assertEqual(result["warnings"][0]["id"], "bent")
+        self.assertNotIn("warp", result["groups"][0])
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet", "--warp")
+        self.assertEqual(errors, "")
+        for name, truth in NUMBERS.items():
+            camera = json.loads(self.read("lens/intrinsics.json"))["cameras"][name]
+            self.assertEqual(camera["lens"], "brown_conrady_4")
+            for component, true in zip(("fx", "fy", "cx", "cy"), truth):
+                one = camera["intrinsics"][component]
+                self.assertLess(abs(one["value"] - true), 4 * one["sigma"], component)
+
     def test_wrong_warp(self):
         for warp, words in (("[0.001]", "2"), ("flat", "warp")):
             self.write("rig.yaml", FREE.replace("square: 0.03,", "square: 0.03, warp: %s," % warp))
@@ -247,6 +266,33 @@ class Mistakes(Case):
         done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
         self.assertIn(done.returncode, (3, 5))
         self.assertIn("are numbered in rows of 9, the rig has 10 in a row", done.stderr.decode())
+
+    def test_numbers_off_by_one(self):
+        for shift, words in ((1, "are numbered one too high: ids count from 0, row by row. Write every id less by one"), (-1, "one too low")):
+            def shifted(_, view):
+                kept = [k for k, i in enumerate(view["ids"]) if 0 <= i + shift < 54]
+                view["ids"], view["pixels"] = [view["ids"][k] + shift for k in kept], [view["pixels"][k] for k in kept]
+            self.write("samples.jsonl", changed(self.views, shifted))
+            done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet", "--force"], cwd=self.dir, stderr=subprocess.PIPE)
+            self.assertIn(done.returncode, (1, 3, 5))  # 1: where not even a start is found
+            self.assertIn(words, done.stderr.decode().replace("\n", " ").split("(")[0])
+
+    def test_normalised_pixels(self):
+        self.write("samples.jsonl", changed(self.views, lambda _, view: view.update(pixels=[[(u - 322) / 500, (v - 236) / 505] for u, v in view["pixels"]])))
+        _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", code=1)
+        self.assertIn("they are normalised coordinates", errors.replace("\n", " "))
+        self.assertFalse(os.path.exists(self.path("lens")))
+
+    def test_pictures_of_one_side_in_reverse_order(self):
+        self.write("rig.yaml", FREE)
+        lines = [json.loads(line) for line in samples(14, noise=0.05).splitlines()]
+        right = [line["views"][1] for line in lines]
+        for line, view in zip(lines, reversed(right)):
+            line["views"][1] = view
+        self.write("samples.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
+        done = subprocess.run([KINCAL, "intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet"], cwd=self.dir, stderr=subprocess.PIPE)
+        self.assertIn(done.returncode, (3, 5))
+        self.assertIn("warning: the views of cameras 'left' and 'right' do not belong together", done.stderr.decode().replace("\n", " "))
 
     def test_one_corner(self):
         def far(i, view):
