@@ -230,6 +230,7 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   refuse_broken_bag(a.files[0]);
   if (a.files.size() > 1)
     throw InputError(a.files[0] + " is no recording: one such file at a time");
+  if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");
   for (const CLI::Option* option : a.settling_options)
     if (option->count() > 0)
       throw InputError(a.files[0] + ": " + option->get_name() + " is for recordings (bags)");
