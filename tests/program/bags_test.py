@@ -179,12 +179,13 @@ class Bags(helpers.Folder):
         self.assertEqual(len(self.read("samples.jsonl").splitlines()), 3)
 
     def test_wrong_use(self):
+        os.mkdir(self.path("hollow"))
         path = self.write("a.bag", bag(self.topics, self.messages))
         for arguments, word in (((path,), "--rig is missing"), ((path, "--rig", self.rig), "--out is missing"),
                                 ((path, "--sensor", "left", "--list"), "is a recording"), ((path, "--rectified", "--list"), "is a recording"), ((self.rig, "--list"), "--list is for recordings"),
                                 ((path, self.path("gone.bag"), "--list"), "gone.bag: no such file"), ((self.path("gone.bag"), "--list"), "gone.bag: no such file"),
                                 ((self.write("text.bag", "hello\n"), "--list"), "text.bag: neither a ROS 1 bag"), ((self.write("none.mcap", ""), "--list"), "the file is empty"),
-                                ((self.dir, "--list"), "a folder without metadata.yaml, .mcap, .db3 or .bag")):
+                                ((self.path("hollow"), "--list"), "a folder without metadata.yaml, .mcap, .db3 or .bag")):
             p = run(*arguments)
             self.assertEqual(p.returncode, 1, arguments)
             self.assertIn(word, p.stderr)
