@@ -203,6 +203,23 @@ int print_record_command(const ImportArguments& a) {
   return kConverged;
 }
 
+/// Says of what is no recording why, where it looks as if it should be one. @throws InputError
+void refuse_broken_bag(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code status;
+  if (!fs::exists(path, status)) throw InputError(path + ": no such file or folder");
+  if (fs::is_directory(path, status))
+    throw InputError(path +
+                     ": a folder without metadata.yaml, .mcap, .db3 or .bag is no recording");
+  const std::string ending = fs::path(path).extension().string();
+  if (ending == ".bag" || ending == ".mcap" || ending == ".db3")
+    throw InputError(path +
+                     (fs::is_regular_file(path, status) && fs::file_size(path, status) == 0
+                          ? ": the file is empty"
+                          : ": neither a ROS 1 bag (#ROSBAG V2.0), nor MCAP, nor an SQLite file of "
+                            "rosbag2"));
+}
+
 int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   if (a.record_command) return print_record_command(a);
   a.rig = rig_path(a.rig);
@@ -210,6 +227,7 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
     if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
     import_bags(a, arguments);
   }
+  refuse_broken_bag(a.files[0]);
   if (a.files.size() > 1)
     throw InputError(a.files[0] + " is no recording: one such file at a time");
   if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");

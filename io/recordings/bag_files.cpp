@@ -21,7 +21,7 @@ namespace {
 bool has_ending(const fs::path& path) {
   const std::string ending = path.extension().string();
   return ending == ".db3" || ending == ".mcap" || ending == ".bag" ||
-         (ending == ".zstd" && has_ending(path.stem()));
+         ((ending == ".zstd" || ending == ".zst") && has_ending(path.stem()));
 }
 
 }  // namespace

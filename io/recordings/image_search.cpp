@@ -75,14 +75,17 @@ struct SearchParts {
   }
 
   void keep(const BeamView& found, int sensor, int target, std::vector<View>& views,
-            std::vector<std::string>& notes) const {
-    if (found.view.ids.empty()) return;
+            BeamWords& words) const {
+    if (found.view.ids.empty()) {
+      words.why_not = found.reason;
+      return;
+    }
     views.push_back(found.view);
     views.back().sensor = sensor;
     views.back().target = target;
     for (const std::string& note : found.notes)
-      notes.push_back(rig.rig.sensors[static_cast<size_t>(sensor)].name + " on " +
-                      rig.rig.targets[static_cast<size_t>(target)].name + ": " + note);
+      words.doubts.push_back(rig.rig.sensors[static_cast<size_t>(sensor)].name + " on " +
+                             rig.rig.targets[static_cast<size_t>(target)].name + ": " + note);
   }
 
   std::vector<std::string> agree(std::vector<Sighting>& sightings) const {
@@ -127,18 +130,17 @@ TargetSearch image_search(const RigFile& rig) {
                      const std::vector<int>& targets) {
     return parts->look(image, compressed, sensor, targets);
   };
-  out.sweep = [parts](int sensor, int target, const Sweep& recorded,
-                      std::vector<std::string>& notes) {
+  out.sweep = [parts](int sensor, int target, const Sweep& recorded, BeamWords& words) {
     std::vector<View> views;
     if (!parts->in_beams(target)) return views;
     for (const Sweep& way : one_way_sweeps(recorded))
-      parts->keep(find_in_sweep(parts->rig, sensor, target, way), sensor, target, views, notes);
+      parts->keep(find_in_sweep(parts->rig, sensor, target, way), sensor, target, views, words);
     return views;
   };
-  out.cloud = [parts](int sensor, int target, const Cloud& cloud, std::vector<std::string>& notes) {
+  out.cloud = [parts](int sensor, int target, const Cloud& cloud, BeamWords& words) {
     std::vector<View> views;
     if (parts->in_beams(target))
-      parts->keep(find_in_cloud(parts->rig, sensor, target, cloud), sensor, target, views, notes);
+      parts->keep(find_in_cloud(parts->rig, sensor, target, cloud), sensor, target, views, words);
     return views;
   };
   out.agree = [parts](std::vector<Sighting>& sightings) { return parts->agree(sightings); };

@@ -30,6 +30,7 @@ constexpr double kMarginOfTilt = 0.2;                         // s, of readings 
 constexpr double kMostImages = 3000, kImageRate = 5;  // of a camera, where no joints tell; Hz
 constexpr double kStillShare = 0.1;                   // of such a recording's frames rest, at least
 constexpr size_t kMostNamed = 8;                      // rests in one line
+constexpr double kNoFit = 100;                        // chi2/dof that no noise explains
 constexpr double kRestOfView = 0.5;                   // of a rest's frames are still at least
 
 std::string at_time(double time) {
@@ -207,7 +208,8 @@ struct Importer {
     if (std::all_of(topics.scans.begin(), topics.scans.end(), [](int i) { return i < 0; })) return;
     if (options.stage) options.stage("looking at scans", kNan);
     std::set<std::string> said;
-    std::map<int, int> found;  // by sensor: rests
+    std::map<int, int> found, looked_in;                  // by sensor: rests
+    std::map<int, std::map<std::string, int>> not_found;  // by sensor and reason: rests
     visit_scans(bags, streams, topics.scans, rests, [&](RestScans& scans) {
       const int joint = rig.sensors[static_cast<size_t>(scans.sensor)].scanning_joint;
       Sweep sweep;
@@ -222,20 +224,34 @@ struct Importer {
       }
       std::vector<View>& views = beam_views[scans.rest];
       const size_t before = views.size();
+      std::string why_not;
       for (int t = 0; t < static_cast<int>(rig.targets.size()); ++t) {
-        std::vector<std::string> notes;
+        BeamWords words;
         std::vector<View> some;
         if (!sweep.scans.empty() && !sweep.tilt.empty())
-          some = search->sweep(scans.sensor, t, sweep, notes);
+          some = search->sweep(scans.sensor, t, sweep, words);
         else if (!scans.cloud.points.empty())
-          some = search->cloud(scans.sensor, t, scans.cloud, notes);
+          some = search->cloud(scans.sensor, t, scans.cloud, words);
         views.insert(views.end(), some.begin(), some.end());
-        said.insert(notes.begin(), notes.end());
+        said.insert(words.doubts.begin(), words.doubts.end());
+        if (!words.why_not.empty()) why_not = words.why_not;
       }
-      found[scans.sensor] += views.size() > before;
+      ++looked_in[scans.sensor];
+      if (views.size() > before)
+        ++found[scans.sensor];
+      else
+        ++not_found[scans.sensor][why_not.empty() ? "no sweep of its joint" : why_not];
     });
-    for (const auto& [sensor, count] : found)
-      out.lines.push_back(name(sensor) + ": targets found in " + std::to_string(count) + " rests");
+    for (const auto& [sensor, count] : looked_in) {
+      std::string line = name(sensor) + ": targets found in " + std::to_string(found[sensor]) +
+                         " of " + std::to_string(count) + " rests";
+      for (const auto& [why_not, rests_of] : not_found[sensor])
+        line += "; in " + std::to_string(rests_of) + " not: " + why_not;
+      if (found[sensor] < count)
+        line +=
+            " (where it is in sight: nearer, facing the laser, larger squares or slower sweeps)";
+      out.lines.push_back(line);
+    }
     out.notes.insert(out.notes.end(), said.begin(), said.end());
   }
 
@@ -543,6 +559,19 @@ struct Importer {
     }
   }
 
+  /// What there is to say of rests that do not fit each other.
+  static std::string unfit_rests(const Solution& solution) {
+    const double per_dof = solution.chi2_per_dof();
+    if (!(per_dof > kNoFit)) return "";
+    char text[160];
+    std::snprintf(
+        text, sizeof text,
+        ". The rests do not fit each other either (chi2/dof %.2g): a target was moved, or "
+        "another mistake; `kincal check` looks for it",
+        per_dof);
+    return text;
+  }
+
   void find_offsets() {
     if (options.stage) options.stage("comparing clocks", kNan);
     Solution solution;
@@ -568,6 +597,7 @@ struct Importer {
         OffsetInput input{*solution.recording, solution.values,
                           [&](double time) { return readings.at(time); }, search->open_turns};
         offset = time_offset(input, static_cast<int>(s), on_ways(static_cast<int>(s)));
+        if (!offset.why_not.empty()) offset.why_not += unfit_rests(solution);
       }
       out.offsets.push_back(offset);
     }
@@ -720,8 +750,13 @@ struct Importer {
 RecordedSamples import_recordings(const std::vector<std::string>& bags, const RigFile& rig,
                                   RecordedStreams& streams, const TargetSearch* search,
                                   const ImportOptions& options) {
+  const bool empty = streams.joints.empty() && streams.poses.empty() && streams.images.empty() &&
+                     streams.scans.empty();
   Importer importer(bags, rig, streams, search, options);
-  importer.run();
+  if (empty)
+    importer.out.diagnosis = "it has no messages of joints, poses, images or scans";
+  else
+    importer.run();
   return std::move(importer.out);
 }
 

@@ -36,6 +36,12 @@ struct LookResult {
   std::vector<std::string> notes;
 };
 
+/// What there is to say of a target among beams.
+struct BeamWords {
+  std::vector<std::string> doubts;
+  std::string why_not;  // it was not found
+};
+
 /// A TargetSearch finds targets of the rig in the images of one of its cameras. It is called from
 /// several threads.
 struct TargetSearch {
@@ -45,14 +51,11 @@ struct TargetSearch {
   std::function<LookResult(const MessageValue& image, bool compressed, int sensor,
                            const std::vector<int>& targets)>
       look;
-  /// Finds a target in what a laser logged in a rest: a view for each way of its joint. `notes`
-  /// gets what is doubtful.
-  std::function<std::vector<View>(int sensor, int target, const Sweep& recorded,
-                                  std::vector<std::string>& notes)>
+  /// Finds a target in what a laser logged in a rest: a view for each way of its joint.
+  std::function<std::vector<View>(int sensor, int target, const Sweep& recorded, BeamWords& words)>
       sweep;
   /// The same in a cloud: one view, or none.
-  std::function<std::vector<View>(int sensor, int target, const Cloud& cloud,
-                                  std::vector<std::string>& notes)>
+  std::function<std::vector<View>(int sensor, int target, const Cloud& cloud, BeamWords& words)>
       cloud;
   /// Takes out what was read otherwise than most; returns what there is to say.
   std::function<std::vector<std::string>(std::vector<Sighting>&)> agree;

@@ -18,6 +18,7 @@ namespace kincal {
 namespace {
 
 constexpr double kOtherRate = 2;    // of a clock; those that drift do by less than a thousandth
+constexpr double kSetBack = 0.1;    // s; several publishers of a topic are less apart
 constexpr double kOtherClock = 60;  // s, by which the stamps of two streams differ at most
 constexpr const char* kJointState = "sensor_msgs/JointState";
 
@@ -28,6 +29,8 @@ struct Clock {
   struct Time {
     std::int64_t stamp = 0, received = 0;  // ns
   } first, last;                           // messages with a stamp
+  long set_back = 0;                       // times that a stamp is before the last one's
+  std::int64_t largest = 0, when = 0;      // ns: by how much at most, and when received
 
   /// Returns how many times as fast as the recording's clock the stamps pass; 1 where they are few.
   double rate() const {
@@ -56,6 +59,11 @@ struct StreamReader {
     if (stamp == 0) {
       ++clock.without;
       return seconds(raw.received);
+    }
+    const std::int64_t back = clock.under_way ? clock.last.stamp - stamp : 0;
+    if (static_cast<double>(back) > kSetBack * 1e9 && raw.received >= clock.last.received) {
+      ++clock.set_back;
+      if (back > clock.largest) clock.largest = back, clock.when = raw.received;
     }
     clock.last = {stamp, raw.received};
     if (!clock.under_way) {
@@ -303,6 +311,29 @@ void put_on_one_clock(StreamReader& reader) {
   for (ScanStream& s : out.scans) move(s.topic, s.times);
 }
 
+/// Says whose stamps go back although messages went on. (Those of /tf are of many publishers, who
+/// date them ahead.)
+void say_what_was_set_back(StreamReader& reader) {
+  const auto of_frames = [&](const std::string& topic) {
+    return std::any_of(reader.out.poses.begin(), reader.out.poses.end(),
+                       [&](const PoseStream& s) { return s.topic == topic && !s.child.empty(); });
+  };
+  for (const auto& [topic, clock] : reader.clocks) {
+    if (clock.set_back == 0 || of_frames(topic)) continue;
+    char text[320];
+    std::snprintf(text, sizeof text,
+                  ": its stamps go back by %.3g s, %.1f s after the start%s: the clock of who "
+                  "stamps was set while it was recorded, and what has the same stamps lies over "
+                  "each other. Record again with clocks that run together (chrony) and are not "
+                  "set meanwhile, or give only the part before or after it",
+                  static_cast<double>(clock.largest) * 1e-9, reader.seconds(clock.when),
+                  clock.set_back > 1
+                      ? (" (" + std::to_string(clock.set_back) + " times, this the most)").c_str()
+                      : "");
+    reader.out.notes.push_back(topic + text);
+  }
+}
+
 /// Says what is there again, and readings that are no numbers.
 void say_what_is_left_out(StreamReader& reader) {
   long messages = 0;
@@ -367,6 +398,7 @@ RecordedStreams read_streams(const std::vector<std::string>& bags, const BagProg
     reader.out.losses.push_back(std::to_string(count) + " messages of " + topic +
                                 ", of which the first: " + why[topic]);
   say_what_is_left_out(reader);
+  say_what_was_set_back(reader);
   put_on_one_clock(reader);
   for (JointStream& s : reader.out.joints) sort_by_time(s.readings.times, s.readings.values);
   for (PoseStream& s : reader.out.poses) sort_by_time(s.times, s.poses);

@@ -19,14 +19,16 @@ constexpr double kDifference = 0.5e-3;           // s, of differences
 constexpr double kHuber = 1.5;                   // in scales
 constexpr double kInterpolation = 5e-5;          // s, see the header
 constexpr int kLeastWays = 3;
-constexpr double kLeastSpeed = 5;                         // px / s
+constexpr double kLeastOfWays = 1.5;                      // as many as have an equal share
+constexpr double kLeastSpeed = 10, kLeastShare = 0.1;     // px / s; of the usual speed
 constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
 constexpr size_t kStretches = 8;
-constexpr double kLeastChange = 1e-3;  // s
-constexpr double kFar = 5;             // px
-constexpr double kMostWrong = 0.25;    // of the images
-constexpr double kUnclear = 2e-3;      // s: a sigma that is no result
-constexpr double kClear = 0.3e-3;      // s: a sigma that tells that such a clock is right
+constexpr double kLeastChange = 1e-3;            // s
+constexpr double kFar = 5;                       // px
+constexpr double kMostWrong = 0.25;              // of the images
+constexpr double kUnclear = 2e-3;                // s: a sigma that is no result
+constexpr double kAlike = 9, kLeastScale = 0.1;  // of costs; px
+constexpr double kClear = 0.3e-3;                // s: a sigma that tells that such a clock is right
 constexpr double kFarSigma =
     0.5e-3;  // s, of a stretch of two ways, where the clock changes by more
 
@@ -146,16 +148,26 @@ struct OneOffset {
 std::vector<OneOffset> one_by_one(const Predictor& predictor,
                                   const std::vector<WaySighting>& sightings, double offset) {
   std::vector<OneOffset> out;
+  double squares = 0;
+  const auto change = [&](const WaySighting& seen, double by) -> std::optional<VectorXd> {
+    const auto later = predictor.residuals(seen, offset + by),
+               sooner = predictor.residuals(seen, offset - by);
+    if (!later || !sooner) return std::nullopt;
+    return (*later - *sooner) / (2 * by);
+  };
   for (const WaySighting& seen : sightings) {
-    const auto r = predictor.residuals(seen, offset),
-               later = predictor.residuals(seen, offset + kDifference),
-               sooner = predictor.residuals(seen, offset - kDifference);
-    if (!r || !later || !sooner) continue;
-    const VectorXd g = (*later - *sooner) / (2 * kDifference);
-    const double speed = rms(g);
-    if (speed < kLeastSpeed) continue;
-    out.push_back({seen.before, seen.time, offset - g.dot(*r) / g.squaredNorm(), speed, 1});
+    const auto r = predictor.residuals(seen, offset);
+    const auto g = change(seen, kDifference), wide = change(seen, kGrid);
+    // (The noise of single readings seems to move what stands still, from one to the next.)
+    if (!r || !g || !wide || !(rms(*wide) > kLeastSpeed)) continue;
+    const double speed = rms(*g);
+    out.push_back({seen.before, seen.time, offset - g->dot(*r) / g->squaredNorm(), speed, 1});
+    squares += speed * speed;
   }
+  const double least = kLeastShare * std::sqrt(squares / static_cast<double>(out.size()));
+  out.erase(std::remove_if(out.begin(), out.end(),
+                           [&](const OneOffset& one) { return !(one.speed > least); }),
+            out.end());
   return out;
 }
 
@@ -198,27 +210,65 @@ MeanOffset bounded_mean(std::vector<OneOffset>& all, double start) {
   }
   double by_way = 0;
   for (const auto& [way, score] : scores) by_way += score * score;
-  const auto n = static_cast<double>(all.size()), c = static_cast<double>(scores.size());
+  std::map<int, double> informations;
+  double information_squares = 0;
+  for (const OneOffset& one : all) informations[one.way] += one.weight * one.speed * one.speed;
+  for (const auto& [way, information] : informations)
+    information_squares += information * information;
+  const double n = static_cast<double>(all.size()),
+               c = out.information * out.information / information_squares;
   out.ways = static_cast<int>(scores.size());
   out.independent = std::sqrt(squares * n / std::max(1., n - 1)) / out.information;
-  out.by_way = std::sqrt(by_way * (c + 1) / std::max(1., c - 1)) / out.information;
+  out.by_way =
+      c > kLeastOfWays ? std::sqrt(by_way * (c + 1) / (c - 1)) / out.information : kInfinity;
+  return out;
+}
+
+/// How large residuals are with an offset, px, by sighting.
+std::vector<double> sizes_at(const Predictor& predictor, const std::vector<WaySighting>& sightings,
+                             double offset) {
+  std::vector<double> out;
+  for (const WaySighting& seen : sightings) {
+    const auto r = predictor.residuals(seen, offset);
+    out.push_back(r ? rms(*r) : 100);
+  }
+  return out;
+}
+
+double cost_of(const std::vector<double>& sizes, double scale) {
+  double cost = 0;
+  for (const double size : sizes) cost += std::log1p(size * size / (scale * scale));
+  return cost;
+}
+
+std::vector<double> grid() {
+  std::vector<double> out;
+  for (int i = 0; i <= static_cast<int>(2 * kFarthest / kGrid); ++i)
+    out.push_back(i * kGrid - kFarthest);
   return out;
 }
 
 /// The offset on the grid with which most images agree.
 double coarse_offset(const Predictor& predictor, const std::vector<WaySighting>& sightings) {
   double best = 0, least = kInfinity;
-  for (int i = 0; i <= static_cast<int>(2 * kFarthest / kGrid); ++i) {
-    const double offset = i * kGrid - kFarthest;
-    double cost = 0;
-    for (const WaySighting& seen : sightings) {
-      const auto r = predictor.residuals(seen, offset);
-      const double size = r ? rms(*r) : 100;
-      cost += std::log1p(size * size);
-    }
+  for (const double offset : grid()) {
+    const double cost = cost_of(sizes_at(predictor, sightings, offset), 1);
     if (cost < least) least = cost, best = offset;
   }
   return best;
+}
+
+/// Offsets on the grid, away from one that was found, that fit nearly as well.
+std::vector<double> others_alike(const Predictor& predictor,
+                                 const std::vector<WaySighting>& sightings, double found) {
+  const std::vector<double> sizes = sizes_at(predictor, sightings, found);
+  const double scale = std::max(kLeastScale, 1.4826 * median(sizes, 0));
+  std::vector<double> out;
+  for (const double offset : grid())
+    if (std::abs(offset - found) > 1.5 * kGrid &&
+        cost_of(sizes_at(predictor, sightings, offset), scale) < cost_of(sizes, scale) + kAlike)
+      out.push_back(offset);
+  return out;
 }
 
 /// Numbers each sighting of a target that looks alike from several sides as it fits best.
@@ -286,7 +336,7 @@ std::vector<ClockStretch> stretches_of(
     for (const OneOffset& one : all)
       if (one.way >= first && one.way <= last) some.push_back(one), time += one.time;
     const MeanOffset mean = mean_of(some, first, last);
-    if (mean.information == 0) continue;
+    if (mean.information == 0 || !std::isfinite(mean.sigma())) continue;
     out.push_back({time / static_cast<double>(some.size()), mean.offset, mean.sigma()});
     information.push_back(mean.information);
     noise += std::pow(mean.sigma() * mean.information, 2);
@@ -439,7 +489,20 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   }
   std::vector<OneOffset> all;
   const MeanOffset mean = refined(predictor, sightings, offset, all);
-  if (mean.ways < kLeastWays) {
+  const bool few = mean.ways < kLeastWays;
+  const double found = few ? offset : mean.offset;
+  std::vector<double> others;
+  if (few || !many_disagree(all, found)) others = others_alike(predictor, sightings, found);
+  if (!others.empty()) {
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "its images on the way fit offsets from %.0f to %.0f ms alike: take some in the "
+                  "midst of the motion (more images a second, slower ways)",
+                  1e3 * std::min(found, others.front()), 1e3 * std::max(found, others.back()));
+    out.why_not = text;
+    return out;
+  }
+  if (few) {
     out.why_not = "what it saw hardly moved";
     return out;
   }

@@ -329,8 +329,11 @@ std::set<int> joints_that_tell(const Rig& rig) {
 }
 
 /// Names joints of the rig that no topic has, and topics that are too slow.
-void check_joints(const Rig& rig, const RecordedStreams& streams, TopicMap& out) {
+void check_joints(const RigFile& rig_file, const RecordedStreams& streams, TopicMap& out) {
+  const Rig& rig = rig_file.rig;
   std::vector<std::string> missing, there;
+  std::map<std::string, std::vector<std::string>>
+      not_taken;                       // by topic: joints that are only there
   std::map<std::string, double> slow;  // by topic: Hz
   for (const JointStream& s : streams.joints) there.push_back(s.joint);
   std::sort(there.begin(), there.end());
@@ -340,7 +343,12 @@ void check_joints(const Rig& rig, const RecordedStreams& streams, TopicMap& out)
     if (!joint.has_reading()) continue;
     const int at = out.joints[static_cast<size_t>(j)];
     if (at < 0) {
-      missing.push_back(joint.name);
+      const auto has_it = [&](const JointStream& s) { return s.joint == joint.name; };
+      const auto s = std::find_if(streams.joints.begin(), streams.joints.end(), has_it);
+      if (s != streams.joints.end())
+        not_taken[s->topic].push_back(joint.name);
+      else
+        missing.push_back(joint.name);
       continue;
     }
     const JointStream& s = streams.joints[static_cast<size_t>(at)];
@@ -358,6 +366,15 @@ void check_joints(const Rig& rig, const RecordedStreams& streams, TopicMap& out)
                   rate);
     out.notes.push_back(topic + text);
   }
+  for (const auto& [topic, joints] : not_taken)
+    out.notes.push_back(
+        "what stands on joints " + comma_separated(joints) + " gives no samples: only " + topic +
+        " has them, which " +
+        (given_joint_topics(rig_file).empty()
+             ? "is taken for what they should do, by its name. If it is what they did, write "
+               "`topic: " +
+                   topic + "` into the rig's joints; else record their joint states"
+             : "the rig's joints.topic does not name"));
   if (missing.empty()) return;
   const std::string recorded = "the recording has";
   if (there.empty())
@@ -695,7 +712,7 @@ TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams) {
   out.joints.assign(joints, -1);
   out.floating.resize(joints);
   find_joints(rig, streams, out);
-  check_joints(rig.rig, streams, out);
+  check_joints(rig, streams, out);
   find_floating(rig, streams, out);
   CameraTopics{rig, streams, out}.find();
   find_pose_sensors(rig, streams, out);

@@ -13,6 +13,7 @@
 #include "joint_mistakes.h"
 #include "reading_mistakes.h"
 #include "suspects.h"
+#include "target_mistakes.h"
 #include "turned_poses.h"
 
 namespace kincal {
@@ -252,6 +253,12 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {
       all.push_back(std::move(h));
+      try_with_all_samples(all.size() - 1);
+    }
+  if (!question.by_movement &&
+      (!best || best->fit.per_dof() > Thresholds::clean || all[chosen].leaves_out))
+    if (auto h = moved_target(recording, context)) {
+      all.push_back(std::move(*h));
       try_with_all_samples(all.size() - 1);
     }
   if (!best || (!question.by_movement && best->fit.per_dof() > Thresholds::clean)) {

@@ -11,6 +11,16 @@
 #include "reading_mistakes.h"
 
 namespace kincal {
+
+std::vector<int> logged_order(const std::vector<Sample>& samples) {
+  std::vector<int> out = indices(samples.size());
+  const auto stamped = [](const Sample& s) { return s.time.has_value(); };
+  if (std::all_of(samples.begin(), samples.end(), stamped))
+    std::stable_sort(out.begin(), out.end(),
+                     [&](int a, int b) { return *samples[a].time < *samples[b].time; });
+  return out;
+}
+
 void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out) {
   std::vector<int> too_far;
@@ -86,16 +96,6 @@ constexpr double kOneMotion = 0.5;     // of second to first differences, square
 constexpr double kShortestLag = 0.01;  // of the time between samples
 
 using ReadingsOf = std::map<std::string, std::vector<double>>;  // by sample
-
-/// Samples by time if all of them have one, else as they stand in the file.
-std::vector<int> logged_order(const std::vector<Sample>& samples) {
-  std::vector<int> out = indices(samples.size());
-  const auto stamped = [](const Sample& s) { return s.time.has_value(); };
-  if (std::all_of(samples.begin(), samples.end(), stamped))
-    std::stable_sort(out.begin(), out.end(),
-                     [&](int a, int b) { return *samples[a].time < *samples[b].time; });
-  return out;
-}
 
 /// The number at the end of a sample's id, of its name without an extension ("img_12.png"); -1:
 /// none.

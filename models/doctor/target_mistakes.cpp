@@ -7,8 +7,10 @@
 #include <set>
 
 #include "../../solver/decompositions.h"
+#include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
+#include "joint_mistakes.h"
 
 namespace kincal {
 namespace {
@@ -416,6 +418,138 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
       out.push_back(h);
     }
   }
+}
+
+// ------------------------------------------------------------------------------------------------
+// a target that was moved
+namespace {
+
+constexpr int kFewestBefore = 3;  // samples on either side
+constexpr double kPause = 4;      // times the usual time between samples
+
+/// What the views from a sample on show, as a target of its own. `from`: ids of the samples.
+int stand_elsewhere(Rig& rig, std::vector<Sample>& samples, int target,
+                    const std::set<std::string>& from) {
+  const int other = static_cast<int>(rig.targets.size());
+  Target copy = rig.targets[target];
+  copy.name += " (moved)";
+  copy.mount_joint = -1;
+  copy.pose_given = false;
+  rig.targets.push_back(std::move(copy));
+  for (Sample& sample : samples)
+    if (from.count(sample.id))
+      for (View& v : sample.views)
+        if (v.target == target) v.target = other;
+  return other;
+}
+
+/// Where a target stands elsewhere, if it was moved once.
+struct MovedTarget {
+  int target = -1;
+  std::set<std::string> from;                        // ids of the samples after it
+  std::string first;                                 // of them
+  double cost = kInfinity, distance = 0, angle = 0;  // m, rad
+};
+
+/// The numbers of the target that the steps free, of its copy; the pose first.
+std::vector<std::string> free_of_copy(const TrialContext& context, const std::string& name) {
+  const std::string old = "target/" + name + "/", copy = "target/" + name + " (moved)/";
+  std::vector<std::string> out = {copy + "pose"};
+  for (const std::string& free : context.all.free)
+    if (free.rfind(old, 0) == 0 && free.rfind(old + "pose", 0) != 0)
+      out.push_back(copy + free.substr(old.size()));
+  return out;
+}
+
+MovedTarget move_from(const Recording& recording, const TrialContext& context, int target,
+                      const std::vector<int>& seen, size_t k) {
+  MovedTarget out;
+  out.target = target;
+  for (size_t i = k; i < seen.size(); ++i) out.from.insert(recording.samples[seen[i]].id);
+  out.first = recording.samples[seen[k]].id;
+  Rig rig = recording.rig;
+  std::vector<Sample> samples = recording.samples;
+  const int other = stand_elsewhere(rig, samples, target, out.from);
+  const Recording moved(std::move(rig), std::move(samples));
+  Stage stage = context.all;
+  for (std::string& name : free_of_copy(context, recording.rig.targets[target].name))
+    stage.free.push_back(std::move(name));
+  const TrialFit fit = best_fit(moved, context, stage, {15, 1e-3});
+  out.cost = fit.score();
+  if (!std::isfinite(out.cost)) return out;
+  const auto pose = [&](int t) {
+    return get_pose(fit.values.shared, moved.table.all[moved.table.target_pose[t]].start);
+  };
+  const Pose change = inverse(pose(target)) * pose(other);
+  out.distance = change.translation.norm();
+  out.angle = log_so3(change.rotation).norm();
+  return out;
+}
+
+/// The sample from which on the fit is best: at the longest pause between samples, or, since a
+/// sample on the wrong side costs the more the more of them there are, by halving.
+MovedTarget find_move(const Recording& recording, const TrialContext& context, int target) {
+  const std::vector<Sample>& samples = recording.samples;
+  std::vector<int> seen;
+  for (const int i : logged_order(samples))
+    if (std::any_of(samples[i].views.begin(), samples[i].views.end(),
+                    [&](const View& v) { return v.target == target; }))
+      seen.push_back(i);
+  const int n = static_cast<int>(seen.size()), last = n - kFewestBefore;
+  std::map<int, MovedTarget> tried;
+  MovedTarget best;
+  int at = 0;
+  const auto look = [&](int k) {
+    if (k < kFewestBefore || k > last || tried.count(k)) return;
+    tried[k] = move_from(recording, context, target, seen, static_cast<size_t>(k));
+    if (tried[k].cost < best.cost) best = tried[k], at = k;
+  };
+  double longest = 0;
+  int pause = -1;
+  std::vector<double> pauses;
+  for (int k = 1; k < n; ++k) {
+    const auto &before = samples[seen[k - 1]].time, &after = samples[seen[k]].time;
+    if (!before || !after) continue;
+    pauses.push_back(*after - *before);
+    if (pauses.back() > longest) longest = pauses.back(), pause = k;
+  }
+  if (longest > kPause * median(pauses, kInfinity)) look(pause);
+  for (const int quarter : {1, 2, 3}) look(n * quarter / 4);
+  for (int step = std::max(1, n / 8);; step /= 2) {
+    const int middle = at;
+    look(middle - step), look(middle + step);
+    if (step <= 1 && at == middle) return best;
+    step = std::max(step, 2);
+  }
+}
+
+}  // namespace
+
+std::optional<Hypothesis> moved_target(const Recording& recording, const TrialContext& context) {
+  MovedTarget best;
+  for (const int t : make_survey(recording.rig, recording.samples).targets)
+    if (recording.rig.targets[t].link >= 0) {
+      MovedTarget moved = find_move(recording, context, t);
+      if (moved.cost < best.cost) best = std::move(moved);
+    }
+  if (best.target < 0) return std::nullopt;
+  const std::string& name = recording.rig.targets[best.target].name;
+  Hypothesis h;
+  h.id = "moved-target";
+  h.where = {name, best.first};
+  h.mistake = "target " + quoted(name) + " stands elsewhere from sample " + quoted(best.first) +
+              " on: it was moved by " + text("%.3g mm", 1e3 * best.distance) +
+              text(" and %.3g mrad", 1e3 * best.angle);
+  h.cure =
+      "Calibrate what was recorded before and after that apart; or give it a second entry in "
+      "targets, with the same numbers and link and without pose, and name that one in the "
+      "views from there on.";
+  h.free = free_of_copy(context, name);
+  h.told = [said = std::make_pair(h.mistake, h.cure)](const std::vector<double>&) { return said; };
+  h.undo = [target = best.target, from = best.from](Rig& r, std::vector<Sample>& changed) {
+    stand_elsewhere(r, changed, target, from);
+  };
+  return h;
 }
 
 }  // namespace kincal

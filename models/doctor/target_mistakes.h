@@ -1,10 +1,12 @@
-// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points. Each
-// function appends its hypotheses.
+// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points, moved ones.
+// Functions that add append their hypotheses.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "survey.h"
+#include "trial_fits.h"
 
 namespace kincal {
 
@@ -27,5 +29,9 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const 
                       std::vector<Hypothesis>& out);
 /// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+
+/// Finds by fits the mounted target, and the sample of those that follow each other in time, from
+/// which on that target stands elsewhere on its link. Nothing: none is seen in enough samples.
+std::optional<Hypothesis> moved_target(const Recording& recording, const TrialContext& context);
 
 }  // namespace kincal

@@ -179,17 +179,20 @@ class Bags(helpers.Folder):
         self.assertEqual(len(self.read("samples.jsonl").splitlines()), 3)
 
     def test_wrong_use(self):
+        os.mkdir(self.path("hollow"))
         path = self.write("a.bag", bag(self.topics, self.messages))
         for arguments, word in (((path,), "--rig is missing"), ((path, "--rig", self.rig), "--out is missing"),
                                 ((path, "--sensor", "left", "--list"), "is a recording"), ((path, "--rectified", "--list"), "is a recording"), ((self.rig, "--list"), "--list is for recordings"),
-                                ((path, self.path("gone.bag"), "--list"), "gone.bag: no such file")):
+                                ((path, self.path("gone.bag"), "--list"), "gone.bag: no such file"), ((self.path("gone.bag"), "--list"), "gone.bag: no such file"),
+                                ((self.write("text.bag", "hello\n"), "--list"), "text.bag: neither a ROS 1 bag"), ((self.write("none.mcap", ""), "--list"), "the file is empty"),
+                                ((self.path("hollow"), "--list"), "a folder without metadata.yaml, .mcap, .db3 or .bag")):
             p = run(*arguments)
             self.assertEqual(p.returncode, 1, arguments)
             self.assertIn(word, p.stderr)
         other = self.write("other.bag", bag(self.topics, [(1, 5, struct.pack("<dI", 1, 0))]))
         p = run(other, "--rig", self.rig, "--out", self.path("x.jsonl"))
         self.assertEqual(p.returncode, 1)
-        self.assertIn("no samples: no sensor of the rig measured anything in any rest", p.stderr)
+        self.assertIn("no samples: it has no messages of joints, poses, images or scans", p.stderr)
 
 
     def test_killed(self):

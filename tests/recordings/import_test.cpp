@@ -6,10 +6,10 @@
 // clock are said and replaced; the busiest topic of a joint is taken and no command; poses of /tf
 // (through a chain, static ones too), PoseStamped for a floating joint and for motion capture;
 // which topic is which camera: by frame, name, size, what is left, and what is not decided; another
-// lens and another robot, missing joints, slow readings and messages that are there again are said;
-// every encoding of an image gives the same grey; what the hand holds; a diagnosis where nothing
-// rests; near postures are left out. Images that are searched: tests/program/recordings_test.py.
-// Does not prove: that other recorders write such messages.
+// lens and another robot, missing joints, slow readings, clocks that were set back and messages
+// that are there again are said; every encoding of an image gives the same grey; what the hand
+// holds; a diagnosis where nothing rests; near postures are left out. Images that are searched:
+// tests/program/recordings_test.py. Does not prove: that other recorders write such messages.
 #include "../../io/recordings/import.h"
 
 #include <unistd.h>
@@ -332,6 +332,53 @@ TEST_CASE("import: stamps in another unit are said") {
   REQUIRE(streams.notes.size() == 1);
   CHECK(streams.notes[0].find("/eye/image_raw: its stamps pass 1e+03 times as fast as the clock of "
                               "the recording: are they in another unit (milliseconds") == 0);
+}
+
+TEST_CASE("import: stamps that go back are said") {
+  Place place;
+  place.open(Wire::ros1);
+  const int joints = place.bag->add_topic("/joint_states", "sensor_msgs/JointState"),
+            images = place.bag->add_topic("/eye/image_raw", "sensor_msgs/Image");
+  for (int i = 0; i < 400; ++i) {
+    const double late = i >= 160 ? 2 : 0;  // of the joints; images come out of order by a little
+    place.bag->write(
+        joints, at(0.1 * i),
+        joint_state_message(Wire::ros1, at(0.1 * i - late), {"a", "b"}, {0.1, 1e-4 * i}));
+    place.bag->write(
+        images, at(0.1 * i),
+        image_message(Wire::ros1, at(0.1 * i - (i % 2 ? 0.15 : 0)), "eye", {2, 2, "abcd"}));
+  }
+  const RecordedStreams streams = place.streams();
+  REQUIRE(streams.notes.size() == 1);
+  CHECK_THAT(streams.notes[0],
+             Catch::StartsWith("/joint_states: its stamps go back by 1.9 s, 16.0 s after the "
+                               "start: ") &&
+                 Catch::Contains("Record again"));
+}
+
+TEST_CASE("import: a bag without messages") {
+  Place place;
+  place.open(Wire::ros1);
+  place.bag->add_topic("/joint_states", "sensor_msgs/JointState");
+  RecordedStreams streams = place.streams();
+  const RigFile rig = place.rig(kMocap, kRobot);
+  CHECK(import_recordings({}, rig, streams, nullptr, ImportOptions()).diagnosis ==
+        "it has no messages of joints, poses, images or scans");
+}
+
+TEST_CASE("import: joints that only a command has") {
+  Place place;
+  place.open(Wire::ros1);
+  const int topic = place.bag->add_topic("/arm/command", "sensor_msgs/JointState");
+  for (int i = 0; i < 400; ++i)
+    place.bag->write(topic, at(0.01 * i),
+                     joint_state_message(Wire::ros1, at(0.01 * i), {"a", "b"}, {0.1, 0.2}));
+  const TopicMap topics = find_topics(place.rig(kMocap, kRobot), place.streams());
+  REQUIRE(topics.notes.size() >= 1);
+  CHECK_THAT(topics.notes[0],
+             Catch::StartsWith("what stands on joints a, b gives no samples: only /arm/command has "
+                               "them") &&
+                 Catch::Contains("write `topic: /arm/command`"));
 }
 
 TEST_CASE("import: which topics are the joints'") {

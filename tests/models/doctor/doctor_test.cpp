@@ -168,7 +168,7 @@ TEST_CASE("doctor: clean data have no findings, in any order of the samples") {
   EyeInHand e;
   const Diagnosis d = e.check();
   CHECK(d.findings.empty());
-  CHECK(d.tested.size() == 36);
+  CHECK(d.tested.size() == 37);
   REQUIRE(d.chi2);
   CHECK(*d.chi2 / d.dof == Approx(1).margin(0.15));
   std::reverse(e.samples.begin(), e.samples.end());
@@ -251,6 +251,36 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     CHECK(std::count_if(d.findings.begin(), d.findings.end(), [](const Finding& f) {
             return f.id == "still-joint" && f.where == Ids{"roll"};
           }) == 1);
+  }
+}
+
+TEST_CASE("doctor: a board that was moved is named, with the sample and how far") {
+  for (const size_t from : {size_t{5}, size_t{9}}) {
+    EyeInHand e;
+    const ParameterTable table(e.rig);
+    SimulationOptions options;
+    options.seed = 3;
+    options.samples = static_cast<int>(e.samples.size());
+    for (const Sample& s : e.samples) options.postures.push_back({s.id, s.readings, {}, {}});
+    VectorXd truth = table.initial;
+    const int board = table.all[table.target_pose[0]].start;
+    set_pose(
+        truth, board,
+        get_pose(truth, board) * exp_se3((Vector6d() << 0.006, -0.008, 0, 0, 0, 0.02).finished()));
+    const std::vector<Sample> later = simulate(e.rig, table, truth, options).samples;
+    REQUIRE(later.size() == e.samples.size());
+    truth = table.initial;
+    const std::vector<Sample> sooner = simulate(e.rig, table, truth, options).samples;
+    for (size_t i = 0; i < later.size(); ++i)
+      e.samples[i].views = (i < from ? sooner : later)[i].views;
+    for (size_t i = 0; i < later.size(); ++i) e.samples[i].readings = later[i].readings;
+    const Diagnosis d = e.check();
+    INFO(d.verdict);
+    REQUIRE(ids(d) == Ids{"moved-target"});
+    CHECK(d.findings[0].where == Ids{"board", e.samples[from].id});
+    const std::string& text = d.findings[0].text;
+    CHECK(std::stod(text.substr(text.find("moved by ") + 9)) == Approx(10).margin(0.5));  // mm
+    CHECK_THAT(text, Catch::Contains(" mm and 2"));
   }
 }
 
