@@ -19,7 +19,7 @@ constexpr double kDifference = 0.5e-3;           // s, of differences
 constexpr double kHuber = 1.5;                   // in scales
 constexpr double kInterpolation = 5e-5;          // s, see the header
 constexpr int kLeastWays = 3;
-constexpr double kLeastOfWays = 1.5;                      // as many as have an equal share
+constexpr double kLeastOfWays = 1.2;                      // as many as have an equal share
 constexpr double kLeastSpeed = 10, kLeastShare = 0.1;     // px / s; of the usual speed
 constexpr double kSamePlace = 0.003, kSameAngle = 0.006;  // m, rad: a target that did not move
 constexpr size_t kStretches = 8;
