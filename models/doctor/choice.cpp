@@ -50,7 +50,7 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
 namespace {
 
 constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
-constexpr size_t kMostWithout = 4;  // of so many samples one may have points behind its camera
+constexpr size_t kMostWithout = 4;     // of so many samples one may have points behind its camera
 constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
 constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
