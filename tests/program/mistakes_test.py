@@ -302,41 +302,31 @@ class Units(Case):
                 self.assertEqual(found[0]["where"], ["cam2"])
                 self.assertIn(words, found[0]["text"])
 
-    def test_exchanged_cameras_whose_places_are_free(self):
-        """Each comes out where the other is: nothing else shows it."""
-        scene = Scene("stereo")
-        rig = (HEAD + BOARD.format(name="board", link="l6", more=HAND) + "sensors:\n" + CAMERA.format(name="cam", link="base", more=ROOM)
-               + CAMERA.format(name="cam2", link="base", more=ROOM.replace("2.2, 0.1,", "2.2, 0.2,")))
+    def found_in_each_others_place(self, scene, rig, key, names, finding):
+        """`names` exchanged in what is seen of two things with given poses that are free: nothing but where they came out shows it."""
         scene.write(rig, [])
         subprocess.run([KINCAL, "simulate", "rig.yaml", "--samples", "30", "--seed", "3", "--out", "two"], cwd=scene.dir, check=True, capture_output=True)
         with open(os.path.join(scene.dir, "two", "samples.jsonl"), encoding="utf-8") as f:
             samples = [json.loads(line) for line in f]
         for exchanged in (False, True):
             for v in [v for s in samples for v in s["views"] if exchanged]:
-                v["sensor"] = "cam" if v["sensor"] == "cam2" else "cam2"
+                v[key] = names[1 - names.index(v[key])]
             scene.write(rig, samples)
             done = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force"], cwd=scene.dir, capture_output=True, text=True)
             with open(os.path.join(scene.dir, "out", "result.json"), encoding="utf-8") as f:
                 result = json.load(f)
-            self.assertEqual([f["id"] for f in result.get("findings", [])], ["swapped-cameras"] if exchanged else [], done.stdout)
+            self.assertEqual([f["id"] for f in result.get("findings", [])], [finding] if exchanged else [], done.stdout)
             self.assertEqual(result["verdict"]["use"] == "doubts", exchanged, result["verdict"])
 
+    def test_exchanged_cameras_whose_places_are_free(self):
+        rig = (HEAD + BOARD.format(name="board", link="l6", more=HAND) + "sensors:\n" + CAMERA.format(name="cam", link="base", more=ROOM)
+               + CAMERA.format(name="cam2", link="base", more=ROOM.replace("2.2, 0.1,", "2.2, 0.2,")))
+        self.found_in_each_others_place(Scene("stereo"), rig, "sensor", ["cam", "cam2"], "swapped-cameras")
+
     def test_exchanged_targets_whose_places_are_free(self):
-        scene = Scene("room")
-        boards = (BOARD.format(name="board", link="l6", more=HAND) + BOARD.format(name="other", link="l6", more=HAND.replace("-0.1, -0.06", "0.2, -0.06")))
+        boards = BOARD.format(name="board", link="l6", more=HAND) + BOARD.format(name="other", link="l6", more=HAND.replace("-0.1, -0.06", "0.2, -0.06"))
         rig = HEAD + boards + "sensors:\n" + CAMERA.format(name="cam", link="base", more=ROOM)
-        scene.write(rig, [])
-        subprocess.run([KINCAL, "simulate", "rig.yaml", "--samples", "30", "--seed", "3", "--out", "two"], cwd=scene.dir, check=True, capture_output=True)
-        with open(os.path.join(scene.dir, "two", "samples.jsonl"), encoding="utf-8") as f:
-            samples = [json.loads(line) for line in f]
-        for exchanged in (False, True):
-            for v in [v for s in samples for v in s["views"] if exchanged]:
-                v["target"] = "board" if v["target"] == "other" else "other"
-            scene.write(rig, samples)
-            done = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force"], cwd=scene.dir, capture_output=True, text=True)
-            with open(os.path.join(scene.dir, "out", "result.json"), encoding="utf-8") as f:
-                result = json.load(f)
-            self.assertEqual([f["id"] for f in result.get("findings", [])], ["exchanged-targets"] if exchanged else [], done.stdout)
+        self.found_in_each_others_place(Scene("room"), rig, "target", ["board", "other"], "exchanged-targets")
 
     def test_focal_lengths(self):
         scene = Scene("room")
