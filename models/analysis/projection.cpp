@@ -21,11 +21,12 @@ constexpr double kVeryFar = 1e6;  // m: as good as infinity
 struct SeenPoints {
   std::vector<Vector3d> points;  // in the camera's frame
   RowMatrix rows;
+  VectorXd off;  // where they appear minus where they were seen
   bool good = false;
 };
 
 SeenPoints see(const Solution& solution, int sensor, const Matrix3Xd& points,
-               const Pose& camera_T_points, const std::vector<int>& ids) {
+               const Pose& camera_T_points, const std::vector<int>& ids, const double* z) {
   const ParameterTable& table = solution.table();
   const int own =
       solution.rig().sensors[sensor].parameters.empty() ? 0 : table.sensor_block[sensor];
@@ -38,17 +39,35 @@ SeenPoints see(const Solution& solution, int sensor, const Matrix3Xd& points,
   in.points = &points;
   in.ids = ids.data();
   in.count = static_cast<int>(ids.size());
-  const std::vector<double> anywhere(2 * ids.size(), 0.0);
-  in.z = anywhere.data();
+  in.z = z;
   Columns columns;
   columns.parameters = 6;
   columns.total = 6 + count;
   SeenPoints out;
   out.rows = RowMatrix::Zero(2 * in.count, columns.total);
-  VectorXd r(2 * in.count);
+  out.off.resize(2 * in.count);
   Eigen::Ref<RowMatrix> l(out.rows);
-  out.good = solution.rig().sensors[sensor].model->evaluate(in, columns, r.data(), &l);
+  out.good = solution.rig().sensors[sensor].model->evaluate(in, columns, out.off.data(), &l);
   for (int id : ids) out.points.push_back(camera_T_points * Vector3d(points.col(id)));
+  return out;
+}
+
+Pose camera_T_board(const Solution& solution, int sample, const View& view) {
+  const Configuration at(solution.rig(), solution.table(), solution.values.shared,
+                         solution.samples()[sample].readings);
+  return inverse(at.base_T_sensor(view.sensor)) * solution.values.targets.at({sample, view.target});
+}
+
+/// What a view's camera sees of its board, over the sigmas of its pixels.
+SeenPoints see(const Solution& solution, const View& view, const Pose& camera_T_board) {
+  const Matrix3Xd points =
+      target_points(solution.rig(), solution.table(), solution.values.shared, view.target);
+  SeenPoints out = see(solution, view.sensor, points, camera_T_board,
+                       view_ids(view, solution.rig().targets[view.target]), view.z.data());
+  for (Eigen::Index k = 0; k < out.off.size(); ++k) {
+    out.rows.row(k) /= view.sigma[k % 2];
+    out.off(k) /= view.sigma[k % 2];
+  }
   return out;
 }
 
@@ -97,9 +116,26 @@ Grid coverage(const Solution& solution, int sensor, const Eigen::Vector2d& image
   return out;
 }
 
+std::vector<LensEquations> lens_equations(const Solution& solution, int sensor) {
+  const std::vector<int> freed = freed_numbers(solution, sensor);
+  std::vector<LensEquations> out;
+  for (int i : solution.training())
+    for (const View& view : solution.samples()[i].views) {
+      if (view.sensor != sensor) continue;
+      const SeenPoints seen = see(solution, view, camera_T_board(solution, i, view));
+      if (!seen.good) continue;
+      const MatrixXd p = seen.rows.leftCols<6>(), j = columns_at(seen.rows, freed, 6);
+      const MatrixXd g = inverse_of_symmetric(p.transpose() * p) * (p.transpose() * j);
+      if (out.empty() || out.back().sample != i)
+        out.push_back({i, MatrixXd::Zero(g.cols(), g.cols()), VectorXd::Zero(g.cols())});
+      out.back().normal += j.transpose() * j - j.transpose() * p * g;
+      out.back().pull += g.transpose() * (p.transpose() * seen.off) - j.transpose() * seen.off;
+    }
+  return out;
+}
+
 ProjectionError::ProjectionError(const Solution& solution, int sensor)
     : solution_(&solution), sensor_(sensor), freed_(freed_numbers(solution, sensor)) {
-  const Rig& rig = solution.rig();
   const auto n = static_cast<Eigen::Index>(freed_.size());
   MatrixXd information = MatrixXd::Zero(n, n), sum_ng = MatrixXd::Zero(6, n);
   Matrix6d sum_n = Matrix6d::Zero(), sum_nhn = Matrix6d::Zero();
@@ -108,19 +144,10 @@ ProjectionError::ProjectionError(const Solution& solution, int sensor)
   for (int i : solution.training())
     for (const View& view : solution.samples()[i].views) {
       if (view.sensor != sensor) continue;
-      const Configuration at(rig, solution.table(), solution.values.shared,
-                             solution.samples()[i].readings);
-      const Pose pose =
-          inverse(at.base_T_sensor(sensor)) * solution.values.targets.at({i, view.target});
-      const Matrix3Xd points =
-          target_points(rig, solution.table(), solution.values.shared, view.target);
-      const SeenPoints seen =
-          see(solution, sensor, points, pose, view_ids(view, rig.targets[view.target]));
+      const Pose pose = camera_T_board(solution, i, view);
+      const SeenPoints seen = see(solution, view, pose);
       if (!seen.good) continue;
-      VectorXd weights(seen.rows.rows());
-      for (Eigen::Index k = 0; k < weights.size(); ++k) weights(k) = 1 / view.sigma[k % 2];
-      const MatrixXd p = weights.asDiagonal() * seen.rows.leftCols<6>(),
-                     j = weights.asDiagonal() * columns_at(seen.rows, freed_, 6);
+      const MatrixXd p = seen.rows.leftCols<6>(), j = columns_at(seen.rows, freed_, 6);
       const MatrixXd h = inverse_of_symmetric(p.transpose() * p), b = p.transpose() * j, g = h * b;
       Matrix6d weight = Matrix6d::Zero();
       Vector3d centre = Vector3d::Zero();
@@ -161,7 +188,8 @@ Eigen::Matrix2d ProjectionError::covariance(const Eigen::Vector2d& pixel, double
                                               solution_->values.shared, view, 1, keep);
   if (keep.empty()) return none;
   const Matrix3Xd point = std::min(distance, kVeryFar) * direction.col(0).normalized();
-  const SeenPoints seen = see(*solution_, sensor_, point, Pose(), {0});
+  const double anywhere[2] = {0, 0};
+  const SeenPoints seen = see(*solution_, sensor_, point, Pose(), {0}, anywhere);
   if (!seen.good) return none;
   const MatrixXd p = seen.rows.leftCols<6>(), a = columns_at(seen.rows, freed_, 6) - p * motion_;
   return a * lens_ * a.transpose() + p * noise_ * p.transpose();

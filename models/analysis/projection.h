@@ -36,6 +36,18 @@ struct Grid {
 /// Coverage counts the corners in each cell of the image. `width` and `height` are in px.
 Grid coverage(const Solution& solution, int sensor, const Eigen::Vector2d& image);
 
+/// LensEquations are what one sample by itself says of the camera's freed numbers, the poses of its
+/// boards eliminated: normal * d = pull for a step d from the solution.
+struct LensEquations {
+  int sample = -1;
+  MatrixXd normal;
+  VectorXd pull;
+};
+
+/// Returns those of each sample in that a camera sees boards, whose lens the solution's last step
+/// freed, and whose boards are free.
+std::vector<LensEquations> lens_equations(const Solution& solution, int sensor);
+
 /// A ProjectionError says how far off a point appears at a pixel.
 class ProjectionError {
  public:

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <stdexcept>
 #include <tuple>
-#include <typeinfo>
 
 #include "../analysis/linearisation.h"
 #include "../fitting/closed_form.h"
@@ -16,6 +14,7 @@
 #include "../rig/words.h"
 #include "camera_groups.h"
 #include "estimate_noise.h"
+#include "two_lenses.h"
 
 namespace kincal {
 namespace {
@@ -24,161 +23,7 @@ constexpr double kUnsettled = 1.1;  // times the sigma used: the noise was not f
 constexpr double kSurelyBent = 3;   // standard errors by which bent boards are better
 
 // ------------------------------------------------------------------------------------------------
-// lenses
-const LensModel& find_lens(const std::string& name) {
-  std::vector<std::string> names;
-  for (const LensModel& model : lens_models()) {
-    if (model.name == name) return model;
-    names.push_back(model.name);
-  }
-  throw std::invalid_argument("model: there is no lens '" + name + "'; valid: auto, rig, " +
-                              listed(names, names.size()));
-}
-
-/// The lens that a camera of a rig has, with all of its distortion free.
-const LensModel& lens_of(const Sensor& camera) {
-  for (const LensModel& model : lens_models()) {
-    const std::shared_ptr<const SensorModel> made = make_camera(model.lens, model.distortion);
-    const SensorModel &a = *made, &b = *camera.model;
-    if (typeid(a) == typeid(b) && model.freed == model.distortion) return model;
-  }
-  throw std::invalid_argument("camera '" + camera.name + "' has a lens of its own");
-}
-
-std::vector<double> block_values(const Sensor& camera, ParameterKind kind) {
-  const ParameterBlock* block = find_block(camera, kind);
-  return block ? block->values : std::vector<double>();
-}
-
-/// The camera with another lens: its distortion is cut off, or filled up with zeros.
-Sensor with_lens(Sensor camera, const LensModel& model, const std::vector<double>& intrinsics,
-                 std::vector<double> distortion) {
-  const std::vector<double> baseline = block_values(camera, ParameterKind::baseline);
-  distortion.resize(model.distortion, 0.0);
-  for (int k = model.freed; k < model.distortion; ++k) distortion[k] = 0;
-  camera.model = make_camera(model.lens, model.distortion);
-  camera.parameters =
-      camera_parameters(model.lens, intrinsics, distortion, baseline.empty() ? 0.0 : baseline[0]);
-  return camera;
-}
-
-/// Frees a lens, and the pose of a camera that is not the reference.
-void add_free(const Sensor& camera, const LensModel& model, bool pose, Step& step) {
-  const std::string name = "sensor/" + camera.name + "/";
-  step.free.push_back(name + "intrinsics");
-  const ParameterBlock* distortion = find_block(camera, ParameterKind::distortion);
-  for (int k = 0; k < model.freed; ++k)
-    step.free.push_back(name + "distortion." + distortion->components[k]);
-  if (pose) step.free.push_back(name + "pose");
-}
-
-void set_steps(const std::vector<const LensModel*>& lenses, Rig& rig) {
-  Step step;
-  step.name = "intrinsics";
-  for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    step.sensors.push_back(static_cast<int>(s));
-    add_free(rig.sensors[s], *lenses[s], s > 0, step);
-  }
-  step.free_where.assign(step.free.size(), "intrinsics");
-  rig.steps = {step};
-}
-
-/// The rig of a solution with its values in place, to start from.
-Rig at_solution(const Solution& solution) {
-  Rig rig = solution.rig();
-  const ParameterTable& table = solution.table();
-  for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    rig.sensors[s].link_T_sensor =
-        get_pose(solution.values.shared, table.all[table.sensor_pose[s]].start);
-    rig.sensors[s].pose_given = true;
-    int start = table.all[table.sensor_block[s]].start;
-    for (ParameterBlock& block : rig.sensors[s].parameters)
-      for (double& v : block.values) v = solution.values.shared(start++);
-  }
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (table.target_warp[t] >= 0)
-      rig.targets[t].warp =
-          solution.values.shared.segment<2>(table.all[table.target_warp[t]].start);
-  return rig;
-}
-
-/// Frees the warp of the boards that samples show; false: they show none.
-bool bend_boards(const std::vector<Sample>& samples, Rig& rig) {
-  std::set<int> seen;
-  for (const Sample& sample : samples)
-    for (const View& view : sample.views)
-      if (rig.targets[view.target].grid) seen.insert(view.target);
-  for (const int t : seen) {
-    Target& target = rig.targets[t];
-    target.bulge = warp_shapes(target.layout);
-    rig.steps[0].free.push_back("target/" + target.name + "/warp");
-    rig.steps[0].free_where.push_back("warp");
-  }
-  return !seen.empty();
-}
-
-// ------------------------------------------------------------------------------------------------
-// one camera
-/// One camera by itself: its samples, and the cameras that it was found to be, to start from.
-struct OneCamera {
-  Rig rig;  // of one sensor
-  std::vector<Sample> samples;
-  std::vector<const View*> views;
-  std::vector<Sensor> starts;
-  bool bent = false;  // its boards: their warp is fitted with each lens
-};
-
-OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent) {
-  OneCamera out;
-  out.bent = bent;
-  out.rig = bench(rig, {camera});
-  out.samples = seen_by(rig, samples, {camera});
-  out.views = camera_views(out.samples, 0);
-  out.starts = {out.rig.sensors[0]};
-  for (const char* plain : {"pinhole", "kannala_brandt"}) {
-    Rig undistorted = out.rig;
-    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain), {1, 1, 0, 0}, {});
-    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain),
-                                       find_focal_length(undistorted, out.views), {});
-    out.starts.push_back(undistorted.sensors[0]);
-  }
-  return out;
-}
-
-/// The camera with a lens at the best of the starts of its kind.
-Sensor best_start(const OneCamera& camera, const LensModel& model) {
-  Sensor best;
-  double least = kInfinity;
-  for (const Sensor& start : camera.starts) {
-    if ((lens_of(start).lens == Lens::kannala_brandt) != (model.lens == Lens::kannala_brandt))
-      continue;
-    Rig rig = camera.rig;
-    rig.sensors[0] = with_lens(start, model, block_values(start, ParameterKind::intrinsics),
-                               block_values(start, ParameterKind::distortion));
-    const double misfit = lens_misfit(rig, camera.views);
-    if (misfit < least) least = misfit, best = rig.sensors[0];
-  }
-  return best;
-}
-
-/// Fits a lens to one camera, and keeps what was found as a start for those with more numbers.
-Solution fit_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera) {
-  Rig rig = camera.rig;
-  rig.sensors[0] = best_start(camera, model);
-  set_steps({&model}, rig);
-  if (camera.bent) bend_boards(camera.samples, rig);
-  Solution solution = calibrate(make_recording(rig, camera.samples), options);
-  if (solution.usable()) camera.starts.push_back(at_solution(solution).sensors[0]);
-  return solution;
-}
-
-double training_rms(const Solution& solution, int sensor) {
-  const Residuals found = residuals(linearise(solution));
-  for (const SensorResult& s : found.sensors)
-    if (s.name == solution.rig().sensors[sensor].name) return s.train.rms;
-  return kNan;
-}
-
+// the choice of a lens
 /// Cross-validates a solution from where it stands; nullopt: cancelled. Without enough samples the
 /// result has no sensors.
 std::optional<CrossValidation> hold_out(const Solution& solution, const CalibrationOptions& options,
@@ -249,7 +94,7 @@ const LensTrial* chosen(const std::vector<LensTrial>& trials) {
 std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& camera,
                                   std::vector<IntrinsicsNote>& notes, CameraIntrinsics& out) {
   const std::string& name = camera.rig.sensors[0].name;
-  const LensModel& given = lens_of(camera.rig.sensors[0]);
+  const LensModel& given = own_lens(camera.rig.sensors[0]);
   if (options.model == "auto") {
     if (!try_lenses(options, camera, out)) return std::nullopt;
     const LensTrial* best = chosen(out.trials);
@@ -477,6 +322,14 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
   bool any = std::count(mistaken.begin(), mistaken.end(), 1) > 0;
   std::vector<IntrinsicsNote> of_lenses;
   if (!find_lenses(rig, samples, false, options, group, of_lenses)) return false;
+  for (size_t s = 0; s < cameras.size(); ++s) {
+    if (mistaken[s]) continue;
+    const std::vector<IntrinsicsNote> said = views_of_another_lens(
+        *group.lenses[s], options, one_camera(rig, samples, cameras[s], false));
+    mistaken[s] = !said.empty();
+    any = any || mistaken[s];
+    say(said);
+  }
   if (!any) say(of_lenses);  // else the choice of a lens follows from that
   std::optional<GroupFit> fitted = fit_group(group.rig, group.samples, options);
   if (!fitted) return false;
@@ -506,17 +359,6 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
 }
 
 }  // namespace
-
-const std::vector<LensModel>& lens_models() {
-  static const std::vector<LensModel> models = {
-      {"pinhole", "pinhole", Lens::pinhole, 0, 0},
-      {"brown_conrady_2", "brown_conrady", Lens::brown_conrady, 5, 2},
-      {"brown_conrady_4", "brown_conrady", Lens::brown_conrady, 5, 4},
-      {"kannala_brandt", "kannala_brandt", Lens::kannala_brandt, 4, 4},
-      {"brown_conrady_5", "brown_conrady", Lens::brown_conrady, 5, 5},
-      {"brown_conrady_8", "brown_conrady", Lens::brown_conrady, 8, 8}};
-  return models;
-}
 
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
                                                      const std::vector<Sample>& samples,

@@ -30,19 +30,9 @@
 #include "camera_groups.h"
 #include "cross_validation.h"
 #include "intrinsics_notes.h"
+#include "one_camera.h"
 
 namespace kincal {
-
-/// A LensModel is a lens with the distortion that is estimated: the first `freed` of its numbers.
-struct LensModel {
-  std::string name;  // "brown_conrady_2"
-  std::string type;  // as a rig calls it
-  Lens lens;
-  int distortion = 0, freed = 0;
-  int numbers() const { return 4 + freed; }
-};
-/// Returns the lenses that are tried, those with fewer numbers first.
-const std::vector<LensModel>& lens_models();
 
 struct IntrinsicsOptions : CalibrationOptions {
   std::string model = "auto";  // name of a lens; "rig": of each camera as the rig has it

@@ -471,6 +471,27 @@ std::vector<IntrinsicsNote> apart(const std::vector<std::string>& cameras, doubl
            true}};
 }
 
+IntrinsicsNote another_lens(const AnotherLens& found) {
+  const std::string which = text("'%s': %zu of %zu views (sample ", found.camera.c_str(),
+                                 found.samples.size(), found.views) +
+                            listed(found.samples, kNamedViews) + ")";
+  if (found.turned)
+    return {"turned",
+            which + text(" are turned by 180 degrees against the others: one lens leaves %.3g px "
+                         "of all, and %.3g px where these are turned back. Turn these pictures or "
+                         "the others, whichever stand on their heads, detect again, and calibrate "
+                         "again",
+                         found.together, found.apart),
+            true};
+  return {"two_lenses",
+          which + text(" are of another lens than the others: one lens leaves %.3g px of all, two "
+                       "leave %.3g px. These are pictures of two cameras, or the lens was focused "
+                       "or zoomed, or pictures were cropped or scaled in between: calibrate what "
+                       "belongs together by itself",
+                       found.together, found.apart),
+          true};
+}
+
 double looseness(const ParameterEstimate& intrinsics, double noise, double counted) {
   double worst = 0;
   const double share = noise / counted * counted_share(noise);

@@ -45,6 +45,16 @@ IntrinsicsNote bent_boards(double flat, double bent, double most);
 std::vector<IntrinsicsNote> apart(const std::vector<std::string>& cameras, double alone,
                                   double together);
 
+/// AnotherLens says that some views of a camera are not of the lens that the others are of.
+struct AnotherLens {
+  std::string camera;
+  std::vector<std::string> samples;  // of these views, quoted
+  size_t views = 0;                  // all of the camera
+  double together = 0, apart = 0;    // px (rms) that one lens leaves of all, and what else explains
+  bool turned = false;               // by 180 degrees; else it is another lens
+};
+IntrinsicsNote another_lens(const AnotherLens& found);
+
 /// A FittedLens is what is judged: a camera of a group's solution.
 struct FittedLens {
   const Solution& solution;
