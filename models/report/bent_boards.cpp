@@ -5,6 +5,7 @@
 #include <map>
 
 #include "../../solver/levenberg_marquardt.h"
+#include "../rig/geometry.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
 
@@ -61,7 +62,26 @@ std::map<int, Screen> screened(const Solution& solution, const Residuals& residu
 struct Bend {
   Eigen::Vector2d warp{0, 0};
   double fell = 0;  // chi2, with the loss
+  double pull = 0;  // the largest move of a number that counts, in its sigmas
 };
+
+/// By how many of its sigmas a number moves, at most, from the solution's values to others of the
+/// same layout.
+double largest_move(const Solution& solution, const VectorXd& shared) {
+  double out = 0;
+  for (const ParameterEstimate& e : solution.parameters) {
+    const Parameter& p = solution.table().all[e.parameter];
+    const VectorXd move =
+        e.pose ? VectorXd(log_se3(inverse(*e.pose) * get_pose(shared, p.start)))
+               : VectorXd(shared.segment(p.start, static_cast<Eigen::Index>(e.value.size())) -
+                          solution.values.shared.segment(
+                              p.start, static_cast<Eigen::Index>(e.value.size())));
+    for (size_t c = 0; c < e.sigma.size(); ++c)
+      if (e.freed[c] && e.sigma[c] > 0)
+        out = std::max(out, std::abs(move(static_cast<Eigen::Index>(c))) / e.sigma[c]);
+  }
+  return out;
+}
 
 /// The last step once more, from where it ended, with the warp of a board free as well. The rig
 /// that has it has one parameter more, in the middle.
@@ -96,6 +116,9 @@ Bend bend_of(const Solution& solution, int target) {
   out.fell = 2 * solution.cost - LevenbergMarquardt(problem, options).solve(state).cost.doubled;
   problem.unpack(state, values);
   out.warp = values.shared.segment<2>(before);
+  VectorXd shared(solution.values.shared.size());
+  shared << values.shared.head(before), values.shared.tail(shared.size() - before);
+  out.pull = largest_move(solution, shared);
   return out;
 }
 
@@ -103,6 +126,7 @@ Bend bend_of(const Solution& solution, int target) {
 
 std::vector<Finding> bent_boards(const Solution& solution, const Residuals& residuals) {
   constexpr double kClear = 18, kLeast = 2e-5, kMost = 0.05;  // chi2 of two; m; of the diagonal
+  constexpr double kPull = 2;                                 // in sigmas: less does no harm
   std::vector<Finding> out;
   for (const auto& entry : screened(solution, residuals)) {
     if (!entry.second.stands_out()) continue;
@@ -116,7 +140,7 @@ std::vector<Finding> bent_boards(const Solution& solution, const Residuals& resi
                                                 .norm();
     if (!(bend.fell > kClear * noise) ||
         !(bend.fell > 0.5 * (solution.chi2_data - solution.dof_data)) || size < kLeast ||
-        size > kMost * diagonal)
+        size > kMost * diagonal || bend.pull < kPull)
       continue;
     out.push_back(
         {"bent",
