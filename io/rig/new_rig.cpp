@@ -15,8 +15,9 @@ namespace kincal {
 const char* const kTargetForm =
     "chessboard:ROWSxCOLUMNS:SQUARE, circles:ROWSxCOLUMNS:SPACING, "
     "charuco:ROWSxCOLUMNS:SQUARE:MARKER[:DICTIONARY]\n"
-    "(DICT_4X4_50, ...), apriltag_grid:ROWSxCOLUMNS:TAG:GAP[:FAMILY] (gap / tag; tag36h11, ...) or "
-    "points:X,Y,Z[;X,Y,Z...], then @LINK\n"
+    "(DICT_4X4_50, ...), apriltag_grid:ROWSxCOLUMNS:TAG:GAP[:FAMILY] (gap / tag; tag36h11, ...), "
+    "marker:DICTIONARY:ID:SIZE\n"
+    "(one ArUco or AprilTag marker, by its edge) or points:X,Y,Z[;X,Y,Z...], then @LINK\n"
     "where it is mounted (without: free, its own pose in every sample) and :NAME; lengths in m";
 
 std::string sensor_form() {
@@ -98,6 +99,9 @@ std::string target_text(const NewTarget& t) {
     for (size_t i = 0; i < t.points.size(); i += 3)
       out += (i ? ", " : "") + list({t.points[i], t.points[i + 1], t.points[i + 2]});
     out += "]          # m, in the target's frame\n";
+  } else if (t.type == "marker") {
+    out += "    dictionary: " + t.marks + "\n    id: " + std::to_string(t.id) +
+           "\n    size: " + shortest(t.size) + "                # m: the black square's edge\n";
   } else {
     out += "    rows: " + std::to_string(t.rows) + "                      # " +
            (t.type == "chessboard" ? "inner corners"
@@ -402,8 +406,9 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
   std::vector<std::string> fields = split(text.substr(0, at), ':');
   NewTarget out;
   out.type = known_type(fields[0], target_types(), option);
+  const bool marker = out.type == "marker";
   const bool marked = out.type == "charuco" || out.type == "apriltag_grid";
-  const size_t numbers = out.type == "points" ? 2 : marked ? 4 : 3;
+  const size_t numbers = out.type == "points" ? 2 : marked || marker ? 4 : 3;
   if (marked && fields.size() > numbers && names_marks(fields[numbers])) {
     out.marks = fields[numbers];
     fields.erase(fields.begin() + static_cast<long>(numbers));
@@ -428,17 +433,27 @@ NewTarget parse_new_target(const std::string& text, const Tree& tree) {
     }
     return out;
   }
-  const std::vector<std::string> size = split(fields[1], 'x');
-  if (size.size() != 2)
-    throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
   const auto count = [&](const std::string& t, const char* name) {
     const double value = number_of_option(t, option, name);
-    const int least = out.type == "charuco" ? 2 : 1;
+    const int least = marker ? 0 : out.type == "charuco" ? 2 : 1;
     if (value != std::floor(value) || value < least || value > 1000)
       throw InputError(option + ": " + name + ": a whole number from " + std::to_string(least) +
                        " to 1000 is expected, not '" + t + "'");
     return static_cast<int>(value);
   };
+  if (marker) {
+    if (!names_marks(fields[1]))
+      throw InputError(option +
+                       ": a dictionary such as DICT_6X6_250 or tag36h11 is expected, not '" +
+                       fields[1] + "'; the form is marker:DICTIONARY:ID:SIZE");
+    out.marks = fields[1];
+    out.id = count(fields[2], "id");
+    out.size = positive(fields[3], option, "size");
+    return out;
+  }
+  const std::vector<std::string> size = split(fields[1], 'x');
+  if (size.size() != 2)
+    throw InputError(option + ": ROWSxCOLUMNS is expected, such as 8x11, not '" + fields[1] + "'");
   out.rows = count(size[0], "rows");
   out.columns = count(size[1], "columns");
   out.size = positive(fields[2], option, "size");

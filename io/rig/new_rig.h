@@ -17,9 +17,10 @@ struct NewSensor {
 struct NewTarget {
   std::string type, link, name;
   int rows = 0, columns = 0;
+  int id = 0;  // marker
   double size = 0,
-         second = 0;  // square, spacing or tag; marker (charuco) or gap / tag (apriltag_grid)
-  std::string marks;  // dictionary (charuco) or family (apriltag_grid); "": not said
+         second = 0;  // square, spacing, tag or edge; marker (charuco) or gap / tag (apriltag_grid)
+  std::string marks;  // dictionary (charuco, marker) or family (apriltag_grid); "": not said
   std::vector<double> points;  // x y z of each
 };
 

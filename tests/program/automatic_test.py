@@ -87,10 +87,17 @@ class Init(Program):
         for target, words in (("charuco:6x8:0.03:0.0225:DICT_4X4_50@base:b1", ("  b1:", "dictionary: DICT_4X4_50    # only")),
                               ("charuco:6x8:0.03:0.0225:DICT_5X5_100:b2", ("  b2:", "dictionary: DICT_5X5_100")),
                               ("charuco:6x8:0.03:0.0225:b3", ("  b3:", "dictionary: DICT_6X6_250    # GUESS")),
-                              ("apriltag_grid:4x5:0.03:0.3:tag25h9@base", ("  board:", "family: tag25h9"))):
+                              ("apriltag_grid:4x5:0.03:0.3:tag25h9@base", ("  board:", "family: tag25h9")),
+                              ("marker:DICT_6X6_250:23:0.08@base:m", ("  m:", "type: marker\n    dictionary: DICT_6X6_250\n    id: 23\n    size: 0.08"))):
             text = self.kincal("init", "one.urdf", "--sensor", "camera:base", "--image-size", "640x480", "--target", target)[0]
             for word in words:
                 self.assertIn(word, text)
+
+    def test_a_marker_says_what_is_missing(self):
+        for target, words in (("marker:23:0.08@base", "expected is one of"), ("marker:aruco:23:0.08@base", "a dictionary such as DICT_6X6_250 or tag36h11 is expected, not 'aruco'"),
+                              ("marker:DICT_6X6_250:2.5:0.08@base", "id: a whole number from 0 to 1000"), ("marker:DICT_6X6_250:2:0@base", "size: a number greater than 0")):
+            _, error = self.init("--sensor", "camera:tool", "--target", target, code=1)
+            self.assertIn(words, error)
 
     def test_every_type_is_read_again(self):
         for number, args in enumerate([
@@ -99,14 +106,15 @@ class Init(Program):
                  "600,601,320,240", "--target", "circles:4x5:0.02@base:dots", "--target", "charuco:7x5:0.03:0.02:free_board"],
                 ["--sensor", "point:base:tracker", "--target", "points:0,0,0;0.1,-0.2,1e-3@tool", "--target", "points:0,0,0@l2"],
                 ["--sensor", "pose:base", "--sensor", "chain:tool", "--target", "apriltag_grid:2x3:0.04:0.3@tool"],
-                ["--sensor", "tilting_laser:l2", "--sensor", "point:base", "--target", "chessboard:3x3:0.1"]]):
+                ["--sensor", "tilting_laser:l2", "--sensor", "point:base", "--target", "chessboard:3x3:0.1"],
+                ["--sensor", "camera:tool", "--image-size", "640x480", "--target", "marker:tag36h11:0:0.1@base"]]):
             name = "rig%d.yaml" % number
             self.init(*args, "--out", name)
             text, _ = self.init(*args)
             self.assertEqual(text.replace("robot: arm.urdf", ""), self.read(name).replace("robot: arm.urdf", ""))
             # every guess that can be asked about is marked, and what was given is not
             self.assertIn("GUESS", text)
-            self.assertEqual("intrinsics: [640, 640, 319.5, 239.5]   # GUESS" in text, number == 0)
+            self.assertEqual("intrinsics: [640, 640, 319.5, 239.5]   # GUESS" in text, number in (0, 5))
             self.assertIn("s3: {sigma: 0.0001}", text)
             if number == 1:
                 self.assertIn("intrinsics: [500, 501, 320, 240]", text)
