@@ -68,9 +68,13 @@ std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,
     const Sensor& last = *cameras[i - 1];
     const std::optional<Pose> links = fixed_pose(rig.tree, camera.link, last.link);
     if (!links || !camera.pose_given || !last.pose_given)
-      notes.push_back("T_cn_cnm1 of cam" + std::to_string(i) + " is left away: " + last.name +
-                      " and " + camera.name +
-                      (links ? " have no poses in the rig" : " move against each other"));
+      notes.push_back(
+          "T_cn_cnm1 of cam" + std::to_string(i) + " is left away: " + last.name + " and " +
+          camera.name +
+          (links ? " have no poses in the rig. Give the first camera one (any, such as pose: "
+                   "{xyz: [0, 0, 0]}), and `kincal intrinsics` or `calibrate` writes "
+                   "the other's"
+                 : " move against each other"));
     else
       before[i] = inverse(camera.link_T_sensor * lens_in_sensor(lenses[i])) * *links *
                   last.link_T_sensor * lens_in_sensor(lenses[i - 1]);

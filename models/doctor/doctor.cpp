@@ -423,7 +423,7 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
       "outlier-points", "units",        "outside-image", "shifted",          "lag",
       "wrong-link",     "sigma",        "home-position", "exchanged-joints", "exchanged-targets",
       "absolute-angle", "joint-axis",   "gear",          "quaternion",       "baseline",
-      "convention",     "moved-target"};
+      "convention",     "moved-target", "turned-picture"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);

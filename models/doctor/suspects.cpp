@@ -279,12 +279,79 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
   return h;
 }
 
+namespace {
+
+/// What half a turn of a view may be of: the numbers of its points, its picture, or a picture whose
+/// corners were numbered as it stands.
+enum class HalfTurn { numbers, picture, both };
+
+/// Whether there is such a turn of a view.
+bool can_turn(const Rig& rig, const View& view, HalfTurn what) {
+  const Sensor& sensor = rig.sensors[view.sensor];
+  if (sensor.model->measures_pose()) return false;
+  if (what != HalfTurn::picture &&
+      relabeling(rig.targets[view.target], -Eigen::Matrix2d::Identity()).empty())
+    return false;
+  return what == HalfTurn::numbers ||
+         (sensor.type == "camera" && sensor.image_width > 0 && sensor.image_height > 0);
+}
+
+void turn_half(const Rig& rig, HalfTurn what, View& view) {
+  const Target& target = rig.targets[view.target];
+  if (what != HalfTurn::picture)
+    relabel(view, target, relabeling(target, -Eigen::Matrix2d::Identity()));
+  if (what == HalfTurn::numbers) return;
+  const Sensor& camera = rig.sensors[view.sensor];
+  for (size_t k = 0; k < view.z.size(); ++k)
+    view.z[k] = (k % 2 ? camera.image_height : camera.image_width) - 1 - view.z[k];
+}
+
+using TurnedViews = std::set<std::pair<std::string, int>>;  // sample, place of the view
+
+Hypothesis turned_hypothesis(const Recording& recording, HalfTurn what, const TurnedViews& turned) {
+  std::set<std::string> names, where;
+  for (const Sample& sample : recording.samples)
+    for (size_t v = 0; v < sample.views.size(); ++v)
+      if (turned.count({sample.id, static_cast<int>(v)})) {
+        names.insert(recording.rig.sensors[sample.views[v].sensor].name);
+        where.insert(sample.id);
+      }
+  const bool one = turned.size() == 1;
+  Hypothesis h;
+  h.id = what == HalfTurn::numbers ? "numbering" : "turned-picture";
+  h.where.assign(names.begin(), names.end());
+  h.where.insert(h.where.end(), where.begin(), where.end());
+  const std::string count = std::to_string(turned.size()),
+                    of = joined({names.begin(), names.end()}),
+                    which = std::string(": sample") + (where.size() > 1 ? "s " : " ") +
+                            joined({where.begin(), where.end()});
+  if (what == HalfTurn::numbers) {
+    h.mistake = count + (one ? " view of " : " views of ") + of +
+                (one ? " numbers its board" : " number their boards") +
+                " from the opposite corner (half a turn)" + which;
+    h.cure = "Reverse the order of the points in these views.";
+  } else {
+    h.mistake = count + (one ? " picture of " : " pictures of ") + of + (one ? " is" : " are") +
+                " turned by 180 degrees against the others" + which;
+    h.cure = "Turn " + std::string(one ? "it" : "them") +
+             " back and detect again, or take width - 1 - u and height - 1 - v for u and v there" +
+             (what == HalfTurn::both ? ", and reverse the order of the points." : ".");
+  }
+  h.undo = [turned, what](Rig& rig, std::vector<Sample>& samples) {
+    for (Sample& sample : samples)
+      for (size_t v = 0; v < sample.views.size(); ++v)
+        if (turned.count({sample.id, static_cast<int>(v)})) turn_half(rig, what, sample.views[v]);
+  };
+  return h;
+}
+
+}  // namespace
+
 std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust) {
   if (!(median_of_finite(robust.sample) < Thresholds::sample_excess))
     return {};  // most samples fit nothing: there is no consensus to ask
   const Rig& rig = recording.rig;
   const std::vector<int> sensors = indices(rig.sensors.size());
-  const Eigen::Matrix2d half = -Eigen::Matrix2d::Identity();
   if (robust.values.shared.size() != recording.table.initial.size()) return {};
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
@@ -308,68 +375,46 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
                ? cost.doubled
                : kInfinity;
   };
-  std::set<std::pair<std::string, int>> turned;  // sample, place of the view
-  std::set<std::string> where;
-  size_t views = 0;
+  std::map<HalfTurn, TurnedViews> turned;
+  std::map<HalfTurn, size_t> views;
   for (size_t i = 0; i < recording.samples.size(); ++i) {
     const Sample& sample = recording.samples[i];
-    std::vector<std::vector<int>> sets;  // of views: each alone, all of a target
-    std::map<int, std::vector<int>> by_target;
-    for (size_t v = 0; v < sample.views.size(); ++v) {
-      const View& view = sample.views[v];
-      if (rig.sensors[view.sensor].model->measures_pose() ||
-          relabeling(rig.targets[view.target], half).empty())
-        continue;
-      ++views;
-      sets.push_back({static_cast<int>(v)});
-      by_target[view.target].push_back(static_cast<int>(v));
+    std::map<HalfTurn, std::vector<std::vector<int>>>
+        sets;  // of views: each alone, all of a target
+    for (const HalfTurn what : {HalfTurn::numbers, HalfTurn::picture, HalfTurn::both}) {
+      std::map<int, std::vector<int>> by_target;
+      for (size_t v = 0; v < sample.views.size(); ++v) {
+        if (!can_turn(rig, sample.views[v], what)) continue;
+        ++views[what];
+        sets[what].push_back({static_cast<int>(v)});
+        by_target[sample.views[v].target].push_back(static_cast<int>(v));
+      }
+      for (const auto& t : by_target)
+        if (t.second.size() > 1) sets[what].push_back(t.second);
     }
-    for (const auto& t : by_target)
-      if (t.second.size() > 1) sets.push_back(t.second);
     if (sets.empty() || robust.sample[i] < Thresholds::good) continue;
-    double least = cost_of(sample, StartEffort::refined);
-    if (least < 50) continue;
+    const double now = cost_of(sample, StartEffort::refined);
+    if (now < 50) continue;
     // What a proposed pose leaves of a view that is numbered right is what its own noise makes of
     // other views; refined it is less. What leaves more than there is now is numbered worse.
-    const double hopeless = 2 * least;
-    least /= Thresholds::decisive;
-    std::vector<int> best;
-    for (const std::vector<int>& set : sets) {
-      Sample trial = sample;
-      for (int v : set)
-        relabel(trial.views[v], rig.targets[trial.views[v].target],
-                relabeling(rig.targets[trial.views[v].target], half));
-      if (cost_of(trial, StartEffort::proposed) > hopeless) continue;
-      const double cost = cost_of(trial, StartEffort::refined);
-      if (cost < least) least = cost, best = set;
+    for (const auto& [what, of_views] : sets) {
+      double least = now / Thresholds::decisive;
+      std::vector<int> best;
+      for (const std::vector<int>& set : of_views) {
+        Sample trial = sample;
+        for (int v : set) turn_half(rig, what, trial.views[v]);
+        if (cost_of(trial, StartEffort::proposed) > 2 * now) continue;
+        const double cost = cost_of(trial, StartEffort::refined);
+        if (cost < least) least = cost, best = set;
+      }
+      for (int v : best) turned[what].insert({sample.id, v});
     }
-    for (int v : best) turned.insert({sample.id, v}), where.insert(sample.id);
   }
-  if (turned.empty() || turned.size() == views) return {};
-  std::set<std::string> names;
-  for (const Sample& sample : recording.samples)
-    for (size_t v = 0; v < sample.views.size(); ++v)
-      if (turned.count({sample.id, static_cast<int>(v)}))
-        names.insert(rig.sensors[sample.views[v].sensor].name);
-  Hypothesis h;
-  h.id = "numbering";
-  h.where.assign(names.begin(), names.end());
-  h.where.insert(h.where.end(), where.begin(), where.end());
-  h.mistake = std::to_string(turned.size()) + (turned.size() == 1 ? " view of " : " views of ") +
-              joined({names.begin(), names.end()}) +
-              (turned.size() == 1 ? " numbers its board" : " number their boards") +
-              " from the opposite corner (half a turn): sample" + (where.size() > 1 ? "s " : " ") +
-              joined({where.begin(), where.end()});
-  h.cure = "Reverse the order of the points in these views.";
-  h.undo = [turned](Rig& changed, std::vector<Sample>& samples) {
-    for (Sample& sample : samples)
-      for (size_t v = 0; v < sample.views.size(); ++v)
-        if (turned.count({sample.id, static_cast<int>(v)})) {
-          const Target& target = changed.targets[sample.views[v].target];
-          relabel(sample.views[v], target, relabeling(target, -Eigen::Matrix2d::Identity()));
-        }
-  };
-  return {h};
+  std::vector<Hypothesis> out;
+  for (const auto& [what, of_samples] : turned)
+    if (of_samples.size() < views[what])
+      out.push_back(turned_hypothesis(recording, what, of_samples));
+  return out;
 }
 
 }  // namespace kincal

@@ -22,8 +22,8 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
 std::optional<Hypothesis> outlier_points(const Recording& recording, const TrialContext& context,
                                          const TrialFit& robust);
 
-/// Finds single views of a grid that fit far better after half a turn while everything shared
-/// stays. One hypothesis or none.
+/// Finds single views that fit far better after half a turn while everything shared stays: of the
+/// numbers of a grid, of a camera's picture, or of both. At most one hypothesis of each.
 std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit& robust);
 
 }  // namespace kincal

@@ -35,7 +35,7 @@ IDS = ["square", "rows-columns", "numbering", "mirrored", "joint-sign", "degrees
        "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples", "exchanged-axes", "resolution", "intrinsics",
        "normalised", "board-columns", "turned-pose", "outlier-points",
        "units", "outside-image", "shifted", "lag", "wrong-link", "sigma",
-       "home-position", "exchanged-joints", "exchanged-targets", "absolute-angle", "joint-axis", "gear", "quaternion", "baseline", "moved-target"]
+       "home-position", "exchanged-joints", "exchanged-targets", "absolute-angle", "joint-axis", "gear", "quaternion", "baseline", "moved-target", "turned-picture"]
 NO_CHI2 = {"still-joint", "duplicates", "disconnected"}      # chi2 says nothing about these
 CURES = {   # what the text has to speak of, besides naming what is wrong
     "rows-columns": r"rows|columns|swap|exchange", "numbering": r"corner|180|number|order|flip", "mirrored": r"mirror|flip|left-hand|handed",
@@ -412,6 +412,17 @@ def other_corner(sensor=None, target=None, only=None):
     return plant
 
 
+def upside_down(only, numbered=True):
+    """Pictures that are turned by 180 degrees; a detector that knows no corner begins at the one that is upper left then."""
+    def plant(rig, samples):
+        width, height = rig["sensors"]["camera"]["image_size"]
+        for v in views(samples, only=only):
+            v["pixels"] = [[width - 1 - u, height - 1 - w] for u, w in v["pixels"]]
+            if numbered:
+                v["pixels"].reverse()
+    return plant
+
+
 def held_board(then):
     """The board's place is known and held."""
     def plant(rig, samples):
@@ -693,6 +704,8 @@ PLANTS = [
     Plant("numbering_some_fixed", "fixed", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
     Plant("numbering_4_fixed", "fixed", "4 of 20 views numbered from the other corner", "numbering", other_corner(only=(1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"]),
     # Nine of twenty are too many: without a clear majority there is no fit that tells which are turned (docs/doctor.md).
+    Plant("turned_pictures", "eye", "4 of 20 pictures upside down, corners numbered as they stand", "turned-picture", upside_down((1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"], cure="Turn them back"),
+    Plant("turned_pictures_marked", "eye_noisy", "3 of 20 pictures upside down, corners known by markers", "turned-picture", upside_down(SOME, numbered=False), samples=SOME_IDS, cure="Turn them back"),
     Plant("numbering_many", "eye_noisy", "7 of 20 views numbered from the other corner", "numbering", other_corner(only=range(0, 14, 2)), samples=["s%02d" % i for i in range(0, 14, 2)]),
     Plant("numbering_all_held", "fixed", "all views numbered from the other corner, the board's pose held", "numbering", held_board(other_corner()), ["board"]),
     Plant("numbering_all_stereo", "stereo", "all views of the right camera numbered from the other corner", "numbering", other_corner("right"), ["right|left"]),
