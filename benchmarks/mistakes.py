@@ -478,7 +478,7 @@ def run_set(data, program, folder, only, no_pairs):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", default=os.path.join(ROOT, "build", "release", "kincal"))
-    parser.add_argument("--data", help="the folder with the real sets; without it only examples/pr2")
+    parser.add_argument("--data", help="the folder with the real sets; without it only examples/pr2", type=os.path.abspath)
     parser.add_argument("--set", action="append", choices=list(SETS))
     parser.add_argument("--only", action="append", help="mistakes whose name has this; may be repeated")
     parser.add_argument("--no-pairs", action="store_true")

@@ -20,6 +20,7 @@ namespace kincal {
 namespace {
 
 constexpr double kUnsettled = 1.1;  // times the sigma used: the noise was not found
+constexpr double kSurely = 6;       // in chi2, and 2 for each number more
 constexpr double kSurelyBent = 3;   // standard errors by which bent boards are better
 
 // ------------------------------------------------------------------------------------------------
@@ -215,8 +216,9 @@ struct Group {
   std::vector<int> cameras;  // of the given rig
   std::vector<CameraIntrinsics> found;
   std::vector<const LensModel*> lenses;
-  Rig rig;                      // to start from
-  std::vector<Sample> samples;  // that it sees
+  Rig rig;                       // to start from
+  std::vector<Sample> samples;   // that it sees
+  std::vector<OneCamera> alone;  // by sensor, as find_lenses() left them
 };
 
 /// Chooses the lens of each camera by itself; `rig` is that of all cameras, its boards flat or as
@@ -226,11 +228,12 @@ bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
                  std::vector<IntrinsicsNote>& notes) {
   group.rig = bench(rig, group.cameras);
   group.lenses.clear();
+  group.alone.clear();
   for (size_t s = 0; s < group.cameras.size(); ++s) {
     CameraIntrinsics& found = group.found[s];
     found.trials.clear();
-    OneCamera camera = one_camera(rig, samples, group.cameras[s], bent);
-    const std::optional<Sensor> start = find_camera(options, camera, notes, found);
+    group.alone.push_back(one_camera(rig, samples, group.cameras[s], bent));
+    const std::optional<Sensor> start = find_camera(options, group.alone.back(), notes, found);
     if (!start) return false;
     group.rig.sensors[s].model = start->model;
     group.rig.sensors[s].parameters = start->parameters;
@@ -238,6 +241,76 @@ bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
   }
   set_steps(group.lenses, group.rig);
   return true;
+}
+
+/// A group with another lens for one of its cameras, and its fit with the rig's sigmas.
+struct GroupTrial {
+  size_t camera = 0;
+  const LensModel* model = nullptr;
+  Rig rig;
+  Solution solution;
+  double gain = 0;  // what chi2 falls by, in what is left, beyond two for each number more
+};
+
+/// The lenses of one camera of a group that surely take something off the chi2 of all, those with
+/// the fewest numbers first. nullopt: cancelled.
+std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solution& now,
+                                               const CalibrationOptions& options) {
+  std::vector<GroupTrial> out;
+  for (size_t s = 0; s < group.cameras.size(); ++s)
+    for (const LensTrial& t : group.found[s].trials) {
+      const int more = t.model->numbers() - group.lenses[s]->numbers();
+      if (!t.unusable.empty() || t.model == group.lenses[s] || more < 0) continue;
+      GroupTrial trial{s, t.model, at_solution(now), {}, 0};
+      const Sensor start = best_start(group.alone[s], *t.model);
+      trial.rig.sensors[s].model = start.model;
+      trial.rig.sensors[s].parameters = start.parameters;
+      std::vector<const LensModel*> lenses = group.lenses;
+      lenses[s] = t.model;
+      set_steps(lenses, trial.rig);
+      trial.solution = calibrate(make_recording(trial.rig, group.samples), options);
+      if (trial.solution.status == Status::cancelled) return std::nullopt;
+      if (trial.solution.status != Status::converged) continue;
+      trial.gain =
+          (now.chi2_data - trial.solution.chi2_data) / trial.solution.chi2_per_dof() - 2 * more;
+      if (trial.gain > kSurely) out.push_back(std::move(trial));
+    }
+  std::stable_sort(out.begin(), out.end(), [](const GroupTrial& a, const GroupTrial& b) {
+    const int more = a.model->numbers() - b.model->numbers();
+    return more < 0 || (more == 0 && a.gain > b.gain);
+  });
+  return out;
+}
+
+/// Chooses lenses of a group once more by all of its cameras: what one lacks shows in where the
+/// others stand, and a number that is too small to be seen by one alone pulls those of the others
+/// by many sigmas. False: cancelled.
+bool choose_together(const IntrinsicsOptions& options, Group& group) {
+  if (group.cameras.size() < 2 || options.model != "auto") return true;
+  options.tell("lenses of all cameras together");
+  Solution now = calibrate(make_recording(group.rig, group.samples), options);
+  std::optional<CrossValidation> held_out;
+  bool changed = now.status == Status::converged;
+  while (changed) {
+    changed = false;
+    std::optional<std::vector<GroupTrial>> trials = changes(group, now, options);
+    if (!trials) return false;
+    for (GroupTrial& trial : *trials) {
+      if (!held_out) held_out = hold_out(now, options, options.folds);
+      std::optional<CrossValidation> after = hold_out(trial.solution, options, options.folds);
+      if (!held_out || !after) return false;
+      changed = rms_of(blocks(*after)) < rms_of(blocks(*held_out));
+      if (!changed) continue;
+      held_out = std::move(after);
+      now = std::move(trial.solution);
+      group.rig = at_solution(now);
+      group.lenses[trial.camera] = trial.model;
+      group.found[trial.camera].model = trial.model;
+      set_steps(group.lenses, group.rig);
+      break;
+    }
+  }
+  return now.status != Status::cancelled;
 }
 
 /// Fits the group again with boards that may be bent, from where it stands. Where they may
@@ -301,7 +374,8 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
               std::vector<CameraIntrinsics>(cameras.size()),
               {},
               {},
-              seen_by(rig, samples, cameras)};
+              seen_by(rig, samples, cameras),
+              {}};
   std::vector<char> mistaken(cameras.size());
   const auto say = [&](const std::vector<IntrinsicsNote>& notes) {
     result.notes.insert(result.notes.end(), notes.begin(), notes.end());
@@ -324,13 +398,14 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
   if (!find_lenses(rig, samples, false, options, group, of_lenses)) return false;
   for (size_t s = 0; s < cameras.size(); ++s) {
     if (mistaken[s]) continue;
-    const std::vector<IntrinsicsNote> said = views_of_another_lens(
-        *group.lenses[s], options, one_camera(rig, samples, cameras[s], false));
+    const std::vector<IntrinsicsNote> said =
+        views_of_another_lens(*group.lenses[s], options, group.alone[s]);
     mistaken[s] = !said.empty();
     any = any || mistaken[s];
     say(said);
   }
   if (!any) say(of_lenses);  // else the choice of a lens follows from that
+  if (!any && !choose_together(options, group)) return false;
   std::optional<GroupFit> fitted = fit_group(group.rig, group.samples, options);
   if (!fitted) return false;
   std::optional<WarpTrial> warp;

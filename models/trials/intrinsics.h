@@ -10,9 +10,15 @@
 // of lens_models(), on the same folds. A lens is worse than the best by the difference of their
 // root mean squares on what was held out; the standard error of this difference comes from the
 // jackknife over samples, paired, so that what makes a sample hard for both does not widen it. The
-// lens with the fewest numbers that is worse by no more than its standard error is taken; where the
-// views do not determine a focal length with that, they cannot tell lenses apart, and the rig's
+// lens with the fewest numbers that is worse by no more than its standard error is taken; where
+// the views do not determine a focal length with that, they cannot tell lenses apart, and the rig's
 // stays.
+//
+// Cameras that are calibrated together are asked once more together, for what one lens lacks shows
+// in where the others stand: a tangential distortion that is too small to be seen by one camera
+// pulls the others' by 19 sigmas, and their poses by 5. A lens with more numbers, or as many, is
+// taken where chi2 of all falls by kSurely more than two for each number, and what is held out is
+// better.
 //
 // Boards bend, and a bent board looks like a lens. The group is fitted once more with the warp of
 // its boards (rig/targets.h) free. Where it is asked for, that stays if it is better on what was

@@ -222,7 +222,7 @@ std::vector<IntrinsicsNote> views_of_another_lens(const LensModel& model,
   };
   const TurnedBack back = find_turned(split.samples, model, options, camera);
   // A bent board, or a view that is wrong, leaves much that a lens for each view takes up.
-  if (gained(back.chi2) &&
+  if (!the_fewer(back.samples, camera.samples.size()).empty() && gained(back.chi2) &&
       (back.of_all < kLikeNoise * back.of_noise || back.of_all < kRest * split.of_all)) {
     note.turned = true;
     note.apart = back.rms;
