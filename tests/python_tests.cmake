@@ -45,7 +45,7 @@ kincal_python_test(flange flange_test.py cli 300 ${kincal_program})
 foreach(group Export Import Poses HandEye Numbers)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
 endforeach()
-foreach(group Result Bent Mistakes WrongInput)
+foreach(group Result Bent Together Mistakes WrongInput)
   kincal_python_test(intrinsics.${group} intrinsics_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 

@@ -190,8 +190,15 @@ Pose Field::pose() const {
   Pose pose;
   if (has("xyz")) pose.translation = Eigen::Map<const Vector3d>((*this)["xyz"].vector(3).data());
   if (has("rpy") && has("quat")) fail("either rpy or quat, not both");
-  if (has("rpy"))
-    pose.rotation = rotation_from_rpy(Eigen::Map<const Vector3d>((*this)["rpy"].vector(3).data()));
+  if (has("rpy")) {
+    const std::vector<double> rpy = (*this)["rpy"].vector(3);
+    for (const double angle : rpy)
+      if (!(std::abs(angle) < 2 * kPi + 0.1))
+        (*this)["rpy"].fail(shortest(angle) +
+                            " rad is more than a turn: radians are expected, degrees have to be "
+                            "multiplied by pi / 180");
+    pose.rotation = rotation_from_rpy(Eigen::Map<const Vector3d>(rpy.data()));
+  }
   if (has("quat")) {
     const Field field = (*this)["quat"];
     const std::vector<double> q = field.vector(4);

@@ -385,7 +385,7 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
         poses + ", " + yaml_text(chain) +
         "]\n"
         "#     priors: {" +
-        yaml_text(chain) + ": 0.005}\n";
+        yaml_text(chain) + ": {translation: 0.005, rotation: 0.05}}\n";
   return out;
 }
 

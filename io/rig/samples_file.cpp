@@ -396,14 +396,7 @@ Pose read_pose_reading(const Field& field) {
     field.fail(
         "the reading of a floating joint is a pose, {\"xyz\": [x, y, z], \"quat\": [x, y, z, "
         "w]} (or \"rpy\")");
-  const Pose pose = field.pose();
-  if (field.has("rpy"))
-    for (const double angle : field["rpy"].vector(3))
-      if (!(std::abs(angle) < 2 * kPi + 0.1))
-        field["rpy"].fail(shortest(angle) +
-                          " rad is more than a turn: radians are expected, "
-                          "degrees have to be multiplied by pi / 180");
-  return pose;
+  return field.pose();
 }
 
 std::string readings_text(const Tree& tree, const std::vector<double>& readings) {

@@ -244,7 +244,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   // A few samples or views may be all that is wrong; if many go with it, something else may be
   // wrong with these.
   if (!best || best->fit.per_dof() > Thresholds::clean ||
-      static_cast<double>(best->fit.dof) < 0.9 * static_cast<double>(now.dof))
+      static_cast<double>(best->fit.dof) < 0.97 * static_cast<double>(now.dof))
     try_looked_at(shortlist(recording, context, question, all, 0, common));
   // A shift takes a sample away from the few of a first look, and what is left may start far off.
   if (!question.by_movement && !best)

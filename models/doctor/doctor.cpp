@@ -154,6 +154,15 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
   if (best->hypothesis.told)
     std::tie(best->hypothesis.mistake, best->hypothesis.cure) = told(best->hypothesis, best->trial);
+  if (by_movement && best->hypothesis.id == "mirrored" &&
+      std::any_of(rig.targets.begin(), rig.targets.end(), [&](const Target& t) {
+        return t.grid && t.pose_given &&
+               std::count(best->hypothesis.where.begin(), best->hypothesis.where.end(), t.name) > 0;
+      }))
+    best->hypothesis.cure +=
+        " Or the points are right, and it is the pose in the rig that has z out of the board, "
+        "where kincal's goes into it (x along a row, y from row to row): then nothing has to be "
+        "done, for the estimate is the right one.";
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
@@ -464,6 +473,14 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
                          std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
                          !by_fits.empty(), still_joint, out.readings});
   if (!still_joint) say_what_is_left(now, by_fits);
+  // Points that are numbered otherwise, or a board with other rows: that says why the last are
+  // missing.
+  if (std::any_of(by_fits.begin(), by_fits.end(), [](const Finding& f) {
+        return f.id == "board-columns" || f.id == "rows-columns" || f.id == "numbering";
+      }))
+    by_data.erase(std::remove_if(by_data.begin(), by_data.end(),
+                                 [](const Finding& f) { return f.id == "numbering"; }),
+                  by_data.end());
   out.findings = ordered(std::move(by_fits), std::move(by_data),
                          still_joint || now.per_dof() < Thresholds::noise);
   return out;

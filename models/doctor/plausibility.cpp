@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <optional>
 
 #include "../../kinematics/floating.h"
@@ -37,6 +38,8 @@ Finding implausible(const char* id, const std::string& where, const std::string&
   f.text = words;
   return f;
 }
+
+constexpr size_t kFewestOfPart = 4;  // points of a view: of fewer the first are nothing strange
 
 /// Where a camera's points lie.
 struct PointCloud {
@@ -100,8 +103,8 @@ std::optional<std::pair<int, int>> smaller_image(const Sensor& sensor, const Poi
   return std::pair(static_cast<int>(std::lround(width)), static_cast<int>(std::lround(height)));
 }
 
-void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
-  const std::vector<PointCloud> clouds = point_clouds(rig, samples);
+void check_images(const Rig& rig, const std::vector<PointCloud>& clouds,
+                  std::vector<Finding>& out) {
   for (size_t s = 0; s < clouds.size(); ++s) {
     const PointCloud& cloud = clouds[s];
     const Sensor& sensor = rig.sensors[s];
@@ -146,7 +149,7 @@ void check_images(const Rig& rig, const std::vector<Sample>& samples, std::vecto
   }
 }
 
-void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
+void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector<Finding>& out) {
   const ParameterBlock* block = find_block(sensor, ParameterKind::intrinsics);
   const int width = sensor.image_width, height = sensor.image_height;
   if (!block || block->values.size() != 4 || width <= 0) return;
@@ -166,6 +169,16 @@ void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
   const std::string given = text("[%.5g, %.5g, %.5g, %.5g]", k[0], k[1], k[2], k[3]);
   const std::string begin = "The intrinsics of camera " + quoted(sensor.name) + ", " + given +
                             text(", do not suit its image of %d x %d pixels: ", width, height);
+  if (width != height && cloud.points > 0 && cloud.outside_turned == 0 &&
+      plausible(k, height, width, 0.15)) {
+    if (cloud.outside == 0)  // else that says it
+      out.push_back(implausible(
+          "intrinsics", sensor.name,
+          begin + text("they suit one of %d x %d, and no point lies outside of that. Are the "
+                       "pictures so, write image_size: [%d, %d]; if not, cx and cy are exchanged",
+                       height, width, height, width)));
+    return;
+  }
   const std::pair<Intrinsics, const char*> orders[] = {{{k[0], k[2], k[1], k[3]}, "fx cx fy cy"},
                                                        {{k[2], k[3], k[0], k[1]}, "cx cy fx fy"},
                                                        {{k[0], k[1], k[3], k[2]}, "fx fy cy cx"}};
@@ -191,6 +204,43 @@ void check_intrinsics(const Sensor& sensor, std::vector<Finding>& out) {
                               begin +
                                   "their principal point (cx, cy) lies outside of it. Write them "
                                   "as fx, fy, cx, cy, and correct image_size"));
+}
+
+/// Views without ids count as the first points of their target: where all that show a part show
+/// the first so many, in order, that is likelier than that the rest was hidden.
+void check_ids(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+  struct Parts {
+    size_t views = 0, partial = 0, first = 0, fewest = 0;
+    std::string sample;
+  };
+  std::map<int, Parts> parts;  // by target
+  for (const Sample& sample : samples)
+    for (const View& view : sample.views) {
+      const Target& target = rig.targets[view.target];
+      if (!target.grid || rig.sensors[view.sensor].model->measures_pose()) continue;
+      Parts& p = parts[view.target];
+      ++p.views;
+      const size_t n = view.ids.size();
+      if (n >= static_cast<size_t>(target.count())) continue;
+      ++p.partial;
+      bool first = n >= kFewestOfPart;
+      for (size_t k = 0; first && k < n; ++k) first = view.ids[k] == static_cast<int>(k);
+      if (!first) continue;
+      if (p.first++ == 0) p.sample = sample.id, p.fewest = n;
+      p.fewest = std::min(p.fewest, n);
+    }
+  for (const auto& [t, p] : parts)
+    if (p.first >= 3 && p.first == p.partial)
+      out.push_back(implausible(
+          "numbering", rig.targets[t].name,
+          text("%zu of %zu views of target ", p.first, p.views) + quoted(rig.targets[t].name) +
+              text(" have the first of its %d points, in order, and not the last (%zu at least, "
+                   "first sample ",
+                   rig.targets[t].count(), p.fewest) +
+              quoted(p.sample) +
+              "). Points without \"ids\" count as 0, 1, 2, ...: where a view shows a part of the "
+              "board, write the ids of the points that it shows; if all are seen, see to the rows "
+              "and columns of the rig"));
 }
 
 /// Whether no robot has a link as long as the one that ends at a joint.
@@ -418,14 +468,16 @@ void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
 
 std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
   std::vector<Finding> out;
+  const std::vector<PointCloud> clouds = point_clouds(rig, samples);
   check_lengths(rig, out);
   check_measured_lengths(rig, samples, out);
   check_angles(rig, samples, out);
   check_pose_readings(rig, samples, out);
   check_slides(rig, samples, out);
   check_baselines(rig, samples, out);
-  for (const Sensor& sensor : rig.sensors) check_intrinsics(sensor, out);
-  check_images(rig, samples, out);
+  check_ids(rig, samples, out);
+  for (size_t s = 0; s < rig.sensors.size(); ++s) check_intrinsics(rig.sensors[s], clouds[s], out);
+  check_images(rig, clouds, out);
   for (Finding& f : out) f.text += ".";
   for (Finding& f : find_duplicates(rig, samples)) out.push_back(std::move(f));
   return out;

@@ -17,6 +17,13 @@ std::string loose_text(const std::string& unit, double sigma) {
   return unit == "m" ? text("%.3g m", sigma) : angle_text(sigma);
 }
 
+/// Whether an earlier step freed a number of which its prior alone tells, and the last one holds
+/// it: what it may be stands in the poses that this estimates beside it.
+bool is_held_at_its_prior(const Solution& solution, const ParameterEstimate& e, size_t c) {
+  return !solution.steps.empty() && e.step != solution.steps.back().name &&
+         e.sigma[c] > 0.95 * e.prior[c] && e.prior[c] > 0;
+}
+
 /// Warns of poses that are known no better than the zero of the first or last joint.
 void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Warnings& out) {
   if (poses.empty()) return;
@@ -108,6 +115,7 @@ void warn_of_parameters(const Report& report, Warnings& out) {
       if (known.empty()) continue;
       const double yardstick = loose_from(e.units[c]);
       const JudgedSigma judged = judged_sigma(unknown, e, c);
+      if (is_held_at_its_prior(report.solution, e, c)) continue;
       if (loose_text(e.units[c], judged.sigma).empty())
         chosen[judged.zero].push_back({name, known, e.sigma[c] / yardstick});
       else

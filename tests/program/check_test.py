@@ -412,6 +412,23 @@ def other_corner(sensor=None, target=None, only=None):
     return plant
 
 
+def ids_from_one(rig, samples):
+    """Ids that count from 1; the last point was not seen, so that all are ids of the board."""
+    for v in views(samples):
+        v["pixels"].pop()
+        v["ids"] = list(range(1, len(v["pixels"]) + 1))
+
+
+def first_row_hidden(rig, samples):
+    for v in views(samples):
+        v.pop("ids", None)
+        del v["pixels"][:rig["targets"][v["target"]]["columns"]]
+
+
+def size_exchanged(rig, samples):
+    rig["sensors"]["camera"]["image_size"].reverse()
+
+
 def upside_down(only, numbered=True):
     """Pictures that are turned by 180 degrees; a detector that knows no corner begins at the one that is upper left then."""
     def plant(rig, samples):
@@ -704,6 +721,10 @@ PLANTS = [
     Plant("numbering_some_fixed", "fixed", "3 of 20 views numbered from the other corner", "numbering", other_corner(only=SOME), samples=SOME_IDS),
     Plant("numbering_4_fixed", "fixed", "4 of 20 views numbered from the other corner", "numbering", other_corner(only=(1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"]),
     # Nine of twenty are too many: without a clear majority there is no fit that tells which are turned (docs/doctor.md).
+    Plant("ids_from_one", "eye", "ids count from 1, the last point not seen", "numbering", ids_from_one, ["board"], cure="count from 0"),
+    Plant("ids_from_one_fixed", "fixed", "ids count from 1, the last point not seen", "numbering", ids_from_one, ["board"], cure="count from 0"),
+    Plant("first_row_hidden", "eye", "the first row hidden, and no ids", "numbering", first_row_hidden, ["board"], cure="write the ids", chi2=False),
+    Plant("size_exchanged", "eye", "width and height of the image exchanged", "outside-image", size_exchanged, ["camera"], cure="width and height are exchanged", chi2=False),
     Plant("turned_pictures", "eye", "4 of 20 pictures upside down, corners numbered as they stand", "turned-picture", upside_down((1, 2, 11, 18)), samples=["s01", "s02", "s11", "s18"], cure="Turn them back"),
     Plant("turned_pictures_marked", "eye_noisy", "3 of 20 pictures upside down, corners known by markers", "turned-picture", upside_down(SOME, numbered=False), samples=SOME_IDS, cure="Turn them back"),
     Plant("numbering_many", "eye_noisy", "7 of 20 views numbered from the other corner", "numbering", other_corner(only=range(0, 14, 2)), samples=["s%02d" % i for i in range(0, 14, 2)]),

@@ -411,6 +411,8 @@ TEST_CASE("every mistake in a rig is refused with file, line, field and what is 
        "rig.yaml:@: sensors.arm.pose.quat: a unit quaternion"},
       {"quat: [0, 0, 0.6, 0.8]", "quat: [0, 0, 0.6, 0.8], rpy: [0, 0, 0]",
        "rig.yaml:@: sensors.arm.pose: either rpy or quat"},
+      {"rpy: [-1.5, 0, 0.25]", "rpy: [-1.5, 0, 90]",
+       "rpy: 90 rad is more than a turn: radians are expected"},
       {"pose: {xyz: [0, 0, 1]", "pose: {xyz: [0, 0, a]",
        "rig.yaml:@: sensors.wide_left.pose.xyz[2]: a finite number is expected, not 'a'"},
       // steps

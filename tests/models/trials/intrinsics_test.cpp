@@ -410,35 +410,6 @@ TEST_CASE("intrinsics: derivatives by a warp are those of differences", "[intrin
   }
 }
 
-TEST_CASE("intrinsics: cameras tell each other's lenses", "[intrinsics]") {
-  // A tangential distortion that one camera by itself hardly sees pulls where the other stands.
-  const Rig truth = cameras_on_hand({at({0.1, 0, 0}), at({0.22, 0.001, 0}, {0.005, -0.02, 0.01})},
-                                    Lens::brown_conrady, {-0.25, 0.09, 0.0006, -0.0004, 0});
-  long beyond = 0, all = 0;
-  double worst = 0;
-  for (int trial = 0; trial < 15; ++trial) {
-    const IntrinsicsResult result = calibrated(
-        guessed(truth), views(truth, board_poses(20, 0.7, 60 + trial), 20 + trial), "auto");
-    REQUIRE(result.status == Status::converged);
-    const IntrinsicsGroup& group = result.groups[0];
-    for (size_t i = 0; i < group.solution.columns.size(); ++i) {
-      const Component& c = group.solution.columns[i];
-      const Parameter& p = group.solution.table().all[c.parameter];
-      if (p.kind != ParameterKind::sensor_pose) continue;
-      const auto k = static_cast<Eigen::Index>(i);
-      const double off =
-          std::abs(errors(group, truth)(k)) / std::sqrt(group.solution.covariance(k, k));
-      worst = std::max(worst, off);
-      beyond += off > 3;
-      ++all;
-    }
-  }
-  INFO(beyond << " of " << all << ", worst " << worst);
-  CHECK(all == 90);
-  CHECK(beyond <= 2);
-  CHECK(worst < 4.5);
-}
-
 TEST_CASE("intrinsics: views of another lens, and turned pictures, are named", "[intrinsics]") {
   // What is too small to be seen is not named, and pulls the lens: a principal point 5 px off the
   // middle turned in two of five views by up to 8 sigmas in the one of 20 that is missed, and a
