@@ -14,6 +14,7 @@
 #include "../rig/words.h"
 #include "camera_groups.h"
 #include "estimate_noise.h"
+#include "far_corners.h"
 #include "two_lenses.h"
 
 namespace kincal {
@@ -367,15 +368,11 @@ std::vector<IntrinsicsNote> views_apart(const Rig& rig, const std::vector<Sample
 }
 
 /// Calibrates cameras together and adds them to the result; false: cancelled.
-bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
+bool calibrate_group(const Rig& rig, const std::vector<Sample>& given,
                      const std::vector<int>& cameras, const IntrinsicsOptions& options,
                      IntrinsicsResult& result) {
-  Group group{cameras,
-              std::vector<CameraIntrinsics>(cameras.size()),
-              {},
-              {},
-              seen_by(rig, samples, cameras),
-              {}};
+  Group group{cameras, std::vector<CameraIntrinsics>(cameras.size()), {}, {}, {}, {}};
+  std::vector<Sample> samples = given;  // without what does not belong to the others
   std::vector<char> mistaken(cameras.size());
   const auto say = [&](const std::vector<IntrinsicsNote>& notes) {
     result.notes.insert(result.notes.end(), notes.begin(), notes.end());
@@ -392,7 +389,12 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
     mistaken[s] = !wrong.empty();
     say(wrong);
     say(copied_views(one, seen, 0));
+    if (mistaken[s]) continue;
+    const auto far = take_out_far(rig, cameras[s], options, samples);
+    if (!far) return false;
+    say(*far);
   }
+  group.samples = seen_by(rig, samples, cameras);
   bool any = std::count(mistaken.begin(), mistaken.end(), 1) > 0;
   std::vector<IntrinsicsNote> of_lenses;
   if (!find_lenses(rig, samples, false, options, group, of_lenses)) return false;
@@ -433,6 +435,31 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& samples,
   return true;
 }
 
+/// Says of a camera that it was found on the other side of the reference than the rig has it.
+void note_exchanged(const Rig& rig, const IntrinsicsResult& result, const CameraIntrinsics& camera,
+                    std::vector<IntrinsicsNote>& notes) {
+  constexpr double kAlike = 0.4, kLeast = 0.01;  // of the distance; m
+  const IntrinsicsGroup& group = result.groups[camera.group];
+  const Sensor &reference = rig.sensors[group.cameras[0]], &own = rig.sensors[camera.camera];
+  if (camera.sensor == 0 || !reference.pose_given || !own.pose_given) return;
+  const ParameterTable table(rig);
+  const std::vector<double> readings(rig.tree.joints.size(), 0.0);
+  const Configuration at(rig, table, table.initial, readings);
+  const Vector3d given =
+                     (inverse(at.base_T_sensor(group.cameras[0])) * at.base_T_sensor(camera.camera))
+                         .translation,
+                 found =
+                     at_solution(group.solution).sensors[camera.sensor].link_T_sensor.translation;
+  if (given.norm() < kLeast || (given + found).norm() > kAlike * given.norm()) return;
+  notes.push_back(
+      {"exchanged_cameras",
+       quoted(own.name) + " was found on the other side of " + quoted(reference.name) +
+           text(" than the rig has it, %.3g m away: the names of the two are exchanged in the "
+                "samples, or all pictures stand on their heads, or the rig has them the wrong way "
+                "round. See which is which, and calibrate again",
+                found.norm())});
+}
+
 }  // namespace
 
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
@@ -457,6 +484,7 @@ std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
     if (out.notes.empty()) throw;
     throw std::runtime_error(out.notes[0].text + " (" + error.what() + ")");
   }
+  for (const CameraIntrinsics& camera : out.cameras) note_exchanged(rig, out, camera, out.notes);
   std::stable_sort(
       out.cameras.begin(), out.cameras.end(),
       [](const CameraIntrinsics& a, const CameraIntrinsics& b) { return a.camera < b.camera; });

@@ -272,13 +272,13 @@ void add_far(const std::string& sample, const std::vector<int>& ids,
                           text(", %.3g px)", most));
 }
 
-FarCorners far_corners(const FittedLens& fit) {
-  const Residuals found = residuals(linearise(fit.solution));
+FarCorners far_corners(const Solution& solution, int sensor) {
+  const Residuals found = residuals(linearise(solution));
   std::vector<double> all;
   std::vector<std::vector<double>> by_view(found.after.size());
   for (size_t i = 0; i < found.after.size(); ++i) {
     const ViewResiduals& v = found.after[i];
-    if (v.view->sensor != fit.sensor || !v.raw.allFinite()) continue;
+    if (v.view->sensor != sensor || !v.raw.allFinite()) continue;
     for (Eigen::Index k = 0; k + 1 < v.raw.size(); k += 2)
       by_view[i].push_back(v.raw.segment<2>(k).norm());
     all.insert(all.end(), by_view[i].begin(), by_view[i].end());
@@ -290,15 +290,14 @@ FarCorners far_corners(const FittedLens& fit) {
   for (size_t i = 0; i < by_view.size(); ++i) {
     const ViewResiduals& v = found.after[i];
     if (std::any_of(by_view[i].begin(), by_view[i].end(), [&](double r) { return r > bound; }))
-      add_far(fit.solution.samples()[v.sample].id,
-              view_ids(*v.view, fit.solution.rig().targets[v.view->target]), by_view[i], usual,
-              out);
+      add_far(solution.samples()[v.sample].id,
+              view_ids(*v.view, solution.rig().targets[v.view->target]), by_view[i], usual, out);
   }
   return out;
 }
 
 void note_far_corners(const FittedLens& fit, std::vector<IntrinsicsNote>& out) {
-  const FarCorners far = far_corners(fit);
+  const FarCorners far = far_corners(fit.solution, fit.sensor);
   const std::string name = "'" + fit.solution.rig().sensors[fit.sensor].name + "': ";
   if (!far.views.empty())
     out.push_back(
@@ -500,6 +499,11 @@ double looseness(const ParameterEstimate& intrinsics, double noise, double count
     worst = std::max(worst, share * sigma / std::abs(intrinsics.value[0]));
   }
   return worst;
+}
+
+bool has_far_corners(const Solution& solution, int sensor) {
+  const FarCorners far = far_corners(solution, sensor);
+  return !far.corners.empty() || !far.views.empty();
 }
 
 bool is_undetermined(const FittedLens& fit) {

@@ -73,6 +73,9 @@ constexpr double kNotKnown = 0.05;
 /// one is not determined.
 double looseness(const ParameterEstimate& intrinsics, double noise, double counted);
 
+/// Whether corners of a camera stick out of a solution's residuals, or whole views.
+bool has_far_corners(const Solution& solution, int sensor);
+
 /// Whether the views do not determine the lens: see above.
 bool is_undetermined(const FittedLens& fit);
 

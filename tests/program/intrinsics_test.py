@@ -190,6 +190,14 @@ class Together(Case):
             worst = max(worst, max(abs(e) / s for e, s in zip(errors, cameras["right"]["stereo"]["sigma"])))
         self.assertLess(worst, 3.5)
 
+    def test_exchanged_cameras(self):
+        right = "  right: {type: camera, link: head, pose: {xyz: [0.1, 0.2, 0.3]}"
+        self.assertIn(right, RIG)
+        for side, said in ((BASELINE, False), (-BASELINE, True)):
+            self.write("rig.yaml", RIG.replace(right, right.replace("0.1,", "%g," % (0.1 + side))))
+            _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens", "--quiet", "--force")
+            self.assertEqual("'right' was found on the other side of 'left'" in errors.replace("\n", " "), said)
+
 
 class Bent(Case):
     def test_bent_board(self):
@@ -320,8 +328,14 @@ class Mistakes(Case):
             if i == 3:
                 view["pixels"][10][0] += 25
         result, errors = self.lens(changed(self.views, far), 0)
-        self.assertIn("corners far off the others: sample 's3' (id %d, " % json.loads(self.views.splitlines()[3])["views"][0]["ids"][10], errors)
+        self.assertIn("corners far off the others: sample 's3' (id %d); they took no part" % json.loads(self.views.splitlines()[3])["views"][0]["ids"][10], errors)
         self.assertEqual([w["id"] for w in result["warnings"]], ["outlier_point"])
+        # It takes no part: with it the lens was chosen as pinhole, and what that leaves called other corners far off.
+        camera = result["cameras"]["left"]
+        self.assertEqual(camera["lens"], "brown_conrady_2")
+        for component, true in zip(("fx", "fy", "cx", "cy"), NUMBERS["left"]):
+            one = camera["intrinsics"][component]
+            self.assertLess(abs(one["value"] - true), 4 * one["sigma"], component)
 
     def test_one_corner_so_far_that_its_view_is_none(self):
         def far(i, view):
