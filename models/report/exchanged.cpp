@@ -145,4 +145,10 @@ std::vector<Finding> not_as_given(const Solution& solution, const Residuals& res
   return out;
 }
 
+bool is_a_sensor_turned(const Solution& solution) {
+  return std::any_of(
+      solution.replaced_starts.begin(), solution.replaced_starts.end(),
+      [](const ReplacedStart& s) { return s.name.rfind("sensor/", 0) == 0 && s.turned > 1; });
+}
+
 }  // namespace kincal

@@ -24,4 +24,8 @@ std::vector<Finding> pairs_apart(const Solution& solution);
 /// kind of the two above and bent_boards() of which there is something.
 std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals);
 
+/// Whether a sensor whose pose the rig gives was found turned by more than a radian from it, and
+/// started elsewhere: a rough pose, or a mistake that its pose took up.
+bool is_a_sensor_turned(const Solution& solution);
+
 }  // namespace kincal

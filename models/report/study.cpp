@@ -111,10 +111,11 @@ std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
 
 constexpr double kUnusualGears = 100;  // log evidence for gears of another ratio
 
-/// Whether a group came out so much worse than usual that it may take a mistake up, or a number so
-/// far from the rig's that somebody was mistaken: residuals are good then.
+/// Whether a group came out so much worse than usual that it may take a mistake up, or a number or
+/// a sensor's turn so far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
   return !mistaken_numbers(report).empty() || report.gears_gain > kUnusualGears ||
+         is_a_sensor_turned(report.solution) ||
          std::any_of(report.automatic.begin(), report.automatic.end(),
                      [](const AutomaticGroup& g) { return !g.held && g.factor > kUnusualWidth; });
 }

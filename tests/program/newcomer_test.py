@@ -627,6 +627,26 @@ class Words(Case):
         self.assertRegex(line[0], r"sensor/tracker/pose\.z, by [23]\d\.\d+ mm .* and wednesday\.")
 
 
+class Pr2(Case):
+    def test_bearings_with_the_wrong_sign(self):
+        """The laser's pose, given but free, takes them up: upside down it sees the same. chi2 is good, and the mistake is named none the less."""
+        example = os.path.join(SOURCE_DIR, "examples", "pr2")
+        with open(os.path.join(example, "rig.yaml")) as f:
+            rig = f.read().replace("robot: robot.urdf", "robot: " + os.path.join(example, "robot.urdf"))
+        rig = rig[:rig.index("\nestimate:") + 1]
+        laser = "    link: laser_tilt_link\n"
+        self.assertEqual(rig.count(laser), 1)
+        with open(os.path.join(example, "samples.jsonl")) as f:
+            samples = [json.loads(line) for line in f]
+        for sign, use in ((1, "good"), (-1, "doubts")):
+            for view in (v for sample in samples for v in sample["views"] if v["sensor"] == "tilt_laser"):
+                view["rays"] = [[tilt, sign * bearing, distance] for tilt, bearing, distance in view["rays"]]
+            self.write("rig.yaml", rig.replace(laser, laser + "    pose: {xyz: [0, 0, -0.006], rpy: [0.019, -0.012, -0.015]}\n"))
+            result, text = self.calibrate(samples, "--no-report")
+            self.assertEqual(result["verdict"]["use"], use, text)
+            self.assertEqual("mirrored: The rays of sensor 'tilt_laser'" in result["verdict"]["text"], sign < 0, text)
+
+
 SCARA = """format: kincal/1
 robot: scara.urdf
 base: base
