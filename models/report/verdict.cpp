@@ -328,6 +328,8 @@ std::vector<std::string> next_for_loose(const Report& report) {
   return {"record more varied postures, or give " + loose.pose->name + " a prior"};
 }
 
+constexpr double kNoNoise = 1e4;  // chi2/dof: no noise is misstated by a hundred times
+
 }  // namespace
 
 bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
@@ -358,6 +360,15 @@ std::string why_unexplained(const Report& report) {
     return begin + "A mistake is likelier than noise stated too small: " + finding->id + ": " +
            finding->text + " Undo it and calibrate again";
   const std::string unlike = uneven(report);
+  if (unlike.empty() && misfit > kNoNoise)
+    return begin +
+           text(
+               "Errors are %.0f times the noise that the rig states, evenly over samples and "
+               "sensors, and none of the usual mistakes is why: a sigma in another unit (seen: ",
+               std::sqrt(misfit)) +
+           sigmas_seen(report, misfit) +
+           "), or a mistake in what fits worst, whatever is wrong in all samples alike: its axes, "
+           "its units, which frame in which, the order of its numbers";
   if (unlike.empty())
     return begin +
            "Noise stated too small is likelier than a mistake, for the residuals are spread evenly "

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kMostOut = 0.1;  // of a camera's corners
 constexpr double kMuch = 9;       // times the usual mean square
-constexpr size_t kNamed = 5;
+constexpr size_t kNamedSamples = 5;
 
 /// The fit of the lens that suits a camera best, of those with all usual distortion; nothing
 /// usable: none is determined.
@@ -90,7 +90,7 @@ std::vector<IntrinsicsNote> notes_of(const std::string& camera,
       views.push_back(quoted(r.sample));
     else
       corners.push_back(quoted(r.sample) + (ids.size() > 1 ? " (ids " : " (id ") +
-                        listed(ids, kNamed) + ")");
+                        listed(ids, kNamedSamples) + ")");
   }
   std::vector<IntrinsicsNote> out;
   if (!views.empty())
@@ -98,12 +98,12 @@ std::vector<IntrinsicsNote> notes_of(const std::string& camera,
         {"outlier_view",
          "'" + camera + "': " + std::to_string(views.size()) +
              (views.size() == 1 ? " view does not belong to" : " views do not belong to") +
-             " the others: sample " + listed(views, kNamed) + ", and took no part" +
+             " the others: sample " + listed(views, kNamedSamples) + ", and took no part" +
              ". Look at these pictures (blurred, another board, corners in another "
              "order), and take the views out of the samples"});
   if (!corners.empty())
     out.push_back({"outlier_point", "'" + camera + "': corners far off the others: sample " +
-                                        listed(corners, kNamed) + "; they took no part" +
+                                        listed(corners, kNamedSamples) + "; they took no part" +
                                         ". Take these corners out of the samples"});
   return out;
 }

@@ -626,6 +626,17 @@ class Words(Case):
         self.assertEqual(len(line), 1, text)
         self.assertRegex(line[0], r"sensor/tracker/pose\.z, by [23]\d\.\d+ mm .* and wednesday\.")
 
+    def test_errors_of_a_thousand_sigmas_are_no_noise(self):
+        """Points that have nothing to do with the robot: no sigma is to be stated for them."""
+        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=20)
+        rng = random.Random(5)
+        for view in (v for sample in samples for v in sample["views"]):
+            view["points"] = [[rng.uniform(-1, 1) for _ in range(3)] for _ in view["points"]]
+        self.write("steps.yaml", TRACKER.replace("{link: l6}", "{link: l6, pose: {xyz: [0.1, 0, 0]}}") + "estimate:\n  - {step: mounts, free: [sensor/tracker/pose, \"target/r*/pose.[xyz]\"]}\n")
+        result, text = self.calibrate(samples, "--no-report", code=5, rig="steps.yaml")
+        self.assertRegex(result["verdict"]["text"], r"Errors are \d+ times the noise that the rig states, evenly")
+        self.assertNotIn("noise stated too small is likelier", result["verdict"]["text"].lower())
+
 
 class Pr2(Case):
     def test_bearings_with_the_wrong_sign(self):
