@@ -358,7 +358,8 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
                      std::abs(std::log(factor))});
   };
   for (const ParameterEstimate& e : solution.parameters) {
-    if (e.value.empty()) continue;  // a later step could not start
+    // (A later step could not start; or a number of no table, as a host program may make it.)
+    if (e.value.empty() || e.parameter < 0) continue;
     const ParameterKind kind = solution.table().all[e.parameter].kind;
     const auto length = [](const std::vector<double>& v) {
       double sum = 0;
