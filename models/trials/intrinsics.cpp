@@ -248,7 +248,6 @@ bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
 struct GroupTrial {
   size_t camera = 0;
   const LensModel* model = nullptr;
-  Rig rig;
   Solution solution;
   double gain = 0;  // what chi2 falls by, in what is left, beyond two for each number more
 };
@@ -262,14 +261,15 @@ std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solutio
     for (const LensTrial& t : group.found[s].trials) {
       const int more = t.model->numbers() - group.lenses[s]->numbers();
       if (!t.unusable.empty() || t.model == group.lenses[s] || more < 0) continue;
-      GroupTrial trial{s, t.model, at_solution(now), {}, 0};
+      GroupTrial trial{s, t.model, {}, 0};
+      Rig rig = at_solution(now);
       const Sensor start = best_start(group.alone[s], *t.model);
-      trial.rig.sensors[s].model = start.model;
-      trial.rig.sensors[s].parameters = start.parameters;
+      rig.sensors[s].model = start.model;
+      rig.sensors[s].parameters = start.parameters;
       std::vector<const LensModel*> lenses = group.lenses;
       lenses[s] = t.model;
-      set_steps(lenses, trial.rig);
-      trial.solution = calibrate(make_recording(trial.rig, group.samples), options);
+      set_steps(lenses, rig);
+      trial.solution = calibrate(make_recording(std::move(rig), group.samples), options);
       if (trial.solution.status == Status::cancelled) return std::nullopt;
       if (trial.solution.status != Status::converged) continue;
       trial.gain =
