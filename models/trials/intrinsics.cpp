@@ -178,7 +178,7 @@ std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& 
   held = out && !out->solution.usable();
   if (!held) return out;
   for (const Sensor& camera : rig.sensors) {
-    const double wide = block_values(camera, ParameterKind::intrinsics)[0];
+    const double wide = find_block(camera, ParameterKind::intrinsics)->values[0];
     rig.steps[0].priors.push_back(
         {"sensor/" + camera.name + "/intrinsics", wide, wide, false, "intrinsics"});
   }
