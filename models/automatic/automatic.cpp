@@ -12,6 +12,7 @@
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "lone_lengths.h"
 #include "unchecked_scales.h"
 #include "widths.h"
 
@@ -242,10 +243,7 @@ FitWidths width_problem(const Recording& recording, const Fit& fit, const Automa
                    VectorXd::Zero(n),
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
-                   static_cast<int>(groups.groups.size()),
-                   {}};
-  for (const WidthGroup& group : groups.groups)
-    out.odds.push_back(group.of_lens ? kNominalLens : kNominal);
+                   static_cast<int>(groups.groups.size())};
   const std::vector<int> exact = exact_joints(recording, columns);
   ReadingScore score;
   MatrixXd rows;
@@ -498,29 +496,6 @@ VectorXd start_factors(const AutomaticGroups& groups) {
   return VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
 }
 
-/// Why nothing can be estimated. `no_evidence`: no mount is free, and all else was held for want of
-/// evidence that it is off.
-std::string nothing_free(const Recording& recording, const AutomaticOptions& options,
-                         bool no_evidence) {
-  std::string out = "nothing can be estimated";
-  if (!no_evidence && (!options.fix.empty() || !options.groups.without.empty()))
-    return out + ": all that could be wrong is held on demand";
-  std::map<int, std::set<int>> sensors;  // that see a free target
-  for (const Sample& s : recording.samples)
-    for (const View& v : s.views)
-      if (s.train && recording.rig.targets[v.target].link < 0) sensors[v.target].insert(v.sensor);
-  for (const auto& seen : sensors)
-    if (seen.second.size() == 1)
-      out += "; target " + quoted(recording.rig.targets[seen.first].name) +
-             " is free and seen by sensor " +
-             quoted(recording.rig.sensors[*seen.second.begin()].name) +
-             " alone: its own pose in every sample explains all that this sees. Mount it "
-             "(`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it";
-  return out + (no_evidence ? "; no mount is free, and there is no evidence that anything else is "
-                              "off its nominal value"
-                            : "; no measurement depends on a mount, joint, lens or size");
-}
-
 /// The options of a calibration with such steps: what `fix` names is in none of them.
 CalibrationOptions plain(const AutomaticOptions& options) {
   CalibrationOptions out = options;
@@ -579,7 +554,8 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   AutomaticCalibration out;
   AutomaticGroups groups = groups_of(recording, options);
   if (steps_of(recording, groups, start_factors(groups), {}).empty())
-    throw std::invalid_argument(nothing_free(recording, options, false));
+    throw std::invalid_argument(
+        nothing_free(recording, !options.fix.empty() || !options.groups.without.empty(), false));
   const VectorXd ones = start_factors(groups);
   const CalibrationOptions run = plain(options);
   Solution& solution = out.solution;
@@ -616,7 +592,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     if (holding.held[i]) held.push_back(learned.columns[i]);
   const std::shared_ptr<const Recording> final =
       with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
-  if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, options, true));
+  if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, false, true));
   VectorXd start = learned.values.shared;
   put_back(recording.table, solution.initial, learned.columns, holding.held, start);
   const Solution mounts = std::move(solution);
@@ -636,6 +612,13 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
   solution.prediction = prediction_of(groups, learned, holding);
+  if (const std::optional<LoneAlternative> lone =
+          lone_length(recording, learned.problem, learned.columns, learned.widths)) {
+    const Eigen::Index n = lone->moved.size();
+    solution.prediction->covariance.topLeftCorner(n, n) +=
+        lone->probability * lone->moved * lone->moved.transpose();
+    out.lone = lone->length;
+  }
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, holding, solution);

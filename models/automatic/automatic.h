@@ -13,6 +13,7 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -54,6 +55,7 @@ struct AutomaticCalibration {
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
   std::vector<DoubtedPrior> doubted;   // priors
   std::vector<UncheckedScale> unchecked;
+  std::optional<LoneLength> lone;
   // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
   // not asked for (their gain; NaN: there are none, or they were).
   double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();

@@ -9,6 +9,7 @@
 #include "../estimation/estimation.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
+#include "../rig/words.h"
 
 namespace kincal {
 bool is_pair(const Rig& rig, int a, int b) {
@@ -144,8 +145,6 @@ void GroupMaker::add(const std::string& group, int parameter, int component, dou
                             [&](const WidthGroup& g) { return g.name == group; });
   if (found == out_.groups.end()) found = out_.groups.insert(found, {group, {}, {}});
   (used_[parameter] ? found->members : found->unseen).push_back({{parameter, component}, start});
-  const ParameterKind kind = table_.all[parameter].kind;
-  found->of_lens = kind == ParameterKind::intrinsics || kind == ParameterKind::distortion;
 }
 
 void GroupMaker::make_joints() {
@@ -359,6 +358,25 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   out.groups = std::move(kept);
   place_stated(recording, out);
   return out;
+}
+
+std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence) {
+  std::string out = "nothing can be estimated";
+  if (!no_evidence && on_demand) return out + ": all that could be wrong is held on demand";
+  std::map<int, std::set<int>> sensors;  // that see a free target
+  for (const Sample& s : recording.samples)
+    for (const View& v : s.views)
+      if (s.train && recording.rig.targets[v.target].link < 0) sensors[v.target].insert(v.sensor);
+  for (const auto& seen : sensors)
+    if (seen.second.size() == 1)
+      out += "; target " + quoted(recording.rig.targets[seen.first].name) +
+             " is free and seen by sensor " +
+             quoted(recording.rig.sensors[*seen.second.begin()].name) +
+             " alone: its own pose in every sample explains all that this sees. Mount it "
+             "(`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it";
+  return out + (no_evidence ? "; no mount is free, and there is no evidence that anything else is "
+                              "off its nominal value"
+                            : "; no measurement depends on a mount, joint, lens or size");
 }
 
 }  // namespace kincal

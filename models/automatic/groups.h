@@ -49,7 +49,6 @@ struct WidthGroup {
   std::string name;
   std::vector<Member> members;  // some measurement depends on each
   std::vector<Member> unseen;   // none does
-  bool of_lens = false;         // numbers that no two lenses share: hardly ever as drawn
 };
 
 struct AutomaticGroups {
@@ -69,6 +68,16 @@ struct UncheckedScale {
   double moved = 0, sigmas = 0;
 };
 
+/// A LoneLength is a length of the arm that may be wrong alone, in place of sizes of boards
+/// (squares) or baselines that came out as others: off by kLoneLength m at least, and by kLoneTimes
+/// as much as the lengths of other joints (lone_lengths.h).
+struct LoneLength {
+  std::string length;              // joint/NAME/origin.x
+  std::vector<std::string> sizes;  // target/NAME/square, sensor/NAME/baseline
+  double gain = 0;                 // log evidence for that rather than for the sizes
+};
+constexpr double kLoneLength = 0.0025, kLoneTimes = 2.5;
+
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
 struct GroupChoice {
   std::vector<std::string> with, without;
@@ -82,5 +91,9 @@ bool is_pair(const Rig& rig, int a, int b);
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
+
+/// Returns why nothing of a recording can be estimated. `on_demand`: the user held much;
+/// `no_evidence`: no mount is free, and all else was held for want of evidence that it is off.
+std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence);
 
 }  // namespace kincal

@@ -24,9 +24,11 @@ std::vector<std::vector<int>> scales_of(const Recording& recording, const FitWid
 }
 
 /// Mounts and lenses.
-bool always_estimated(const WidthProblem& problem, Eigen::Index i) {
-  const int group = problem.group[i];
-  return problem.start(i) == 0 || (group >= 0 && problem.odds[group] == kNominalLens);
+bool always_estimated(const Recording& recording, const FitWidths& widths, Eigen::Index i) {
+  const ParameterKind kind = recording.table.all[widths.columns[i].parameter].kind;
+  return widths.problem.start(i) == 0 ||
+         (widths.problem.group[i] >= 0 &&
+          (kind == ParameterKind::intrinsics || kind == ParameterKind::distortion));
 }
 
 }  // namespace
@@ -61,7 +63,8 @@ std::vector<UncheckedScale> unchecked_scales(const Recording& recording, const F
     Eigen::Index worst = -1;
     double most = kMatters;
     for (Eigen::Index i = 0; i < n; ++i)
-      if (always_estimated(problem, i) && sigma(i) > 0 && std::abs(moved(i)) > most * sigma(i)) {
+      if (always_estimated(recording, widths, i) && sigma(i) > 0 &&
+          std::abs(moved(i)) > most * sigma(i)) {
         most = std::abs(moved(i)) / sigma(i);
         worst = i;
       }

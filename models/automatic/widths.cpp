@@ -256,8 +256,7 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
   for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, k));
   const auto probability = [&](int k) {  // that a group held whole is off all the same
     const bool told = widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
-    const double odds = p.odds.empty() ? kNominal : p.odds[k];
-    return told ? 1 / (1 + odds * std::exp(-out.gain(k))) : 1.0;
+    return told ? 1 / (1 + kNominal * std::exp(-out.gain(k))) : 1.0;
   };
   for (;;) {
     int least = -1;

@@ -70,6 +70,7 @@ struct Report {
   double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
   std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
   std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
+  std::optional<LoneLength> lone;         // length of such a rig that may be wrong alone
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)

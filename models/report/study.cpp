@@ -16,6 +16,7 @@
 #include "input_warnings.h"
 #include "verdict.h"
 #include "warnings.h"
+#include "wrong_length.h"
 
 namespace kincal {
 namespace {
@@ -30,6 +31,7 @@ constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without 
 constexpr int kNoiseRounds = 4;
 // Boards that were measured and lenses that were calibrated are nearer than this share.
 constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05, kMeasuredBaseline = 0.03;
+constexpr double kLooksResized = 0.5;  // share of these from which a length is looked for
 
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
@@ -194,76 +196,8 @@ void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, R
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
-/// The one length of the arm that is far off while those of other joints are near, in a calibration
-/// that holds what the first one changed; null: there is none.
-const AutomaticNumber* lone_length(const AutomaticCalibration& found) {
-  constexpr double kLone = 4, kLeast = 0.003;  // times the next joint's; m
-  const auto joint = [](const AutomaticNumber& n) { return n.name.substr(0, n.name.rfind('/')); };
-  std::vector<const AutomaticNumber*> lengths;
-  for (const AutomaticGroup& g : found.groups)
-    for (const AutomaticNumber& n : g.numbers)
-      if (!g.held && n.unit == "m" && n.name.find("/origin.") != std::string::npos)
-        lengths.push_back(&n);
-  std::sort(lengths.begin(), lengths.end(), [](const AutomaticNumber* a, const AutomaticNumber* b) {
-    return std::abs(a->value) > std::abs(b->value);
-  });
-  if (lengths.empty() || std::abs(lengths[0]->value) < kLeast) return nullptr;
-  for (const AutomaticNumber* n : lengths)
-    if (joint(*n) != joint(*lengths[0]) && kLone * std::abs(n->value) > std::abs(lengths[0]->value))
-      return nullptr;
-  return lengths[0];
-}
-
-/// A size that came out as another and the lengths of an arm have one scale: a length of the URDF
-/// that is wrong looks like a board that is. With the size held, that one length sticks out.
-void look_for_a_wrong_length(const Rig& given, const StudyOptions& options, Report& report) {
-  constexpr double kLooksResized = 0.5, kAsWell = 1.2;
-  const Solution& solution = report.solution;
-  const std::set<std::string> sizes = mistaken_numbers(report, kLooksResized);
-  const bool lengths = std::any_of(
-      report.automatic.begin(), report.automatic.end(),
-      [](const AutomaticGroup& g) { return !g.held && g.name.rfind("lengths", 0) == 0; });
-  if (sizes.empty() || !lengths || !given.nominal.empty()) return;
-  AutomaticOptions held = automatic_options(options);
-  held.fix.insert(held.fix.end(), sizes.begin(), sizes.end());
-  Rig rig = given;  // with the noise of the result
-  for (size_t i = 0; i < rig.sensors.size(); ++i)
-    rig.sensors[i].sigma = solution.rig().sensors[i].sigma;
-  for (size_t j = 0; j < rig.joints.size(); ++j)
-    rig.joints[j].sigma = solution.rig().joints[j].sigma;
-  const AutomaticCalibration found =
-      calibrate_automatically(Recording(std::move(rig), solution.samples()), held);
-  if (found.solution.status == Status::cancelled) throw StudyCancelled();
-  const double first = solution.chi2_per_dof(), second = found.solution.chi2_per_dof();
-  const AutomaticNumber* length = lone_length(found);
-  if (found.solution.status != Status::converged || !(second < kAsWell * first) || !length) return;
-  const std::string joint = length->name.substr(6, length->name.find("/origin.") - 6);
-  if (!report.diagnosis) report.diagnosis.emplace();
-  std::vector<Finding>& findings = report.diagnosis->findings;
-  Finding both{"link-length", "", {joint}, {}, found.solution.chi2_data};
-  for (const std::string& size : sizes) both.where.push_back(size.substr(size.find('/') + 1));
-  for (auto f = findings.begin(); f != findings.end();)
-    if (f->id == "square" || f->id == "baseline" || f->id == "intrinsics") {
-      both.chi2_as_is = f->chi2_as_is;
-      f = findings.erase(f);
-    } else {
-      ++f;
-    }
-  both.text =
-      "Either " + length->name + text(" is off by %.1f mm in the URDF", 1e3 * length->value) +
-      ", alone among the lengths of the arm, or " + listed({sizes.begin(), sizes.end()}) +
-      text(
-          " is wrong in the rig: both explain the data alike (chi2/dof %.3g and %.3g), for "
-          "board and arm have one scale. ",
-          second, first) +
-      "Measure the board over several squares with a ruler, and how far joint " + quoted(joint) +
-      " is from the joint before it; correct the one that is wrong, in the " +
-      "URDF or in the rig. Where the board is right, hold " + *sizes.begin() + ".";
-  findings.insert(findings.begin(), std::move(both));
-}
-
 /// The rig with joints that are stated exact taken for noisy.
-Rig with_noisy_joints(const Recording& recording) {
+Rig with_noisy_joints(const Recording& recording, double sigma = kStatedExact) {
   Rig out = recording.rig;
   std::vector<char> scans(out.joints.size(), 0);
   for (const Sensor& sensor : out.sensors)
@@ -271,7 +205,7 @@ Rig with_noisy_joints(const Recording& recording) {
   for (size_t j = 0; j < out.joints.size(); ++j)
     if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0 &&
         out.tree.joints[j].axis_of_pose != PoseAxis::reading)
-      out.joints[j].sigma = kStatedExact;
+      out.joints[j].sigma = sigma;
   return out;
 }
 
@@ -329,6 +263,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.gears_gain = found.gears_gain;
   report.doubted = std::move(found.doubted);
   report.unchecked = std::move(found.unchecked);
+  report.lone = std::move(found.lone);
   report.mounts = std::move(found.mounts);
 }
 
@@ -353,7 +288,7 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
 /// what all corners of a view share).
 /// `unknown_only`: of poses without a stated noise alone, all else stays.
 void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                       NoiseRounds rounds, bool unknown_only, Report& report) {
+                       const Rig& given, NoiseRounds rounds, bool unknown_only, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
   Rig noisy = unknown_only ? first->rig : with_noisy_joints(*first);
   std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
@@ -364,8 +299,8 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
     if (!estimate->solution.usable()) return;
     rounds.count += estimate->rounds;
     for (NoiseLevel& level : estimate->levels)
-      level.unstated = level.joint >= 0 &&
-                       (is_unknown(noisy, level) || first->rig.joints[level.joint].sigma == 0);
+      level.unstated =
+          level.joint >= 0 && (is_unknown(noisy, level) || given.joints[level.joint].sigma == 0);
     if (round == 0 && lower_unknown(estimate->levels, noisy)) {
       recording = make_recording(noisy, first->samples);
       continue;
@@ -397,7 +332,7 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
 /// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                double reading_errors, Report& report) {
+                const Rig& given, double reading_errors, Report& report) {
   const double ratio = report.solution.chi2_per_dof(),
                by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
   const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
@@ -425,7 +360,33 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
     find_smaller_noise(options, rounds, report);
   else
-    find_larger_noise(options, calibration, rounds, as_stated, report);
+    find_larger_noise(options, calibration, given, rounds, as_stated, report);
+}
+
+/// How many times wider than usual the lengths of an arm came out: the worst group of them.
+double widest_lengths(const AutomaticCalibration& found) {
+  double out = 0;
+  for (const AutomaticGroup& g : found.groups)
+    if (g.name.rfind("lengths", 0) == 0) out = std::max(out, g.factor);
+  return out;
+}
+
+/// The automatic path. Readings that are stated exact and are not may bend an arm, or shrink arm
+/// and boards together, for errors in metres, of a grip, are the smaller for it. Where lengths come
+/// out unusually wide and less than half so with noisy readings, these are taken: `reading_errors`
+/// is infinite then, and their levels are to be found.
+AutomaticCalibration calibrate_unbent(const Recording& recording, const StudyOptions& options) {
+  AutomaticCalibration found = calibrate_automatically(recording, automatic_options(options));
+  const double wide = widest_lengths(found);
+  if (found.solution.status == Status::cancelled || !(wide > kUnusualWidth)) return found;
+  AutomaticCalibration noisy = calibrate_automatically(
+      Recording(with_noisy_joints(recording, 10 * kStatedExact), recording.samples),
+      automatic_options(options));
+  if (noisy.solution.status != Status::cancelled &&
+      (!noisy.solution.usable() || !(widest_lengths(noisy) < 0.5 * wide)))
+    return found;
+  noisy.reading_errors = kInfinity;
+  return noisy;
 }
 
 /// A message of each group that was asked for by name and is held, or is among the usual ones.
@@ -469,12 +430,12 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   }
   if (automatic) {
     left = with_few_poses(left);
-    AutomaticCalibration found = calibrate_automatically(*left, automatic_options(options));
+    AutomaticCalibration found = calibrate_unbent(*left, options);
     const double reading_errors = found.reading_errors;
     take(std::move(found), report);
     solved = true;
     if (ended(report.solution)) return recording;
-    find_noise(options, calibration, reading_errors, report);
+    find_noise(options, calibration, left->rig, reading_errors, report);
     say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
@@ -621,7 +582,9 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       look_for_what_was_taken_up(recording->rig, options, report);
     }
     if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
-      look_for_a_wrong_length(recording->rig, options, report);
+      if (!look_for_a_wrong_length(recording->rig, mistaken_numbers(report, kLooksResized),
+                                   automatic_options(options), report))
+        return std::nullopt;
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
       std::vector<Finding> other = not_as_given(solution, report.residuals);
       if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);

@@ -1,0 +1,73 @@
+#include "lone_lengths.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace kincal {
+namespace {
+
+constexpr double kOtherSize = 3, kTold = 5;  // sigmas
+constexpr double kHeldSize = 1e-5;           // of its starting width
+constexpr double kOwnWidth = 10;             // times the starting width, to begin with
+constexpr double kNotAlone = 10;             // odds beforehand
+constexpr int kRounds = 60;
+
+bool is_size(const Parameter& p) {
+  return p.kind == ParameterKind::square || p.kind == ParameterKind::baseline;
+}
+
+/// The unknown of the largest length but those of joint `owner`; -1: there is none. Only what the
+/// data tell by `told` sigmas.
+Eigen::Index largest_length(const Recording& recording, const std::vector<Component>& columns,
+                            const WidthProblem& problem, const Posterior& at, double told,
+                            int owner) {
+  Eigen::Index largest = -1;
+  for (Eigen::Index i = 0; i < at.value.size(); ++i) {
+    const Parameter& p = recording.table.all[columns[i].parameter];
+    const double size = std::abs(at.value(i));
+    if (problem.group[i] >= 0 && p.kind == ParameterKind::joint_origin && columns[i].index < 3 &&
+        p.owner != owner && size > told * std::sqrt(at.variance(i)) &&
+        (largest < 0 || size > std::abs(at.value(largest))))
+      largest = i;
+  }
+  return largest;
+}
+
+}  // namespace
+
+std::optional<LoneAlternative> lone_length(const Recording& recording, const WidthProblem& problem,
+                                           const std::vector<Component>& columns,
+                                           const Widths& widths) {
+  LoneAlternative out;
+  WidthProblem held = problem;
+  for (Eigen::Index i = 0; i < problem.at.size(); ++i) {
+    if (problem.group[i] < 0 || !is_size(recording.table.all[columns[i].parameter])) continue;
+    held.group[i] = -1;
+    held.start(i) *= kHeldSize;
+    if (std::abs(widths.posterior.value(i)) > kOtherSize * std::sqrt(widths.posterior.variance(i)))
+      out.length.sizes.push_back(recording.table.name(columns[i]));
+  }
+  if (out.length.sizes.empty()) return std::nullopt;
+  Widths found = learn_widths(held, widths.factor, kRounds);
+  if (!found.defined) return std::nullopt;
+  const Eigen::Index length = largest_length(recording, columns, held, found.posterior, kTold, -1);
+  if (length < 0) return std::nullopt;
+  held.group[length] = held.groups++;
+  VectorXd factor(held.groups);
+  factor << widths.factor, kOwnWidth;
+  found = learn_widths(held, factor, kRounds);
+  if (!found.defined) return std::nullopt;
+  const int joint = recording.table.all[columns[length].parameter].owner;
+  const Eigen::Index next = largest_length(recording, columns, held, found.posterior, 0, joint);
+  const double off = std::abs(found.posterior.value(length));
+  if (off < kLoneLength || (next >= 0 && off < kLoneTimes * std::abs(found.posterior.value(next))))
+    return std::nullopt;
+  out.length.length = recording.table.name(columns[length]);
+  out.length.gain = log_evidence(held, found.factor) - log_evidence(problem, widths.factor);
+  if (!std::isfinite(out.length.gain)) return std::nullopt;
+  out.moved = found.posterior.value - widths.posterior.value;
+  out.probability = 1 / (1 + kNotAlone * std::exp(-out.length.gain));
+  return out;
+}
+
+}  // namespace kincal
