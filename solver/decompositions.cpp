@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <Eigen/SVD>
+#include <algorithm>
 
 namespace kincal {
 namespace {
@@ -57,9 +58,14 @@ bool Cholesky::good() const { return parts_->llt.info() == Eigen::Success; }
 VectorXd Cholesky::diagonal() const { return parts_->llt.matrixLLT().diagonal(); }
 VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b); }
 MatrixXd Cholesky::inverse_factor() const {
-  const Eigen::Index n = parts_->llt.rows();
+  constexpr Eigen::Index kWidth = 16;  // of columns at a time: above them the inverse is 0
+  const MatrixXd& l = parts_->llt.matrixLLT();
+  const Eigen::Index n = l.rows();
   MatrixXd out = MatrixXd::Identity(n, n);
-  parts_->llt.matrixL().solveInPlace(out);
+  for (Eigen::Index k = 0; k < n; k += kWidth) {
+    auto columns = out.block(k, k, n - k, std::min(kWidth, n - k));
+    l.bottomRightCorner(n - k, n - k).triangularView<Eigen::Lower>().solveInPlace(columns);
+  }
   return out;
 }
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../../solver/decompositions.h"
+
 namespace kincal {
 namespace {
 
@@ -10,6 +12,7 @@ constexpr double kOtherSize = 3, kTold = 5;  // sigmas
 constexpr double kHeldSize = 1e-5;           // of its starting width
 constexpr double kOwnWidth = 10;             // times the starting width, to begin with
 constexpr double kNotAlone = 10;             // odds beforehand
+constexpr double kRoughly = 0.4;             // of a lone length, before widths are learned anew
 constexpr int kRounds = 60;
 
 bool is_size(const Parameter& p) {
@@ -33,6 +36,19 @@ Eigen::Index largest_length(const Recording& recording, const std::vector<Compon
   return largest;
 }
 
+/// The values with the sizes put to what the rig has, at the same widths.
+VectorXd with_sizes_held(const Posterior& at, const std::vector<Eigen::Index>& sizes) {
+  const auto n = static_cast<Eigen::Index>(sizes.size());
+  MatrixXd across(at.value.size(), n), between(n, n);
+  VectorXd off(n);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    across.col(j) = at.covariance.col(sizes[j]);
+    off(j) = at.value(sizes[j]);
+    for (Eigen::Index i = 0; i < n; ++i) between(i, j) = at.covariance(sizes[i], sizes[j]);
+  }
+  return at.value - across * solve_symmetric(between, off);
+}
+
 }  // namespace
 
 std::optional<LoneAlternative> lone_length(const Recording& recording, const WidthProblem& problem,
@@ -40,14 +56,20 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
                                            const Widths& widths) {
   LoneAlternative out;
   WidthProblem held = problem;
+  std::vector<Eigen::Index> sizes;
   for (Eigen::Index i = 0; i < problem.at.size(); ++i) {
     if (problem.group[i] < 0 || !is_size(recording.table.all[columns[i].parameter])) continue;
     held.group[i] = -1;
     held.start(i) *= kHeldSize;
+    sizes.push_back(i);
     if (std::abs(widths.posterior.value(i)) > kOtherSize * std::sqrt(widths.posterior.variance(i)))
       out.length.sizes.push_back(recording.table.name(columns[i]));
   }
   if (out.length.sizes.empty()) return std::nullopt;
+  Posterior roughly = widths.posterior;  // (to learn widths takes longer)
+  roughly.value = with_sizes_held(widths.posterior, sizes);
+  const Eigen::Index largest = largest_length(recording, columns, held, roughly, 0, -1);
+  if (largest < 0 || std::abs(roughly.value(largest)) < kRoughly * kLoneLength) return std::nullopt;
   Widths found = learn_widths(held, widths.factor, kRounds);
   if (!found.defined) return std::nullopt;
   const Eigen::Index length = largest_length(recording, columns, held, found.posterior, kTold, -1);

@@ -86,6 +86,28 @@ std::vector<int> members_of(const WidthProblem& p, int group) {
   return out;
 }
 
+/// The problem of the unknowns that have a prior, the others eliminated: what the widths are
+/// learned from. The problem itself where these are not determined.
+WidthProblem without_open(const WidthProblem& p) {
+  std::vector<int> open, kept;
+  for (int i = 0; i < p.start.size(); ++i) (p.start(i) == 0 ? open : kept).push_back(i);
+  if (open.empty() || kept.empty()) return p;
+  const MatrixXd n = block(p.normal, open, open);
+  if (!(n.diagonal().minCoeff() > 0)) return p;
+  const Scaled factorised(n);
+  if (!factorised.factor.good() || !(factorised.factor.diagonal().minCoeff() > kSmallestPivot))
+    return p;
+  const MatrixXd follows = factorised.solve(block(p.normal, open, kept));
+  WidthProblem out;
+  out.normal = block(p.normal, kept, kept) - block(p.normal, kept, open) * follows;
+  out.gradient = block(p.gradient, kept) - follows.transpose() * block(p.gradient, open);
+  out.at = block(p.at, kept);
+  out.start = block(p.start, kept);
+  for (const int i : kept) out.group.push_back(p.group[i]);
+  out.groups = p.groups;
+  return out;
+}
+
 }  // namespace
 
 Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covariance) {
@@ -110,17 +132,19 @@ Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covarian
 Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
   Widths out;
   out.gamma.setZero(p.groups);
+  const WidthProblem members = without_open(p);
   for (;; ++out.rounds) {
     out.factor = factor;
-    const Posterior at = posterior(p, factor, false);
+    const Posterior at = posterior(members, factor, false);
     if (!at.defined) return out;
-    const VectorXd prior = precision(p, factor);
+    const VectorXd prior = precision(members, factor);
     VectorXd squares = VectorXd::Zero(p.groups);
     out.gamma.setZero();
     for (Eigen::Index i = 0; i < prior.size(); ++i) {
-      if (p.group[i] < 0) continue;
-      squares(p.group[i]) += at.value(i) * at.value(i) * prior(i);
-      out.gamma(p.group[i]) += 1 - at.variance(i) * prior(i);
+      const int k = members.group[i];
+      if (k < 0) continue;
+      squares(k) += at.value(i) * at.value(i) * prior(i);
+      out.gamma(k) += 1 - at.variance(i) * prior(i);
     }
     double largest = 0;
     for (int k = 0; k < p.groups; ++k) {

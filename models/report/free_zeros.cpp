@@ -98,11 +98,12 @@ MatrixXd squared_motions(const Solution& solution, const std::vector<Component>&
   Unknowns unknowns;
   unknowns.columns = columns;
   const Eigen::Index n = static_cast<Eigen::Index>(columns.size());
-  MatrixXd out = MatrixXd::Zero(n, n);
   const std::vector<std::pair<Frame, Frame>> pairs = seen_pairs(solution);
+  MatrixXd motions = MatrixXd::Zero(6 * kPostures * static_cast<Eigen::Index>(pairs.size()), n);
+  Eigen::Index row = 0;
   for (const Readings& readings : random_postures(rig, kPostures, kSeed))
     for (const auto& pair : pairs) {
-      MatrixXd apart = MatrixXd::Zero(6, n);
+      auto apart = motions.middleRows<6>(row);
       for (const auto& [frame, sign] : {std::pair(pair.first, -1.0), std::pair(pair.second, 1.0)}) {
         MatrixXd moved =
             frame_derivative(rig, table, values, unknowns, frame, readings).by_unknowns;
@@ -110,9 +111,9 @@ MatrixXd squared_motions(const Solution& solution, const std::vector<Component>&
         moved.topRows<3>() += skew(at) * moved.bottomRows<3>();  // of the point at the base
         apart += sign * moved;
       }
-      out += apart.transpose() * apart;
+      row += 6;
     }
-  return out;
+  return motions.transpose() * motions;
 }
 
 /// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
@@ -215,13 +216,7 @@ std::map<Component, std::string> sizes_to_measure(const Solution& solution, cons
   return out;
 }
 
-}  // namespace
-
-double loose_from(const std::string& unit) {
-  return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : kInfinity;
-}
-
-Untold untold(const Report& report) {
+Untold find_untold(const Report& report) {
   const Solution& solution = report.solution;
   solution.refresh();
   const Tree& tree = solution.rig().tree;
@@ -253,6 +248,17 @@ Untold untold(const Report& report) {
     out.zeros.push_back(std::move(*zero));
   }
   return out;
+}
+
+}  // namespace
+
+double loose_from(const std::string& unit) {
+  return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : kInfinity;
+}
+
+const Untold& untold(const Report& report) {
+  if (!report.untold) report.untold = std::make_shared<const Untold>(find_untold(report));
+  return *report.untold;
 }
 
 JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c) {

@@ -45,9 +45,9 @@ struct Untold {
       sizes;  // by number of a pose: the size of a target that makes it loose, to be measured
 };
 
-/// Returns it for a report that is otherwise complete; nothing where joints and sizes are
-/// determined or held, or no pose is loose.
-Untold untold(const Report& report);
+/// Returns it for a report that is otherwise complete, which keeps it (not for threads that share a
+/// report); nothing where joints and sizes are determined or held, or no pose is loose.
+const Untold& untold(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if
 /// any, makes it less than it seems: what it would be without. (One above 0.3 m or 30 degrees stays

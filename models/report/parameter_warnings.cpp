@@ -103,7 +103,7 @@ void warn_of_parameters(const Report& report, Warnings& out) {
   const std::string kDo = ". What to do: ";
   std::vector<Case> priors, sigmas;
   std::map<std::string, std::string> cures;  // by component
-  const Untold unknown = untold(report);
+  const Untold& unknown = untold(report);
   std::map<const FreeZero*, std::vector<Case>> chosen;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {

@@ -5,6 +5,7 @@
 
 #include <limits>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -79,6 +80,8 @@ struct Report {
   std::string unexplained;  // why the model does not explain the data; empty: it does
   std::vector<Warning> warnings;
   Verdict verdict;
+  mutable std::shared_ptr<const struct Untold>
+      untold;  // what untold() found (free_zeros.h); null: not yet
 };
 
 }  // namespace kincal

@@ -279,7 +279,7 @@ struct LooseNumber {
 };
 
 LooseNumber loosest(const Report& report) {
-  const Untold unknown = untold(report);
+  const Untold& unknown = untold(report);
   LooseNumber out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
