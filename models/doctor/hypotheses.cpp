@@ -17,6 +17,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   std::vector<Hypothesis> out;
   add_joints(rig, samples, survey, out);
   add_pose_readings(rig, samples, survey, out);
+  add_pose_views(rig, survey, out);
   add_length_units(rig, survey, out);
   add_bearings(rig, samples, survey, out);
   add_squares(rig, table, survey, freed, out);

@@ -36,6 +36,13 @@ Pose scalar_first(Pose pose) {
   return pose;
 }
 
+/// Of x y z w, read as w x y z.
+Pose scalar_last(Pose pose) {
+  const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  pose.rotation = rotation_from_quaternion({q(3), q(0), q(1), q(2)});
+  return pose;
+}
+
 /// Of a rotation vector, read as roll, pitch and yaw, or as A, B, C. Two such triples make the same
 /// rotation, and a rotation vector is no longer than pi; where both could be one, which is not
 /// known (NaN).
@@ -127,6 +134,8 @@ const Mistake kMistakes[] = {
      [](Pose pose) { return inverse(pose); }},
     {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
      scalar_first},
+    {"quaternion", "have quaternions with w last that were read with w first",
+     "Write \"quat\": [x, y, z, w], in this order (--pose-format xyzw).", scalar_last},
     {"inverted-pose",
      "are given the wrong way round, as that of the base in the flange, and have their quaternions "
      "with w first",
@@ -201,7 +210,45 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
   }
 }
 
+/// Measured poses of a sensor: quaternions with w first, read with w last, and the reverse.
+/// (Those the wrong way round are data of a sensor in its target's place: eye-in-hand.)
+const Mistake kViewMistakes[] = {
+    {"quaternion", "have their quaternions with w first",
+     "Write \"quat\": [x, y, z, w] into its views.", scalar_first},
+    {"quaternion", "have quaternions with w last that were read with w first",
+     "Write \"quat\": [x, y, z, w] into its views, in this order.", scalar_last}};
+
+void change_views(std::vector<Sample>& samples, int sensor, const Change& change) {
+  for (Sample& s : samples)
+    for (View& v : s.views) {
+      if (v.sensor != sensor) continue;
+      const Pose pose = change(
+          {rotation_from_quaternion({v.z[3], v.z[4], v.z[5], v.z[6]}), {v.z[0], v.z[1], v.z[2]}});
+      const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+      v.z = {pose.translation(0), pose.translation(1), pose.translation(2), q(0), q(1), q(2), q(3)};
+    }
+}
+
 }  // namespace
+
+void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+  for (const int s : survey.sensors) {
+    if (rig.sensors[s].model->measurement_kind() != MeasurementKind::pose) continue;
+    for (const Mistake& mistake : kViewMistakes) {
+      Hypothesis h;
+      h.id = mistake.id;
+      h.where = {rig.sensors[s].name};
+      h.mistake =
+          "the poses that sensor " + quoted(rig.sensors[s].name) + " measures " + mistake.mistake;
+      h.cure = mistake.cure;
+      h.new_poses = true;
+      h.undo = [s, undo = mistake.undo](Rig&, std::vector<Sample>& all) {
+        change_views(all, s, undo);
+      };
+      out.push_back(std::move(h));
+    }
+  }
+}
 
 void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                        std::vector<Hypothesis>& out) {

@@ -1,4 +1,5 @@
-// Mistakes about readings that are poses: of floating joints, such as a robot known by its flange.
+// Mistakes about poses that were logged: readings of floating joints, such as of a robot known by
+// its flange, and what sensors measure, such as motion capture.
 #pragma once
 
 #include <vector>
@@ -11,5 +12,8 @@ namespace kincal {
 /// than they were read in.
 void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                        std::vector<Hypothesis>& out);
+
+/// Adds measured poses whose quaternions are in another order.
+void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 
 }  // namespace kincal

@@ -120,6 +120,48 @@ void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples, co
   }
 }
 
+/// Numbers in the order of the arm under names in another, or the reverse: those of all joints.
+void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
+                      std::vector<Hypothesis>& out) {
+  std::vector<int> along;
+  for (const auto& range : survey.ranges) along.push_back(range.first);
+  if (along.size() < 3) return;
+  for (const int j : along) {
+    if (!have_both(samples, along[0], j)) return;
+    for (const int s : survey.sensors)
+      if (rig.sensors[s].scanning_joint == j) return;
+  }
+  std::vector<int> by_name = along, reversed(along.rbegin(), along.rend());
+  std::sort(by_name.begin(), by_name.end(),
+            [&](int a, int b) { return rig.tree.joints[a].name < rig.tree.joints[b].name; });
+  const std::string names = "the names' alphabetical order", back = "reversed order";
+  struct Order {
+    std::vector<int> from, to;  // the reading of to[k] is given as that of from[k]
+    std::string mistake;
+  };
+  const std::vector<Order> orders = {
+      {along, by_name, "stand in " + names + ", but under the names in the order of the arm"},
+      {by_name, along, "stand in the order of the arm, but under the names in alphabetical order"},
+      {along, reversed, "stand in " + back}};
+  for (size_t i = 0; i < orders.size(); ++i) {
+    if (orders[i].from == orders[i].to || (i == 2 && by_name == reversed)) continue;
+    Hypothesis h;
+    h.id = "exchanged-joints";
+    for (const int j : along) h.where.push_back(rig.tree.joints[j].name);
+    h.mistake = "the readings of joints " + joined(h.where) + " " + orders[i].mistake;
+    h.cure =
+        "Give each joint the number that stands beside its name: what /joint_states lists is often "
+        "in alphabetical order.";
+    h.undo = [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
+      for (Sample& s : all) {
+        const std::vector<double> given = s.readings;
+        for (size_t k = 0; k < from.size(); ++k) s.readings[to[k]] = given[from[k]];
+      }
+    };
+    out.push_back(std::move(h));
+  }
+}
+
 /// The name of the same thing on the other side; "": it has no side.
 std::string other_side(const std::string& name) {
   static const std::pair<const char*, const char*> sides[] = {
@@ -189,7 +231,9 @@ void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples, con
                          std::vector<Hypothesis>& out) {
   const Tree& tree = rig.tree;
   for (const auto& range : survey.ranges) {
-    const int b = range.first, a = moving_joint_above(tree, b);
+    const int b = range.first;
+    int a = moving_joint_above(tree, b);
+    while (a >= 0 && !turns(tree.joints[a])) a = moving_joint_above(tree, a);  // past a slide
     if (a < 0 || !survey.ranges.count(a) || !turns(tree.joints[a]) || !turns(tree.joints[b]) ||
         !have_both(samples, a, b) ||
         std::abs(tree.joints[a].axis.dot(axis_seen_from(tree, a, b))) < kParallel)
@@ -359,6 +403,7 @@ void add_rarer_readings(const Rig& rig, const ParameterTable& table,
   add_zeros(rig, survey, out);
   add_axes(rig, survey, out);
   add_exchanged_joints(rig, samples, survey, out);
+  add_joint_orders(rig, samples, survey, out);
   add_exchanged_arms(rig, samples, survey, out);
   add_exchanged_targets(rig, survey, out);
   add_absolute_angles(rig, samples, survey, out);

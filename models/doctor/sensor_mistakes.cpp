@@ -1,7 +1,9 @@
 #include "sensor_mistakes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <set>
 
@@ -178,8 +180,17 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
                     " are on the wrong sides: the sensor sits on link " +
                     quoted(rig.tree.links[target.link]) + " and the target on " +
                     quoted(rig.tree.links[sensor.link]);
-        h.cure = "Exchange sensors." + sensor.name + ".link and targets." + target.name +
-                 ".mount.link" + (poses ? ", poses too." : ".");
+        if (sensor.model->measurement_kind() == MeasurementKind::pose)
+          h.mistake +=
+              ", or its poses are the wrong way round, as those of the sensor in the target: the "
+              "data are the same";
+        h.cure =
+            "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" +
+            (poses ? ", poses too." : ".") +
+            (sensor.model->measurement_kind() == MeasurementKind::pose
+                 ? " Or invert what it measures: sensor_T_target maps coordinates of the target "
+                   "to the sensor's."
+                 : "");
         h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
           std::swap(r.sensors[s].link, r.targets[t].link);
           if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
@@ -350,6 +361,67 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
   }
 }
 
+namespace {
+
+/// Changes the rays of a scanning sensor.
+std::function<void(Rig&, std::vector<Sample>&)> each_ray(int sensor,
+                                                         std::function<void(double*)> change) {
+  return [sensor, change = std::move(change)](Rig&, std::vector<Sample>& all) {
+    for (Sample& sample : all)
+      for (View& v : sample.views)
+        if (v.sensor == sensor)
+          for (size_t i = 0; i + 2 < v.z.size(); i += 3) change(&v.z[i]);
+  };
+}
+
+/// Ranges that are further than a scanner sees.
+void add_ranges(const Rig& rig, const std::vector<Sample>& samples, int sensor,
+                std::vector<Hypothesis>& out) {
+  constexpr double kFarRange = 30, kNearRange = 0.1;
+  double most = 0;
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views)
+      if (v.sensor == sensor)
+        for (size_t i = 2; i < v.z.size(); i += 3) most = std::max(most, v.z[i]);
+  for (const LengthUnit& unit : other_length_units()) {
+    if (most < kFarRange || unit.metres * most > kFarRange || unit.metres * most < kNearRange)
+      continue;
+    Hypothesis h;
+    h.id = "units";
+    h.where = {rig.sensors[sensor].name};
+    h.mistake = "the ranges of sensor " + quoted(h.where[0]) + " are in " + unit.name;
+    h.cure = std::string("Write metres into its rays: ") + unit.cure + ".";
+    h.new_poses = true;
+    h.undo = each_ray(sensor, [factor = unit.metres](double* ray) { ray[2] *= factor; });
+    out.push_back(std::move(h));
+  }
+}
+
+/// Rays are [reading of the joint, bearing, range].
+void add_ray_orders(const Rig& rig, int sensor, std::vector<Hypothesis>& out) {
+  static const char* const kNumbers[] = {"reading", "bearing", "range"};
+  for (const std::array<int, 3>& at :
+       {std::array<int, 3>{1, 0, 2}, std::array<int, 3>{2, 0, 1}, std::array<int, 3>{1, 2, 0},
+        std::array<int, 3>{0, 2, 1}, std::array<int, 3>{2, 1, 0}}) {  // where each number stands
+    std::array<const char*, 3> given{};
+    for (int k = 0; k < 3; ++k) given[at[k]] = kNumbers[k];
+    Hypothesis h;
+    h.id = "convention";
+    h.where = {rig.sensors[sensor].name};
+    h.mistake = "the rays of sensor " + quoted(h.where[0]) + " have their numbers in the order " +
+                given[0] + ", " + given[1] + ", " + given[2];
+    h.cure = "Write [reading of the joint, bearing, range].";
+    h.new_poses = true;
+    h.undo = each_ray(sensor, [at](double* ray) {
+      const std::array<double, 3> old = {ray[0], ray[1], ray[2]};
+      for (int k = 0; k < 3; ++k) ray[k] = old[at[k]];
+    });
+    out.push_back(std::move(h));
+  }
+}
+
+}  // namespace
+
 void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                   std::vector<Hypothesis>& out) {
   for (int s : survey.sensors) {
@@ -383,6 +455,8 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Surv
       h.undo = bearings(-1);
     }
     out.push_back(h);
+    add_ranges(rig, samples, s, out);
+    add_ray_orders(rig, s, out);
   }
 }
 

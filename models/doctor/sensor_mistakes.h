@@ -27,7 +27,8 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
 /// where the rig does not free it.
 void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey,
                 const FreedNames& freed, std::vector<Hypothesis>& out);
-/// Adds bearings of scanning sensors in degrees, or with the wrong sign.
+/// Adds bearings of scanning sensors in degrees, or with the wrong sign, ranges that are not
+/// metres, and rays whose numbers are in another order.
 void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                   std::vector<Hypothesis>& out);
 /// Adds sensors and mounted targets that sit on another link of their path: above theirs, or below.

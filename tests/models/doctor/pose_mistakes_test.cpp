@@ -51,6 +51,13 @@ const Convention kConventions[] = {
        wrong.translation() = pose.translation();
        return xyz_quat(wrong);
      }},
+    {"quaternion", "with w last that were read with w first",
+     [](const Isometry3d& pose) {
+       const Eigen::Quaterniond q(pose.linear());
+       Isometry3d wrong(Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()));  // read as w x y z
+       wrong.translation() = pose.translation();
+       return xyz_quat(wrong);
+     }},
     {"convention", "rotation vectors",
      [](const Isometry3d& pose) {
        const Eigen::AngleAxisd turn(pose.linear());
