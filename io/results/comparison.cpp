@@ -71,6 +71,17 @@ std::vector<double> xyz_rpy(const Pose& p) {
   return {p.translation.x(), p.translation.y(), p.translation.z(), rpy.x(), rpy.y(), rpy.z()};
 }
 
+/// How well a number is known that was held for want of evidence: what predictions count; 0: exact.
+double held_sigma(const CalibratedFiles& files, int parameter, int component) {
+  if (!files.unknowns) return 0;
+  const std::vector<Component>& columns = files.unknowns->columns;
+  for (size_t i = 0; i < columns.size(); ++i)
+    if (const auto k = static_cast<Eigen::Index>(i);
+        columns[i].parameter == parameter && columns[i].index == component)
+      return std::sqrt(std::max(0.0, files.unknowns->covariance(k, k)));
+  return 0;
+}
+
 /// The difference of parameter p of a and q of b; nullopt: the same and freed in neither.
 std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a,
                                                         const CalibratedFiles& b, int p, int q) {
@@ -102,8 +113,10 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
   const auto of_a = a.sigma.find(in_a.name), of_b = b.sigma.find(in_b.name);
   if (of_a == a.sigma.end() && of_b == b.sigma.end() && largest <= 1) return std::nullopt;
   for (int c = 0; c < in_a.size(); ++c) {
-    const double s = of_a == a.sigma.end() ? 0 : of_a->second[c],
-                 t = of_b == b.sigma.end() ? 0 : of_b->second[c];
+    double s = of_a == a.sigma.end() ? 0 : of_a->second[c],
+           t = of_b == b.sigma.end() ? 0 : of_b->second[c];
+    if (s == 0 && t > 0) s = held_sigma(a, p, c);
+    if (t == 0 && s > 0) t = held_sigma(b, q, c);
     out.undetermined.push_back(std::isnan(s) || std::isnan(t));
     const double both = a.status.empty() || b.status.empty() ? kNan : std::hypot(s, t);
     out.sigma.push_back(both > 0 ? both : kNan);

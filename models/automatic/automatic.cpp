@@ -12,6 +12,7 @@
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "arm_scale.h"
 #include "lone_lengths.h"
 #include "unchecked_scales.h"
 #include "widths.h"
@@ -571,6 +572,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     mounts.free.clear();
     solution = calibrate(at_start(), mounts);
     merge(groups.pointing, blind_rotations(solution));
+    turn_back(recording, groups.pointing, solution.initial, solution.values.shared);
   }
   const StepPlan plan = resolve_steps(*at_start(), run).back();
   if (plan.name != kEverything || solution.status == Status::undefined_start ||
@@ -619,6 +621,8 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
         lone->probability * lone->moved * lone->moved.transpose();
     out.lone = lone->length;
   }
+  out.arm_scale =
+      arm_scale(recording, learned.problem, learned.columns, learned.widths, solution.initial);
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, holding, solution);

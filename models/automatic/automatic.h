@@ -56,6 +56,7 @@ struct AutomaticCalibration {
   std::vector<DoubtedPrior> doubted;   // priors
   std::vector<UncheckedScale> unchecked;
   std::optional<LoneLength> lone;
+  std::optional<ArmScale> arm_scale;
   // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
   // not asked for (their gain; NaN: there are none, or they were).
   double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();

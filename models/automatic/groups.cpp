@@ -360,6 +360,27 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   return out;
 }
 
+void turn_back(const Recording& recording, const std::vector<Freed>& pointing,
+               const VectorXd& initial, VectorXd& shared) {
+  for (const Freed& f : pointing) {
+    const Parameter& p = recording.table.all[f.parameter];
+    if (f.components != std::vector<int>{3, 4, 5}) continue;
+    Vector3d point = Vector3d::Zero();
+    if (p.kind == ParameterKind::target_pose) {
+      const Target& target = recording.rig.targets[p.owner];
+      if (target.count() != 1) continue;
+      point = target.grid ? Vector3d(target.square * target.layout.col(0)) : target.points.col(0);
+    } else if (p.kind != ParameterKind::sensor_pose) {
+      continue;
+    }
+    Pose pose = get_pose(shared, p.start);
+    const Matrix3d given = get_pose(initial, p.start).rotation;
+    pose.translation += (pose.rotation - given) * point;
+    pose.rotation = given;
+    set_pose(shared, p.start, pose);
+  }
+}
+
 std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence) {
   std::string out = "nothing can be estimated";
   if (!no_evidence && on_demand) return out + ": all that could be wrong is held on demand";

@@ -68,6 +68,14 @@ struct UncheckedScale {
   double moved = 0, sigmas = 0;
 };
 
+/// An ArmScale is a factor that all lengths of the arm have in common, and the sensors that measure
+/// lengths (arm_scale.h).
+struct ArmScale {
+  double factor = 1, sigma = 0;
+  double gain = 0;  // log evidence for it
+  std::vector<std::string> sensors;
+};
+
 /// A LoneLength is a length of the arm that may be wrong alone, in place of sizes of boards
 /// (squares) or baselines that came out as others: off by kLoneLength m at least, and by kLoneTimes
 /// as much as the lengths of other joints (lone_lengths.h).
@@ -91,6 +99,12 @@ bool is_pair(const Rig& rig, int a, int b);
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
+
+/// Gives what nothing can turn, a target of one point or what sees points at its own origin only,
+/// the rig's rotation (`initial`) again: the point stays where it is. Of `pointing` other
+/// components stay as they are.
+void turn_back(const Recording& recording, const std::vector<Freed>& pointing,
+               const Eigen::VectorXd& initial, Eigen::VectorXd& shared);
 
 /// Returns why nothing of a recording can be estimated. `on_demand`: the user held much;
 /// `no_evidence`: no mount is free, and all else was held for want of evidence that it is off.

@@ -13,7 +13,7 @@ constexpr double kHeldSize = 1e-5;           // of its starting width
 constexpr double kOwnWidth = 10;             // times the starting width, to begin with
 constexpr double kNotAlone = 10;             // odds beforehand
 constexpr double kRoughly = 0.4;             // of a lone length, before widths are learned anew
-constexpr int kRounds = 60;
+constexpr int kLoneRounds = 60;
 
 bool is_size(const Parameter& p) {
   return p.kind == ParameterKind::square || p.kind == ParameterKind::baseline;
@@ -70,14 +70,14 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
   roughly.value = with_sizes_held(widths.posterior, sizes);
   const Eigen::Index largest = largest_length(recording, columns, held, roughly, 0, -1);
   if (largest < 0 || std::abs(roughly.value(largest)) < kRoughly * kLoneLength) return std::nullopt;
-  Widths found = learn_widths(held, widths.factor, kRounds);
+  Widths found = learn_widths(held, widths.factor, kLoneRounds);
   if (!found.defined) return std::nullopt;
   const Eigen::Index length = largest_length(recording, columns, held, found.posterior, kTold, -1);
   if (length < 0) return std::nullopt;
   held.group[length] = held.groups++;
   VectorXd factor(held.groups);
   factor << widths.factor, kOwnWidth;
-  found = learn_widths(held, factor, kRounds);
+  found = learn_widths(held, factor, kLoneRounds);
   if (!found.defined) return std::nullopt;
   const int joint = recording.table.all[columns[length].parameter].owner;
   const Eigen::Index next = largest_length(recording, columns, held, found.posterior, 0, joint);

@@ -216,7 +216,31 @@ const Mistake kViewMistakes[] = {
     {"quaternion", "have their quaternions with w first",
      "Write \"quat\": [x, y, z, w] into its views.", scalar_first},
     {"quaternion", "have quaternions with w last that were read with w first",
-     "Write \"quat\": [x, y, z, w] into its views, in this order.", scalar_last}};
+     "Write \"quat\": [x, y, z, w] into its views, in this order.", scalar_last},
+    {"convention",
+     "have their rotations the wrong way round (w of the quaternion with the other sign, or a "
+     "transposed matrix), but not their positions",
+     "Change the sign of w: a rotation turns vectors of the target into the sensor's.",
+     [](Pose pose) {
+       pose.rotation.transposeInPlace();
+       return pose;
+     }},
+    {"mirrored",
+     "are those of a left-handed frame (one axis points the other way, as in Unity or Unreal)",
+     "Mirror them: where y has the other sign, so have y of the position and x and z of the "
+     "quaternion.",
+     left_handed},
+    {"convention", "have angles about x, y and z in the other order: about the axes as they move",
+     "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes},
+    {"convention", "have angles in the order z, y, x where roll comes first",
+     "Write \"rpy\": [roll, pitch, yaw].", a_b_c},
+    {"convention", "have y and z of their positions exchanged, but not of their rotations",
+     "Write \"xyz\": [x, y, z].", exchanged_axes<1, 2>},
+    {"convention", "have y up in their positions, but not in their rotations",
+     "Write \"xyz\": [x, -z, y], as the rotations are.", [](Pose pose) {
+       pose.translation = Vector3d(pose.translation(0), -pose.translation(2), pose.translation(1));
+       return pose;
+     }}};
 
 void change_views(std::vector<Sample>& samples, int sensor, const Change& change) {
   for (Sample& s : samples)

@@ -13,7 +13,7 @@ namespace kincal {
 void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                        std::vector<Hypothesis>& out);
 
-/// Adds measured poses whose quaternions are in another order.
+/// Adds measured poses whose quaternions are in another order, or that are of another convention.
 void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 
 }  // namespace kincal

@@ -269,6 +269,7 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
 
 void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                          std::vector<Hypothesis>& out) {
+  std::map<int, std::vector<Hypothesis>> all;  // by what the ids are too large
   for (int t : survey.targets) {
     const Target& target = rig.targets[t];
     const GridShape shape = shape_of(target);
@@ -293,7 +294,25 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, con
                      return std::make_pair(own / shape.columns - 1, own % shape.columns);
                    })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
       out.push_back(h);
+      all[by].push_back(std::move(h));
     }
+  }
+  for (auto& [by, each] : all) {  // of one detector
+    if (each.size() < 2) continue;
+    Hypothesis h;
+    h.id = "numbering";
+    std::vector<std::function<void(Rig&, std::vector<Sample>&)>> undo;
+    for (const Hypothesis& one : each) {
+      h.where.push_back(one.where[0]);
+      undo.push_back(one.undo);
+    }
+    h.mistake = "the ids of the points of targets " + joined(h.where) + " are one too " +
+                (by > 0 ? "large" : "small");
+    h.cure = each[0].cure;
+    h.undo = [undo](Rig& r, std::vector<Sample>& s) {
+      for (const auto& change : undo) change(r, s);
+    };
+    out.push_back(std::move(h));
   }
 }
 

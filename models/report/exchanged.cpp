@@ -138,8 +138,42 @@ std::vector<Finding> pairs_apart(const Solution& solution) {
   return out;
 }
 
+std::vector<Finding> seen_from_behind(const Solution& solution) {
+  constexpr int kFewest = 3;
+  const Rig& rig = solution.rig();
+  std::vector<int> views(rig.targets.size(), 0), behind(rig.targets.size(), 0);
+  for (const Sample& sample : solution.samples()) {
+    if (!sample.train) continue;
+    const Configuration at(rig, solution.table(), solution.values.shared,
+                           completed(sample.readings));
+    for (const View& v : sample.views) {
+      const Target& target = rig.targets[v.target];
+      if (target.type != "marker" || target.link < 0 || rig.sensors[v.sensor].type != "camera")
+        continue;
+      ++views[v.target];
+      const Vector3d eye =
+          inverse(at.base_T_target(v.target)) * at.base_T_sensor(v.sensor).translation;
+      behind[v.target] += eye.z() < 0;
+    }
+  }
+  std::vector<Finding> out;
+  for (size_t t = 0; t < rig.targets.size(); ++t)
+    if (views[t] >= kFewest && behind[t] == views[t])
+      out.push_back({"mirrored",
+                     "Marker " + quoted(rig.targets[t].name) + " is seen from behind in all " +
+                         std::to_string(views[t]) +
+                         " views, which cannot be: its corners are numbered counter-clockwise, or "
+                         "the images are mirrored. Write its corners clockwise, as seen from the "
+                         "front, from the upper left one on.",
+                     {rig.targets[t].name},
+                     {},
+                     {}});
+  return out;
+}
+
 std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals) {
   std::vector<Finding> out = exchanged_things(solution);
+  if (out.empty()) out = seen_from_behind(solution);
   if (out.empty()) out = pairs_apart(solution);
   if (out.empty()) out = bent_boards(solution, residuals);
   return out;

@@ -20,8 +20,12 @@ std::vector<Finding> exchanged_things(const Solution& solution);
 /// were found apart along the baseline by more than 3 % of it and five sigmas of that distance.
 std::vector<Finding> pairs_apart(const Solution& solution);
 
+/// Returns a finding (`mirrored`) for each mounted marker that every view of a camera shows from
+/// behind: its corners go the other way round.
+std::vector<Finding> seen_from_behind(const Solution& solution);
+
 /// Returns what a calibration that explains its data found otherwise than the rig has it: the first
-/// kind of the two above and bent_boards() of which there is something.
+/// kind of these and bent_boards() of which there is something.
 std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals);
 
 /// Whether a sensor whose pose the rig gives was found turned by more than a radian from it, and

@@ -72,6 +72,7 @@ struct Report {
   std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
   std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
   std::optional<LoneLength> lone;         // length of such a rig that may be wrong alone
+  std::optional<ArmScale> arm_scale;      // of such a rig
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)

@@ -14,6 +14,7 @@
 namespace kincal {
 namespace {
 
+constexpr double kArmScaled = 0.003, kEvidenceOfScale = 4;  // of the lengths of an arm
 constexpr double kScaled = 0.015, kByChance = 0.002;  // least change of all lengths; its share
 
 /// Places of sensors and mounted targets that the rig gives and the training samples see, as the
@@ -132,6 +133,17 @@ void warn_of_scales(const Report& report, Warnings& out) {
                "and correct the rig; if they are right, correct the poses",
            all.targets});
   }
+  if (const auto& arm = report.arm_scale; report.solution.usable() && arm &&
+                                          arm->gain > kEvidenceOfScale &&
+                                          std::abs(arm->factor - 1) > kArmScaled)
+    out.push_back({"arm_scale",
+                   "all lengths of the arm came out " +
+                       text("%.4g +- %.2g times the URDF's", arm->factor, arm->sigma) +
+                       ", as if what " + joined(arm->sensors) +
+                       (arm->sensors.size() == 1 ? " measures" : " measure") +
+                       " had another unit or scale. What to do: measure a known distance with it; "
+                       "if that is right, measure a link, and correct the URDF",
+                   arm->sensors});
   for (const UncheckedScale& scale : report.unchecked)
     out.push_back(
         {"unchecked",

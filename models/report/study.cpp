@@ -264,6 +264,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.doubted = std::move(found.doubted);
   report.unchecked = std::move(found.unchecked);
   report.lone = std::move(found.lone);
+  report.arm_scale = std::move(found.arm_scale);
   report.mounts = std::move(found.mounts);
 }
 

@@ -126,7 +126,7 @@ bool is_doubt(const Report& report, const Warning& w) {
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "systematic" || id == "chi2" || id == "unexplained" ||
          id == "joint_error" || id == "joint_noise" || id == "prior" || id == "sigma" ||
-         id == "in_use" || id == "scale" || starts_with(id, "outlier_");
+         id == "in_use" || id == "scale" || id == "arm_scale" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
@@ -185,6 +185,9 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "scale")
     return "measure the squares, over many fields, and correct the rig; if they are right, correct "
            "the poses";
+  if (id == "arm_scale")
+    return "measure a known distance with what measures lengths; if that is right, measure a link, "
+           "and correct the URDF";
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
     return "measure what came out as another (a length of the robot that is wrong looks the same), "
