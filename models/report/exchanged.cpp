@@ -144,8 +144,8 @@ std::vector<Finding> seen_from_behind(const Solution& solution) {
   std::vector<int> views(rig.targets.size(), 0), behind(rig.targets.size(), 0);
   for (const Sample& sample : solution.samples()) {
     if (!sample.train) continue;
-    const Configuration at(rig, solution.table(), solution.values.shared,
-                           completed(sample.readings));
+    const std::vector<double> readings = completed(sample.readings);
+    const Configuration at(rig, solution.table(), solution.values.shared, readings);
     for (const View& v : sample.views) {
       const Target& target = rig.targets[v.target];
       if (target.type != "marker" || target.link < 0 || rig.sensors[v.sensor].type != "camera")

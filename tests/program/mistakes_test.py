@@ -200,6 +200,14 @@ class Readings(Case):
                 s["joints"]["j3"] += sign * s["joints"]["j2"]
             self.one(scene.check(), "absolute-angle", ["j3", "j2"], words)
 
+    def test_ids_from_one_on_two_boards(self):
+        """One detector counts them from 1 on both boards, and the last point is missing."""
+        scene = Scene("head")
+        for v in scene.views():
+            v["pixels"] = v["pixels"][:-1]
+            v["ids"] = list(range(1, len(v["pixels"]) + 1))
+        self.one(scene.check(), "numbering", ["left", "right"], "Subtract 1")
+
     def test_two_signs(self):
         scene = Scene("room").readings("j2", lambda q: -q).readings("j4", lambda q: -q)
         self.one(scene.check(), "joint-sign", ["j2", "j4"], "Change the signs")
@@ -296,6 +304,31 @@ class Measured(Case):
             for v in scene.views():
                 v["pose"]["quat"] = [v["pose"]["quat"][k] for k in order]
             self.one(scene.check(), "quaternion", ["mocap"], words + r".*\"quat\": \[x, y, z, w\]")
+
+    def test_poses_of_a_left_handed_frame(self):
+        """As of Unity: they can be explained by a robot whose joints all turn the other way, which nobody means."""
+        scene = Scene("mocap")
+        for v in scene.views():
+            xyz, q = v["pose"]["xyz"], v["pose"]["quat"]
+            v["pose"] = {"xyz": [xyz[0], -xyz[1], xyz[2]], "quat": [-q[0], q[1], -q[2], q[3]]}
+        self.assertEqual(scene.check()[0]["id"], "mirrored")
+
+    def test_a_marker_from_behind(self):
+        """Corners counter-clockwise: the marker lies on its face, and all else fits."""
+        scene = Scene("room")
+        rig = scene.rig.replace("chessboard, rows: 6, columns: 9, square: 0.025", "marker, dictionary: DICT_4X4_50, id: 3, size: 0.12")
+        posed = scene.posed.replace("chessboard, rows: 6, columns: 9, square: 0.025", "marker, dictionary: DICT_4X4_50, id: 3, size: 0.12")
+        scene.write(posed, [])
+        subprocess.run([KINCAL, "simulate", "rig.yaml", "--samples", "24", "--seed", "1", "--out", "marker"], cwd=scene.dir, check=True, capture_output=True)
+        scene.rig = rig
+        for backwards in (False, True):
+            with open(os.path.join(scene.dir, "marker", "samples.jsonl"), encoding="utf-8") as f:
+                scene.samples = [json.loads(line) for line in f]
+            for v in scene.views():
+                if backwards:
+                    v["pixels"] = [v["pixels"][k] for k in (0, 3, 2, 1)]
+            _, result, error = scene.calibrate()
+            self.assertEqual([f["id"] for f in result.get("findings", [])], ["mirrored"] if backwards else [], error)
 
     def test_ranges_in_other_units(self):
         for factor, unit in ((1000, "millimetres"), (100, "centimetres")):
