@@ -128,7 +128,7 @@ void set_floating_sigma(Node& joints, const Tree& tree, int axis, double sigma) 
   Node& node = member(entry, "sigma");
   if (node.kind != Node::Kind::mapping) {
     node = mapping_node();
-    member(node, "translation") = member(node, "rotation") = number_node(0);
+    for (const char* part : {"translation", "rotation"}) member(node, part) = number_node(0);
   }
   member(node, tree.joints[axis].type == JointType::prismatic ? "translation" : "rotation") =
       number_node(sigma);

@@ -14,7 +14,7 @@ namespace {
 /// No flange is further from its base than this (m); nor do poses stay nearer than the other.
 constexpr double kFarFromBase = 5, kNearBase = 0.05;
 
-using Change = std::function<Pose(Pose)>;
+using Change = std::function<Pose(const Pose&)>;
 
 /// Replaces the readings of a floating joint; samples whose right reading is not known are left
 /// out.
@@ -131,7 +131,7 @@ const Mistake kMistakes[] = {
      "Invert them: a reading is parent_T_child, it maps coordinates of the flange to the base's. "
      "(Or "
      "sensor and target sit on each other's links in the rig: the data are the same.)",
-     [](Pose pose) { return inverse(pose); }},
+     [](const Pose& pose) { return inverse(pose); }},
     {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
      scalar_first},
     {"quaternion", "have quaternions with w last that were read with w first",
@@ -141,7 +141,7 @@ const Mistake kMistakes[] = {
      "with w first",
      "Write \"quat\": [x, y, z, w], and invert the poses: a reading is parent_T_child, it maps "
      "coordinates of the flange to the base's.",
-     [](Pose pose) { return inverse(scalar_first(pose)); }},
+     [](const Pose& pose) { return inverse(scalar_first(pose)); }},
     {"convention", "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
      "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector<false>,
      true},
@@ -204,9 +204,9 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
                                lengths;
     add({"convention", vectors.c_str(),
          "Read them as rotation vectors in radians (--pose-format rotvec).",
-         [=](Pose pose) { return radians(pose, a_b_c, true, metres); }});
+         [=](const Pose& pose) { return radians(pose, a_b_c, true, metres); }});
     add({"convention", angles.c_str(), "Read them as radians (--pose-format rpy).",
-         [=](Pose pose) { return radians(pose, a_b_c, false, metres); }});
+         [=](const Pose& pose) { return radians(pose, a_b_c, false, metres); }});
   }
 }
 
