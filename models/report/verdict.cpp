@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "../analysis/hand_eye.h"
 #include "../rig/numbers.h"
@@ -104,6 +105,29 @@ std::string sigmas_seen(const Report& report, double misfit) {
   return levels.empty() ? text("sigmas %.2g times as large", std::sqrt(misfit)) : listed(levels, 5);
 }
 
+/// Whether a number further from its prior than three sigmas is more than the worst of so many: of
+/// a prior that the user stated each is, of the numbers of groups one in a hundred calibrations
+/// would have such a one by chance.
+bool prior_is_doubtful(const Report& report) {
+  constexpr double kByChance = 0.01, kSigmas = 3;
+  if (report.automatic.empty() || !report.doubted.empty()) return true;
+  std::set<std::string> grouped;
+  double told = 0, worst = 0;
+  for (const AutomaticGroup& g : report.automatic) {
+    if (!g.held) told += g.gamma;
+    for (const AutomaticNumber& n : g.numbers) {
+      grouped.insert(n.name);
+      if (!n.held && n.width > 0) worst = std::max(worst, std::abs(n.value) / n.width);
+    }
+  }
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c)
+      if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > kSigmas * e.prior[c] &&
+          !grouped.count(e.component_name(c)))
+        return true;
+  return told * std::erfc(worst / std::sqrt(2.0)) < kByChance;
+}
+
 /// Whether a size or lens that came out as another did so on the automatic path, where nobody said
 /// how well it is known.
 bool nobody_freed(const Report& report, const std::string& number) {
@@ -125,8 +149,9 @@ bool is_doubt(const Report& report, const Warning& w) {
                        [&](const std::string& name) { return nobody_freed(report, name); });
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "systematic" || id == "chi2" || id == "unexplained" ||
-         id == "joint_error" || id == "joint_noise" || id == "prior" || id == "sigma" ||
-         id == "in_use" || id == "scale" || id == "arm_scale" || starts_with(id, "outlier_");
+         id == "joint_error" || id == "joint_noise" || id == "sigma" ||
+         (id == "prior" && prior_is_doubtful(report)) || id == "in_use" || id == "scale" ||
+         id == "arm_scale" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
