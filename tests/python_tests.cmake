@@ -98,7 +98,7 @@ foreach(group Init Parallel Aubo Panda Others)
   kincal_python_test(automatic.${group} automatic_test.py data 300 ${kincal_program} ${group})
 endforeach()
 kincal_python_test(newcomer newcomer_test.py cli 300 ${kincal_program})
-foreach(group Clean Readings Units Points)
+foreach(group Clean Readings Measured Units Points)
   kincal_python_test(mistakes.${group} mistakes_test.py cli 300 ${kincal_program} ${group})
 endforeach()
 

@@ -291,9 +291,10 @@ std::string height_to_hold(const Report& report, const ParameterEstimate& e, siz
   const std::optional<Vector3d> up = only_turning_axis(rig.tree);
   if (!up || c > 2) return "";
   const auto along = [&](const ParameterEstimate& pose, size_t component) {
+    if (!pose.pose || pose.parameter < 0) return 0.0;
     const Parameter& p = solution.table().all[pose.parameter];
     const bool sensor = p.kind == ParameterKind::sensor_pose;
-    if (!pose.pose || (!sensor && p.kind != ParameterKind::target_pose)) return 0.0;
+    if (!sensor && p.kind != ParameterKind::target_pose) return 0.0;
     const int link = sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link;
     if (link < 0) return 0.0;
     return std::abs(up->dot((turned_at_zero(rig.tree, link) * pose.pose->rotation).col(component)));
