@@ -17,6 +17,8 @@
 
 namespace kincal {
 
+/// A LoneAlternative is such a length with what all unknowns move by if it is that, from the
+/// posterior of the widths as they were learned, and how likely that is.
 struct LoneAlternative {
   LoneLength length;
   VectorXd moved;          // m, by unknown
