@@ -356,7 +356,9 @@ std::optional<SinglePointPose> pose_from_single_points(const std::vector<SingleP
     row.setZero();
     set_rotation_columns(Matrix3d::Identity(), one.measured - mean, row.leftCols<9>());
     row.middleCols<3>(9).setIdentity();
-    row.middleCols<3>(12 + 3 * one.point) = -one.a.rotation;
+    for (int corner = 0; corner < 4; ++corner)
+      if (one.shares(corner) != 0)
+        row.middleCols<3>(12 + 3 * (one.point + corner)) = -one.shares(corner) * one.a.rotation;
     row.col(9 + k) = -one.a.translation;
     s += row.transpose() * row;
   }
@@ -385,6 +387,29 @@ std::optional<SinglePointPose> robot_world_hand_eye_by_points(const std::vector<
   for (size_t i = 0; i < a.size(); ++i) {  // X B^-1 q = A^-1 Y q
     const Pose x_T_y = inverse(b[i]), y_T_x = inverse(a[i]);
     for (int k = 0; k < 4; ++k) readings.push_back({x_T_y * Vector3d(corner.col(k)), y_T_x, k});
+  }
+  std::optional<SinglePointPose> out = pose_from_single_points(readings, 4);
+  if (out) y = fit_points(corner, out->y);
+  return out;
+}
+
+std::optional<SinglePointPose> two_poses_by_points(const std::vector<PointOfTwo>& points, Pose& y) {
+  constexpr double kFlat = 0.01;  // of the largest spread: what Y sees lies in a plane
+  std::vector<Vector3d> seen;
+  for (const PointOfTwo& one : points) seen.push_back(one.in_y);
+  if (seen.size() < 8) return std::nullopt;
+  const Matrix3Xd in_y = columns_of(seen);
+  const Vector3d mean = in_y.rowwise().mean();
+  const Vector3d spread = (in_y.colwise() - mean).jacobiSvd().singularValues();
+  if (spread(2) < kFlat * spread(0)) return std::nullopt;
+  const double size = spread(0) / std::sqrt(static_cast<double>(points.size()));
+  Matrix3Xd corner(3, 4);
+  corner << Vector3d::Zero(), size * Matrix3d::Identity();
+  corner.colwise() += mean;
+  std::vector<SinglePoint> readings;
+  for (const PointOfTwo& one : points) {
+    const Vector3d along = (one.in_y - mean) / size;
+    readings.push_back({one.in_x, one.a, 0, {1 - along.sum(), along.x(), along.y(), along.z()}});
   }
   std::optional<SinglePointPose> out = pose_from_single_points(readings, 4);
   if (out) y = fit_points(corner, out->y);

@@ -9,6 +9,7 @@
 // B_i over many i (robot-world-hand-eye): rotations from the largest singular vectors of sum R_B
 // (x) R_A (Shah 2013), translations by linear least squares. A sensor's pose and the places of
 // points that it sees one at a time, X p_i = A_i y: linear in R_X, t_X and y (rotation_minima.h).
+// The same with y = Y q_i of what another sensor sees: linear in R_X, t_X and an affine Y.
 #pragma once
 
 #include <optional>
@@ -58,6 +59,8 @@ struct SinglePoint {
   Vector3d measured;  // in the sensor's frame
   Pose a;             // from the link that y is fixed to, to the link that X is fixed to
   int point = 0;      // which y
+  Eigen::Vector4d shares = Eigen::Vector4d::UnitX();  // of y and the three after it, whose weighted
+                                                      // mean this is; the sum is 1
 };
 
 /// A SinglePointPose is what leaves the least.
@@ -78,5 +81,16 @@ std::optional<SinglePointPose> pose_from_single_points(const std::vector<SingleP
 /// the relations leave open is the shortest translation, or any turn.
 std::optional<SinglePointPose> robot_world_hand_eye_by_points(const std::vector<Pose>& a,
                                                               const std::vector<Pose>& b, Pose& y);
+
+/// A PointOfTwo is one point as two sensors see it, with poses X and Y:  X in_x = A Y in_y.
+struct PointOfTwo {
+  Vector3d in_x, in_y;
+  Pose a;  // from the link of Y to the link of X
+};
+
+/// Finds X and Y of single points that both saw, where no view of X has a pose (a scanner whose
+/// every ray has its own A). Y is looked for as an affine map, the place of four corners, and then
+/// made rigid. nullopt where the points do not determine them; those of Y must not lie in a plane.
+std::optional<SinglePointPose> two_poses_by_points(const std::vector<PointOfTwo>& points, Pose& y);
 
 }  // namespace kincal

@@ -64,6 +64,7 @@ class PoseGraph {
   bool settle_one();
   bool settle_two(std::vector<AmbiguousStart>& ambiguous);
   bool settle_by_points(std::vector<AmbiguousStart>& ambiguous);
+  bool settle_by_shared_points(std::vector<AmbiguousStart>& ambiguous);
   bool settle_on_line();
   void settle(int parameter, const Pose& pose);
   Pose pose_of(int parameter) const {
@@ -409,6 +410,59 @@ bool PoseGraph::settle_by_points(std::vector<AmbiguousStart>& ambiguous) {
   return true;
 }
 
+/// Settles a scanner and another sensor of which views have poses, by the points of free targets
+/// that both see: those with the most points. Returns false if no two are determined.
+bool PoseGraph::settle_by_shared_points(std::vector<AmbiguousStart>& ambiguous) {
+  std::map<std::pair<int, int>, std::vector<PointOfTwo>> pairs;  // by scanner and other sensor
+  const auto before = [](const Relation& a, const Relation& b) { return a.sample < b.sample; };
+  for (const Relation& first : relations_) {
+    const View& scanned = *first.view;
+    const Sensor& scanner = rig_.sensors[scanned.sensor];
+    if (scanner.model->measurement_kind() != MeasurementKind::scan || known_sensor(scanned) ||
+        rig_.targets[scanned.target].link >= 0)
+      continue;
+    const Configuration posture = robot(first.sample);
+    const std::vector<int> ids = view_ids(scanned, rig_.targets[scanned.target]);
+    const Matrix3Xd points =
+        select_columns(target_points(rig_, table_, values_.shared, scanned.target), ids);
+    const auto [begin, end] = std::equal_range(relations_.begin(), relations_.end(), first, before);
+    for (auto second = begin; second != end; ++second) {
+      if (second->view->target != scanned.target || !second->sensor_T_target ||
+          known_sensor(*second->view))
+        continue;
+      for (Eigen::Index i = 0; i < points.cols(); ++i) {
+        const double* z = scanned.z.data() + 3 * i;
+        const Configuration at_ray = posture.with(scanner.scanning_joint, z[0]);
+        pairs[{scanned.sensor, second->view->sensor}].push_back(
+            {TiltingLaser::measured_point(z), *second->sensor_T_target * Vector3d(points.col(i)),
+             inverse(at_ray.base_T_link(scanner.link)) *
+                 at_ray.base_T_link(rig_.sensors[second->view->sensor].link)});
+      }
+    }
+  }
+  std::pair<int, int> chosen(-1, -1);
+  SinglePointPose found;
+  Pose other;
+  size_t most = 0;
+  for (const auto& [pair, points] : pairs) {
+    if (points.size() <= most) continue;
+    Pose y;
+    std::optional<SinglePointPose> solution = two_poses_by_points(points, y);
+    if (!solution) continue;
+    most = points.size();
+    chosen = {table_.sensor_pose[pair.first], table_.sensor_pose[pair.second]};
+    found = std::move(*solution);
+    other = y;
+  }
+  if (chosen.first < 0) return false;
+  settle(chosen.first, found.x);
+  settle(chosen.second, other);
+  if (found.ambiguous)
+    ambiguous.push_back(
+        {table_.all[chosen.first].name, table_.all[chosen.second].name, found.turned});
+  return true;
+}
+
 /// Settles a mounted target of which no more than points on a line are known (one reflector): where
 /// they are, and turned by nothing that they do not ask for. Returns false if there is none.
 bool PoseGraph::settle_on_line() {
@@ -439,7 +493,8 @@ UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<
   UnknownStarts out;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two(out.ambiguous) ||
-        graph.settle_by_points(out.ambiguous) || graph.settle_on_line())
+        graph.settle_by_points(out.ambiguous) || graph.settle_by_shared_points(out.ambiguous) ||
+        graph.settle_on_line())
       continue;
     const int first =
         graph.open()

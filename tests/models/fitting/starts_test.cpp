@@ -655,6 +655,59 @@ TEST_CASE(
   CHECK(hands >= 6);
 }
 
+// Proves: a laser and another sensor, neither of which the rig places, start from the boards that
+// both see (exactly without noise, near with it), on a head whose axes meet nowhere; boards that
+// stay in one plane before the other sensor place nothing. Does not prove: outliers among them.
+TEST_CASE("unknown poses: a tilting laser and a camera or a tracker, by free boards") {
+  const auto head = [](unsigned long seed, bool tracks, bool noise) {
+    Random random(seed);
+    Unknown u;
+    add_link(u.truth, "base");
+    add_joint(u.truth, JointType::revolute, "pan", "base", "neck", {0, 0, 1}, at({0.05, 0, 0.4}));
+    add_joint(u.truth, JointType::revolute, "tilt", "neck", "face", {0, 1, 0}, at({0.03, 0, 0.1}));
+    add_joint(u.truth, JointType::revolute, "nod", "base", "nodder", {0, 1, 0}, at({0.1, 0, 0.1}));
+    finish_tree(u.truth.tree);
+    const Pose mount = at(random.vector(0.1), {-1.6, 0.1, -1.5});
+    const int other = tracks ? add_tracker(u.truth, "other", "face", mount, {1e-3, 1e-3, 1e-3})
+                             : add_camera(u.truth, "other", "face", mount);
+    const int laser = add_laser(u.truth, "laser", "nodder", random.pose(0.05, 0.15), "nod",
+                                {0.0005, 0.001, 0.004});
+    const int board = add_grid(u.truth, "board", 4, 5, 0.1);
+    for (int k = 0; k < 20; ++k) {
+      TruePosture p = random_posture(u.truth, random, 0.4, noise);
+      p.boards[board] = Isometry3d::Identity();
+      p.boards[board].translation() =
+          Vector3d(random.uniform(1.5, 2.5), random.uniform(-0.6, 0.6), random.uniform(0, 0.8));
+      p.boards[board].linear() =
+          (Eigen::AngleAxisd(random.uniform(-0.5, 0.5), Vector3d::UnitX()) *
+           Eigen::AngleAxisd(-1.57 + random.uniform(-0.5, 0.5), Vector3d::UnitY()))
+              .toRotationMatrix();
+      u.add(p, {{laser, board}, {other, board}}, noise ? &random : nullptr);
+    }
+    u.names = {"sensor/other/pose", "sensor/laser/pose"};
+    return u;
+  };
+  for (unsigned long seed = 1; seed <= 8; ++seed)
+    for (const bool tracks : {false, true}) {
+      INFO("seed " << seed << (tracks ? ", tracker" : ", camera"));
+      const Unknown u = head(seed, tracks, false);
+      REQUIRE(u.samples.size() >= 8);
+      auto found = u.find();
+      CHECK(found.lost.empty());
+      CHECK(found.ambiguous.empty());
+      CHECK(found.worst < 1e-6);
+      found = head(seed, tracks, true).find();
+      CHECK(found.lost.empty());
+      CHECK(found.worst < 0.1);
+    }
+  std::vector<PointOfTwo> flat;
+  Random random(1);
+  for (int k = 0; k < 20; ++k)
+    flat.push_back({random.vector(1), {random.uniform(-1, 1), random.uniform(-1, 1), 2}, Pose()});
+  Pose y;
+  CHECK(!two_poses_by_points(flat, y));
+}
+
 TEST_CASE(
     "unknown poses: a tracker of points, by a body on the tool, by one reflector, and with the "
     "body unknown too") {
