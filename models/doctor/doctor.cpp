@@ -63,9 +63,20 @@ Stage held(Stage stage, const std::vector<std::string>& parameters) {
   return stage;
 }
 
+/// Whether several parameters come back so far, and so near to the rig's values, that this alone is
+/// proof: by chance no pose comes back, and rough poses, held, explain nothing with or without.
+bool several_return(const TrialFit& now, const TrialFit& fit,
+                    const std::vector<std::string>& returned) {
+  constexpr double kTimes = 10, kNear = 0.15;  // of what it was; m, rad
+  return std::count_if(returned.begin(), returned.end(), [&](const std::string& name) {
+           const double left = fit.moved.at(name);
+           return left < kNear && kTimes * left < now.moved.at(name);
+         }) > 1;
+}
+
 /// Fits with and without the mistake, while what moved far is held at the rig's values. If other
 /// parameters can take the place of these (a gear scale of -1, the axes around), all are held.
-/// Nothing where chi2 does not fall by that.
+/// Nothing where chi2 does not fall by that, unless several come back.
 std::optional<Evidence> prove_by_movement(const Recording& recording, const TrialContext& context,
                                           const TrialFit& now, const Trial& trial) {
   const std::vector<std::string> returned = returned_parameters(now, trial.fit);
@@ -82,7 +93,7 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
     decided =
         after.complete() && (!before.complete() || before.cost > Thresholds::decisive * after.cost);
   }
-  if (!decided) return std::nullopt;
+  if (!decided && !several_return(now, trial.fit, returned)) return std::nullopt;
   std::string names;
   for (const std::string& name : returned) names += (names.empty() ? "" : ", ") + name;
   const auto farthest_of = [&](const TrialFit& f) {
@@ -91,16 +102,23 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
     return most;
   };
   Evidence out;
-  if (before.complete()) out.before = before.chi2;
-  out.after = after.chi2;
   out.sentence =
       "The estimate hides it by moving " + names +
       text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ",
-           farthest_of(now), farthest_of(trial.fit)) +
-      (everything ? "With all held at the rig's values " : "With these held at the rig's values ") +
-      (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
-                         : "the fit cannot even start as it is") +
-      text(" and %.6g without this mistake. ", after.chi2);
+           farthest_of(now), farthest_of(trial.fit));
+  if (!decided) {
+    out.before = now.chi2;
+    out.after = trial.fit.chi2;
+    out.sentence += text("chi2 is %.6g either way. ", trial.fit.chi2);
+    return out;
+  }
+  if (before.complete()) out.before = before.chi2;
+  out.after = after.chi2;
+  out.sentence += std::string(everything ? "With all held at the rig's values "
+                                         : "With these held at the rig's values ") +
+                  (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
+                                     : "the fit cannot even start as it is") +
+                  text(" and %.6g without this mistake. ", after.chi2);
   return out;
 }
 

@@ -22,7 +22,7 @@ struct Placed {
 /// Pairs of which each was found where the other was given.
 std::vector<Finding> in_each_others_place(const std::vector<Placed>& all, const char* id,
                                           const char* what, const char* cure) {
-  constexpr double kNear = 0.25, kFar = 0.75, kLeast = 0.01;  // of the distance; m
+  constexpr double kNear = 0.35, kFar = 0.75, kLeast = 0.01;  // of the distance; m
   std::vector<Finding> out;
   for (size_t a = 0; a < all.size(); ++a)
     for (size_t b = a + 1; b < all.size(); ++b) {

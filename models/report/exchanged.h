@@ -13,7 +13,7 @@ namespace kincal {
 
 /// Returns a finding for each pair of cameras (`swapped-cameras`) or of mounted targets of one type
 /// and size (`exchanged-targets`) with given places of which each was found where the other was
-/// given: within a quarter of the distance of these, and farther than three quarters from its own.
+/// given: within a third of the distance of these, and farther than three quarters from its own.
 std::vector<Finding> exchanged_things(const Solution& solution);
 
 /// Returns a finding (`baseline`) for each rectified pair whose cameras, at one place in the rig,
