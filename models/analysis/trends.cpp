@@ -14,6 +14,8 @@ namespace {
 
 constexpr double kByNoChance = 4;   // standard deviations
 constexpr double kGoodPart = 0.25;  // share of the scatter
+constexpr double kJump = 5.5;       // standard deviations, the largest of many
+constexpr double kMost = 0.5;       // share of the scatter
 constexpr double kSame = 1e-6;      // of columns that depend on each other
 constexpr long kLeft = 8;           // samples more than columns and errors
 
@@ -126,6 +128,34 @@ Trend trend_of(const Tree& tree, int joint, const JointErrors& errors, const Mat
   return out;
 }
 
+/// The clearest jump of errors y of samples in the order of logging; `clear` is 0 where there are
+/// too few to tell.
+Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
+             const MatrixXd& columns) {
+  constexpr long kFewest = 4;  // samples before and after it
+  Jump out{joint, -1, 0, 0};
+  const long n = errors.size();
+  if (n < columns.cols() + 1 + kLeft || !columns.allFinite()) return out;
+  const SingularValues basis = singular_values(columns, Eigen::ComputeThinU);
+  const long rank = (basis.values.array() > kSame * basis.values(0)).count();
+  const MatrixXd u = basis.u.leftCols(rank);
+  const VectorXd y = errors - u * (u.transpose() * errors);
+  const auto nu = static_cast<double>(n - rank - 1);
+  VectorXd step = VectorXd::Ones(n);
+  for (long k = 1; k + kFewest <= n; ++k) {
+    step(k - 1) = 0;
+    if (k < kFewest) continue;
+    const VectorXd s = step - u * (u.transpose() * step);
+    const double size = s.squaredNorm(), by = s.dot(y) / size, gone = by * by * size,
+                 left = y.squaredNorm() - gone;
+    if (!(size > kSame * static_cast<double>(n)) || !(left > 0) || gone < kMost * y.squaredNorm())
+      continue;
+    const double clear = std::sqrt(nu * std::log1p(gone / left)) * (8 * nu + 1) / (8 * nu + 3);
+    if (clear > out.clear) out = {joint, samples[static_cast<size_t>(k)], by, clear};
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<Trend> trends(const Solution& solution) {
@@ -137,6 +167,33 @@ std::vector<Trend> trends(const Solution& solution) {
   }
   std::stable_sort(out.begin(), out.end(),
                    [](const Trend& a, const Trend& b) { return a.clear > b.clear; });
+  return out;
+}
+
+std::vector<Jump> jumps(const Solution& solution) {
+  const std::vector<int> order = logged_order(solution.samples());
+  std::vector<int> place(order.size());
+  for (size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<int>(i);
+  std::vector<Jump> out;
+  for (auto& [joint, errors] : errors_by_joint(solution)) {
+    std::vector<int> rows = indices(errors.samples.size());
+    std::stable_sort(rows.begin(), rows.end(), [&, e = &errors](int a, int b) {
+      return place[e->samples[a]] < place[e->samples[b]];
+    });
+    JointErrors sorted = errors;
+    for (size_t r = 0; r < rows.size(); ++r) {
+      sorted.samples[r] = errors.samples[rows[r]];
+      sorted.values.row(static_cast<long>(r)) = errors.values.row(rows[r]);
+    }
+    const MatrixXd columns = standing(solution, joint, sorted);
+    for (size_t c = 0; c < sorted.axes.size(); ++c) {
+      const Jump jump =
+          jump_of(sorted.axes[c], sorted.samples, sorted.values.col(static_cast<long>(c)), columns);
+      if (jump.clear > kJump) out.push_back(jump);
+    }
+  }
+  std::stable_sort(out.begin(), out.end(),
+                   [](const Jump& a, const Jump& b) { return a.clear > b.clear; });
   return out;
 }
 

@@ -1,6 +1,6 @@
-// Errors of readings that go with where the joint stands. What a joint or a flange does wrong by
-// itself (a gear, sag, bending; the zeros of a robot that is known by the poses of its flange only)
-// looks like noise of its readings, but noise does not know the posture.
+// Errors of readings that go with where the joint stands, or with the time. What a joint or a
+// flange does wrong by itself (a gear, sag, bending; the zeros of a robot that is known by the
+// poses of its flange only) looks like noise of its readings, but noise does not know the posture.
 //
 // In mode latent each sample has an error d of each noisy joint, of a floating joint six. They are
 // regressed on where it stands: of n samples
@@ -16,6 +16,14 @@
 // has p k degrees of freedom (Bartlett 1938), whatever their size; and ((chi2 / m)^(1/3) - 1 + 2 /
 // (9 m)) / sqrt(2 / (9 m)), m = p k, is nearly normal (Wilson and Hilferty 1931). A trend is what
 // chance makes in one of 30,000 joints, and which is a good part of the scatter.
+//
+// Nor does noise know the time. A joint that is homed anew, or a sensor or target that is bumped,
+// between two samples leaves errors that jump there: of those that the regression above leaves, y,
+// and what it leaves of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,
+//     t^2 = nu b^2 s's / (y'y - b^2 s's),   nu = n - rank - 1,
+// and sqrt(nu ln(1 + t^2 / nu)) (8 nu + 1) / (8 nu + 3) nearly normal (Wallace 1959). The largest
+// over k is a jump where chance makes it in one of some millions of joints, and where it is most of
+// the scatter.
 #pragma once
 
 #include <string>
@@ -33,8 +41,19 @@ struct Trend {
   double turn = 0, shift = 0;  // root mean square of that part: rad, m
 };
 
+/// A Jump is a joint whose errors change from some sample on, and stay so.
+struct Jump {
+  int joint;     // of a floating joint the axis
+  int sample;    // the first after it, in the order of logging
+  double by;     // rad, m; estimates of errors, so rather too small
+  double clear;  // how clearly, in standard deviations
+};
+
 /// Returns the trends of a solution's training samples, the clearest first; none but in mode
 /// latent.
 std::vector<Trend> trends(const Solution& solution);
+
+/// Returns the jumps of errors in time, likewise.
+std::vector<Jump> jumps(const Solution& solution);
 
 }  // namespace kincal

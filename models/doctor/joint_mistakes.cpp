@@ -7,19 +7,11 @@
 
 #include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
+#include "../rig/samples.h"
 #include "../rig/words.h"
 #include "reading_mistakes.h"
 
 namespace kincal {
-
-std::vector<int> logged_order(const std::vector<Sample>& samples) {
-  std::vector<int> out = indices(samples.size());
-  const auto stamped = [](const Sample& s) { return s.time.has_value(); };
-  if (std::all_of(samples.begin(), samples.end(), stamped))
-    std::stable_sort(out.begin(), out.end(),
-                     [&](int a, int b) { return *samples[a].time < *samples[b].time; });
-  return out;
-}
 
 void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out) {

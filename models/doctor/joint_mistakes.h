@@ -10,9 +10,6 @@
 
 namespace kincal {
 
-/// Returns samples by time if all of them have one, else as they stand in the file.
-std::vector<int> logged_order(const std::vector<Sample>& samples);
-
 /// Adds joints that turn the other way, that were logged as a constant, whose readings are degrees.
 void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
                 std::vector<Hypothesis>& out);

@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "cases.h"
@@ -255,6 +256,32 @@ void warn_of_trends(const Report& report, Warnings& out) {
   }
   warn("systematic", "joints have errors that go with where they stand", std::move(cases), out);
   if (!report.trends.empty()) out.back().text += ". What to do: " + cure_of_trends(report);
+}
+
+void warn_of_jumps(const Report& report, Warnings& out) {
+  if (report.jumps.empty()) return;
+  const Tree& tree = report.solution.rig().tree;
+  const Jump& first = report.jumps.front();
+  std::vector<std::string> joints;
+  for (const Jump& jump : report.jumps) {
+    const std::string name = tree.joints[tree.find_joint(read_name(tree, jump.joint))].name;
+    if (!std::count(joints.begin(), joints.end(), name)) joints.push_back(name);
+  }
+  const bool slides = tree.joints[first.joint].type == JointType::prismatic;
+  out.push_back(
+      {"jump",
+       "the errors of joint " + quoted(joints.front()) + " jump by " +
+           text("%.3g %s", 1e3 * std::abs(first.by), slides ? "mm" : "mrad") + " from sample " +
+           quoted(report.solution.samples()[first.sample].id) + " on" +
+           (joints.size() > 1
+                ? " (and those of " + listed({joints.begin() + 1, joints.end()}, kNamed) + ")"
+                : std::string()) +
+           ": from there on something is elsewhere, a joint that was homed anew, a sensor or "
+           "target "
+           "that was bumped, or it is another robot. It is counted as noise, so the sigmas of the "
+           "result are too small",
+       joints});
+  out.back().text += ". What to do: " + std::string(kCureOfJumps);
 }
 
 std::string cure_of_trends(const Report& report) {

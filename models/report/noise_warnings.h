@@ -23,6 +23,12 @@ bool noise_is_doubtful(const Report& report);
 std::string sensors_as_seen(const Report& report);
 /// Warns of errors of readings that go with the posture: no noise, but what the model lacks.
 void warn_of_trends(const Report& report, Warnings& out);
+/// What to do where errors change from some sample on.
+constexpr char kCureOfJumps[] =
+    "calibrate what was recorded before that sample and from it on apart, and compare the two "
+    "(diff)";
+/// Errors of readings that change from some sample on.
+void warn_of_jumps(const Report& report, Warnings& out);
 /// What to do about these.
 std::string cure_of_trends(const Report& report);
 /// Warns of joints that are far less noisy than stated, where that was not estimated.

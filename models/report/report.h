@@ -61,6 +61,7 @@ struct Report {
   std::vector<Leverage> leverage;              // above 1 sigma, largest first
   Misfits misfits;                 // samples and views that fit much worse than the others
   std::vector<Trend> trends;       // joints whose errors go with where they stand
+  std::vector<Jump> jumps;         // joints whose errors change from some sample on
   std::vector<Rejected> rejected;  // taken out before the fit
   std::string no_consensus;        // why nothing was taken out although it was asked for
   std::vector<Rejected>

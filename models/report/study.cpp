@@ -517,6 +517,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   report.residuals = residuals(at);
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);
+  report.jumps = jumps(report.solution);
   const Solution& solution = report.solution;
   const bool badly =
       solution.status == Status::not_converged || solution.chi2_data > 10 * solution.dof_data;

@@ -148,8 +148,8 @@ bool is_doubt(const Report& report, const Warning& w) {
     return std::any_of(w.names.begin(), w.names.end(),
                        [&](const std::string& name) { return nobody_freed(report, name); });
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
-  return id == "implausible" || id == "systematic" || id == "chi2" || id == "unexplained" ||
-         id == "joint_error" || id == "joint_noise" || id == "sigma" ||
+  return id == "implausible" || id == "jump" || id == "systematic" || id == "chi2" ||
+         id == "unexplained" || id == "joint_error" || id == "joint_noise" || id == "sigma" ||
          (id == "prior" && prior_is_doubtful(report)) || id == "in_use" || id == "scale" ||
          id == "arm_scale" || starts_with(id, "outlier_");
 }
@@ -182,7 +182,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
 
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
-  return !other || id == "width" || id == "identity" || id == "scale" ||
+  return !other || id == "width" || id == "identity" || id == "scale" || id == "jump" ||
          (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
                                  other->id == "chi2" || other->id == "noise")) ||
          (id == "noise" && (other->id == "joint_error" || other->id == "chi2" ||
@@ -213,6 +213,7 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "arm_scale")
     return "measure a known distance with what measures lengths; if that is right, measure a link, "
            "and correct the URDF";
+  if (id == "jump") return kCureOfJumps;
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
     return "measure what came out as another (a length of the robot that is wrong looks the same), "

@@ -426,16 +426,27 @@ void warn_of_minima(const Restarts& restarts, Warnings& out) {
 
 /// The kinds of warnings, what matters most first.
 size_t rank(const Warning& warning) {
-  static const char* const kOrder[] = {
-      "not_converged",   "unobservable",  "few_turns",    "unexplained", "implausible",
-      "outside_image",   "duplicates",    "few_data",     "undefined",   "outlier_sample",
-      "outlier_view",    "outlier_point", "no_consensus", "chi2",        "in_use",
-      "systematic",      "joint_error",   "joint_noise",  "noise",       "quiet_joints",
-      "scale",           "arm_scale",     "prior",        "sigma",       "minima",
-      "given_pose",      "rescaled",      "unchecked",    "no_start",    "ambiguous_start",
-      "moved",           "identity",      "unfinished",   "joint_model", "no_effect",
-      "few_poses",       "repeated",      "last_zero",    "base_frame",  "unused_prior",
-      "undefined_before"};
+  static const char* const kOrder[] = {"not_converged",   "unobservable",
+                                       "few_turns",       "unexplained",
+                                       "implausible",     "outside_image",
+                                       "duplicates",      "few_data",
+                                       "undefined",       "outlier_sample",
+                                       "outlier_view",    "outlier_point",
+                                       "no_consensus",    "chi2",
+                                       "in_use",          "jump",
+                                       "systematic",      "joint_error",
+                                       "joint_noise",     "noise",
+                                       "quiet_joints",    "scale",
+                                       "arm_scale",       "prior",
+                                       "sigma",           "minima",
+                                       "given_pose",      "rescaled",
+                                       "unchecked",       "no_start",
+                                       "ambiguous_start", "moved",
+                                       "identity",        "unfinished",
+                                       "joint_model",     "no_effect",
+                                       "few_poses",       "repeated",
+                                       "last_zero",       "base_frame",
+                                       "unused_prior",    "undefined_before"};
   return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
                              std::begin(kOrder));
 }
@@ -474,6 +485,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_unexplained(report, out);
   warn_of_joint_errors(report.solution, out);
   warn_of_joint_noise(report, out);
+  warn_of_jumps(report, out);
   warn_of_trends(report, out);
   warn_of_quiet_joints(report, out);
   warn_of_use(report.residuals, out);

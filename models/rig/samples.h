@@ -1,6 +1,8 @@
 // What was logged: samples, one posture of the robot each, and the views in them.
 #pragma once
 
+#include <algorithm>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -29,5 +31,15 @@ struct Sample {
   std::vector<View> views;
   bool train = true;  // else held out
 };
+
+/// Returns the samples' indices by time if all of them have one, else as they stand in the file.
+inline std::vector<int> logged_order(const std::vector<Sample>& samples) {
+  std::vector<int> out(samples.size());
+  std::iota(out.begin(), out.end(), 0);
+  if (std::all_of(samples.begin(), samples.end(), [](const Sample& s) { return s.time; }))
+    std::stable_sort(out.begin(), out.end(),
+                     [&](int a, int b) { return *samples[a].time < *samples[b].time; });
+  return out;
+}
 
 }  // namespace kincal
