@@ -14,8 +14,8 @@ namespace {
 
 constexpr double kByNoChance = 4;   // standard deviations
 constexpr double kGoodPart = 0.25;  // share of the scatter
-constexpr double kJump = 5.5;       // standard deviations, the largest of many
-constexpr double kMost = 0.5;       // share of the scatter
+constexpr double kJump = 4.8;       // standard deviations, the largest of many
+constexpr double kMost = 0.35;      // share of the scatter
 constexpr double kSame = 1e-6;      // of columns that depend on each other
 constexpr long kLeft = 8;           // samples more than columns and errors
 
@@ -186,11 +186,25 @@ std::vector<Jump> jumps(const Solution& solution) {
       sorted.values.row(static_cast<long>(r)) = errors.values.row(rows[r]);
     }
     const MatrixXd columns = standing(solution, joint, sorted);
-    for (size_t c = 0; c < sorted.axes.size(); ++c) {
-      const Jump jump =
-          jump_of(sorted.axes[c], sorted.samples, sorted.values.col(static_cast<long>(c)), columns);
-      if (jump.clear > kJump) out.push_back(jump);
+    const auto look = [&] {
+      for (size_t c = 0; c < sorted.axes.size(); ++c) {
+        const Jump jump = jump_of(sorted.axes[c], sorted.samples,
+                                  sorted.values.col(static_cast<long>(c)), columns);
+        if (jump.clear > kJump) out.push_back(jump);
+      }
+    };
+    look();
+    if (sorted.axes.size() != kPoseAxes) continue;
+    for (size_t r = 0; r < rows.size(); ++r) {  // of a flange also in the axes of its base
+      const auto row = static_cast<long>(r);
+      const Matrix3d base_R_flange =
+          pose_reading(solution.rig().tree, joint, solution.samples()[sorted.samples[r]].readings)
+              .rotation;
+      for (const int first : {0, 3})
+        sorted.values.block<1, 3>(row, first) =
+            (base_R_flange * sorted.values.block<1, 3>(row, first).transpose()).transpose().eval();
     }
+    look();
   }
   std::stable_sort(out.begin(), out.end(),
                    [](const Jump& a, const Jump& b) { return a.clear > b.clear; });

@@ -270,7 +270,7 @@ void warn_of_jumps(const Report& report, Warnings& out) {
   const bool slides = tree.joints[first.joint].type == JointType::prismatic;
   out.push_back(
       {"jump",
-       "the errors of joint " + quoted(joints.front()) + " jump by " +
+       "the errors of joint " + quoted(joints.front()) + " jump by at least " +
            text("%.3g %s", 1e3 * std::abs(first.by), slides ? "mm" : "mrad") + " from sample " +
            quoted(report.solution.samples()[first.sample].id) + " on" +
            (joints.size() > 1

@@ -376,6 +376,29 @@ class Words(Case):
             self.assertEqual(result["verdict"]["use"], "doubts")
             self.assertIn("go with where it stands", result["verdict"]["text"])
 
+    def test_errors_that_jump(self):
+        """A joint that was homed anew at half time: which sample, also where the samples are not in the order of their times."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        self.write("open.yaml", CAMERA)
+        for seed in (4, 5, 6):
+            clean = self.simulate(true, CAMERA_TRUTH, samples=30, seed=seed, out="sim%d" % seed)
+            result, _ = self.calibrate(clean, rig="open.yaml")
+            self.assertEqual(self.warnings(result, "jump"), [])
+            homed = json.loads(json.dumps(clean))
+            for k, s in enumerate(homed):
+                s["time"] = 10.0 * k
+                s["joints"]["j2"] += 0.006 * (k >= 15)
+            for samples in (homed, homed[::2] + homed[1::2]):
+                with self.subTest(seed=seed):
+                    result, text = self.calibrate(samples, rig="open.yaml")
+                    found, = self.warnings(result, "jump")
+                    self.assertRegex(found, r"^the errors of joint 'j2' jump by at least [56]\.?\d* mrad from sample '%s' on" % clean[15]["id"])
+                    self.assertIn("calibrate what was recorded before that sample and from it on apart", found)
+                    self.assertEqual(result["verdict"]["use"], "doubts", text)
+                    self.assertIn("jump by at least", result["verdict"]["text"])
+
     def test_postures_that_are_repeated(self):
         """Three pictures of a robot that stands still are one posture, unless its readings scatter as stated."""
         true = CAMERA

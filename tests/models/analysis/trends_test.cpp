@@ -2,7 +2,8 @@
 //
 // Proves, of robots that are known by the poses of their flange (with Eigen alone): errors that are
 // smooth in the pose are a trend and make the verdict doubtful, with the noise stated or not,
-// from 30 samples on; noise of the same size is none, in 20 draws of each. Not proved: joints
+// from 30 samples on; noise of the same size is none, and no jump in time, in 20 draws of each; a
+// flange that is moved by 10 sigmas from some sample on is, there. Not proved: joints
 // (tests/program/newcomer_test.py), how clear smaller trends are.
 #include <catch2/catch.hpp>
 
@@ -59,6 +60,25 @@ TEST_CASE("trends: noise is none, whatever its size") {
       INFO("seed " << seed << ", samples " << samples);
       fixture::FlangeTruth truth({seed % 2 == 0, 5e-4, 1e-3}, 100 + seed);
       fixture::FlangeInput input = fixture::read(truth, samples);
-      CHECK(trends(fixture::solution_of(std::move(input.rig), std::move(input.samples))).empty());
+      const Solution solution =
+          fixture::solution_of(std::move(input.rig), std::move(input.samples));
+      CHECK(trends(solution).empty());
+      CHECK(jumps(solution).empty());
     }
+}
+
+TEST_CASE("jumps: a flange that says otherwise from some sample on") {
+  for (unsigned seed = 0; seed < 4; ++seed) {
+    INFO("seed " << seed);
+    fixture::FlangeTruth truth({true, 5e-4, 1e-3}, 100 + seed);
+    int sample = 0;
+    fixture::FlangeInput input = fixture::read(truth, 30, [&](const Isometry3d& pose) {
+      return fixture::xyz_quat(sample++ < 12 ? pose
+                                             : Isometry3d(Eigen::Translation3d(0.02, 0, 0) * pose));
+    });
+    const Solution solution = fixture::solution_of(std::move(input.rig), std::move(input.samples));
+    const std::vector<Jump> found = jumps(solution);
+    REQUIRE(!found.empty());
+    CHECK(found[0].sample == 12);
+  }
 }
