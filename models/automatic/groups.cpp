@@ -100,6 +100,15 @@ int GroupMaker::shared_joint(size_t sensor, const std::vector<size_t>& others) c
              : -1;
 }
 
+/// Whether points are seen at the sensor's own origin, within their noise.
+bool is_at_origin(const View& v) {
+  constexpr double kSigmas = 10;
+  for (size_t i = 0; i < v.z.size(); ++i)
+    if (std::abs(v.z[i]) > (v.covariance.empty() ? kSigmas * v.sigma[i % v.sigma.size()] : 0))
+      return false;
+  return true;
+}
+
 /// Of a mount that nothing can turn. One that two things share turns one about the other.
 void GroupMaker::hold_pointing(int mount) {
   const auto shares = std::count(table_.sensor_mount.begin(), table_.sensor_mount.end(), mount) +
@@ -112,7 +121,7 @@ void GroupMaker::make_mounts() {
   for (const Sample& sample : samples_)
     for (const View& v : sample.views)
       if (rig_.sensors[v.sensor].model->measurement_kind() != MeasurementKind::points ||
-          std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; }))
+          !is_at_origin(v))
         away[v.sensor] = 1;
   for (size_t s = 0; s < rig_.sensors.size(); ++s) {
     if (done[s] || !used_[table_.sensor_pose[s]]) continue;

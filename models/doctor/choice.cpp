@@ -61,12 +61,33 @@ struct Look {
   size_t index;
 };
 
+/// Whether a fit put mounted targets of single points at one place, where no two can be: on the
+/// axis of what then holds them they explain everything.
+bool are_targets_at_one_place(const Trial& t) {
+  constexpr double kApart = 1e-4;  // m
+  const Rig& rig = t.recording.rig;
+  std::map<int, std::vector<Vector3d>> places;  // by link
+  for (size_t i = 0; i < rig.targets.size(); ++i) {
+    const Target& target = rig.targets[i];
+    if (target.link < 0 || target.count() != 1 || target.grid) continue;
+    const Parameter& p = t.recording.table.all[t.recording.table.target_pose[i]];
+    places[target.link].push_back(get_pose(t.fit.values.shared, p.start) *
+                                  Vector3d(target.points.col(0)));
+  }
+  for (const auto& [link, points] : places)
+    for (size_t a = 0; a < points.size(); ++a)
+      for (size_t b = 0; b < a; ++b)
+        if ((points[a] - points[b]).norm() < kApart) return true;
+  return false;
+}
+
 /// Whether a fit made a size that is free next to nothing: then all that is seen may be one point,
 /// which explains everything.
 bool has_collapsed(const Trial& t) {
   constexpr double kNothing = 1e-4;
   const ParameterTable& table = t.recording.table;
   if (t.fit.values.shared.size() == 0) return false;
+  if (are_targets_at_one_place(t)) return true;
   return std::any_of(table.target_square.begin(), table.target_square.end(), [&](int square) {
     if (square < 0) return false;
     const int at = table.all[square].start;
