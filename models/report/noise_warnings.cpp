@@ -107,11 +107,13 @@ std::string beyond_repeating(const Report& report) {
   return out;
 }
 
-/// Whether noise that somebody stated was found to be larger.
+/// Whether noise that somebody stated was found to be larger, by more than such an estimate is off.
 bool any_stated_is_larger(const Report& report) {
-  return std::any_of(
-      report.noise_levels.begin(), report.noise_levels.end(),
-      [](const NoiseLevel& level) { return !level.unstated && level.used > level.assumed; });
+  constexpr double kLarger = 1.1;
+  return std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
+                     [](const NoiseLevel& level) {
+                       return !level.unstated && level.used > kLarger * level.assumed;
+                     });
 }
 
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.

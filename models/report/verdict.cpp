@@ -363,6 +363,8 @@ constexpr double kNoNoise = 1e4;  // chi2/dof: no noise is misstated by a hundre
 
 bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
 
+bool hangs_on_a_size(const Report& report) { return !loosest(report).size.empty(); }
+
 double data_misfit(const Report& report) {
   const Solution& solution = report.solution;
   if (solution.setup.loss.kind == LossKind::none) return solution.chi2_per_dof();

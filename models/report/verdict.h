@@ -27,6 +27,8 @@ std::string why_unexplained(const Report& report);
 std::string loose_mount(const Report& report);
 /// Returns whether a pose is known to no better than 0.3 m or 30 degrees.
 bool has_open_mount(const Report& report);
+/// Whether the number of a pose that is known worst would be known if a target's size were.
+bool hangs_on_a_size(const Report& report);
 /// Returns the verdict of a report that is otherwise complete.
 Verdict verdict(const Report& report);
 

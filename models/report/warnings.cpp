@@ -187,7 +187,8 @@ void warn_of_directions(const Report& report, Warnings& out) {
 
 /// A robot that did not turn enough, of mounts that are hardly known for that.
 void warn_of_motion(const Report& report, Warnings& out) {
-  if (!report.solution.unobservable.empty() || !has_open_mount(report)) return;
+  if (!report.solution.unobservable.empty() || !has_open_mount(report) || hangs_on_a_size(report))
+    return;
   const MotionLack lack = motion_lack(*report.solution.recording);
   if (!lack.why.empty()) out.push_back({"few_turns", lack.why + ". What to do: " + lack.cure, {}});
 }
