@@ -181,8 +181,9 @@ std::vector<std::string> unsaid(const Field& result, const char* key) {
   const Field list = result[key];
   std::vector<std::string> out;
   for (size_t i = 0; i < list.size(); ++i) {
-    const std::string text = list.item(i)["text"].string();
-    if (verdict.find(text) == std::string::npos)
+    const std::string text = list.item(i)["text"].string(),
+                      sentence = text.substr(0, text.find_last_not_of('.') + 1);
+    if (verdict.find(sentence) == std::string::npos)
       out.push_back(list.item(i)["id"].string() + ": " + text);
   }
   return out;

@@ -294,6 +294,18 @@ void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesi
   if (moving.size() > 2) out.push_back(wrong_signs(rig, moving));
 }
 
+/// Sensors that measure lengths by a scale of their own.
+std::string sensors_of_lengths(const Rig& rig, const Survey& survey) {
+  std::vector<std::string> names;
+  for (const int s : survey.sensors) {
+    const MeasurementKind kind = rig.sensors[s].model->measurement_kind();
+    if (kind == MeasurementKind::points || kind == MeasurementKind::pose ||
+        kind == MeasurementKind::scan)
+      names.push_back(rig.sensors[s].name);
+  }
+  return joined(names);
+}
+
 void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey,
                const FreedNames& freed, std::vector<Hypothesis>& out) {
   for (const auto& range : survey.ranges) {
@@ -306,8 +318,11 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     h.free = {table.all[scale].name};
     h.proves = true;
     h.undo = [](Rig&, std::vector<Sample>&) {};
-    h.told = [given = rig.joints[j].scale, joint = h.where[0],
-              name = h.free[0]](const std::vector<double>& found) {
+    const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
+                                    ? sensors_of_lengths(rig, survey)
+                                    : std::string();
+    h.told = [given = rig.joints[j].scale, joint = h.where[0], name = h.free[0],
+              lengths](const std::vector<double>& found) {
       const double times = found[0] / given;
       const std::string mistake =
           "joint " + quoted(joint) +
@@ -316,9 +331,14 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
               "%.2g %% off",
               times, 100 * std::abs(times - 1));
       const bool is_gear = times > 0.3 && times < 3 && std::abs(times - 1) > 0.003;
-      return std::pair(is_gear ? mistake : "",
-                       "Correct it where readings are made (or state joints." + joint +
-                           text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ").");
+      return std::pair(
+          is_gear ? mistake : "",
+          (lengths.empty() ? std::string("Correct it")
+                           : "Or what measures lengths (" + lengths +
+                                 ") has a wrong scale, which looks the same: measure a known "
+                                 "distance with both first. If it is the joint, correct it") +
+              " where readings are made (or state joints." + joint +
+              text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ").");
     };
     out.push_back(std::move(h));
   }

@@ -22,7 +22,8 @@ constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 constexpr char kFreeLess[] = "record more varied postures, or free less";
 const std::string kDo = ". What to do: ";
-constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
+constexpr double kMuchTwice = 4;  // one sample in so many has another one that is the same
+constexpr double kOpen = 10;      // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
   if (report.diagnosis)
@@ -147,6 +148,9 @@ bool is_doubt(const Report& report, const Warning& w) {
   if (id == "rescaled")
     return std::any_of(w.names.begin(), w.names.end(),
                        [&](const std::string& name) { return nobody_freed(report, name); });
+  if (id == "duplicates")  // a few change no sigma
+    return kMuchTwice * static_cast<double>(w.names.size()) >
+           static_cast<double>(report.solution.samples().size());
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "jump" || id == "systematic" || id == "chi2" ||
          id == "unexplained" || id == "joint_error" || id == "joint_noise" || id == "sigma" ||
@@ -183,6 +187,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
   return !other || id == "width" || id == "identity" || id == "scale" || id == "jump" ||
+         id == "duplicates" ||
          (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
                                  other->id == "chi2" || other->id == "noise")) ||
          (id == "noise" && (other->id == "joint_error" || other->id == "chi2" ||
@@ -213,6 +218,8 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "arm_scale")
     return "measure a known distance with what measures lengths; if that is right, measure a link, "
            "and correct the URDF";
+  if (id == "duplicates")
+    return "leave out all but one of each: what is counted twice looks better known than it is";
   if (id == "jump") return kCureOfJumps;
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")

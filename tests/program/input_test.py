@@ -58,13 +58,18 @@ class Warnings(Input):
             self.assertEqual([w["id"] for w in result["warnings"] if w["id"] in KINDS], [])
 
     def test_duplicates(self):
-        samples = self.seen()
-        samples += [dict(samples[3], id="again"), dict(samples[3], id="once more"), dict(samples[5], id="another")]
+        seen = self.seen()
+        samples = seen + [dict(seen[3], id="again"), dict(seen[3], id="once more"), dict(seen[5], id="another")]
         _, result, _ = self.run_calibrate(GIVEN, samples)
         warning = self.one(result, "duplicates")
         self.assertEqual(sorted(warning["names"]), sorted(["again", "once more", "another", samples[3]["id"], samples[5]["id"]]))
         for words in ("5 samples", "2 measurements", "'again'", "'once more'"):
             self.assertIn(words, warning["text"])
+        verdict = result["verdict"]
+        _, result, _ = self.run_calibrate(GIVEN, seen + [dict(s, id="again " + s["id"]) for s in seen])  # so many are a doubt
+        self.assertEqual(result["verdict"]["use"], "doubts")
+        self.assertIn("leave out all but one of each", result["verdict"]["text"])
+        self.assertEqual(verdict["use"], "good")
 
     def test_points_outside_of_the_image(self):
         samples = self.seen()
