@@ -69,7 +69,7 @@ class Warnings(Input):
         _, result, _ = self.run_calibrate(GIVEN, seen + [dict(s, id="again " + s["id"]) for s in seen])  # so many are a doubt
         self.assertEqual(result["verdict"]["use"], "doubts")
         self.assertIn("leave out all but one of each", result["verdict"]["text"])
-        self.assertEqual(verdict["use"], "good")
+        self.assertNotIn("leave out all but one of each", verdict["text"])  # a few change little
 
     def test_points_outside_of_the_image(self):
         samples = self.seen()
