@@ -22,7 +22,7 @@ constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 constexpr char kFreeLess[] = "record more varied postures, or free less";
 const std::string kDo = ". What to do: ";
-constexpr double kMuchTwice = 4;  // one sample in so many has another one that is the same
+constexpr double kMuchTwice = 3;  // one sample in so many has another one that is the same
 constexpr double kOpen = 10;      // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
