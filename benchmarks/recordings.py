@@ -93,7 +93,7 @@ def pr2(folder):
 
 
 ROBOTS = {"arm": arm, "pr2": pr2}
-SIGMAS = {"arm": 0.00156, "pr2": 0.0028}  # px, see above
+SIGMAS = {"arm": 0.0008, "pr2": 0.0028}  # px, see above
 # A recording of a rest is short here, to have many.
 RECORDING = {"arm": ["--rest", "1.2", "--move", "1", "--frame-rate", "5"], "pr2": ["--rest", "1.2", "--move", "0.6", "--frame-rate", "5"]}
 

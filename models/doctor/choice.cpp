@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -66,8 +67,11 @@ struct Look {
 bool are_targets_at_one_place(const Trial& t) {
   constexpr double kApart = 1e-4;  // m
   const Rig& rig = t.recording.rig;
+  std::set<size_t> seen;
+  for (const Sample& sample : t.recording.samples)
+    for (const View& v : sample.views) seen.insert(static_cast<size_t>(v.target));
   std::map<int, std::vector<Vector3d>> places;  // by link
-  for (size_t i = 0; i < rig.targets.size(); ++i) {
+  for (const size_t i : seen) {
     const Target& target = rig.targets[i];
     if (target.link < 0 || target.count() != 1 || target.grid) continue;
     const Parameter& p = t.recording.table.all[t.recording.table.target_pose[i]];

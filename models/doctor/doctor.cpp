@@ -17,6 +17,7 @@
 #include "stated_sigmas.h"
 #include "suspects.h"
 #include "trial_fits.h"
+#include "two_parts.h"
 
 namespace kincal {
 namespace {
@@ -63,14 +64,28 @@ Stage held(Stage stage, const std::vector<std::string>& parameters) {
   return stage;
 }
 
-/// Whether several parameters come back so far, and so near to the rig's values, that this alone is
-/// proof: by chance no pose comes back, and rough poses, held, explain nothing with or without.
-bool several_return(const TrialFit& now, const TrialFit& fit,
+/// Whether a parameter is a whole pose that the rig gives and that the data tell.
+bool is_given_pose(const Recording& recording, const std::string& name) {
+  constexpr int kFewestToTurn = 3;  // points
+  for (const Parameter& p : recording.table.all) {
+    if (p.name != name) continue;
+    if (p.kind == ParameterKind::sensor_pose) return recording.rig.sensors[p.owner].pose_given;
+    return p.kind == ParameterKind::joint_origin ||
+           (p.kind == ParameterKind::target_pose && recording.rig.targets[p.owner].pose_given &&
+            recording.rig.targets[p.owner].count() >= kFewestToTurn);
+  }
+  return false;
+}
+
+/// Whether several poses come back so far, and so near to the rig's values, that this alone is
+/// proof: by chance none comes back, and rough poses, held, explain nothing with or without.
+bool several_return(const Recording& recording, const TrialFit& now, const TrialFit& fit,
                     const std::vector<std::string>& returned) {
   constexpr double kTimes = 10, kNear = 0.15;  // of what it was; m, rad
   return std::count_if(returned.begin(), returned.end(), [&](const std::string& name) {
            const double left = fit.moved.at(name);
-           return left < kNear && kTimes * left < now.moved.at(name);
+           return is_given_pose(recording, name) && left < kNear &&
+                  kTimes * left < now.moved.at(name);
          }) > 1;
 }
 
@@ -93,7 +108,7 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
     decided =
         after.complete() && (!before.complete() || before.cost > Thresholds::decisive * after.cost);
   }
-  if (!decided && !several_return(now, trial.fit, returned)) return std::nullopt;
+  if (!decided && !several_return(recording, now, trial.fit, returned)) return std::nullopt;
   std::string names;
   for (const std::string& name : returned) names += (names.empty() ? "" : ", ") + name;
   const auto farthest_of = [&](const TrialFit& f) {
@@ -443,14 +458,14 @@ std::vector<Finding> examine_data(const Recording& recording, const TrialContext
 Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   Diagnosis out;
   out.tested = {
-      "square",         "rows-columns", "numbering",     "mirrored",         "joint-sign",
-      "degrees",        "still-joint",  "inverted-pose", "eye-in-hand",      "swapped-cameras",
-      "rectified",      "duplicates",   "disconnected",  "bad-samples",      "exchanged-axes",
-      "resolution",     "intrinsics",   "normalised",    "board-columns",    "turned-pose",
-      "outlier-points", "units",        "outside-image", "shifted",          "lag",
-      "wrong-link",     "sigma",        "home-position", "exchanged-joints", "exchanged-targets",
-      "absolute-angle", "joint-axis",   "gear",          "quaternion",       "baseline",
-      "convention",     "moved-target", "turned-picture"};
+      "square",         "rows-columns", "numbering",      "mirrored",         "joint-sign",
+      "degrees",        "still-joint",  "inverted-pose",  "eye-in-hand",      "swapped-cameras",
+      "rectified",      "duplicates",   "disconnected",   "bad-samples",      "exchanged-axes",
+      "resolution",     "intrinsics",   "normalised",     "board-columns",    "turned-pose",
+      "outlier-points", "units",        "outside-image",  "shifted",          "lag",
+      "wrong-link",     "sigma",        "home-position",  "exchanged-joints", "exchanged-targets",
+      "absolute-angle", "joint-axis",   "gear",           "quaternion",       "baseline",
+      "convention",     "moved-target", "turned-picture", "changed"};
   std::vector<Finding> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);
@@ -470,6 +485,12 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
     else if (!good(now))
       explain(recording, context, now, false, by_fits);
   }
+  if (!still_joint && !good(now) && (by_fits.empty() || now.per_dof() > Thresholds::hopeless))
+    if (std::optional<Finding> changed =
+            two_parts(as_given.recording, as_given.context, as_given.now);
+        changed &&
+        (by_fits.empty() || !(now.chi2 < Thresholds::overwhelming * *changed->chi2_corrected)))
+      by_fits = {std::move(*changed)};
   if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);

@@ -35,7 +35,7 @@ IDS = ["square", "rows-columns", "numbering", "mirrored", "joint-sign", "degrees
        "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples", "exchanged-axes", "resolution", "intrinsics",
        "normalised", "board-columns", "turned-pose", "outlier-points",
        "units", "outside-image", "shifted", "lag", "wrong-link", "sigma",
-       "home-position", "exchanged-joints", "exchanged-targets", "absolute-angle", "joint-axis", "gear", "quaternion", "baseline", "moved-target", "turned-picture"]
+       "home-position", "exchanged-joints", "exchanged-targets", "absolute-angle", "joint-axis", "gear", "quaternion", "baseline", "moved-target", "turned-picture", "changed"]
 NO_CHI2 = {"still-joint", "duplicates", "disconnected"}      # chi2 says nothing about these
 CURES = {   # what the text has to speak of, besides naming what is wrong
     "rows-columns": r"rows|columns|swap|exchange", "numbering": r"corner|180|number|order|flip", "mirrored": r"mirror|flip|left-hand|handed",

@@ -1,0 +1,86 @@
+#include "two_parts.h"
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+#include <utility>
+
+#include "../rig/words.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kFewestSamples = 16, kFewestInPart = 5;
+constexpr double kLarge = 5;  // chi2/dof; less a robot's own geometry makes, in one region
+                              // otherwise than in another
+
+/// The samples before the k-th in the order of logging and those from it on, fitted apart.
+struct Parts {
+  TrialFit before, after;
+  double chi2() const {
+    return before.complete() && after.complete() ? before.chi2 + after.chi2 : kInfinity;
+  }
+  long dof() const { return before.dof + after.dof; }
+};
+
+TrialFit fit_of(const Recording& recording, const TrialContext& context,
+                const std::vector<int>& samples) {
+  std::vector<Sample> part;
+  for (const int i : samples) part.push_back(recording.samples[i]);
+  return best_fit(Recording(recording.rig, std::move(part)), context, context.all, {30, 1e-4});
+}
+
+}  // namespace
+
+std::optional<Finding> two_parts(const Recording& recording, const TrialContext& context,
+                                 const TrialFit& now) {
+  const std::vector<int> order = logged_order(recording.samples);
+  const int n = static_cast<int>(order.size());
+  if (n < kFewestSamples || !now.complete() || now.per_dof() < kLarge) return std::nullopt;
+  std::map<int, Parts> tried;
+  int at = 0;
+  const auto look = [&](int k) {
+    if (k < kFewestInPart || k > n - kFewestInPart || tried.count(k)) return;
+    context.report(static_cast<int>(tried.size()), static_cast<int>(tried.size()) + 8);
+    Parts& parts = tried[k];
+    try {
+      parts.before = fit_of(recording, context, {order.begin(), order.begin() + k});
+      parts.after = fit_of(recording, context, {order.begin() + k, order.end()});
+    } catch (const std::invalid_argument&) {  // a part lacks what the whole has
+      parts.before.chi2 = kInfinity;
+      return;
+    }
+    if (at == 0 || parts.chi2() < tried.at(at).chi2()) at = k;
+  };
+  for (const int quarter : {2, 1, 3}) look(n * quarter / 4);
+  if (at == 0 || !(Thresholds::clean_gain * tried.at(at).chi2() < now.chi2)) return std::nullopt;
+  for (int step = std::max(1, n / 8); step >= 1;) {
+    const int middle = at;
+    look(middle - step), look(middle + step);
+    if (at == middle) step /= 2;
+  }
+  const Parts& best = tried.at(at);
+  const double left = best.chi2() / static_cast<double>(std::max(1L, best.dof()));
+  if (!((left < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * left <
+        now.per_dof()))
+    return std::nullopt;
+  const std::string &last = recording.samples[order[at - 1]].id,
+                    &first = recording.samples[order[at]].id;
+  Finding out;
+  out.id = "changed";
+  out.where = {first};
+  out.chi2_as_is = now.chi2;
+  out.chi2_corrected = best.chi2();
+  out.text =
+      "What was recorded up to sample " + quoted(last) + " and from " + quoted(first) +
+      " on contradict each other: chi2/dof is " +
+      text("%.3g of all, %.3g and %.3g of the two by themselves. ", now.per_dof(),
+           best.before.per_dof(), best.after.per_dof()) +
+      "Something changed between: images of another size or lens setting, a joint that was homed "
+      "anew, a camera, tracker or target that was bumped, or it is another robot. Calibrate the "
+      "two "
+      "parts apart, and compare them (diff).";
+  return out;
+}
+
+}  // namespace kincal
