@@ -13,12 +13,12 @@ std::string size_text(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height);
 }
 
-/// Whether there is EXIF in the head of a JPEG.
-bool has_exif(const std::string& path) {
+/// Whether there is EXIF in the head of a JPEG ("Exif") or PNG ("eXIf").
+bool has_exif(const std::string& path, std::string_view mark) {
   std::array<char, 4096> head{};
   std::ifstream in(path, std::ios::binary);
   in.read(head.data(), head.size());
-  return std::string_view(head.data(), static_cast<size_t>(in.gcount())).find("Exif") !=
+  return std::string_view(head.data(), static_cast<size_t>(in.gcount())).find(mark) !=
          std::string_view::npos;
 }
 
@@ -27,8 +27,9 @@ bool has_exif(const std::string& path) {
 bool asks_to_be_turned(const std::string& path, const cv::Mat& stored) {
   std::string extension = std::filesystem::path(path).extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  const bool tiff = extension == ".tif" || extension == ".tiff";
-  if (!tiff && ((extension != ".jpg" && extension != ".jpeg") || !has_exif(path))) return false;
+  const bool tiff = extension == ".tif" || extension == ".tiff",
+             jpeg = extension == ".jpg" || extension == ".jpeg", png = extension == ".png";
+  if (!tiff && !(jpeg && has_exif(path, "Exif")) && !(png && has_exif(path, "eXIf"))) return false;
   const cv::Mat turned = cv::imread(path, cv::IMREAD_ANYDEPTH | cv::IMREAD_GRAYSCALE);
   return turned.size() != stored.size() ||
          (!turned.empty() && cv::norm(turned, stored, cv::NORM_INF) > 0);

@@ -46,9 +46,11 @@ std::vector<uchar> encoded(const std::string& ending, const cv::Mat& image) {
 
 TEST_CASE("images: a turn that EXIF asks for is said and not done") {
   const ImageFolder folder;
-  for (const char* name : {"turned.jpg", "turned.JPG"}) {
+  for (const char* name : {"turned.jpg", "turned.JPG", "turned.png"}) {
     const std::string path =
-        folder.write(name, fixtures::asking_for_a_turn(encoded(".jpg", slope())));
+        folder.write(name, name == std::string("turned.png")
+                               ? fixtures::png_asking_for_a_turn(encoded(".png", slope()))
+                               : fixtures::asking_for_a_turn(encoded(".jpg", slope())));
     REQUIRE(cv::imread(path, cv::IMREAD_GRAYSCALE).size() == cv::Size(40, 60));  // it would be done
     const LoadedImage image = load_image(path, 60, 40);
     REQUIRE(image.error.empty());
@@ -58,6 +60,7 @@ TEST_CASE("images: a turn that EXIF asks for is said and not done") {
     CHECK(image.notes[0].find("EXIF") != std::string::npos);
     CHECK(load_image(path, 40, 60).error == "has 60 x 40 pixels, the rig's image_size is 40 x 60");
   }
+  CHECK(load_image(folder.write("plain.png", encoded(".png", slope())), 0, 0).notes.empty());
   CHECK(load_image(folder.write("plain.jpg", encoded(".jpg", slope())), 0, 0).notes.empty());
 }
 
