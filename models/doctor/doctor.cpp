@@ -323,6 +323,7 @@ struct Outcomes {
   bool wrong_numbers;           // numbers among them that nobody can mean
   bool fit_findings;            // some mistake was found by fits
   bool still_joint;             // one of the former explains the fit
+  bool changed;                 // two parts of the data contradict each other
   const std::string& readings;  // what errors of the joint readings would explain
 };
 
@@ -380,12 +381,15 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
     out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
     out += outcomes.still_joint ? ": a joint that moved without its readings explains it."
+           : outcomes.changed
+               ? ": two parts of the data contradict each other; look at each by itself."
            : outcomes.wrong_numbers && !outcomes.fit_findings
                ? ": correct first the numbers named above; before that no fit can tell more."
            : !outcomes.fit_findings
                ? ": none of these explains it."
                : text("; with what was found undone %.3g: none of the others explains that.",
                       now.per_dof());
+    if (outcomes.changed) return out;
     if (!outcomes.readings.empty()) out += " " + outcomes.readings;
     if (now.complete() && now.per_dof() > Thresholds::no_noise)
       out += look_for_mistakes(recording.rig, now);
@@ -505,13 +509,14 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   if (by_fits.empty() && !still_joint && !normalised)
     if (std::optional<Finding> sigma = wrong_sigmas(recording, context, now))
       by_fits.push_back(std::move(*sigma));
-  if (!good(now) && now.complete() && !still_joint && !context.usual_steps)
+  const bool changed = !by_fits.empty() && by_fits.front().id == "changed";
+  if (!good(now) && now.complete() && !still_joint && !changed && !context.usual_steps)
     out.readings = joint_noise(recording, context, now);
   out.verdict = verdict(recording, context, now,
                         {ended, at_first, !by_data.empty(),
                          std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
-                         !by_fits.empty(), still_joint, out.readings});
-  if (!still_joint) say_what_is_left(now, by_fits);
+                         !by_fits.empty(), still_joint, changed, out.readings});
+  if (!still_joint && !changed) say_what_is_left(now, by_fits);
   // Points that are numbered otherwise, or a board with other rows: that says why the last are
   // missing.
   if (std::any_of(by_fits.begin(), by_fits.end(), [](const Finding& f) {
@@ -521,7 +526,7 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
                                  [](const Finding& f) { return f.id == "numbering"; }),
                   by_data.end());
   out.findings = ordered(std::move(by_fits), std::move(by_data),
-                         still_joint || now.per_dof() < Thresholds::noise);
+                         still_joint || changed || now.per_dof() < Thresholds::noise);
   return out;
 }
 
