@@ -141,17 +141,19 @@ Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
   const MatrixXd u = basis.u.leftCols(rank);
   const VectorXd y = errors - u * (u.transpose() * errors);
   const auto nu = static_cast<double>(n - rank - 1);
-  VectorXd step = VectorXd::Ones(n);
-  for (long k = 1; k + kFewest <= n; ++k) {
-    step(k - 1) = 0;
-    if (k < kFewest) continue;
-    const VectorXd s = step - u * (u.transpose() * step);
-    const double size = s.squaredNorm(), by = s.dot(y) / size, gone = by * by * size,
-                 left = y.squaredNorm() - gone;
-    if (!(size > kSame * static_cast<double>(n)) || !(left > 0) || gone < kMost * y.squaredNorm())
-      continue;
+  // y is orthogonal to u: s'y is a sum of y, and s's what u leaves of the ones.
+  const double all = y.squaredNorm();
+  Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(rank);
+  double sum = 0;
+  for (long k = n - 1; k >= kFewest; --k) {
+    along += u.row(k);
+    sum += y(k);
+    if (n - k < kFewest) continue;
+    const double size = static_cast<double>(n - k) - along.squaredNorm(), by = sum / size,
+                 gone = by * sum, left = all - gone;
+    if (!(size > kSame * static_cast<double>(n)) || !(left > 0) || gone < kMost * all) continue;
     const double clear = std::sqrt(nu * std::log1p(gone / left)) * (8 * nu + 1) / (8 * nu + 3);
-    if (clear > out.clear) out = {joint, samples[static_cast<size_t>(k)], by, clear};
+    if (clear >= out.clear) out = {joint, samples[static_cast<size_t>(k)], by, clear};
   }
   return out;
 }
