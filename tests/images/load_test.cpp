@@ -42,6 +42,23 @@ std::vector<uchar> encoded(const std::string& ending, const cv::Mat& image) {
   return out;
 }
 
+/// A PNG that asks viewers to turn it: the chunk eXIf behind the header.
+std::vector<uchar> png_asking_for_a_turn(std::vector<uchar> png) {
+  std::vector<uchar> chunk = {'e',  'X', 'I', 'f', 'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 0x01,
+                              0x12, 0,   3,   0,   0,   0,   1, 0,  6, 0, 0, 0, 0, 0, 0};
+  unsigned crc = 0xFFFFFFFF;
+  for (const uchar byte : chunk) {
+    crc ^= byte;
+    for (int bit = 0; bit < 8; ++bit) crc = (crc >> 1) ^ (crc & 1 ? 0xEDB88320 : 0);
+  }
+  crc = ~crc;
+  const auto length = static_cast<uchar>(chunk.size() - 4);
+  chunk.insert(chunk.begin(), {0, 0, 0, length});
+  for (const int shift : {24, 16, 8, 0}) chunk.push_back(static_cast<uchar>(crc >> shift));
+  png.insert(png.begin() + 33, chunk.begin(), chunk.end());  // signature 8, IHDR 25
+  return png;
+}
+
 }  // namespace
 
 TEST_CASE("images: a turn that EXIF asks for is said and not done") {
@@ -49,7 +66,7 @@ TEST_CASE("images: a turn that EXIF asks for is said and not done") {
   for (const char* name : {"turned.jpg", "turned.JPG", "turned.png"}) {
     const std::string path =
         folder.write(name, name == std::string("turned.png")
-                               ? fixtures::png_asking_for_a_turn(encoded(".png", slope()))
+                               ? png_asking_for_a_turn(encoded(".png", slope()))
                                : fixtures::asking_for_a_turn(encoded(".jpg", slope())));
     REQUIRE(cv::imread(path, cv::IMREAD_GRAYSCALE).size() == cv::Size(40, 60));  // it would be done
     const LoadedImage image = load_image(path, 60, 40);
