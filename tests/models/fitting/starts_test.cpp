@@ -364,7 +364,10 @@ namespace {
 /// 5 x 6 points, in a plane but for as much.
 Matrix3Xd nearly_flat_points(Random& random, double height) {
   Matrix3Xd p(3, 30);
-  for (int i = 0; i < 30; ++i) p.col(i) << 0.05 * (i % 6), 0.05 * (i / 6), height * random.normal();
+  for (int i = 0; i < 30; ++i) {
+    const int row = i / 6;
+    p.col(i) << 0.05 * (i % 6), 0.05 * row, height * random.normal();
+  }
   return p;
 }
 
