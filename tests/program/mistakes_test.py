@@ -506,6 +506,34 @@ class Points(Case):
         self.assertEqual([f["id"] for f in found], ["square"], found)
         self.assertEqual(set(found[0]["where"]), set(sockets))
 
+    def test_a_ball_in_sockets(self):
+        """Its readings are zeros, or their noise: no scale is read from them, its turn is held, and mistakes have the names that they have elsewhere (at
+        an inner link all sockets could be one point)."""
+        rng, ball, samples = random.Random(3), [0.05, 0.02, 0.1], []
+        for k in range(4):
+            at = [0.45 + 0.1 * (k % 2), -0.15 + 0.3 * (k // 2), 0.25 + 0.05 * k]
+            for i in range(14):
+                q = touching(AXES, ball, at, rng)
+                if q:
+                    joints = {"j%d" % j: math.remainder(a, 2 * math.pi) + rng.gauss(0, 2e-4) for j, a in enumerate(q, 1)}
+                    samples.append({"id": "s%d_%d" % (k, i), "joints": joints, "views": [{"sensor": "ball", "target": "s%d" % k, "points": [[0, 0, 0]]}]})
+        scene = Scene("tool")
+        scene.urdf = robot(arm())
+        scene.rig = (HEAD + "".join("  s%d: {type: points, points: [[0, 0, 0]], mount: {link: base}}\n" % k for k in range(4))
+                     + "sensors:\n  ball: {type: point, link: l6, pose: {xyz: %s}, sigma: 0.0001}\n" % ball)
+        for noise in (0, 1e-4):
+            with self.subTest(noise=noise):
+                scene.samples = copy.deepcopy(samples)
+                for v in scene.views():
+                    v["points"] = [[rng.gauss(0, noise) for _ in range(3)]]
+                code, result, said = scene.calibrate()
+                self.assertEqual((code, result["verdict"]["use"]), (0, "good"), result.get("verdict", said))
+                self.assertNotIn("arm_scale", [w["id"] for w in result["warnings"]])
+                self.assertEqual(result["parameters"]["sensor/ball/pose"]["sigma"][3:], [0, 0, 0])
+        scene.samples = copy.deepcopy(samples)
+        found = scene.readings("j3", lambda q: -q).check()
+        self.assertEqual((found[0]["id"], found[0]["where"]), ("joint-sign", ["j3"]), found)
+
     def test_order_of_reflectors(self):
         for order in ((3, 2, 1, 0), (0, 2, 1, 3), (2, 0, 3, 1)):
             with self.subTest(order=order):
