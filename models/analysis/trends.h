@@ -22,8 +22,8 @@
 // and what it leaves of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,
 //     t^2 = nu b^2 s's / (y'y - b^2 s's),   nu = n - rank - 1,
 // and sqrt(nu ln(1 + t^2 / nu)) (8 nu + 1) / (8 nu + 3) nearly normal (Wallace 1959). The largest
-// over k is a jump where chance makes it in one of some millions of joints, and where it is most of
-// the scatter.
+// over k is a jump from 4.8 on, if it is a third of the scatter. (Of 4,787 joints of 797 simulated
+// recordings without one the largest was 4.3.)
 #pragma once
 
 #include <string>

@@ -10,7 +10,6 @@
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
-#include "joint_mistakes.h"
 
 namespace kincal {
 namespace {
