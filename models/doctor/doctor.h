@@ -17,8 +17,9 @@
 //    from the data and lowered to 3 sigmas): those whose rows have more than 25 times the median
 //    sample's mean square. Views numbered from the other corner likewise: a view that half a turn
 //    fits far better, with everything else as it is; and single points that lie far off. Held poses
-//    that are turned: turned_poses.h. Where nothing is found, or what was found leaves what no noise
-//    explains: whether the data before and after some sample contradict each other (two_parts.h).
+//    that are turned: turned_poses.h. Where nothing is found, or what was found leaves what no
+//    noise explains: whether the data before and after some sample contradict each other
+//    (two_parts.h).
 // 4. Start values. A wrong pose that is freed wholly disappears in the estimate. It shows if the
 // estimate is far from the rig's pose but
 //    near to its inverse, or to the pose turned as another numbering of the board would turn it.
