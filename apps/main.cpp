@@ -5,7 +5,9 @@
 #include <cctype>
 #include <cstdio>
 #include <exception>
+#include <functional>
 #include <iostream>
+#include <utility>
 #include <vector>
 
 #include "../io/document/error.h"
@@ -98,25 +100,35 @@ int main(int argc, char** argv) try {
   app.require_subcommand(1);
   std::string line;
   for (int i = 0; i < argc; ++i) line += (i ? " " : "") + std::string(argv[i]);
-  const std::vector<Command> commands = {
-      init_command(app),
-      check_command(app, line),
-      calibrate_command(app, line),
-      batch_command(app, line, {argv, argv + argc}),
-      evaluate_command(app, line),
-      diff_command(app),
-      fleet_command(app),
-      apply_command(app),
-      show_command(app),
-      report_command(app),
-      export_command(app),
-      import_command(app, {argv + std::min(argc, 1), argv + argc}),
-      local_command(app, line),
-      intrinsics_command(app, line),
-      simulate_command(app),
-      detect_command(app, {argv + std::min(argc, 1), argv + argc}),
-      completion_command(app),
+  const std::vector<std::string> arguments(argv, argv + argc),
+      rest(argv + std::min(argc, 1), argv + argc);
+  const std::vector<std::pair<const char*, std::function<Command()>>> makers = {
+      {"init", [&] { return init_command(app); }},
+      {"check", [&] { return check_command(app, line); }},
+      {"calibrate", [&] { return calibrate_command(app, line); }},
+      {"batch", [&] { return batch_command(app, line, arguments); }},
+      {"evaluate", [&] { return evaluate_command(app, line); }},
+      {"diff", [&] { return diff_command(app); }},
+      {"fleet", [&] { return fleet_command(app); }},
+      {"apply", [&] { return apply_command(app); }},
+      {"show", [&] { return show_command(app); }},
+      {"report", [&] { return report_command(app); }},
+      {"export", [&] { return export_command(app); }},
+      {"import", [&] { return import_command(app, rest); }},
+      {"local", [&] { return local_command(app, line); }},
+      {"intrinsics", [&] { return intrinsics_command(app, line); }},
+      {"simulate", [&] { return simulate_command(app); }},
+      {"detect", [&] { return detect_command(app, rest); }},
+      {"completion", [&] { return completion_command(app); }},
   };
+  // A command is made alone: the options of all take longer than some commands.
+  const std::string asked = argc > 1 ? argv[1] : "";
+  const bool alone = asked != "completion" &&  // which lists all
+                     std::any_of(makers.begin(), makers.end(),
+                                 [&](const auto& maker) { return asked == maker.first; });
+  std::vector<Command> commands;
+  for (const auto& [name, make] : makers)
+    if (!alone || asked == name) commands.push_back(make());
   // Set last: a command without a footer of its own would take it over.
   app.footer(kFooter);
   std::vector<std::string> names;
