@@ -41,6 +41,7 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals,
 // Of the cost of a sample by itself: a step that lowers it by no more changes no figure that is
 // shown. (Several samples together are minimised to the end, as a calibration is.)
 constexpr double kCostStands = 1e-10;
+constexpr size_t kLaidOutTogether = 64;  // samples: more take memory and gain nothing
 
 /// How samples are judged: everything shared is held but `free`.
 struct Judge {
@@ -64,24 +65,22 @@ struct Judged {
   std::vector<std::string> undefined;  // samples without any evaluable start
 };
 
-/// Samples that depend on something in `free` together, first; the others each alone.
-std::vector<std::vector<int>> judged_together(const Recording& recording,
-                                              const std::vector<int>& samples,
-                                              const EstimationSetup& setup,
-                                              const std::vector<Freed>& free) {
-  std::vector<std::vector<int>> groups(1);
+struct Together {
+  std::vector<int> tied, lone;
+};
+
+/// Samples that depend on something in `free` are judged together, the others each alone.
+Together judged_together(const Recording& recording, const std::vector<int>& samples,
+                         const EstimationSetup& setup, const std::vector<Freed>& free) {
+  if (free.empty()) return {{}, samples};
+  Together out;
   for (int i : samples) {
-    bool tied = false;
-    if (!free.empty()) {
-      const std::vector<char> used = Estimation(recording, {i}, setup).influencing();
-      for (const Freed& f : free) tied = tied || used[f.parameter];
-    }
-    if (tied)
-      groups[0].push_back(i);
-    else
-      groups.push_back({i});
+    const std::vector<char> used = Estimation(recording, {i}, setup).influencing();
+    const bool tied = std::any_of(free.begin(), free.end(),
+                                  [&](const Freed& f) { return used[f.parameter] != 0; });
+    (tied ? out.tied : out.lone).push_back(i);
   }
-  return groups;
+  return out;
 }
 
 /// The poses of free targets of some samples that are known.
@@ -115,6 +114,46 @@ void start_open_poses(const Recording& recording, const std::vector<int>& sample
   if (!unknown.empty()) start_unknown_poses(recording, samples, unknown, values);
 }
 
+/// Minimises one group of samples, whose problem may exist already, and adds what came out.
+void judge_group(const Recording& recording, const std::vector<int>& group, const VectorXd& shared,
+                 const EstimationSetup& setup, const std::shared_ptr<Estimation>& made,
+                 const Judge& how, Judged& out) {
+  FitOptions options;
+  options.trust_start = true;
+  options.problem = made;
+  if (group.size() == 1) options.solver.relative_decrease = kCostStands;
+  Values start = known_values(recording, group, shared, how.start);
+  start_open_poses(recording, group, setup.free, start);
+  Fit one;
+  try {
+    one = fit(recording, group, setup, std::move(start), options);
+  } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
+    one.summary.outcome = Outcome::undefined_start;
+  }
+  if (!one.defined()) {
+    for (int i : group) out.undefined.push_back(recording.samples[i].id);
+    return;
+  }
+  if (one.problem->groups().empty()) return;
+  Estimation& problem = *one.problem;
+  const VectorXd& state = one.state;
+  const SolveSummary& summary = one.summary;
+  if (summary.outcome != Outcome::converged)
+    for (int i : group) out.not_converged.push_back(recording.samples[i].id);
+  out.chi2 += summary.cost.chi2;
+  if (how.with_dof) {
+    problem.renew(state);
+    out.dof += observe(problem, state).dof();
+  }
+  std::vector<ViewResiduals> residuals = problem.residuals(state);
+  add_sums(recording.rig, residuals, out.sums);
+  if (how.keep == Judge::Keep::sums) return;
+  for (ViewResiduals& r : residuals) {
+    if (how.keep == Judge::Keep::raw) r.whitened.resize(0);
+    out.residuals.push_back(std::move(r));
+  }
+}
+
 Judged judge(const Recording& recording, const std::vector<int>& samples, const VectorXd& shared,
              const VectorXd& initial, const Judge& how) {
   Judged out;
@@ -126,47 +165,30 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
   setup.loss.from_data = false;  // at the noise ratios as they are
   setup.noise_ratios = how.noise_ratios;
   setup.sensors = indices(recording.rig.sensors.size());
-  const std::vector<std::vector<int>> groups = judged_together(recording, samples, setup, how.free);
-  for (const std::vector<int>& group : groups) {
-    if (how.progress)
-      how.progress(static_cast<double>(&group - &groups[0]) / static_cast<double>(groups.size()));
-    if (group.empty()) continue;
-    if (&group == &groups[0])
-      setup.free = how.free;
-    else
-      setup.free.clear();
-    FitOptions options;
-    options.trust_start = true;
-    if (group.size() == 1) options.solver.relative_decrease = kCostStands;
-    Values start = known_values(recording, group, shared, how.start);
-    start_open_poses(recording, group, setup.free, start);
-    Fit one;
-    try {
-      one = fit(recording, group, setup, std::move(start), options);
-    } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
-      one.summary.outcome = Outcome::undefined_start;
-    }
-    if (!one.defined()) {
-      for (int i : group) out.undefined.push_back(recording.samples[i].id);
-      continue;
-    }
-    if (one.problem->groups().empty()) continue;
-    Estimation& problem = *one.problem;
-    const VectorXd& state = one.state;
-    const SolveSummary& summary = one.summary;
-    if (summary.outcome != Outcome::converged)
-      for (int i : group) out.not_converged.push_back(recording.samples[i].id);
-    out.chi2 += summary.cost.chi2;
-    if (how.with_dof) {
-      problem.renew(state);
-      out.dof += observe(problem, state).dof();
-    }
-    std::vector<ViewResiduals> residuals = problem.residuals(state);
-    add_sums(recording.rig, residuals, out.sums);
-    if (how.keep == Judge::Keep::sums) continue;
-    for (ViewResiduals& r : residuals) {
-      if (how.keep == Judge::Keep::raw) r.whitened.resize(0);
-      out.residuals.push_back(std::move(r));
+  const Together groups = judged_together(recording, samples, setup, how.free);
+  size_t done = 0;
+  const auto tell = [&](size_t count) {
+    if (how.progress) how.progress(static_cast<double>(done) / static_cast<double>(samples.size()));
+    done += count;
+  };
+  if (!groups.tied.empty()) {
+    EstimationSetup tied = setup;
+    tied.free = how.free;
+    tell(groups.tied.size());
+    judge_group(recording, groups.tied, shared, tied, nullptr, how, out);
+  }
+  setup.apart = true;
+  for (size_t first = 0; first < groups.lone.size(); first += kLaidOutTogether) {
+    const std::vector<int> some(
+        groups.lone.begin() + first,
+        groups.lone.begin() + std::min(first + kLaidOutTogether, groups.lone.size()));
+    const auto problem = std::make_shared<Estimation>(recording, some, setup);
+    for (int i = 0; i < problem->sample_count(); ++i) {
+      tell(1);
+      problem->take_alone(i);
+      // A robust fit changes the loss of its problem: that is not used again.
+      judge_group(recording, {problem->sample_of(0)}, shared, setup,
+                  how.loss.kind == LossKind::none ? problem : nullptr, how, out);
     }
   }
   return out;

@@ -72,7 +72,7 @@ struct ReplacedStart {
 /// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only
 /// analysis/linearisation needs it.
 struct LastProblem {
-  std::unique_ptr<Estimation> problem;
+  std::shared_ptr<Estimation> problem;
   VectorXd state;
   Observability observability;
   std::vector<MatrixXd> reduced_rows;  // as observe() gives them

@@ -82,16 +82,26 @@ bool Estimation::renew(const VectorXd& state) {
   return parts_->whitened.renew(state, parts_->scratch[0]);
 }
 
+int Estimation::sample_count() const { return static_cast<int>(parts_->layout.samples.size()); }
+
+void Estimation::take_alone(int i) {
+  Layout& layout = parts_->layout;
+  layout.taken = static_cast<size_t>(i);
+  const SampleLayout& one = *layout.samples[layout.taken].layout;
+  layout.groups = {one.shape};
+  layout.state_size = static_cast<int>(layout.table.initial.size()) + one.state_size();
+}
+
 int Estimation::sample_of(int group) const {
-  const std::vector<PlacedSample>& samples = parts_->layout.samples;
-  return group < static_cast<int>(samples.size()) ? samples[group].index : -1;
+  const PlacedSample* const s = parts_->layout.sample(group);
+  return s ? s->index : -1;
 }
 
 VectorXd Estimation::pack(const Values& values) const {
   const Layout& layout = parts_->layout;
   VectorXd state(layout.state_size);
   state.head(values.shared.size()) = values.shared;
-  for (const PlacedSample& s : layout.samples) {
+  for (const PlacedSample& s : layout.taking_part()) {
     int at = s.start;
     for (int t : s.layout->targets) {
       const auto it = values.targets.find({s.index, t});
@@ -109,7 +119,7 @@ VectorXd Estimation::pack(const Values& values) const {
 void Estimation::unpack(const VectorXd& state, Values& values) const {
   const Layout& layout = parts_->layout;
   values.shared = state.head(layout.table.initial.size());
-  for (const PlacedSample& s : layout.samples) {
+  for (const PlacedSample& s : layout.taking_part()) {
     int at = s.start;
     for (int t : s.layout->targets) {
       values.targets[{s.index, t}] = get_pose(state, at);
@@ -151,7 +161,8 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   const Layout& layout = parts_->layout;
   const Rows& whitened = parts_->whitened;
   cost = {};
-  if (group == static_cast<int>(layout.samples.size())) {
+  const PlacedSample* const placed = layout.sample(group);
+  if (!placed) {
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, false, row);
@@ -159,7 +170,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
     }
     return true;
   }
-  const PlacedSample& s = layout.samples[group];
+  const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
   parts_->walk(s, state, scratch, false);
   for (const PlacedView& v : s.views)
@@ -181,7 +192,8 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   const Motion& motion = parts_->motion;
   const Rows& whitened = parts_->whitened;
   cost = {};
-  if (group == static_cast<int>(layout.samples.size())) {
+  const PlacedSample* const placed = layout.sample(group);
+  if (!placed) {
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
       whitened.prior_row(i, state, true, row);
@@ -195,7 +207,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
     }
     return true;
   }
-  const PlacedSample& s = layout.samples[group];
+  const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
   const int size = layout.groups[group].size();
   parts_->walk(s, state, scratch, true);
@@ -268,7 +280,8 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   const GroupShape& shape = layout.groups[group];
   const int size = shape.size();
   if (kinds) kinds->clear();
-  if (group == static_cast<int>(layout.samples.size())) {
+  const PlacedSample* const placed = layout.sample(group);
+  if (!placed) {
     rows.setZero(shape.rows, size + 1);
     PriorRow row;
     for (size_t i = 0; i < layout.setup.priors.size(); ++i) {
@@ -280,7 +293,7 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     if (kinds) kinds->push_back({nullptr, 0, -1, 0, shape.rows});
     return true;
   }
-  const PlacedSample& s = layout.samples[group];
+  const PlacedSample& s = *placed;
   Scratch& local = scratch[worker];
   Eigen::Index most = static_cast<Eigen::Index>(s.layout->noisy.size()), used = 0;
   for (const ViewLayout& v : s.layout->views) {
@@ -379,7 +392,7 @@ void Estimation::retract(const VectorXd& state, const VectorXd& shared_step,
     }
   }
   Eigen::Index at = 0;
-  for (const PlacedSample& s : layout.samples) {
+  for (const PlacedSample& s : layout.taking_part()) {
     int place = s.start;
     for (size_t t = 0; t < s.layout->targets.size(); ++t, place += 12, at += 6)
       set_pose(moved, place, get_pose(state, place) * exp_se3(private_step.segment<6>(at)));
@@ -393,7 +406,7 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   const Rows& whitened = parts_->whitened;
   std::vector<ViewResiduals> out;
   Scratch& scratch = parts_->scratch[0];
-  for (const PlacedSample& s : layout.samples) {
+  for (const PlacedSample& s : layout.taking_part()) {
     motion.motions(s, state, scratch);
     motion.walk_paths(s, state, scratch);
     for (const PlacedView& v : s.views) {

@@ -20,6 +20,10 @@
 //   point:        only the block of each point of that matrix, as the paper's code did.
 // Covariances that depend on the parameters are held between calls of renew().
 //
+// Samples apart. Where nothing shared is estimated each sample is a problem of its own. With
+// `apart` they are laid out together, for that takes longer than to solve one, and taken one at a
+// time: one group, and a state of the shared values and of this sample's alone.
+//
 // Poses: a wholly freed one moves by T <- T exp(increment). Of a partly freed one the freed
 // components of xi in T = T0 exp(xi) are the unknowns and the others keep their values; with chart
 // = columns of J_r(xi), dT = T exp(chart d).
@@ -67,6 +71,8 @@ class Estimation final : public Problem {
   /// True if no sample shows anything to the setup's sensors.
   bool empty() const;
   const EstimationSetup& setup() const;
+  /// Returns how many samples show something.
+  int sample_count() const;
   /// Returns the sample behind a group, -1 for the group of priors.
   int sample_of(int group) const;
   /// Returns the shared values that priors and partly freed poses count from.
@@ -80,6 +86,9 @@ class Estimation final : public Problem {
   /// missing joint errors are 0.
   VectorXd pack(const Values& values) const;
   void unpack(const VectorXd& state, Values& values) const;
+  /// Makes this the problem of one sample alone, with `apart`: of the i-th that shows something.
+  /// Until then it is that of the first. A solver that was made before must not be used again.
+  void take_alone(int i);
   /// Takes over measured numbers, sigmas or readings that have been replaced in the samples: the
   /// next solve() starts from them without new analysis. The views, their points and the number of
   /// sigmas must have stayed.

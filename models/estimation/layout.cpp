@@ -21,6 +21,8 @@ Layout::Layout(const Recording& recording, const std::vector<int>& indices, Esti
   for (int index : indices) place_sample(index);
   place_data();
   if (!setup.priors.empty()) place_priors();
+  if (setup.apart && !columns.empty())
+    throw std::logic_error("samples that are solved apart share nothing that is estimated");
 }
 
 /// The last group: it has no private unknowns.
@@ -63,10 +65,11 @@ void Layout::place_sample(int index) {
     for (ViewLayout& v : layout->views) v.sum = place_sum(v, layout->shape);
   }
   s.layout = layout.get();
-  s.start = state_size;
-  state_size += s.layout->state_size();
+  const int shared = static_cast<int>(table.initial.size());
+  s.start = setup.apart ? shared : state_size;
+  state_size = std::max(state_size, s.start + s.layout->state_size());
   for (size_t v = 0; v < s.views.size(); ++v) s.views[v].layout = &s.layout->views[v];
-  groups.push_back(s.layout->shape);
+  if (!setup.apart || groups.empty()) groups.push_back(s.layout->shape);
   samples.push_back(std::move(s));
 }
 

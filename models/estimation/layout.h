@@ -3,6 +3,7 @@
 // for the sources of this folder only.
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <vector>
@@ -109,6 +110,13 @@ struct PlacedSample {
   int errors() const { return start + 12 * static_cast<int>(layout->targets.size()); }
 };
 
+template <typename T>
+struct Range {
+  T *first, *last;
+  T* begin() const { return first; }
+  T* end() const { return last; }
+};
+
 /// A Layout is that of a whole problem. Its public numbers are read by the other sources of this
 /// folder, which do not change them.
 struct Layout {
@@ -123,6 +131,16 @@ struct Layout {
   const VectorXd& initial() const {
     return setup.initial.size() > 0 ? setup.initial : table.initial;
   }
+  /// Returns the samples that take part: all, or with `apart` the one that is taken.
+  Range<const PlacedSample> taking_part() const {
+    if (!setup.apart) return {samples.data(), samples.data() + samples.size()};
+    return {samples.data() + taken, samples.data() + std::min(taken + 1, samples.size())};
+  }
+  /// Returns the sample of a group; null for the group of the priors.
+  const PlacedSample* sample(int group) const {
+    const Range<const PlacedSample> all = taking_part();
+    return group < all.last - all.first ? all.first + group : nullptr;
+  }
   /// Copies the measured numbers and sigmas of the samples to where the kernels read them.
   void reload();
 
@@ -135,7 +153,9 @@ struct Layout {
   std::vector<const Freed*> freed;                                    // by parameter, null: held
   std::map<std::vector<int>, std::unique_ptr<SampleLayout>> layouts;  // by what samples show
   std::vector<PlacedSample> samples;
-  std::vector<GroupShape> groups;   // the samples', then that of the priors
+  std::vector<GroupShape>
+      groups;        // the samples' (with `apart` of the taken one), then that of the priors
+  size_t taken = 0;  // with `apart`: which sample is the problem
   std::vector<SharedColumns> sums;  // shared columns of views, each set once
   AlignedNumbers seen;              // what the kernels read: layouts, measured numbers
   int whitenings = 0;               // views without a kernel, or with own noise

@@ -310,7 +310,7 @@ void Rows::prior_row(size_t i, const VectorXd& state, bool derivatives, PriorRow
 
 bool Rows::renew(const VectorXd& state, Scratch& scratch) {
   bool depends = false;
-  for (const PlacedSample& s : layout_.samples) {
+  for (const PlacedSample& s : layout_.taking_part()) {
     bool walked = false;
     for (const PlacedView& v : s.views) {
       if (v.whitening < 0) continue;

@@ -25,6 +25,8 @@ struct EstimationSetup {
   std::vector<Freed> free;
   std::vector<Prior> priors;  // of freed components only
   int only_target = -1;       // views of this target only (to start it)
+  bool apart = false;  // samples are solved one at a time, Estimation::take_alone() says which;
+                       // nothing shared is freed
   VectorXd
       initial;  // shared values that priors and partly freed poses count from; empty: the rig's
 };

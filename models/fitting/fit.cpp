@@ -46,7 +46,7 @@ std::vector<int> with_unknown_targets(const Recording& recording, const std::vec
 }
 
 /// The problem of the samples that can start, with the free targets' poses in place.
-std::unique_ptr<Estimation> started_problem(const Recording& recording,
+std::shared_ptr<Estimation> started_problem(const Recording& recording,
                                             const std::vector<int>& samples,
                                             const EstimationSetup& setup, const FitOptions& options,
                                             Fit& out) {
@@ -55,7 +55,8 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording,
     start_targets(recording, some, setup.sensors, loss, out.values);
   };
   if (!options.leave_out_undefined) {
-    auto problem = std::make_unique<Estimation>(recording, samples, setup);
+    const auto problem =
+        options.problem ? options.problem : std::make_shared<Estimation>(recording, samples, setup);
     start(with_unknown_targets(recording, samples, setup.sensors, out.values));
     return problem;
   }
@@ -71,11 +72,11 @@ std::unique_ptr<Estimation> started_problem(const Recording& recording,
       if (!undefined.count(i)) some.push_back(i);
     return some;
   };
-  auto problem = std::make_unique<Estimation>(recording, left(), setup);
+  auto problem = std::make_shared<Estimation>(recording, left(), setup);
   const std::set<int> undefined_at_start = undefined_samples(*problem, out.values);
   undefined.insert(undefined_at_start.begin(), undefined_at_start.end());
   out.left_out.assign(undefined.begin(), undefined.end());
-  if (!undefined_at_start.empty()) problem = std::make_unique<Estimation>(recording, left(), setup);
+  if (!undefined_at_start.empty()) problem = std::make_shared<Estimation>(recording, left(), setup);
   return problem;
 }
 

@@ -30,13 +30,14 @@ struct FitOptions {
       false;  // samples that cannot start are left out and listed instead of an error
   bool converge =
       true;  // false: a graduated fit is enough, the last solve to convergence is left out
+  std::shared_ptr<Estimation> problem;  // of these samples, if there is one already
   const std::vector<double>* noise_ratios =
       nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };
 
 /// A fit holds its problem, which refers to the recording: the recording must outlive it.
 struct Fit {
-  std::unique_ptr<Estimation> problem;  // of the samples that took part
+  std::shared_ptr<Estimation> problem;  // of the samples that took part
   VectorXd state;  // of the problem. Call problem->renew(state) before its residuals are asked for
   Values values;   // the start, with what was estimated in place
   /// With undefined_start nothing was minimised, and `values` has the started targets; the same if
