@@ -82,6 +82,7 @@ void follow_mimics(const Tree& tree, std::vector<double>& positions) {
 Path find_path(const Tree& tree, int from, int to) {
   const auto upward = [&](int link) {
     std::vector<int> joints;
+    joints.reserve(32);
     for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
       joints.push_back(j);
     return joints;
@@ -89,6 +90,7 @@ Path find_path(const Tree& tree, int from, int to) {
   std::vector<int> up = upward(from), down = upward(to);
   while (!up.empty() && !down.empty() && up.back() == down.back()) up.pop_back(), down.pop_back();
   Path path;
+  path.reserve(up.size() + down.size());
   for (int j : up) path.push_back({j, -1});
   for (auto j = down.rbegin(); j != down.rend(); ++j) path.push_back({*j, +1});
   for (const PathStep& step : path) {

@@ -5,6 +5,9 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <cmath>
+
+#include "kernels.h"
 
 namespace kincal {
 namespace {
@@ -84,15 +87,40 @@ MatrixXd root_of_covariance(const MatrixXd& c) {
          eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
 }
 
+// Column after column by back substitution.
+bool inverse_of_triangle(const MatrixXd& r, double limit, MatrixXd& inverse) {
+  const Eigen::Index n = r.cols();
+  inverse.setIdentity(n, n);
+  double squared = 0;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    double* const x = inverse.col(j).data();
+    for (Eigen::Index i = j; i >= 0; --i) {
+      const double* const column = r.col(i).data();
+      x[i] /= column[i];
+      for (Eigen::Index k = 0; k < i; ++k) x[k] -= x[i] * column[k];
+    }
+    squared += r.col(j).head(j + 1).squaredNorm();
+  }
+  return std::sqrt(squared) * inverse.norm() < limit;  // NaN and infinity are not
+}
+
 struct Elimination::Parts {
   Eigen::ColPivHouseholderQR<MatrixXd> qr;
 };
 
-Elimination::Elimination(MatrixXd block) : parts_(new Parts) {
+namespace {
+
+void scale_to_unit_columns(MatrixXd& block) {
   for (Eigen::Index i = 0; i < block.cols(); ++i) {
     const double norm = block.col(i).norm();
     if (norm > 0) block.col(i) /= norm;
   }
+}
+
+}  // namespace
+
+Elimination::Elimination(MatrixXd block) : parts_(new Parts) {
+  scale_to_unit_columns(block);
   parts_->qr.setThreshold(kRank);
   parts_->qr.compute(block);
 }
@@ -113,6 +141,26 @@ MatrixXd Elimination::basis() const {
   MatrixXd out = MatrixXd::Identity(parts_->qr.rows(), rank());
   out.applyOnTheLeft(parts_->qr.householderQ().setLength(rank()));
   return out;
+}
+
+bool is_of_full_rank(const MatrixXd& triangle) {
+  MatrixXd scaled = triangle.triangularView<Eigen::Upper>(), inverse;
+  scale_to_unit_columns(scaled);
+  return inverse_of_triangle(scaled, 1 / kRank, inverse);
+}
+
+// A = Q R by reflections, and Q = A R^-1, which is orthonormal to |R| |R^-1| times rounding.
+MatrixXd range_of(const MatrixXd& block) {
+  constexpr double kAccurate = 1e6;
+  const int rows = padded(static_cast<int>(std::max(block.rows(), block.cols()))),
+            columns = static_cast<int>(block.cols());
+  MatrixXd scaled = block;
+  scale_to_unit_columns(scaled);
+  MatrixXd r = MatrixXd::Zero(rows, columns), inverse;
+  r.topRows(block.rows()) = scaled;
+  kernels().triangularise(r.data(), rows, columns, columns, rows);
+  if (!inverse_of_triangle(r, kAccurate, inverse)) return Elimination(block).basis();
+  return scaled * inverse;
 }
 
 }  // namespace kincal

@@ -62,6 +62,11 @@ MatrixXd inverse_of_symmetric(const MatrixXd& a);
 /// by rounding counts as 0.
 MatrixXd root_of_covariance(const MatrixXd& c);
 
+/// Finds the inverse of an upper triangle (what is below its diagonal is not read) whose condition
+/// is certainly below `limit`: largest over least singular value <= |r| |r^-1| (Frobenius). False
+/// where it is not, or may not be; `inverse` is scratch then.
+bool inverse_of_triangle(const MatrixXd& r, double limit, MatrixXd& inverse);
+
 /// An Elimination is what is left of rows when the unknowns of some columns are eliminated: an
 /// orthogonal factorisation with column pivoting, by rank (columns scaled to unit length, singular
 /// values above 1e-9 of the largest), so that a block which its rows do not determine loses only
@@ -83,5 +88,11 @@ class Elimination {
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };
+
+/// Returns whether an upper triangle is certainly of full rank for an Elimination.
+bool is_of_full_rank(const MatrixXd& triangle);
+/// Returns an orthonormal basis of a block's range, of the rank that its Elimination finds, to
+/// 1e-9.
+MatrixXd range_of(const MatrixXd& block);
 
 }  // namespace kincal

@@ -128,6 +128,25 @@ MatrixXd hold_by_priors(const MatrixXd& candidates, const MatrixXd& r, const Rem
   return turned.rightCols(k - held);
 }
 
+/// Where the data alone certainly determine every direction no singular values are needed: of the
+/// triangle R of data and priors, columns scaled, (R D)^-1 gives the root of the covariance. True:
+/// that was so.
+bool determine_all(const Remainder& left, const VectorXd& scale, Observability& out) {
+  const Eigen::Index n = scale.size(), data = left.data.rows(), p = left.priors.rows();
+  if (data + p < n) return false;
+  const int rows = padded(static_cast<int>(data + p)), columns = static_cast<int>(n);
+  MatrixXd r = MatrixXd::Zero(rows, n), inverse;
+  r.topRows(data) = left.data * scale.asDiagonal();
+  r.middleRows(data, p) = left.priors * scale.asDiagonal();
+  kernels().triangularise(r.data(), rows, columns, columns, rows);
+  if (!inverse_of_triangle(r, 1 / std::sqrt(kNullEigenvalue), inverse)) return false;
+  out.root = scale.asDiagonal() * inverse;
+  out.covariance.noalias() = out.root * out.root.transpose();
+  out.rank += n;
+  out.decided_by_priors = (left.priors * out.root).squaredNorm();
+  return true;
+}
+
 void add_null(Observability& out, const VectorXd& direction) {
   out.null_space.conservativeResize(Eigen::NoChange, out.null_space.cols() + 1);
   out.null_space.rightCols<1>() = direction;
@@ -163,6 +182,10 @@ MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   const int filled = padded(static_cast<int>(count));
   rows.conservativeResizeLike(MatrixXd::Zero(filled, k + m));
   kernels().triangularise(rows.data(), filled, static_cast<int>(k + m), private_size, filled);
+  if (is_of_full_rank(rows.topLeftCorner(k, k))) {
+    rank += k;
+    return rows.block(k, k, count - k, m);
+  }
   const Elimination own(rows.topLeftCorner(k, k).triangularView<Eigen::Upper>());
   rank += own.rank();
   MatrixXd left(count - own.rank(), m);
@@ -187,6 +210,7 @@ Observability observe(Problem& problem, const VectorXd& state,
   out.null_space.setZero(n, 0);
   if (n == 0) return out;
   const VectorXd scale = unit_scale(left);
+  if (determine_all(left, scale, out)) return out;
   int dead = 0;
   for (int i = 0; i < n; ++i)
     if (scale(i) == 0) {

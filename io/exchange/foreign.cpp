@@ -85,7 +85,7 @@ Node read_foreign(const std::string& path) {
     refuse_other_kinds(text, path, Wanted::foreign);
     return foreign_yaml(text, path);
   }
-  Xml xml{text, path, {}};
+  Xml xml{text, path};
   const pugi::xml_node top = load_document(xml);
   if (std::strcmp(top.name(), "opencv_storage") != 0)
     throw InputError(path + ": <" + top.name() +

@@ -100,8 +100,8 @@ void add_box(const Xml& xml, const pugi::xml_node& shape, std::vector<LinkBox>& 
 LinkBoxes link_boxes(const Urdf& urdf) {
   LinkBoxes out;
   out.of.resize(urdf.tree.links.size());
-  Xml xml{urdf.text, urdf.path, {}};
-  const Elements links = children(load_again(xml), "link");
+  const Xml xml{urdf.text, urdf.path, nullptr};
+  const Elements links = children(urdf.document->document_element(), "link");
   for (size_t i = 0; i < links.size() && i < out.of.size(); ++i) {
     for (const char* kind : {"visual", "collision"})
       if (out.of[i].empty())

@@ -101,8 +101,7 @@ void edit_origin(const std::string& text, const pugi::xml_node& joint, const Pos
 }  // namespace
 
 std::string edit_urdf(const Urdf& urdf, const UrdfChanges& changes) {
-  Xml xml{urdf.text, urdf.path, {}};
-  const pugi::xml_node robot = load_again(xml);
+  const pugi::xml_node robot = urdf.document->document_element();
   const Elements joints = children(robot, "joint");
   std::vector<Splice> splices;
   for (const auto& [joint, origin] : changes.origins)

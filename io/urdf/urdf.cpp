@@ -183,7 +183,7 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
   urdf.path = path;
   urdf.text = text;
   refuse_other_kinds(text, path, Wanted::urdf);
-  Xml xml{text, path, {}};
+  Xml xml{text, path};
   const pugi::xml_node robot = load(xml);
   const pugi::xml_node xacro = find_xacro(robot);
   const std::string not_expanded =
@@ -194,6 +194,7 @@ Urdf parse_urdf(const std::string& text, const std::string& path) {
     throw InputError(error.what() + (xacro ? "; " + not_expanded : ""));
   }
   if (xacro) throw InputError(at_offset(xml, xacro.offset_debug()) + ": " + not_expanded);
+  urdf.document = std::move(xml.document);
   return urdf;
 }
 

@@ -2,11 +2,16 @@
 // writes changes into it.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "../../kinematics/tree.h"
 #include "reductions.h"
+
+namespace pugi {
+class xml_document;
+}
 
 namespace kincal {
 
@@ -18,9 +23,10 @@ struct OriginText {
 
 /// A Urdf is a URDF as read.
 struct Urdf {
-  std::string path;   // where it came from, for messages
-  std::string text;   // the file, byte for byte
-  std::string robot;  // its name
+  std::string path;                                    // where it came from, for messages
+  std::string text;                                    // the file, byte for byte
+  std::shared_ptr<const pugi::xml_document> document;  // parsed
+  std::string robot;                                   // its name
   Tree tree;
   std::vector<OriginText> origins;  // by joint
   std::vector<Transmission> transmissions;

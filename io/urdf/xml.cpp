@@ -122,20 +122,16 @@ void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what
   throw InputError(where(xml, element) + what);
 }
 
-pugi::xml_node load_again(Xml& xml) {
-  const pugi::xml_parse_result result = xml.document.load_buffer(
+pugi::xml_node load_document(Xml& xml) {
+  const pugi::xml_parse_result result = xml.document->load_buffer(
       xml.text.data(), xml.text.size(), pugi::parse_default, pugi::encoding_utf8);
   if (!result)
     throw InputError(at_offset(xml, result.offset) +
                      ": not well-formed XML: " + result.description());
-  return xml.document.document_element();
-}
-
-pugi::xml_node load_document(Xml& xml) {
-  const pugi::xml_node top = load_again(xml);
-  for (pugi::xml_node n = xml.document.first_child(); n; n = next_node(n))
+  const pugi::xml_node top = xml.document->document_element();
+  for (pugi::xml_node n = xml.document->first_child(); n; n = next_node(n))
     if (n.type() == pugi::node_element) {
-      if (n.parent() == xml.document && n != top)
+      if (n.parent() == *xml.document && n != top)
         throw InputError(at_offset(xml, n.offset_debug()) + ": not well-formed XML: <" + n.name() +
                          "> after the end of <" + top.name() +
                          ">; a file has one element at the top");

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <pugixml.hpp>
 #include <string>
 #include <vector>
@@ -16,7 +17,7 @@ namespace kincal {
 struct Xml {
   const std::string& text;
   const std::string& path;
-  pugi::xml_document document;
+  std::shared_ptr<pugi::xml_document> document = std::make_shared<pugi::xml_document>();
 };
 
 /// Parses any XML and returns its top element. The bytes are taken as they are (UTF-8 or anything
@@ -26,9 +27,6 @@ pugi::xml_node load_document(Xml& xml);
 
 /// Parses a URDF and returns <robot>. @throws InputError
 pugi::xml_node load(Xml& xml);
-
-/// Parses what load() has accepted before, as the text of a Urdf, without its checks.
-pugi::xml_node load_again(Xml& xml);
 
 /// Returns "path:line" of a byte.
 std::string at_offset(const Xml& xml, std::ptrdiff_t offset);

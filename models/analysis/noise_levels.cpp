@@ -188,7 +188,7 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   out.b.setZero(ld, count);
   kernels().multiply(rows.col(k).data(), 1, count, count, m, t.data(), ld, n, out.b.data(), ld);
   if (k > 0) {
-    const MatrixXd u = Elimination(rows.leftCols(k)).basis();
+    const MatrixXd u = range_of(rows.leftCols(k));
     const int rank = static_cast<int>(u.cols());
     MatrixXd within = MatrixXd::Zero(ld, rank), taken = MatrixXd::Zero(ld, count);
     kernels().multiply(u.data(), count, 1, rank, count, out.b.data(), ld, n, within.data(), ld);
@@ -374,7 +374,7 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
     MatrixXd rows;
     std::vector<NoiseRows> kinds;
     if (k == 0 || !problem.noise_rows(static_cast<int>(g), state, rows, kinds)) continue;
-    const MatrixXd own = Elimination(rows.leftCols(k)).basis();
+    const MatrixXd own = range_of(rows.leftCols(k));
     for (const NoiseRows& w : kinds)
       for (int i = w.first; w.joint >= 0 && i < w.first + w.count; ++i) {
         const double left = 1 - own.row(i).squaredNorm();

@@ -41,7 +41,6 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals,
 // Of the cost of a sample by itself: a step that lowers it by no more changes no figure that is
 // shown. (Several samples together are minimised to the end, as a calibration is.)
 constexpr double kCostStands = 1e-10;
-constexpr size_t kLaidOutTogether = 64;  // samples: more take memory and gain nothing
 
 /// How samples are judged: everything shared is held but `free`.
 struct Judge {

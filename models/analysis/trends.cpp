@@ -29,9 +29,11 @@ struct JointErrors {
 std::map<int, JointErrors> errors_by_joint(const Solution& solution) {
   const Tree& tree = solution.rig().tree;
   std::map<int, std::set<int>> axes, samples;  // by joint that has the reading
+  std::vector<int> reads(tree.joints.size(), -1);
   for (const auto& e : solution.values.errors) {
     if (!solution.samples()[e.first.first].train) continue;
-    const int joint = tree.find_joint(read_name(tree, e.first.second));
+    int& joint = reads[e.first.second];
+    if (joint < 0) joint = tree.find_joint(read_name(tree, e.first.second));
     axes[joint].insert(e.first.second);
     samples[joint].insert(e.first.first);
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
+#include <set>
 #include <stdexcept>
 
 namespace kincal {
@@ -12,13 +13,26 @@ namespace {
 /// training sample has a view of its sensors.
 using Used = std::map<std::vector<int>, std::vector<char>>;
 
+/// Training samples that show every pair of sensor and target that any of them shows: what
+/// influences a view is by structure that of its pair.
+std::vector<int> one_of_each_pair(const Recording& recording) {
+  std::set<std::pair<int, int>> pairs;
+  std::vector<int> out;
+  for (int i : recording.training()) {
+    const size_t before = pairs.size();
+    for (const View& v : recording.samples[i].views) pairs.insert({v.sensor, v.target});
+    if (pairs.size() > before) out.push_back(i);
+  }
+  return out;
+}
+
 const std::vector<char>& used_by(const Recording& recording, const Step& step, Used& used) {
   const auto [found, is_new] = used.try_emplace(step.sensors);
   if (!is_new) return found->second;
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = step.sensors;
-  const Estimation probe(recording, recording.training(), setup);
+  const Estimation probe(recording, one_of_each_pair(recording), setup);
   if (!probe.groups().empty()) found->second = probe.influencing();
   return found->second;
 }

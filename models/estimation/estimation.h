@@ -57,6 +57,9 @@ struct NoiseRows {
   int first = 0, count = 0;
 };
 
+/// So many samples are laid out together to be solved apart: more take memory and gain nothing.
+constexpr size_t kLaidOutTogether = 64;
+
 class Estimation final : public Problem {
  public:
   /// `samples` are the indices of those that take part; samples without a view of the setup's

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <memory>
 #include <stdexcept>
 
 #include "../../solver/levenberg_marquardt.h"
@@ -71,25 +73,37 @@ Pose refined_proposal(Estimation& problem, const std::pair<int, int>& key,
   return best;
 }
 
-}  // namespace
+/// One target of each of a few samples, which are taken in their order.
+struct OneTarget {
+  std::unique_ptr<Estimation> problem;
+  int taken = 0;
+};
 
-void start_targets(const Recording& recording, const std::vector<int>& samples,
-                   const std::vector<int>& sensors, const Loss& loss, Values& values,
-                   const TargetStarts& how) {
+/// start_targets() of a few samples.
+void start_some(const Recording& recording, const std::vector<int>& samples,
+                const std::vector<int>& sensors, const Loss& loss, Values& values,
+                const TargetStarts& how) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<char> used(rig.sensors.size(), 0);
   for (int s : sensors) used[s] = 1;
+  std::map<int, OneTarget> laid_out;  // by target
   for (int index : samples) {
     const Sample& sample = recording.samples[index];
     for (int target : free_targets(rig, sample, used)) {
       const std::pair<int, int> key{index, target};
-      EstimationSetup setup;
-      setup.noise = NoiseMode::none;
-      setup.sensors = sensors;
-      setup.only_target = target;
-      setup.loss = {LossKind::soft_l1, 1};  // that ranks proposals
-      Estimation problem(recording, {index}, setup);
+      OneTarget& of = laid_out[target];
+      if (!of.problem) {
+        EstimationSetup setup;
+        setup.noise = NoiseMode::none;
+        setup.sensors = sensors;
+        setup.only_target = target;
+        setup.apart = true;
+        of.problem = std::make_unique<Estimation>(recording, samples, setup);
+      }
+      Estimation& problem = *of.problem;
+      while (problem.sample_of(0) != index) problem.take_alone(++of.taken);
+      problem.set_loss({LossKind::soft_l1, 1});  // that ranks proposals
       Values trial;
       trial.shared = values.shared;
       const auto before = values.targets.find(key);
@@ -128,6 +142,18 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
       values.targets[key] = refined_proposal(problem, key, found, order, trial,
                                              how.effort == StartEffort::converged ? 0 : 1e-6);
     }
+  }
+}
+
+}  // namespace
+
+void start_targets(const Recording& recording, const std::vector<int>& samples,
+                   const std::vector<int>& sensors, const Loss& loss, Values& values,
+                   const TargetStarts& how) {
+  for (size_t first = 0; first < samples.size(); first += kLaidOutTogether) {
+    const size_t count = std::min(kLaidOutTogether, samples.size() - first);
+    start_some(recording, {samples.begin() + first, samples.begin() + first + count}, sensors, loss,
+               values, how);
   }
 }
 

@@ -97,6 +97,7 @@ double mistaken_beyond(const Rig& rig, const Parameter& p) {
 /// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken, or
 /// by this share of that.
 std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
+  if (report.automatic.empty()) return {};
   std::map<std::string, std::pair<double, std::string>> limits;
   for (const Parameter& p : report.solution.table().all)
     for (size_t c = 0; c < p.components.size(); ++c)
