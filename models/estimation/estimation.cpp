@@ -22,8 +22,7 @@ struct Estimation::Parts {
   /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
   /// paths.
   void walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
-    motion.motions(s, state, to);
-    motion.walk_paths(s, state, to);
+    motion.walk(s, state, to);
     if (!derivatives) return;
     for (size_t w = 0; w < s.layout->paths.size(); ++w) {
       const SensorPath& path = s.layout->paths[w];
@@ -61,7 +60,10 @@ int Estimation::prior_group() const {
   return setup().priors.empty() ? -1 : static_cast<int>(parts_->layout.samples.size());
 }
 
-void Estimation::reload() { parts_->layout.reload(); }
+void Estimation::reload() {
+  parts_->layout.reload();
+  parts_->motion.forget();
+}
 
 void Estimation::set_loss(const Loss& loss) {
   parts_->layout.setup.loss = loss;
@@ -407,8 +409,7 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   std::vector<ViewResiduals> out;
   Scratch& scratch = parts_->scratch[0];
   for (const PlacedSample& s : layout.taking_part()) {
-    motion.motions(s, state, scratch);
-    motion.walk_paths(s, state, scratch);
+    motion.walk(s, state, scratch);
     for (const PlacedView& v : s.views) {
       ViewResiduals r;
       r.view = v.view;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <new>
 
 namespace kincal {
@@ -82,6 +83,12 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
 }
 
 void Motion::prepare(const VectorXd& state) {
+  const Eigen::Index shared = layout_.table.initial.size();
+  if (prepared_.size() > 0 &&
+      std::memcmp(prepared_.data(), state.data(), sizeof(double) * shared) == 0)
+    return;
+  prepared_ = state.head(shared);
+  ++version_;
   for (const Freed& f : layout_.setup.free) {
     MatrixXd& chart = charts_[f.parameter];
     if (chart.size() == 0) continue;
@@ -106,6 +113,15 @@ void Motion::Turn::set_origin(const Pose& pose, const Vector3d& axis) {
   along = origin.rotation * axis;
   sine = origin.rotation * skew(axis);
   versine = sine * skew(axis);
+}
+
+void Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+  const bool stands = layout_.columns.empty() && s.layout->noisy.empty();
+  if (stands && scratch.walked == &s && scratch.version == version_) return;
+  motions(s, state, scratch);
+  walk_paths(s, state, scratch);
+  scratch.walked = &s;
+  scratch.version = version_;
 }
 
 /// Motions of all joints of the sample and their readings with errors.

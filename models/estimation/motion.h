@@ -2,7 +2,7 @@
 // and M, the derivative of the pose that a sensor sees by the group's unknowns. This header is for
 // the sources of this folder only.
 //
-// For each sample: motions(), walk_paths(), then, for derivatives, path_columns() of each path; for
+// For each sample: walk(), then, for derivatives, path_columns() of each path; for
 // each of its views view_poses(), then kinematic_matrix(). All of them write to the worker's
 // scratch.
 #pragma once
@@ -46,7 +46,9 @@ struct alignas(kCacheLine) Scratch {
   ExpandScratch expand;
   AlignedNumbers sums;  // SharedSums of Layout::sums, one behind the other
   std::vector<size_t> sums_start;
-  bool summing = false;  // between begin_piece() and end_piece()
+  bool summing = false;                  // between begin_piece() and end_piece()
+  const PlacedSample* walked = nullptr;  // whose paths these are
+  long version = -1;                     // of the motion that they were walked at
 };
 
 /// Makes scratch for `count` workers, sized for the largest view and path, so that nothing is
@@ -56,10 +58,14 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
 class Motion {
  public:
   explicit Motion(const Layout& layout);
-  /// Computes the charts of partly freed poses and the turns of joints at this state.
+  /// Computes the charts of partly freed poses and the turns of joints at this state; nothing where
+  /// its shared values are those of the last call.
   void prepare(const VectorXd& state);
-  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
-  void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  /// Takes no walk for done any more: readings have changed.
+  void forget() { ++version_; }
+  /// Computes the motions of a sample's joints and what lies along its paths. What nothing that is
+  /// estimated moves stays from the last call.
+  void walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count,
                     const VectorXd& state, Scratch& scratch, PathAtState& walked) const;
   void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
@@ -83,9 +89,13 @@ class Motion {
 
     void set_origin(const Pose& pose, const Vector3d& axis);
   };
+  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 
   const Layout& layout_;
+  VectorXd prepared_;             // shared values
+  long version_ = 0;              // of these and the readings
   std::vector<MatrixXd> charts_;  // by parameter: 6 x freed components, of partly freed poses
   std::vector<Turn> turns_;       // of joints that some view needs
   std::vector<int> turn_;         // by joint: which of them
