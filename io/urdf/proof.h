@@ -11,7 +11,7 @@ namespace kincal {
 /// Proves that `text` means the model: for `postures` random positions (fixed seed, all joints,
 /// within limits or +-pi) the pose of every link by the written file (position = reading) equals
 /// that of (tree, origins, offsets: position = reading + offset) to 1e-9 m and rad. The file is
-/// read with urdfdom, as ROS does, but for shapes and masses of links, which no pose depends on and
+/// read with urdfdom, as ROS does, but for what no pose depends on (shapes and masses of links) and
 /// no edit touches; where urdfdom refuses the input already, with read_urdf.
 /// @throws std::runtime_error naming the first link that differs and by how much.
 void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Pose>& origins,

@@ -183,17 +183,20 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   const int k = shape.private_size, m = static_cast<int>(shape.columns.size()),
             n = static_cast<int>(root.cols());
   const int ld = padded(n) + kSlack, count = static_cast<int>(rows.rows());
-  MatrixXd t = MatrixXd::Zero(ld, m);  // row i of T in column i
+  MatrixXd t(ld, m);  // row i of T in column i
+  t.bottomRows(ld - n).setZero();
   for (int i = 0; i < m; ++i) t.col(i).head(n) = root.row(shape.columns[i]).transpose();
-  out.b.setZero(ld, count);
+  out.b.resize(ld, count);
+  out.b.bottomRows(ld - n).setZero();
   kernels().multiply(rows.col(k).data(), 1, count, count, m, t.data(), ld, n, out.b.data(), ld);
   if (k > 0) {
     const MatrixXd u = range_of(rows.leftCols(k));
     const int rank = static_cast<int>(u.cols());
-    MatrixXd within = MatrixXd::Zero(ld, rank), taken = MatrixXd::Zero(ld, count);
+    MatrixXd within(ld, rank), taken(ld, count);
+    within.bottomRows(ld - n).setZero();
     kernels().multiply(u.data(), count, 1, rank, count, out.b.data(), ld, n, within.data(), ld);
     kernels().multiply(u.data(), 1, count, count, rank, within.data(), ld, n, taken.data(), ld);
-    out.b -= taken;
+    out.b.topRows(n) -= taken.topRows(n);
     out.u.setZero(padded(static_cast<int>(u.cols())), u.rows());
     out.u.topRows(u.cols()) = u.transpose();
   }

@@ -334,11 +334,16 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     motion.kinematic_matrix(v, s, state, local);
     const auto m = local.expand.m.topLeftCorner(
         kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
-    MatrixXd kinematic = view.leftCols(kinematic_rows) * m;
+    const int columns = static_cast<int>(m.cols()), ld = padded(columns) + kSlack;
+    RowMatrix kinematic(view.rows(), ld);
+    kernels().multiply(view.data(), 1, view.outerStride(), static_cast<int>(view.rows()),
+                       kinematic_rows, m.data(), static_cast<int>(m.outerStride()), columns,
+                       kinematic.data(), ld);
     const VectorXd parts = m.cwiseAbs2().transpose() *
                            view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
-    for (Eigen::Index i = 0; i < kinematic.cols(); ++i)
-      if (kinematic.col(i).squaredNorm() <= kCancelled * parts(i)) kinematic.col(i).setZero();
+    const VectorXd left = kinematic.leftCols(columns).colwise().squaredNorm();
+    for (int i = 0; i < columns; ++i)
+      if (left(i) <= kCancelled * parts(i)) kinematic.col(i).setZero();
     auto part = rows.middleRows(used, view.rows());
     for (size_t i = 0; i < v.layout->map.kinematic.size(); ++i)
       part.col(v.layout->map.kinematic[i]) += kinematic.col(i);
