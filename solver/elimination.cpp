@@ -8,7 +8,7 @@
 namespace kincal {
 namespace {
 
-constexpr int kPieces = 16, kFewPieces = 4;  // of the partition, whatever the number of threads
+constexpr int kPieces = 16, kFewPieces = 2;  // of the partition, whatever the number of threads
 constexpr double kSmallMove = 1e-3;          // of a difference of gradients, standard deviations,
 constexpr double kLargestMove = 1e-5;        // and at most so far in the unknown's unit
 constexpr int kStackedRows = 64;             // eliminated rows that are multiplied at once
@@ -113,7 +113,7 @@ void Arrowhead::place_pieces() {
   const double storage =
       static_cast<double>(system.in_blocks() ? system.block_storage() : system.storage());
   int most = kPieces;
-  while (most > kFewPieces && total < 8 * most * storage) most /= 2;
+  while (most > kFewPieces && total < 16 * most * storage) most /= 2;
   pieces = partition(most, eliminating);
   fine_pieces = partition(kPieces, [](const GroupShape& g) { return g.rows + 5.0; });
 }

@@ -18,6 +18,9 @@ constexpr int kStrip = 48;  // columns that Cholesky's factorisation multiplies 
 /// A block of 9 x 9 has this many numbers: it is padded so that it fills whole cache lines.
 constexpr int kBlockStorage9x9 = 88;
 
+/// Columns of a tile of gram() where it knows of halves.
+constexpr int kTile = 4;
+
 /// Returns n rounded up to a multiple of 8.
 constexpr int padded(int n) { return (n + 7) & ~7; }
 
@@ -27,6 +30,11 @@ struct Kernels {
   /// Computes g = L'L (w x w, both triangles, leading dimension ld) of w columns of `rows` numbers
   /// (a multiple of 8), `stride` apart.
   void (*gram)(const double* columns, int rows, std::ptrdiff_t stride, int w, double* g, int ld);
+
+  /// The same where of the rows columns `at` and at + 1 are zero in the second half and the next
+  /// two in the first: half of their products are left out, if `at` suits the tiles.
+  void (*gram_of_halves)(const double* columns, int rows, std::ptrdiff_t stride, int w, int at,
+                         double* g, int ld);
 
   /// Computes C -= A A' on the lower triangle of C (n x n): A is n x depth, column-major, lda >= n
   /// + kSlack or slack behind its last column. What is above the diagonal of C is scratch.

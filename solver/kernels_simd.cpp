@@ -52,29 +52,139 @@ inline void gram_rows(const double* a, const double* b, int rows, std::ptrdiff_t
   if (T > 3 && left == 3) gram_tile<3, J, false>(a, b, rows, stride, g, ld);
 }
 
+/// A tile on the diagonal.
+inline void gram_corner(const double* b, int rows, std::ptrdiff_t stride, int width, double* g,
+                        int ld) {
+  switch (width) {
+    case 1:
+      return gram_tile<1, 1, true>(b, b, rows, stride, g, ld);
+    case 2:
+      return gram_tile<2, 2, true>(b, b, rows, stride, g, ld);
+    case 3:
+      return gram_tile<3, 3, true>(b, b, rows, stride, g, ld);
+    default:
+      gram_tile<T, T, true>(b, b, rows, stride, g, ld);
+  }
+}
+
+/// The upper triangle from the lower one.
+inline void mirror(double* g, int w, int ld) {
+  for (int j = 1; j < w; ++j)
+    for (int i = 0; i < j; ++i)
+      g[i + static_cast<std::ptrdiff_t>(j) * ld] = g[j + static_cast<std::ptrdiff_t>(i) * ld];
+}
+
 void gram(const double* columns, int rows, std::ptrdiff_t stride, int w, double* g, int ld) {
   for (int j = 0; j < w; j += T) {
     const int width = w - j < T ? w - j : T;
     const double* b = columns + j * stride;
     double* corner = g + j + static_cast<std::ptrdiff_t>(j) * ld;
-    switch (width) {
-      case 1:
-        gram_tile<1, 1, true>(b, b, rows, stride, corner, ld);
-        break;
-      case 2:
-        gram_tile<2, 2, true>(b, b, rows, stride, corner, ld);
-        break;
-      case 3:
-        gram_tile<3, 3, true>(b, b, rows, stride, corner, ld);
-        break;
-      default:
-        gram_tile<T, T, true>(b, b, rows, stride, corner, ld);
-    }
+    gram_corner(b, rows, stride, width, corner, ld);
     if (width == T) gram_rows<T>(b + T * stride, b, rows, stride, w - j - T, corner + T, ld);
   }
-  for (int j = 1; j < w; ++j)
-    for (int i = 0; i < j; ++i)
-      g[i + static_cast<std::ptrdiff_t>(j) * ld] = g[j + static_cast<std::ptrdiff_t>(i) * ld];
+  mirror(g, w, ld);
+}
+
+/// A tile of I columns by four of which the first two have the first half of the rows and the
+/// others the second; with `Last` by the column behind these as well, which has all. Entry (i, j)
+/// goes to g[i apart_i + j apart_j].
+template <int I, bool Last>
+inline void halves_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride,
+                        double* g, std::ptrdiff_t apart_i, std::ptrdiff_t apart_j) {
+  Pack s[I][4] = {}, last[I] = {};
+  for (int h = 0; h < 2; ++h) {
+    const double* c = b + 2 * h * stride;
+    for (int r = h * rows / 2; r < (h + 1) * rows / 2; r += kLanes) {
+      const Pack first = load(c + r), second = load(c + stride + r);
+      Pack behind = {};
+      if (Last) behind = load(b + 4 * stride + r);
+      for (int i = 0; i < I; ++i) {
+        const Pack x = load(a + i * stride + r);
+        s[i][2 * h] += x * first;
+        s[i][2 * h + 1] += x * second;
+        if (Last) last[i] += x * behind;
+      }
+    }
+  }
+  for (int i = 0; i < I; ++i) {
+    double out[4];
+    sum4(s[i][0], s[i][1], s[i][2], s[i][3], out);
+    for (int j = 0; j < 4; ++j) g[i * apart_i + j * apart_j] = out[j];
+    if (Last) g[i * apart_i + 4 * apart_j] = sum(last[i]);
+  }
+}
+
+/// The products of these columns among themselves: those of two halves are none.
+template <bool Last>
+inline void halves_corner(const double* b, int rows, std::ptrdiff_t stride, double* g,
+                          std::ptrdiff_t ld) {
+  Pack last = {};
+  for (int h = 0; h < 2; ++h) {
+    const double* c = b + 2 * h * stride;
+    Pack s[5] = {};
+    for (int r = h * rows / 2; r < (h + 1) * rows / 2; r += kLanes) {
+      const Pack first = load(c + r), second = load(c + stride + r);
+      s[0] += first * first;
+      s[1] += first * second;
+      s[2] += second * second;
+      if (!Last) continue;
+      const Pack behind = load(b + 4 * stride + r);
+      s[3] += first * behind;
+      s[4] += second * behind;
+      last += behind * behind;
+    }
+    double* to = g + 2 * h * (ld + 1);
+    to[0] = sum(s[0]), to[1] = sum(s[1]), to[ld + 1] = sum(s[2]);
+    if (!Last) continue;
+    g[4 + 2 * h * ld] = sum(s[3]);
+    g[4 + (2 * h + 1) * ld] = sum(s[4]);
+  }
+  for (int j = 0; j < 2; ++j) g[2 + j * ld] = g[3 + j * ld] = 0;
+  if (Last) g[4 + 4 * ld] = sum(last);
+}
+
+/// gram() where halves begin at column `at` with a tile; more than 6 parameters because kernels
+/// take plain pointers. `Last`: the residuals' column alone stands behind the halves.
+template <bool Last>
+void gram_by_halves(const double* columns, int rows, std::ptrdiff_t stride, int w, int at,
+                    double* g, std::ptrdiff_t ld) {
+  constexpr int kWidth = Last ? T + 1 : T;
+  const double* halves = columns + at * stride;
+  for (int j = 0; j < w; j += j == at ? kWidth : T) {
+    const int width = w - j < T ? w - j : T;
+    const double* b = columns + j * stride;
+    double* corner = g + j * (ld + 1);
+    if (j == at) {
+      halves_corner<Last>(b, rows, stride, corner, ld);
+      int left = w - at - kWidth;
+      const double* a = b + kWidth * stride;
+      double* to = corner + kWidth;
+      for (; left >= T; left -= T, a += T * stride, to += T)
+        halves_tile<T, false>(a, b, rows, stride, to, 1, ld);
+      for (; left > 0; --left, a += stride, ++to)
+        halves_tile<1, false>(a, b, rows, stride, to, 1, ld);
+      continue;
+    }
+    gram_corner(b, rows, stride, width, corner, static_cast<int>(ld));
+    if (width < T) continue;
+    if (j > at) {
+      gram_rows<T>(b + T * stride, b, rows, stride, w - j - T, corner + T, static_cast<int>(ld));
+      continue;
+    }
+    gram_rows<T>(b + T * stride, b, rows, stride, at - j - T, corner + T, static_cast<int>(ld));
+    halves_tile<T, Last>(b, halves, rows, stride, g + at + j * ld, ld, 1);
+    gram_rows<T>(halves + kWidth * stride, b, rows, stride, w - at - kWidth,
+                 g + at + kWidth + j * ld, static_cast<int>(ld));
+  }
+  mirror(g, w, static_cast<int>(ld));
+}
+
+void gram_of_halves(const double* columns, int rows, std::ptrdiff_t stride, int w, int at,
+                    double* g, int ld) {
+  if (T != kTile || at % T != 0 || at + T > w || rows % (2 * kLanes) != 0)
+    return gram(columns, rows, stride, w, g, ld);
+  if (w == at + T + 1) return gram_by_halves<true>(columns, rows, stride, w, at, g, ld);
+  gram_by_halves<false>(columns, rows, stride, w, at, g, ld);
 }
 
 // ---- subtract_product: tiles of P packs x N columns stay in registers over the whole depth.
@@ -512,6 +622,7 @@ void add(double* a, const double* b, std::ptrdiff_t n) {
 extern const Kernels kKernels;
 const Kernels kKernels = {KINCAL_ISA_NAME,
                           gram,
+                          gram_of_halves,
                           subtract_product,
                           subtract_columns,
                           cholesky,

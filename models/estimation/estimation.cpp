@@ -216,8 +216,14 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, scratch, true, cost)) return false;
     const int w = v.layout->columns.total + 1;
-    kernels().gram(scratch.rows.data(), v.layout->padded_rows(), scratch.rows.outerStride(), w,
-                   scratch.expand.gram.data(), static_cast<int>(scratch.expand.gram.outerStride()));
+    const double* l = scratch.rows.data();
+    MatrixXd& gram = scratch.expand.gram;
+    const int rows = v.layout->padded_rows(), ld = static_cast<int>(gram.outerStride());
+    if (v.layout->halves >= 0)
+      kernels().gram_of_halves(l, rows, scratch.rows.outerStride(), w, v.layout->halves,
+                               gram.data(), ld);
+    else
+      kernels().gram(l, rows, scratch.rows.outerStride(), w, gram.data(), ld);
     motion.kinematic_matrix(v, s, state, scratch);
     const int depth = s.layout->paths[v.layout->path].rows(), sum = v.layout->sum;
     const SharedSums sums(layout.sums[sum], scratch.sums.data() + scratch.sums_start[sum]);

@@ -272,6 +272,29 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
                          path.places.begin());
 }
 
+namespace {
+
+/// Columns of a sensor's freed numbers, from v.columns.total on. Those of a camera's fx cx fy cy
+/// begin with a tile, if so many others are freed that can stand before them.
+void place_for_kernel(const std::vector<std::pair<int, int>>& numbers, ViewLayout& v) {
+  constexpr int kFirst = 4;  // numbers of a camera: fx fy cx cy, then all others
+  std::vector<int> order;
+  for (const auto& n : numbers) order.push_back(n.first);
+  const int before = (kTile - v.columns.total % kTile) % kTile,
+            others = static_cast<int>(
+                std::count_if(order.begin(), order.end(), [](int n) { return n >= kFirst; }));
+  if (v.model->rows() == 2 && static_cast<int>(order.size()) == others + kFirst &&
+      others >= before) {
+    std::rotate(order.begin(), order.begin() + kFirst, order.begin() + kFirst + before);
+    const auto halves = order.begin() + before;  // fx fy cx cy
+    std::swap(halves[1], halves[2]);
+    v.halves = v.columns.total + before;
+  }
+  for (size_t i = 0; i < order.size(); ++i) v.own[order[i]] = v.columns.total + static_cast<int>(i);
+}
+
+}  // namespace
+
 /// Columns of L and of M, and where they are in the group.
 void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
                         const SampleLayout& s) const {
@@ -329,23 +352,27 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
     c.total = path.rows();
   }
   std::fill(std::begin(v.own), std::end(v.own), -1);
+  v.halves = -1;
   if (table.sensor_block[v.sensor_index] >= 0) {
     const int first = table.sensor_block[v.sensor_index];
-    int own = 0, column = c.total;
+    std::vector<std::pair<int, int>> numbers;  // freed: which of the sensor's, its shared column
+    int own = 0;
     for (size_t b = 0; b < v.sensor->parameters.size(); ++b) {
       const int parameter = first + static_cast<int>(b);
-      if (freed[parameter]) {
-        if (c.parameters < 0) c.parameters = c.total;
-        for (size_t i = 0; i < freed[parameter]->components.size(); ++i) {
-          const int number = own + freed[parameter]->components[i];
-          v.own[number] = v.kernel ? column++ : c.total + number;
-          v.map.own.push_back(
-              {v.own[number], shared(first_column[parameter] + static_cast<int>(i)), 1});
-        }
-      }
+      if (freed[parameter])
+        for (size_t i = 0; i < freed[parameter]->components.size(); ++i)
+          numbers.push_back({own + freed[parameter]->components[i],
+                             first_column[parameter] + static_cast<int>(i)});
       own += table.all[parameter].size();
     }
-    if (c.parameters >= 0) c.total = v.kernel ? column : c.total + own;
+    const int column = c.total;
+    if (!numbers.empty()) c.parameters = c.total;
+    if (v.kernel) place_for_kernel(numbers, v);
+    for (const auto& [number, in] : numbers) {
+      if (!v.kernel) v.own[number] = column + number;
+      v.map.own.push_back({v.own[number], shared(in), 1});
+    }
+    if (c.parameters >= 0) c.total += v.kernel ? static_cast<int>(numbers.size()) : own;
   }
   if (square >= 0 && freed[square]) {
     c.square = c.total++;

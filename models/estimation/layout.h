@@ -69,6 +69,8 @@ struct ViewLayout {
   int path_column = 0;               // and of the path: the first column of M
   int sum = -1;                      // which of Layout::sums is its shared columns'
   ViewKernel kernel = nullptr;       // if the sensor and its noise allow
+  int halves = -1;                   // of a camera's kernel: its columns of fx cx fy cy follow each
+                                     // other from here, each in rows of one axis alone
   int own[kMaxParameters];           // for the kernel: column of each own number or -1
   size_t points = 0;  // for the kernel: where in Layout::seen the layout of the seen points begins
 

@@ -53,6 +53,24 @@ TEST_CASE("kernels: gram") {
       }
 }
 
+TEST_CASE("kernels: gram of columns that have one half of the rows each") {
+  std::mt19937 engine(11);
+  for (const Kernels* k : sets())
+    for (int w = 4; w <= 21; ++w)
+      for (int at = 0; at + 4 <= w; ++at)
+        for (int rows : {8, 16, 48, 96}) {
+          MatrixXd l = random(engine, rows + 3, w);
+          l.block(rows / 2, at, rows - rows / 2, 2).setZero();
+          l.block(0, at + 2, rows / 2, 2).setZero();
+          MatrixXd g = MatrixXd::Constant(w + 2, w, 7);
+          k->gram_of_halves(l.data(), rows, l.rows(), w, at, g.data(), static_cast<int>(g.rows()));
+          const MatrixXd expected = l.topRows(rows).transpose() * l.topRows(rows);
+          INFO(k->name << " " << w << " " << at << " " << rows);
+          REQUIRE((g.topRows(w) - expected).cwiseAbs().maxCoeff() < 1e-12 * rows);
+          REQUIRE(g.bottomRows(2) == MatrixXd::Constant(2, w, 7));
+        }
+}
+
 TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
   std::mt19937 engine(2);
   for (const Kernels* k : sets())
