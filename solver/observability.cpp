@@ -179,22 +179,30 @@ void add_gauges(MatrixXd space, int gauges, const VectorXd& scale, Observability
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   if (private_size == 0) return rows;
   const Eigen::Index k = private_size, m = rows.cols() - k, count = std::max(rows.rows(), k);
-  const int filled = padded(static_cast<int>(count));
+  const int filled = padded(static_cast<int>(count)), columns = static_cast<int>(k + m);
+  const bool shrinks = count > k + m;  // the others become a triangle as well
   rows.conservativeResizeLike(MatrixXd::Zero(filled, k + m));
-  kernels().triangularise(rows.data(), filled, static_cast<int>(k + m), private_size, filled);
+  kernels().triangularise(rows.data(), filled, columns, shrinks ? columns : private_size, filled);
+  const auto others = [&](Eigen::Index first) {  // below the private rows, from row `first` of left
+    MatrixXd left = MatrixXd::Zero(first + (shrinks ? m : count - k), m);
+    if (shrinks)
+      left.bottomRows(m) = rows.block(k, k, m, m).triangularView<Eigen::Upper>();
+    else
+      left.bottomRows(count - k) = rows.block(k, k, count - k, m);
+    return left;
+  };
   if (is_of_full_rank(rows.topLeftCorner(k, k))) {
     rank += k;
-    return rows.block(k, k, count - k, m);
+    return others(0);
   }
   const Elimination own(rows.topLeftCorner(k, k).triangularView<Eigen::Upper>());
   rank += own.rank();
-  MatrixXd left(count - own.rank(), m);
+  MatrixXd left = others(k - own.rank());
   if (own.rank() < k) {  // what the private unknowns leave undetermined tells of the others
     MatrixXd upper = rows.topRightCorner(k, m);
     own.rotate(upper);
     left.topRows(k - own.rank()) = upper.bottomRows(k - own.rank());
   }
-  left.bottomRows(count - k) = rows.block(k, k, count - k, m);
   return left;
 }
 

@@ -71,8 +71,9 @@ Observability observe(Problem& problem, const VectorXd& state,
                       std::vector<MatrixXd>* reduced_rows = nullptr);
 
 /// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private
-/// J_touched r] (Problem::square_root): returns what is left of [J_touched r] and adds the rank of
-/// the private columns to `rank`. Without private unknowns these are the rows themselves.
+/// J_touched r] (Problem::square_root): returns what is left of [J_touched r], at most as many
+/// rows as columns and undetermined private unknowns, and adds the rank of the private columns to
+/// `rank`. Without private unknowns these are the rows themselves.
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank);
 
 }  // namespace kincal

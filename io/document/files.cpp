@@ -221,11 +221,16 @@ std::string read_file(const std::string& path) {
   if (!file)
     throw InputError(path +
                      ": cannot be read: " + std::generic_category().message(errno ? errno : EIO));
-  std::string text, part(1 << 16, 0);
+  constexpr size_t kPart = 1 << 16;
+  const auto size = std::filesystem::file_size(path, ignored);  // of a pipe: none
+  std::string text;
+  size_t filled = 0;
   do {  // not by <<, which would take an end of the memory for the end of the file
-    file.read(part.data(), static_cast<std::streamsize>(part.size()));
-    text.append(part, 0, static_cast<size_t>(file.gcount()));
+    text.resize(filled + (filled == 0 && !ignored && size > 0 ? size + 1 : kPart));
+    file.read(&text[filled], static_cast<std::streamsize>(text.size() - filled));
+    filled += static_cast<size_t>(file.gcount());
   } while (file);
+  text.resize(filled);
   if (file.bad())
     throw InputError(path + ": cannot be read: " + std::generic_category().message(EIO));
   return text;

@@ -9,7 +9,6 @@
 #include <initializer_list>
 #include <map>
 #include <pugixml.hpp>
-#include <sstream>
 #include <stdexcept>
 
 #include "../../models/rig/draws.h"
@@ -122,9 +121,14 @@ std::string without_shapes(const std::string& text) {
   for (const pugi::xml_node link : robot.children("link")) keep_children(link, {});
   for (const pugi::xml_node joint : robot.children("joint"))
     keep_children(joint, {"origin", "parent", "child", "axis", "limit", "mimic"});
-  std::ostringstream out;
+  struct Text : pugi::xml_writer {
+    void write(const void* data, size_t size) override {
+      text.append(static_cast<const char*>(data), size);
+    }
+    std::string text;
+  } out;
   document.save(out, "", pugi::format_raw, pugi::encoding_utf8);
-  return out.str();
+  return out.text;
 }
 
 /// The written text as urdfdom reads it, or as we do where urdfdom takes exception to what stood in

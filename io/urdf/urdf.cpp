@@ -178,12 +178,12 @@ void read_robot(const Xml& xml, const pugi::xml_node& robot, Urdf& urdf) {
 
 }  // namespace
 
-Urdf parse_urdf(const std::string& text, const std::string& path) {
+Urdf parse_urdf(std::string text, const std::string& path) {
   Urdf urdf;
   urdf.path = path;
-  urdf.text = text;
-  refuse_other_kinds(text, path, Wanted::urdf);
-  Xml xml{text, path};
+  urdf.text = std::move(text);
+  refuse_other_kinds(urdf.text, path, Wanted::urdf);
+  Xml xml{urdf.text, path};
   const pugi::xml_node robot = load(xml);
   const pugi::xml_node xacro = find_xacro(robot);
   const std::string not_expanded =

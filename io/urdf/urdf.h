@@ -35,7 +35,7 @@ struct Urdf {
 
 /// Both read a URDF. @throws InputError "path:line: element: what is wrong, what is valid".
 Urdf read_urdf(const std::string& path);
-Urdf parse_urdf(const std::string& text, const std::string& path);
+Urdf parse_urdf(std::string text, const std::string& path);
 
 /// Returns the type's name in a URDF.
 const char* type_name(JointType type);

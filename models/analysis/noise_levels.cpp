@@ -49,7 +49,6 @@ struct RowSums {
   double squares = 0;    // weighted
   double weights = 0;    // n
   double projected = 0;  // tr H
-  MatrixXd shared;       // minus the sum of B'B (lower triangle)
   bool mixed = false;    // its rows hold other noise as well
   double expected = 1;   // b
 };
@@ -59,6 +58,8 @@ struct NoiseKinds {
   std::vector<NoiseLevel> levels;
   std::vector<int> of_sensor, of_joint;  // index of the (first) level; -1: none
   std::vector<RowSums> sums;             // by level; the last ones are the priors'
+  int shared_size = 0, ld = 0;
+  MatrixXd shared;  // by level a column: minus the sum of B'B, the lower triangle, `ld` x size
 
   int count() const { return static_cast<int>(sums.size()); }
   bool is_priors(int kind) const { return kind + 1 == count(); }
@@ -126,7 +127,9 @@ NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_s
   add_sensors(setup, rig, out);
   if (setup.noise == NoiseMode::latent) add_joints(rig, out);
   out.sums.emplace_back();
-  for (RowSums& s : out.sums) s.shared = MatrixXd::Zero(padded(shared_size) + kSlack, shared_size);
+  out.shared_size = shared_size;
+  out.ld = padded(shared_size) + kSlack;
+  out.shared.setZero(static_cast<Eigen::Index>(out.ld) * shared_size, out.count());
   return out;
 }
 
@@ -218,14 +221,15 @@ MatrixXd products(const MatrixXd& columns, Eigen::Index count) {
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
   const Eigen::Index count = rows.residuals.size();
   const MatrixXd p = products(rows.u, count), q = products(rows.b, count);
-  const int n = static_cast<int>(kinds.sums[0].shared.cols()), ld = static_cast<int>(rows.b.rows());
+  const int n = kinds.shared_size, ld = static_cast<int>(rows.b.rows());
   VectorXd of_column(count);
   for (const NoiseRows& w : rows.kinds) {
     const int kind = kinds.of(w);
     RowSums& sum = kinds.sums[kind];
     sum.squares += rows.residuals.segment(w.first, w.count).squaredNorm();
     sum.projected += (p + q).diagonal().segment(w.first, w.count).sum();
-    kernels().subtract_product(sum.shared.data(), n, ld, rows.b.col(w.first).data(), w.count, ld);
+    kernels().subtract_product(kinds.shared.col(kind).data(), n, kinds.ld,
+                               rows.b.col(w.first).data(), w.count, ld);
     if (!w.view) sum.weights += w.count;
     if (w.joint >= 0) ++kinds.levels[kind].rows;
     const auto pw = p.middleCols(w.first, w.count), qw = q.middleCols(w.first, w.count);
@@ -251,14 +255,15 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
                VectorXd(groups)};
   for (size_t g = 0; g < problem.groups().size(); ++g)
     add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
-  const int n = problem.shared_size();
-  MatrixXd shared = MatrixXd::Zero(padded(n * n), groups);  // B'B of a kind in each column
+  // The product of two symmetric matrices: what is below the diagonal counts twice.
   for (int g = 0; g < groups; ++g) {
-    Eigen::Map<MatrixXd>(shared.col(g).data(), n, n) =
-        kinds.sums[g].shared.topRows(n).selfadjointView<Eigen::Lower>();
-    kinds.sums[g].shared.resize(0, 0);
+    Eigen::Map<MatrixXd> sum(kinds.shared.col(g).data(), kinds.ld, kinds.shared_size);
+    for (int i = 0; i < kinds.shared_size; ++i) {
+      sum.col(i).head(i).setZero();
+      sum.col(i).tail(kinds.ld - i - 1) *= std::sqrt(2.0);
+    }
   }
-  out.s += products(shared, groups);
+  out.s += products(kinds.shared, groups);
   for (int g = 0; g < groups; ++g) {
     const RowSums& sum = kinds.sums[g];
     out.s(g, g) += sum.weights - 2 * sum.projected;
