@@ -1,5 +1,6 @@
 #include "boxes.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
@@ -106,8 +107,12 @@ LinkBoxes link_boxes(const Urdf& urdf) {
     for (const char* kind : {"visual", "collision"})
       if (out.of[i].empty())
         for (const pugi::xml_node& shape : links[i].children(kind)) add_box(xml, shape, out.of[i]);
-    const bool mesh = links[i].select_node("*/geometry/mesh");
-    if (out.of[i].empty() && mesh) ++out.left_out;
+    if (!out.of[i].empty()) continue;
+    const auto has_mesh = [](const pugi::xml_node& shape) {
+      return !shape.child("geometry").child("mesh").empty();
+    };
+    const auto shapes = links[i].children();
+    if (std::any_of(shapes.begin(), shapes.end(), has_mesh)) ++out.left_out;
   }
   return out;
 }

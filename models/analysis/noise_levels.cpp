@@ -135,11 +135,10 @@ NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_s
 
 /// Counts and weighs the residuals of all views, and finds those whose rows hold other noise as
 /// well.
-void add_residuals(const Estimation& problem, const Rig& rig, const VectorXd& state,
-                   NoiseKinds& kinds) {
-  const EstimationSetup& setup = problem.setup();
+void add_residuals(const EstimationSetup& setup, const Rig& rig,
+                   const std::vector<ViewResiduals>& views, NoiseKinds& kinds) {
   const bool own_noise_only = setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none;
-  for (const ViewResiduals& r : problem.residuals(state)) {
+  for (const ViewResiduals& r : views) {
     const Sensor& sensor = rig.sensors[r.view->sensor];
     const std::vector<NoisePart> parts = sensor.model->noise_parts();
     const int first = kinds.of_sensor[r.view->sensor];
@@ -353,10 +352,13 @@ bool NoiseLevel::differs() const {
          std::abs(seen - assumed) > 3 * uncertainty * seen;
 }
 
-std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
-                                     const MatrixXd& covariance) {
+namespace {
+
+std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, const VectorXd& state,
+                                  const MatrixXd& covariance,
+                                  const std::vector<ViewResiduals>& views) {
   NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
-  add_residuals(problem, rig, state, kinds);
+  add_residuals(problem.setup(), rig, views, kinds);
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds);
   const Factors factors = find_factors(kinds, left);
   std::vector<NoiseLevel> out;
@@ -371,6 +373,13 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
     out.push_back(std::move(level));
   }
   return out;
+}
+
+}  // namespace
+
+std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
+                                     const MatrixXd& covariance) {
+  return levels_of(problem, rig, state, covariance, problem.residuals(state));
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
@@ -401,8 +410,12 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
   return out;
 }
 
+NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views) {
+  return {
+      levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance, views)};
+}
 NoiseLevels noise_levels(const Linearisation& at) {
-  return {noise_levels(at.problem(), at.solution.rig(), at.state(), at.observability().covariance)};
+  return noise_levels(at, at.problem().residuals(at.state()));
 }
 
 std::string NoiseLevels::text() const {

@@ -241,6 +241,10 @@ SensorResult unseen(const Sensor& sensor) {
 }
 
 Residuals residuals(const Linearisation& at) {
+  return residuals(at, at.problem().residuals(at.state()));
+}
+
+Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views) {
   const Solution& solution = at.solution;
   const Recording& recording = *solution.recording;
   const Rig& rig = recording.rig;
@@ -272,7 +276,7 @@ Residuals residuals(const Linearisation& at) {
     Judged now;
     if (train && complete) {
       now.sums.resize(rig.sensors.size());
-      now.residuals = at.problem().residuals(at.state());
+      now.residuals = std::move(views);
       add_sums(rig, now.residuals, now.sums);
     } else {
       now = judge(recording, samples, solution.values.shared, solution.initial, how);

@@ -59,6 +59,8 @@ struct Linearisation;
 /// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in
 /// `undefined`.
 Residuals residuals(const Linearisation& at);
+/// The same where the last problem's residuals are known (Estimation::residuals()).
+Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views);
 
 /// Returns residuals as read alone, of the held-out samples, with these shared values in place of
 /// the solution's.

@@ -426,17 +426,23 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       r.view = v.view;
       r.sample = s.index;
       Cost cost;
-      whitened.view_rows(v, s, state, scratch, false, cost);
+      const bool defined = whitened.view_rows(v, s, state, scratch, false, cost);
       r.whitened.resize(v.layout->rows());
-      const int k = v.layout->model->rows();
-      for (int b = 0; b < v.layout->blocks(); ++b)
+      const int k = v.layout->model->rows(), blocks = v.layout->blocks();
+      for (int b = 0; b < blocks; ++b)
         for (int i = 0; i < k; ++i) r.whitened(b * k + i) = scratch.r(v.layout->row(b, i));
-      whitened.view_input(v, state, scratch);
       const SensorModel& model =
           *v.layout->sensor->model;  // whatever the mode whitens: what the sensor itself measures
       r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.layout->ids.size())));
-      if (!model.evaluate(scratch.input, v.layout->columns, r.raw.data(), nullptr))
-        r.raw.setConstant(std::nan(""));
+      if (v.layout->kernel && !model.has_own_noise()) {  // whitened component by component
+        for (int b = 0; b < blocks; ++b)
+          for (int i = 0; i < k; ++i) r.raw(b * k + i) = r.whitened(b * k + i) * v.view->sigma[i];
+        if (!defined) r.raw.setConstant(std::nan(""));
+      } else {
+        whitened.view_input(v, state, scratch);
+        if (!model.evaluate(scratch.input, v.layout->columns, r.raw.data(), nullptr))
+          r.raw.setConstant(std::nan(""));
+      }
       out.push_back(std::move(r));
     }
   }

@@ -514,8 +514,9 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   report.data = data_equations(at);
   at.drop_reduced_rows();
   report.explanation = explain(at);
-  if (!report.noise_estimated) report.noise_levels = noise_levels(at);
-  report.residuals = residuals(at);
+  std::vector<ViewResiduals> views = at.problem().residuals(at.state());
+  if (!report.noise_estimated) report.noise_levels = noise_levels(at, views);
+  report.residuals = residuals(at, std::move(views));
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);
   report.jumps = jumps(report.solution);
