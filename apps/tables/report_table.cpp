@@ -317,7 +317,7 @@ std::string mount_lines(const std::vector<MountText>& mounts, bool has_urdf) {
 std::string short_text(const Report& report, const ResultFiles& files) {
   constexpr size_t kMost = 3;
   const std::string place = "result.json";
-  std::string out = show_text(top(files.told, place), false);
+  std::string out = show_text(top(files.told(), place), false);
   if (report.diagnosis && report.diagnosis->findings.empty())
     out += "\nWhat may be wrong (kincal check)\n" +
            wrapped(std::string(explained(*report.diagnosis) ? "nothing found; "

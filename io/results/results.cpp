@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <memory>
 
 #include "../document/files.h"
 #include "../document/numbers.h"
@@ -294,9 +295,13 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   if (options.residuals && !report.loop_views.empty())
     json["loops_csv"] = {{"every", loops_every(report)}};
   out.result_json = json_text(json);
-  for (const auto& [key, value] : json.get_ref<const Json::object_t&>())
-    if (key != "samples" && key != "scene") out.told.members.emplace_back(key, node_of(value));
-  out.told.kind = Node::Kind::mapping;
+  out.told = [all = std::make_shared<const Json>(std::move(json))] {
+    Node told;
+    told.kind = Node::Kind::mapping;
+    for (const auto& [key, value] : all->get_ref<const Json::object_t&>())
+      if (key != "samples" && key != "scene") told.members.emplace_back(key, node_of(value));
+    return told;
+  };
 
   out.covariance_csv = covariance_csv(solution);
   out.information_csv = information_csv(report);

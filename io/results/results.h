@@ -2,6 +2,7 @@
 // about them. apply.h goes back from there.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -23,10 +24,11 @@ struct Reduction {
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv;
   std::string information_csv, samples_csv, residuals_csv,
-      loops_csv;            // the last two: empty, not written
-  std::string report_html;  // made of these (io/report); empty: not written
-  std::string batch_json;   // left to a batch (summary_file.h); empty: not written
-  Node told;                // what result_json tells, but for samples and scene: for tables
+      loops_csv;               // the last two: empty, not written
+  std::string report_html;     // made of these (io/report); empty: not written
+  std::string batch_json;      // left to a batch (summary_file.h); empty: not written
+  std::function<Node()> told;  // makes what result_json tells, but for samples and scene: for
+                               // tables
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
   std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
   std::vector<MountText> mounts;         // of what was estimated and no joint has; in changes.yaml
