@@ -1,5 +1,6 @@
 #include "child.h"
 
+#include <fcntl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #ifdef __linux__
@@ -11,6 +12,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -23,11 +25,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent,
-/// and ends the process with the exit code: at once, since its memory need not be given back piece
-/// by piece.
-[[noreturn]] void calibrate_set(const Set& set, const Output& output,
-                                const CalibrateSettings& settings) {
+/// Calibrates a set into its result directory, or leaves what went wrong in a file for the parent;
+/// returns the exit code.
+int calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
     Progress silent(true);
@@ -54,7 +54,7 @@ namespace fs = std::filesystem;
     record.set.seconds = seconds_since(start);
     files.batch_json = record_text(record);
     write_results(output.result(set.name).string(), files, true, nullptr, output.scratch.string());
-    _exit(record.set.exit_code);
+    return record.set.exit_code;
   } catch (const std::exception& error) {
     std::string text = error_text(error);
     std::replace(text.begin(), text.end(), '\n', ' ');
@@ -62,33 +62,64 @@ namespace fs = std::filesystem;
       write_file(output.error(set.name).string(), text, true);
     } catch (const InputError&) {  // a full disk: the parent has words for it
     }
-    _exit(kBadInput);
+    return kBadInput;
   }
 }
 
-/// Starts a child that calibrates a set into its result directory; returns its process id, -1 if
-/// there cannot be one more.
-pid_t start_set(const Set& set, const Output& output, const CalibrateSettings& settings,
-                const sigset_t& signals_before) {
-  const pid_t parent = getpid(), child = fork();
-  if (child != 0) return child;
-#ifdef __linux__
-  prctl(PR_SET_PDEATHSIG, SIGKILL);  // what a child of a dead parent finds would not be read
-#endif
-  if (getppid() != parent) _exit(kInterrupted);
-  for (const int s : {SIGINT, SIGTERM})
-    std::signal(s, SIG_IGN);  // they reach all; the parent decides
-  sigprocmask(SIG_SETMASK, &signals_before, nullptr);
-  calibrate_set(set, output, settings);
+/// Most sets of a child: one after the other in the same memory, which starts a process and lays
+/// out its memory once for all of them.
+constexpr size_t kShare = 16;
+
+/// A Child calibrates some sets. It writes the exit code of each that is done to the pipe.
+struct Child {
+  std::vector<size_t> share;
+  size_t done = 0;
+  int pipe = -1;
+  Clock::time_point start;  // of the set at hand
+};
+
+/// What a child does: the parent is woken after each set.
+[[noreturn]] void calibrate_share(const std::vector<Set>& sets, const std::vector<size_t>& share,
+                                  const Output& output, const CalibrateSettings& settings,
+                                  pid_t parent, int pipe) {
+  for (const size_t i : share) {
+    const int code = calibrate_set(sets[i], output, settings);
+    if (write(pipe, &code, sizeof code) != sizeof code) break;
+    if (getppid() == parent) kill(parent, SIGCHLD);
+  }
+  _exit(0);  // at once, since its memory need not be given back piece by piece
 }
 
-/// Returns the summary of a child that ended with `status` (of waitpid).
-SetSummary summary_of(const Set& set, const Output& output, int status) {
-  if (WIFSIGNALED(status))
-    return failed(set, 128 + WTERMSIG(status),
-                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
-                      strsignal(WTERMSIG(status)) + ")");
-  const int code = WEXITSTATUS(status);
+/// Starts a child; returns its process id, -1 if there cannot be one more.
+pid_t start_child(const std::vector<Set>& sets, Child& child, const Output& output,
+                  const CalibrateSettings& settings, const sigset_t& signals_before) {
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) return -1;
+  const pid_t parent = getpid(), pid = fork();
+  if (pid == 0) {
+#ifdef __linux__
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // what a child of a dead parent finds would not be read
+#endif
+    if (getppid() != parent) _exit(kInterrupted);
+    close(ends[0]);
+    for (const int s : {SIGINT, SIGTERM})
+      std::signal(s, SIG_IGN);  // they reach all; the parent decides
+    sigprocmask(SIG_SETMASK, &signals_before, nullptr);
+    calibrate_share(sets, child.share, output, settings, parent, ends[1]);
+  }
+  close(ends[1]);
+  if (pid < 0) {
+    close(ends[0]);
+    return -1;
+  }
+  fcntl(ends[0], F_SETFL, O_NONBLOCK);
+  child.pipe = ends[0];
+  child.start = Clock::now();
+  return pid;
+}
+
+/// Returns the summary of a set that a child has done with this exit code.
+SetSummary summary_of(const Set& set, const Output& output, int code) {
   std::error_code ignored;
   if (code == kConverged || code == kUnobservable || code == kNotConverged ||
       code == kToleranceNotMet || code == kNotExplained) {
@@ -102,6 +133,15 @@ SetSummary summary_of(const Set& set, const Output& output, int status) {
     return failed(set, code, read_file(output.error(set.name).string()));
   }
   return failed(set, kBadInput, output.result(set.name).string() + ": cannot be written");
+}
+
+/// Returns the summary of the set at which a child ended with `status` (of waitpid).
+SetSummary ended_at(const Set& set, const Output& output, int status) {
+  if (WIFSIGNALED(status))
+    return failed(set, 128 + WTERMSIG(status),
+                  "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
+                      strsignal(WTERMSIG(status)) + ")");
+  return summary_of(set, output, WEXITSTATUS(status));
 }
 
 }  // namespace
@@ -128,23 +168,36 @@ std::string options_text(const CalibrateSettings& s) {
 bool calibrate_each(const std::vector<Set>& sets, const Output& output, const BatchArguments& a,
                     const Signals& signals, const std::function<void(size_t, SetSummary)>& ended,
                     const std::function<void()>& look) {
-  struct Child {
-    size_t set;
-    Clock::time_point start;
-  };
   std::map<pid_t, Child> running;
+  std::deque<size_t> waiting;
+  for (size_t i = 0; i < sets.size(); ++i) waiting.push_back(i);
+  const auto jobs = static_cast<size_t>(a.jobs);
+  const auto take_done = [&](Child& child) {
+    for (int code; read(child.pipe, &code, sizeof code) == sizeof code;) {
+      const size_t i = child.share[child.done++];
+      SetSummary summary = summary_of(sets[i], output, code);
+      if (summary.status == "failed") summary.seconds = seconds_since(child.start);
+      child.start = Clock::now();
+      ended(i, std::move(summary));
+    }
+  };
   std::fflush(nullptr);  // else children would write it a second time
-  for (size_t next = 0; next < sets.size() || !running.empty();) {
-    while (running.size() < static_cast<size_t>(a.jobs) && next < sets.size()) {
-      const size_t i = next;
-      const pid_t pid = start_set(sets[i], output, a.settings, signals.before);
+  while (!waiting.empty() || !running.empty()) {
+    while (running.size() < jobs && !waiting.empty()) {
+      Child child;
+      const size_t size = std::clamp<size_t>(waiting.size() / (4 * jobs), 1, kShare);
+      child.share.assign(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(size));
+      const pid_t pid = start_child(sets, child, output, a.settings, signals.before);
       if (pid < 0 && !running.empty()) break;  // not now: when one of them has ended
-      ++next;
-      if (pid < 0)
-        ended(i, failed(sets[i], kBadInput,
-                        std::string("no process can be started: ") + std::strerror(errno)));
-      else
-        running[pid] = {i, Clock::now()};
+      if (pid < 0) {
+        ended(waiting.front(),
+              failed(sets[waiting.front()], kBadInput,
+                     std::string("no process can be started: ") + std::strerror(errno)));
+        waiting.pop_front();
+      } else {
+        waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(size));
+        running[pid] = std::move(child);
+      }
     }
     look();
     if (running.empty()) continue;
@@ -153,14 +206,23 @@ bool calibrate_each(const std::vector<Set>& sets, const Output& output, const Ba
       for (const auto& child : running) waitpid(child.first, nullptr, 0);
       return false;
     }
+    for (auto& child : running) take_done(child.second);
     int status;
     for (pid_t pid; (pid = waitpid(-1, &status, WNOHANG)) > 0;) {
-      const auto child = running.find(pid);
-      if (child == running.end()) continue;
-      const size_t i = child->second.set;
-      SetSummary summary = summary_of(sets[i], output, status);
-      if (summary.status == "failed") summary.seconds = seconds_since(child->second.start);
-      running.erase(child);
+      const auto found = running.find(pid);
+      if (found == running.end()) continue;
+      Child child = std::move(found->second);
+      running.erase(found);
+      take_done(child);
+      close(child.pipe);
+      if (child.done == child.share.size()) continue;
+      // The set that it ended at has failed; those behind it wait for another child.
+      const size_t i = child.share[child.done];
+      SetSummary summary = ended_at(sets[i], output, status);
+      if (summary.status == "failed") summary.seconds = seconds_since(child.start);
+      waiting.insert(waiting.begin(),
+                     child.share.begin() + static_cast<std::ptrdiff_t>(child.done) + 1,
+                     child.share.end());
       ended(i, std::move(summary));
     }
   }

@@ -424,7 +424,8 @@ class Signals(Case):
                     _, err = p.communicate(timeout=20)
                     if p.returncode == 130:
                         stopped += 1
-                        self.assertEqual(err, b"kincal: interrupted, nothing written\n")  # its words may just have been printed
+                        # Of `evaluate` the warnings before the tables may just have been printed.
+                        self.assertTrue(err.endswith(b"kincal: interrupted, nothing written\n"), err)
                         self.assertEqual(self.names(), {"many.jsonl"})
                     else:  # it was just done
                         self.assertEqual(p.returncode, 0, err)
