@@ -87,7 +87,7 @@ void gram(const double* columns, int rows, std::ptrdiff_t stride, int w, double*
 
 /// A tile of I columns by four of which the first two have the first half of the rows and the
 /// others the second; with `Last` by the column behind these as well, which has all. Entry (i, j)
-/// goes to g[i apart_i + j apart_j].
+/// goes to g[i apart_i + j apart_j]; more than 6 parameters because kernels take plain pointers.
 template <int I, bool Last>
 inline void halves_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride,
                         double* g, std::ptrdiff_t apart_i, std::ptrdiff_t apart_j) {
@@ -179,6 +179,7 @@ void gram_by_halves(const double* columns, int rows, std::ptrdiff_t stride, int 
   mirror(g, w, static_cast<int>(ld));
 }
 
+/// More than 6 parameters because kernels take plain pointers.
 void gram_of_halves(const double* columns, int rows, std::ptrdiff_t stride, int w, int at,
                     double* g, int ld) {
   if (T != kTile || at % T != 0 || at + T > w || rows % (2 * kLanes) != 0)

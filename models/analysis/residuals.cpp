@@ -113,24 +113,30 @@ void start_open_poses(const Recording& recording, const std::vector<int>& sample
   if (!unknown.empty()) start_unknown_poses(recording, samples, unknown, values);
 }
 
-/// Minimises one group of samples, whose problem may exist already, and adds what came out.
-void judge_group(const Recording& recording, const std::vector<int>& group, const VectorXd& shared,
-                 const EstimationSetup& setup, const std::shared_ptr<Estimation>& made,
+/// Samples that are judged together, and what their problem is; that may exist already.
+struct JudgedGroup {
+  std::vector<int> samples;
+  const EstimationSetup& setup;
+  std::shared_ptr<Estimation> problem;
+};
+
+/// Minimises one group of samples and adds what came out.
+void judge_group(const Recording& recording, const JudgedGroup& group, const VectorXd& shared,
                  const Judge& how, Judged& out) {
   FitOptions options;
   options.trust_start = true;
-  options.problem = made;
-  if (group.size() == 1) options.solver.relative_decrease = kCostStands;
-  Values start = known_values(recording, group, shared, how.start);
-  start_open_poses(recording, group, setup.free, start);
+  options.problem = group.problem;
+  if (group.samples.size() == 1) options.solver.relative_decrease = kCostStands;
+  Values start = known_values(recording, group.samples, shared, how.start);
+  start_open_poses(recording, group.samples, group.setup.free, start);
   Fit one;
   try {
-    one = fit(recording, group, setup, std::move(start), options);
+    one = fit(recording, group.samples, group.setup, std::move(start), options);
   } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
     one.summary.outcome = Outcome::undefined_start;
   }
   if (!one.defined()) {
-    for (int i : group) out.undefined.push_back(recording.samples[i].id);
+    for (int i : group.samples) out.undefined.push_back(recording.samples[i].id);
     return;
   }
   if (one.problem->groups().empty()) return;
@@ -138,7 +144,7 @@ void judge_group(const Recording& recording, const std::vector<int>& group, cons
   const VectorXd& state = one.state;
   const SolveSummary& summary = one.summary;
   if (summary.outcome != Outcome::converged)
-    for (int i : group) out.not_converged.push_back(recording.samples[i].id);
+    for (int i : group.samples) out.not_converged.push_back(recording.samples[i].id);
   out.chi2 += summary.cost.chi2;
   if (how.with_dof) {
     problem.renew(state);
@@ -174,7 +180,7 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
     EstimationSetup tied = setup;
     tied.free = how.free;
     tell(groups.tied.size());
-    judge_group(recording, groups.tied, shared, tied, nullptr, how, out);
+    judge_group(recording, {groups.tied, tied, nullptr}, shared, how, out);
   }
   setup.apart = true;
   for (size_t first = 0; first < groups.lone.size(); first += kLaidOutTogether) {
@@ -186,8 +192,8 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
       tell(1);
       problem->take_alone(i);
       // A robust fit changes the loss of its problem: that is not used again.
-      judge_group(recording, {problem->sample_of(0)}, shared, setup,
-                  how.loss.kind == LossKind::none ? problem : nullptr, how, out);
+      const auto again = how.loss.kind == LossKind::none ? problem : nullptr;
+      judge_group(recording, {{problem->sample_of(0)}, setup, again}, shared, how, out);
     }
   }
   return out;

@@ -434,9 +434,11 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
       const SensorModel& model =
           *v.layout->sensor->model;  // whatever the mode whitens: what the sensor itself measures
       r.raw.resize(model.rows() * model.blocks(static_cast<int>(v.layout->ids.size())));
-      if (v.layout->kernel && !model.has_own_noise()) {  // whitened component by component
+      const std::vector<double>& sigma = v.view->sigma;
+      const bool divides = std::all_of(sigma.begin(), sigma.end(), [](double x) { return x > 0; });
+      if (v.layout->kernel && !model.has_own_noise() && divides) {  // whitened one by one
         for (int b = 0; b < blocks; ++b)
-          for (int i = 0; i < k; ++i) r.raw(b * k + i) = r.whitened(b * k + i) * v.view->sigma[i];
+          for (int i = 0; i < k; ++i) r.raw(b * k + i) = r.whitened(b * k + i) * sigma[i];
         if (!defined) r.raw.setConstant(std::nan(""));
       } else {
         whitened.view_input(v, state, scratch);
