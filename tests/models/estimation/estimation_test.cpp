@@ -8,8 +8,9 @@
 // entry with central differences along retract(); the Gram matrices of linearise() and
 // square_root() and the reduced system of the solver equal those of the explicit rows; cost and
 // chi2 equal sums by hand; partly freed poses stay on their surface; priors are what the formats
-// say. Does not prove: that sensors' formulas are right (models/sensors/sensors_test.cpp), nor that
-// a minimum is found (solver/solver_test.cpp).
+// say; samples that are laid out together and taken one at a time are the problems that they are
+// alone. Does not prove: that sensors' formulas are right (models/sensors/sensors_test.cpp), nor
+// that a minimum is found (solver/solver_test.cpp).
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -1009,4 +1010,73 @@ TEST_CASE("estimation: a sample's own sigmas of readings count, not the joints'"
     }
     CHECK(compared >= 3);
   }
+}
+
+TEST_CASE("samples apart: each is the problem that it is alone, bit by bit") {
+  for (NoiseMode mode : kModes) {
+    Scene s(7, 5);  // its own: readings change below
+    EstimationSetup setup;
+    setup.noise = mode;
+    setup.sensors = indices(s.rig.sensors.size());
+    const auto alone = [&](int sample) {
+      return std::make_unique<Estimation>(s, std::vector<int>{sample}, setup);
+    };
+    EstimationSetup laid_out = setup;
+    laid_out.apart = true;
+    Estimation apart(s, s.training(), laid_out);
+    REQUIRE(apart.sample_count() == static_cast<int>(s.training().size()));
+    const auto compare = [&](const Values& values) {
+      for (int i = 0; i < apart.sample_count(); ++i) {
+        apart.take_alone(i);
+        const int sample = apart.sample_of(0);
+        INFO(mode_name(mode) << ", sample " << sample);
+        REQUIRE(sample == s.training()[i]);
+        const auto one = alone(sample);
+        REQUIRE(apart.groups().size() == 1);
+        REQUIRE(apart.groups()[0].private_size == one->groups()[0].private_size);
+        VectorXd state = one->pack(values);
+        REQUIRE(apart.pack(values) == state);
+        VectorXd solved = state;
+        SolverOptions options;
+        options.max_iterations = 3;
+        LevenbergMarquardt(*one, options).solve(state);
+        const SolveSummary summary = LevenbergMarquardt(apart, options).solve(solved);
+        CHECK(summary.iterations > 0);
+        CHECK(solved == state);
+        const std::vector<ViewResiduals> a = apart.residuals(solved), b = one->residuals(state);
+        REQUIRE(a.size() == b.size());
+        for (size_t v = 0; v < a.size(); ++v) {
+          CHECK(a[v].view == b[v].view);
+          CHECK(a[v].whitened == b[v].whitened);
+        }
+      }
+    };
+    const auto walk_first = [&](const Values& values) {  // what is compared next was walked last
+      apart.take_alone(0);
+      const VectorXd state = apart.pack(values);
+      apart.renew(state);
+      Cost cost;
+      REQUIRE(apart.evaluate(0, state, 0, cost));
+    };
+    compare(s.values);
+    walk_first(s.values);
+    Values other = s.values;
+    for (const Parameter& p : s.table.all)
+      if (p.kind == ParameterKind::joint_offset) other.shared(p.start) += 0.01;
+    compare(other);
+    walk_first(other);
+    for (Sample& sample : s.samples)
+      for (double& reading : sample.readings) reading += 0.01;
+    apart.reload();
+    compare(other);
+  }
+}
+
+TEST_CASE("samples apart share nothing that is estimated") {
+  const Scene& s = scene();
+  EstimationSetup setup;
+  setup.sensors = indices(s.rig.sensors.size());
+  setup.apart = true;
+  setup.free = s.whole();
+  CHECK_THROWS_AS(Estimation(s, s.training(), setup), std::logic_error);
 }
