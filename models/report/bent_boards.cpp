@@ -58,6 +58,8 @@ std::map<int, Screen> screened(const Solution& solution, const Residuals& residu
   return out;
 }
 
+constexpr size_t kEnough = 1000;  // samples that tell whether a board is bent
+
 /// A Bend is what a board's two numbers were worth.
 struct Bend {
   Eigen::Vector2d warp{0, 0};
@@ -65,17 +67,15 @@ struct Bend {
   double pull = 0;  // the largest move of a number that counts, in its sigmas
 };
 
-/// By how many of its sigmas a number moves, at most, from the solution's values to others of the
-/// same layout.
-double largest_move(const Solution& solution, const VectorXd& shared) {
+/// By how many of its sigmas a number moves, at most, between shared values of the solution's
+/// layout.
+double largest_move(const Solution& solution, const VectorXd& from, const VectorXd& to) {
   double out = 0;
   for (const ParameterEstimate& e : solution.parameters) {
     const Parameter& p = solution.table().all[e.parameter];
     const VectorXd move =
-        e.pose ? VectorXd(log_se3(inverse(*e.pose) * get_pose(shared, p.start)))
-               : VectorXd(shared.segment(p.start, static_cast<Eigen::Index>(e.value.size())) -
-                          solution.values.shared.segment(
-                              p.start, static_cast<Eigen::Index>(e.value.size())));
+        e.pose ? VectorXd(log_se3(inverse(get_pose(from, p.start)) * get_pose(to, p.start)))
+               : VectorXd((to - from).segment(p.start, static_cast<Eigen::Index>(e.value.size())));
     for (size_t c = 0; c < e.sigma.size(); ++c)
       if (e.freed[c] && e.sigma[c] > 0)
         out = std::max(out, std::abs(move(static_cast<Eigen::Index>(c))) / e.sigma[c]);
@@ -83,42 +83,70 @@ double largest_move(const Solution& solution, const VectorXd& shared) {
   return out;
 }
 
+/// Twice the cost of a few steps of a recording from values, which then are where they led.
+double solved(const Recording& recording, const std::vector<int>& samples,
+              const EstimationSetup& setup, Values& values) {
+  SolverOptions options;
+  options.max_iterations = 10;
+  Estimation problem(recording, samples, setup);
+  VectorXd state = problem.pack(values);
+  problem.renew(state);
+  const double doubled = LevenbergMarquardt(problem, options).solve(state).cost.doubled;
+  problem.unpack(state, values);
+  return doubled;
+}
+
 /// The last step once more, from where it ended, with the warp of a board free as well. The rig
-/// that has it has one parameter more, in the middle.
+/// that has it has one parameter more, in the middle. Of many samples every so-manieth is enough:
+/// what these say by themselves is found first then.
 Bend bend_of(const Solution& solution, int target) {
+  const std::vector<int> all = solution.training();
+  const size_t every = (all.size() + kEnough - 1) / kEnough;
+  std::vector<Sample> samples;
+  Values values;  // by samples as they count here
+  values.shared = solution.values.shared;
+  for (size_t i = 0; i < all.size(); i += every) {
+    const int from = all[i], to = static_cast<int>(samples.size());
+    for (auto it = solution.values.targets.lower_bound({from, 0});
+         it != solution.values.targets.end() && it->first.first == from; ++it)
+      values.targets[{to, it->first.second}] = it->second;
+    for (auto it = solution.values.errors.lower_bound({from, 0});
+         it != solution.values.errors.end() && it->first.first == from; ++it)
+      values.errors[{to, it->first.second}] = it->second;
+    samples.push_back(solution.samples()[from]);
+  }
+  EstimationSetup setup = solution.setup;
+  Recording flat(solution.rig(), std::move(samples));
+  const double share = static_cast<double>(all.size()) / static_cast<double>(flat.samples.size());
+  const double before =
+      every == 1 ? 2 * solution.cost : solved(flat, flat.training(), setup, values);
+  const VectorXd shared_before = values.shared;
+
   Rig rig = solution.rig();
   rig.targets[target].bulge = warp_shapes(rig.targets[target].layout);
-  const Recording bent(std::move(rig), solution.samples());
+  const Recording bent(std::move(rig), std::move(flat.samples));
   const int warp = bent.table.target_warp[target];
-  const int before = bent.table.all[warp].start;
+  const int start = bent.table.all[warp].start;
   const auto moved = [&](int parameter) { return parameter < warp ? parameter : parameter + 1; };
   const auto widened = [&](const VectorXd& shared) {
     VectorXd out = VectorXd::Zero(shared.size() + 2);
-    out.head(before) = shared.head(before);
-    out.tail(shared.size() - before) = shared.tail(shared.size() - before);
+    out.head(start) = shared.head(start);
+    out.tail(shared.size() - start) = shared.tail(shared.size() - start);
     return out;
   };
-  EstimationSetup setup = solution.setup;
   for (Freed& f : setup.free) f.parameter = moved(f.parameter);
   for (Prior& p : setup.priors) p.parameter = moved(p.parameter);
   if (setup.initial.size() > 0) setup.initial = widened(setup.initial);
   const auto at = std::find_if(setup.free.begin(), setup.free.end(),
                                [&](const Freed& f) { return f.parameter > warp; });
-  Values values = solution.values;
   values.shared = widened(values.shared);
-  SolverOptions options;
-  options.max_iterations = 10;
   setup.free.insert(at, {warp, {0, 1}});
-  Estimation problem(bent, solution.training(), setup);
-  VectorXd state = problem.pack(values);
-  problem.renew(state);
   Bend out;
-  out.fell = 2 * solution.cost - LevenbergMarquardt(problem, options).solve(state).cost.doubled;
-  problem.unpack(state, values);
-  out.warp = values.shared.segment<2>(before);
+  out.fell = share * (before - solved(bent, bent.training(), setup, values));
+  out.warp = values.shared.segment<2>(start);
   VectorXd shared(solution.values.shared.size());
-  shared << values.shared.head(before), values.shared.tail(shared.size() - before);
-  out.pull = largest_move(solution, shared);
+  shared << values.shared.head(start), values.shared.tail(shared.size() - start);
+  out.pull = largest_move(solution, shared_before, shared);
   return out;
 }
 
