@@ -59,8 +59,29 @@ struct LevenbergMarquardt::Workspace {
     const Eigen::Index unknowns = arrowhead.n + arrowhead.private_size;
     for (std::vector<VectorXd>* vectors : {&found, &taken})
       vectors->assign(kMemory + 1, VectorXd::Zero(unknowns));
-    change.setZero(unknowns, kMemory);
-    weighted.setZero(unknowns, kMemory);
+  }
+
+  /// Adds a run of unknowns, from `first` on, to the normal equations of the combination. The
+  /// changes f_j+1 - f_j are made piece by piece: kept, they would be as large as the steps
+  /// themselves.
+  template <class Matrix, class Vector>
+  void add_changes(const VectorXd& scale, Eigen::Index first, int m, Matrix& normal,
+                   Vector& right) const {
+    constexpr Eigen::Index kPiece = 256;
+    Eigen::Matrix<double, kPiece, kMemory> change, weighted;
+    for (Eigen::Index at = 0; at < scale.size(); at += kPiece) {
+      const Eigen::Index size = std::min(kPiece, scale.size() - at);
+      for (int j = 0; j < m; ++j) {
+        change.col(j).head(size) =
+            found[j + 1].segment(first + at, size) - found[j].segment(first + at, size);
+        weighted.col(j).head(size) = scale.segment(at, size).cwiseProduct(change.col(j).head(size));
+      }
+      for (int i = 0; i < m; ++i) {
+        for (int j = 0; j < m; ++j)
+          normal(i, j) += change.col(i).head(size).dot(weighted.col(j).head(size));
+        right(i) += weighted.col(i).head(size).dot(found[m].segment(first + at, size));
+      }
+    }
   }
 
   /// Anderson acceleration. From the last few points (f_j the undamped step there, x_j the step
@@ -73,29 +94,23 @@ struct LevenbergMarquardt::Workspace {
     VectorXd& f = found[m];
     f.head(arrowhead.n) = arrowhead.shared_step;
     f.tail(arrowhead.private_size) = arrowhead.private_step;
-    for (int j = 0; j < m; ++j) change.col(j) = found[j + 1] - found[j];
     if (m == 0) return false;
-    for (int j = 0; j < m; ++j) {
-      weighted.col(j).head(arrowhead.n) =
-          arrowhead.shared_scale.cwiseProduct(change.col(j).head(arrowhead.n));
-      weighted.col(j).tail(arrowhead.private_size) =
-          arrowhead.private_scale.cwiseProduct(change.col(j).tail(arrowhead.private_size));
-    }
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMemory, kMemory> normal(m, m);
-    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> right(m);
-    for (int i = 0; i < m; ++i) {
-      for (int j = 0; j < m; ++j) normal(i, j) = change.col(i).dot(weighted.col(j));
-      right(i) = weighted.col(i).dot(f);
-    }
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMemory, kMemory> normal;
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> right;
+    normal.setZero(m, m);
+    right.setZero(m);
+    add_changes(arrowhead.shared_scale, 0, m, normal, right);
+    add_changes(arrowhead.private_scale, arrowhead.n, m, normal, right);
     normal.diagonal() *= 1 + 1e-10;
     const Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMemory, 1> gamma =
         normal.ldlt().solve(right);
     if (!gamma.allFinite() || gamma.cwiseAbs().maxCoeff() > kExtrapolated) return false;
     for (int j = 0; j < m; ++j) {
+      const Eigen::Index n = arrowhead.n, k = arrowhead.private_size;
       arrowhead.shared_step -=
-          gamma(j) * (taken[j].head(arrowhead.n) + change.col(j).head(arrowhead.n));
-      arrowhead.private_step -= gamma(j) * (taken[j].tail(arrowhead.private_size) +
-                                            change.col(j).tail(arrowhead.private_size));
+          gamma(j) * (taken[j].head(n) + found[j + 1].head(n) - found[j].head(n));
+      arrowhead.private_step -=
+          gamma(j) * (taken[j].tail(k) + found[j + 1].tail(k) - found[j].tail(k));
     }
     return true;
   }
@@ -261,7 +276,6 @@ struct LevenbergMarquardt::Workspace {
       taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the
               // first the present one besides
   int remembered = 0;
-  MatrixXd change, weighted;
 };
 
 LevenbergMarquardt::LevenbergMarquardt(Problem& problem, SolverOptions options)

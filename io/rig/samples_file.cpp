@@ -129,6 +129,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
   const int all = target.count();
   if (count == 0) payload.fail("at least one point is expected");
   std::vector<int> ids;
+  ids.reserve(static_cast<size_t>(count));
   if (!view.has("ids")) {
     if (count > all)
       payload.fail(std::to_string(count) + " points, but target '" + target.name + "' has " +
@@ -294,6 +295,7 @@ Sample read_sample(const Field& field, const Lookup& look) {
   sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
   if (field.has("joint_sigma")) sample.noise = read_joint_noise(field["joint_sigma"], joints, look);
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
+  sample.views.reserve(views.size());
   for (size_t i = 0; i < views.size(); ++i)
     sample.views.push_back(read_view(views.item(i), {joints, sample.readings}, look));
   return sample;
