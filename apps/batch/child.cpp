@@ -135,8 +135,11 @@ SetSummary summary_of(const Set& set, const Output& output, int code) {
   return failed(set, kBadInput, output.result(set.name).string() + ": cannot be written");
 }
 
-/// Returns the summary of the set at which a child ended with `status` (of waitpid).
-SetSummary ended_at(const Set& set, const Output& output, int status) {
+/// Returns the summary of the set at which a child ended with `status` (of waitpid): it may have
+/// been done, but not told yet.
+SetSummary ended_at(const Set& set, const Output& output, const std::string& options, int status) {
+  std::string why;
+  if (std::optional<SetSummary> done = find_done(set, output, options, why)) return *done;
   if (WIFSIGNALED(status))
     return failed(set, 128 + WTERMSIG(status),
                   "ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
@@ -218,7 +221,7 @@ bool calibrate_each(const std::vector<Set>& sets, const Output& output, const Ba
       if (child.done == child.share.size()) continue;
       // The set that it ended at has failed; those behind it wait for another child.
       const size_t i = child.share[child.done];
-      SetSummary summary = ended_at(sets[i], output, status);
+      SetSummary summary = ended_at(sets[i], output, options_text(a.settings), status);
       if (summary.status == "failed") summary.seconds = seconds_since(child.start);
       waiting.insert(waiting.begin(),
                      child.share.begin() + static_cast<std::ptrdiff_t>(child.done) + 1,

@@ -8,6 +8,7 @@
 #include <cstring>
 
 #include "../../io/document/files.h"
+#include "../../io/document/json.h"
 #include "../job.h"
 
 namespace kincal {
@@ -124,6 +125,9 @@ SetSummary failed(const Set& set, int code, const std::string& error) {
   summary.status = "failed";
   summary.exit_code = code;
   summary.error = error;
+  if (!is_utf8(error))  // the bytes of a file: they would make a table that nobody opens
+    for (char& c : summary.error)
+      if (static_cast<unsigned char>(c) >= 0x80) c = '?';
   return summary;
 }
 

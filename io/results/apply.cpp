@@ -84,6 +84,13 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     origins[j] = after;
     offsets[j] = entry["offset"].number();
   }
+  for (const Joint& joint : urdf.tree.joints)
+    if (joint.moves() && joint.mimic && !mimics.has(joint.name) &&
+        offsets[driver(urdf.tree, urdf.tree.find_joint(joint.name)).joint] != 0)
+      throw InputError(urdf.path + ": joint '" + joint.name +
+                       "' is not one of the calibrated robot and follows joint '" +
+                       urdf.tree.joints[joint.mimic->master].name +
+                       "', whose zero the result moves: calibrate with this URDF");
   for (const auto& [name, ignored] : reductions.members()) {
     if (!reductions[name]["written"].boolean()) continue;
     for (const Transmission& t : urdf.transmissions)

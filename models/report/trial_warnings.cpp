@@ -53,6 +53,50 @@ void warn_of_use(const Residuals& residuals, Warnings& out) {
                  names});
 }
 
+void warn_of_contradicted(const Report& report, Warnings& out) {
+  // Times as large as in the training, and more where that has few samples: what was fitted to ten
+  // was up to 6.5 times as large on others (2 of 80 right robots); points of a sensor that tell.
+  const double worst =
+      5 * (1 + 5 / std::max(1.0, static_cast<double>(report.solution.training().size())));
+  constexpr long kPoints = 8;
+  const std::vector<SensorResult>& sensors = report.residuals.sensors;
+  const std::vector<Sample>& samples = report.solution.samples();
+  const bool any = std::any_of(samples.begin(), samples.end(),
+                               [](const Sample& s) { return !s.train && !s.views.empty(); });
+  const bool judged = std::any_of(sensors.begin(), sensors.end(),
+                                  [](const SensorResult& s) { return s.test.points > 0; });
+  if (!any) return;
+  if (!judged) {
+    out.push_back({"contradicted",
+                   "no held-out sample can be evaluated at the estimate (a point lies behind a "
+                   "camera): they contradict the calibration, which is not validated. What to do: "
+                   "look at these samples; if they are right the calibration is wrong",
+                   {}});
+    return;
+  }
+  std::vector<std::string> worse, names;
+  for (const SensorResult& s : sensors) {
+    const auto mean = [](const SplitStatistics& split) {
+      return split.whitened_squared / static_cast<double>(std::max(1L, split.whitened_count));
+    };
+    if (s.test.points < (s.measures_pose ? 3 : kPoints) || s.train.points == 0) continue;
+    const bool fits = mean(s.test) <= worst * worst * std::max(1.0, mean(s.train)),
+               reads = !(s.test.rms_as_read > worst * s.train.rms_as_read) ||
+                       !(s.test.rms_as_read > worst * s.train.rms);
+    if (fits && reads) continue;
+    names.push_back(s.name);
+    worse.push_back("sensor '" + s.name + "' " +
+                    shown_text(fits ? s.test.rms_as_read : s.test.rms, s.unit) + ", of training " +
+                    shown_text(fits ? s.train.rms_as_read : s.train.rms, s.unit));
+  }
+  if (worse.empty()) return;
+  out.push_back({"contradicted",
+                 "held-out samples contradict the calibration: " + listed(worse, kNamed) +
+                     ". What to do: look at the held-out samples; if they are right the "
+                     "calibration holds for the postures of the training only, or not at all",
+                 names});
+}
+
 /// So many outliers that the majority need not be right.
 void warn_of_rejected(const Report& report, Warnings& out) {
   std::set<std::string> samples;

@@ -16,6 +16,8 @@ std::string shown_text(double value, const std::string& unit);
 
 /// Warns of priors of the rig that the data contradict (automatic path).
 void warn_of_doubted_priors(const Report& report, Warnings& out);
+/// Warns where held-out samples contradict what the others say, or cannot be judged at all.
+void warn_of_contradicted(const Report& report, Warnings& out);
 /// Warns where the robot's own software, which takes readings as they are, sees larger errors than
 /// before.
 void warn_of_use(const Residuals& residuals, Warnings& out);

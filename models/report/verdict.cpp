@@ -155,7 +155,7 @@ bool is_doubt(const Report& report, const Warning& w) {
   return id == "implausible" || id == "jump" || id == "systematic" || id == "chi2" ||
          id == "unexplained" || id == "joint_error" || id == "joint_noise" || id == "sigma" ||
          (id == "prior" && prior_is_doubtful(report)) || id == "in_use" || id == "scale" ||
-         id == "arm_scale" || starts_with(id, "outlier_");
+         id == "arm_scale" || id == "contradicted" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
@@ -187,7 +187,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
   return !other || id == "width" || id == "identity" || id == "scale" || id == "jump" ||
-         id == "duplicates" ||
+         id == "duplicates" || id == "contradicted" ||
          (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
                                  other->id == "chi2" || other->id == "noise")) ||
          (id == "noise" && (other->id == "joint_error" || other->id == "chi2" ||
@@ -218,6 +218,9 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "arm_scale")
     return "measure a known distance with what measures lengths; if that is right, measure a link, "
            "and correct the URDF";
+  if (id == "contradicted")
+    return "look at the held-out samples: if they are right the calibration holds for the postures "
+           "of the training only, or not at all";
   if (id == "duplicates")
     return "leave out all but one of each: what is counted twice looks better known than it is";
   if (id == "jump") return kCureOfJumps;

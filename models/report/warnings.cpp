@@ -489,6 +489,7 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_jumps(report, out);
   warn_of_trends(report, out);
   warn_of_quiet_joints(report, out);
+  warn_of_contradicted(report, out);
   warn_of_use(report.residuals, out);
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
