@@ -441,6 +441,38 @@ class Failing(Case):
         after = self.times()
         self.assertEqual({k: v for k, v in after.items() if k not in failed}, before)
 
+    def test_children_killed(self):
+        """Whenever a child is killed one set is lost at most, and a set whose result is there has not failed."""
+        self.grow(12)
+        p = self.start("--jobs", "2", "--quiet")
+        kills = 0
+        while p.poll() is None:
+            before = len(self.finished())
+            while p.poll() is None and len(self.finished()) == before:
+                time.sleep(0.0005)
+            for child in children(p.pid)[:1]:  # as soon as there is one more
+                try:
+                    os.kill(child, signal.SIGKILL)
+                    kills += 1
+                except ProcessLookupError:
+                    pass
+        p.communicate()
+        results = self.summary()["results"]
+        self.assertEqual(len(results), 12)
+        lost = sorted(name for name, r in results.items() if r["status"] == "failed")
+        self.assertLessEqual(len(lost), kills)
+        self.assertEqual(sorted(set(results) - set(self.finished())), lost)
+        self.assertIn(self.batch("--jobs", "2").code, (0, 1))
+        self.assertEqual(self.batch("--jobs", "2").code, 0)
+
+    def test_not_utf8(self):
+        """The bytes of a broken file do not break the table."""
+        with open(self.path("fleet", "robot_0", "rig.yaml"), "ab") as file:
+            file.write(b"\nsensors: {x: {type: cam\xff}}\n")
+        self.assertEqual(self.batch("--jobs", "2").code, 1)
+        with open(self.path("out", "summary.csv"), "rb") as file:
+            self.assertIn("robot_0", file.read().decode("utf-8"))
+
     def test_full_disk(self):
         import resource
 

@@ -1303,6 +1303,13 @@ class Results(Case):
         for name in a:
             self.assertLess(distance(a[name]["origin"], b[name]["origin"]), 1e-12, name)
         self.assertEqual(len(copy.splitlines()), len(text.splitlines()))
+        # a follower that the calibrated robot does not have would be left where its master's zero was
+        follower = '<link name="rod"/><joint name="rod_joint" type="revolute"><parent link="tool"/><child link="rod"/><limit effort="1" velocity="1"/><mimic joint="lift"/></joint>'
+        self.write("more.urdf", URDF.replace("</robot>", follower + "</robot>"))
+        run = self.run_kincal("apply", "out", "more.urdf", "--out", "more_calibrated.urdf")
+        self.assertEqual(run.code, 1)
+        self.assertIn("joint 'rod_joint' is not one of the calibrated robot and follows joint 'lift'", run.err)
+        os.remove(self.path("more.urdf"))
         # a result in doubts is applied, with a word
         result = json.loads(self.read("out", "result.json"))
         result.update(chi2=5400, dof=100, verdict={"use": "doubts", "text": "converged, but look here"})

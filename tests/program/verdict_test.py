@@ -173,6 +173,32 @@ class Words(Case):
         result, _ = self.calibrate(self.rig, "--require", "chi2/dof<0.5", code=4)
         self.assertIn("; not met: chi2/dof<0.5", result["verdict"]["text"])
 
+    def test_held_out(self):
+        """Held-out samples that contradict the calibration are a doubt; right ones are not."""
+        with open(self.samples, encoding="utf-8") as file:
+            samples = [json.loads(line) for line in file]
+        for i, sample in enumerate(samples):
+            if i % 4 == 0:
+                sample["split"] = "test"
+        right = self.write("held/right.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        for sample in samples:
+            if sample.get("split") == "test":
+                for view in sample["views"]:
+                    if "pixels" in view:
+                        view["pixels"] = [[640 - u, v] for u, v in view["pixels"]]
+        mirrored = self.write("held/mirrored.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        for file, use in ((right, "good"), (mirrored, "doubts")):
+            out = os.path.join(self.dir, "held", use)
+            self.kincal("calibrate", self.rig, file, "--out", out, "--no-report")
+            with open(os.path.join(out, "result.json"), encoding="utf-8") as result:
+                result = json.load(result)
+            self.assertEqual(result["verdict"]["use"], use, result["verdict"])
+            said = [w for w in result["warnings"] if w["id"] == "contradicted"]
+            self.assertEqual(len(said), int(use == "doubts"))
+            if said:
+                self.assertIn("held-out samples contradict the calibration: sensor '", result["verdict"]["text"])
+                self.assertIn("narrow_left", said[0]["names"])
+
     def test_automatic(self):
         """What the automatic path held because the data do not tell it is counted and named."""
         rig = self.write("automatic.yaml", self.text[:self.text.index("estimate:")])
