@@ -282,7 +282,7 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views) {
     Judged now;
     if (train && complete) {
       now.sums.resize(rig.sensors.size());
-      now.residuals = std::move(views);
+      now.residuals.swap(views);
       add_sums(rig, now.residuals, now.sums);
     } else {
       now = judge(recording, samples, solution.values.shared, solution.initial, how);
