@@ -18,6 +18,30 @@ namespace kincal {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+/// How far two poses are apart: the larger of metres and radians.
+double apart(const Pose& a, const Pose& b) {
+  return std::max((a.translation - b.translation).norm(),
+                  log_so3(a.rotation.transpose() * b.rotation).norm());
+}
+
+/// A joint that follows one whose zero moves, and that the calibrated robot does not have, would
+/// stay where that zero was. @throws InputError
+void refuse_followers(const Urdf& urdf, const Field& known, const std::vector<double>& offsets) {
+  for (size_t j = 0; j < urdf.tree.joints.size(); ++j) {
+    const Joint& joint = urdf.tree.joints[j];
+    if (joint.moves() && joint.mimic && !known.has(joint.name) &&
+        offsets[driver(urdf.tree, static_cast<int>(j)).joint] != 0)
+      throw InputError(urdf.path + ": joint '" + joint.name +
+                       "' is not one of the calibrated robot and follows joint '" +
+                       urdf.tree.joints[joint.mimic->master].name +
+                       "', whose zero the result moves: calibrate with this URDF");
+  }
+}
+
+}  // namespace
+
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
   constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
   const std::string path = fs::is_directory(result_path)
@@ -39,10 +63,6 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
                      ": is about a robot without URDF: its mounts, ready to be copied, are in "
                      "changes.yaml");
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
-  const auto apart = [](const Pose& a, const Pose& b) {
-    return std::max((a.translation - b.translation).norm(),
-                    log_so3(a.rotation.transpose() * b.rotation).norm());
-  };
   UrdfChanges changes;
   std::vector<Pose> origins;
   std::vector<double> offsets(urdf.tree.joints.size(), 0.0);
@@ -84,13 +104,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
     origins[j] = after;
     offsets[j] = entry["offset"].number();
   }
-  for (const Joint& joint : urdf.tree.joints)
-    if (joint.moves() && joint.mimic && !mimics.has(joint.name) &&
-        offsets[driver(urdf.tree, urdf.tree.find_joint(joint.name)).joint] != 0)
-      throw InputError(urdf.path + ": joint '" + joint.name +
-                       "' is not one of the calibrated robot and follows joint '" +
-                       urdf.tree.joints[joint.mimic->master].name +
-                       "', whose zero the result moves: calibrate with this URDF");
+  refuse_followers(urdf, mimics, offsets);
   for (const auto& [name, ignored] : reductions.members()) {
     if (!reductions[name]["written"].boolean()) continue;
     for (const Transmission& t : urdf.transmissions)
