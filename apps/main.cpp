@@ -83,9 +83,11 @@ std::string meaning(const CLI::App& command, const std::string& message) {
 /// Work matrices come and go: their memory is kept, else each is mapped and cleared anew (2 % of
 /// the time of a small calibration).
 void keep_memory() {
+#ifdef __GLIBC__
   mallopt(M_MMAP_THRESHOLD, 1 << 25);
   mallopt(M_TRIM_THRESHOLD, 1 << 26);
   mallopt(M_TOP_PAD, 1 << 20);
+#endif
 }
 
 /// Returns the exit code, unless what was printed did not get where it should.

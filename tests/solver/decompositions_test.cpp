@@ -227,6 +227,9 @@ TEST_CASE("eliminate: what is left of the shared columns, by rank of the private
       long rank = 3;
       const MatrixXd left = eliminate(rows, static_cast<int>(k), rank);
       CHECK(rank == 3 + full);
+      // The rows beyond the undetermined private unknowns: a triangle where there are more of them
+      // than columns (it was all of them before; their Gram matrix, which is all that counts, is
+      // held against the plain projection below).
       CHECK(left.rows() == k - full + std::min<Eigen::Index>(std::max(count, k) - k, 7));
       CHECK(largest(left.transpose() * left - rest.transpose() * rest) < 1e-12);
     }
