@@ -28,29 +28,40 @@ std::string time_text(double seconds) {
 
 Progress::Progress(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO)) {}
 
+void Progress::Stage::go_on(const std::string& now, double done) {
+  if (now != what || done < share || std::isnan(done)) begin = Clock::now();
+  what = now;
+  share = done;
+}
+
+std::string Progress::Stage::text(Clock::time_point now) const {
+  if (what.empty() || !(share > 0)) return what;
+  std::string out = what + " " + std::to_string(static_cast<int>(100 * share)) + " %";
+  const double seconds = std::chrono::duration<double>(now - begin).count();
+  if (seconds > 1) out += ", " + time_text(seconds * (1 - share) / share) + " left";
+  return out;
+}
+
 void Progress::stage(const std::string& what, double share) {
   if (!shown_) return;
-  if (std::isnan(share)) {
-    part_ = what;
-    return show(true);
-  }
-  const bool is_new = what != whole_;
-  if (is_new) begin_ = Clock::now();
-  whole_ = share < 1 ? what : "";
-  share_ = share;
-  if (is_new || share >= 1) part_.clear();
+  const bool of_whole = !std::isnan(share) && (whole_.what.empty() || what == whole_.what);
+  Stage& at = of_whole ? whole_ : part_;
+  const bool is_new = what != at.what;
+  at.go_on(what, share);
+  if (of_whole && (is_new || share >= 1)) part_ = Stage();
+  if (share >= 1) at = Stage();
   show(is_new || share >= 1);
 }
 
 void Progress::iteration(const std::string& step, int iteration, double chi2) {
   if (!shown_) return;
   if (iteration == 0) {
-    if (step != whole_) stage(step + ": starting values", std::nan(""));
+    if (step != whole_.what) stage(step + ": starting values", std::nan(""));
     return;
   }
   char text[64];
   std::snprintf(text, sizeof text, ": iteration %d, chi2 %.8g", iteration, chi2);
-  part_ = step + text;
+  part_.go_on(step + text, std::nan(""));
   show(iteration == 1);
 }
 
@@ -58,13 +69,8 @@ void Progress::show(bool at_once) {
   const Clock::time_point now = Clock::now();
   if (!at_once && now - last_ < std::chrono::milliseconds(100)) return;
   last_ = now;
-  std::string line = whole_;
-  const double seconds = std::chrono::duration<double>(now - begin_).count();
-  if (!whole_.empty() && share_ > 0) {
-    line += " " + std::to_string(static_cast<int>(100 * share_)) + " %";
-    if (seconds > 1) line += ", " + time_text(seconds * (1 - share_) / share_) + " left";
-  }
-  line += (line.empty() || part_.empty() ? "" : "; ") + part_;
+  std::string line = whole_.text(now), part = part_.text(now);
+  line += (line.empty() || part.empty() ? "" : "; ") + part;
   std::fprintf(stderr, "\r%s\033[K", line.substr(0, columns_of_terminal()).c_str());
   set_line_shown(true);
 }

@@ -26,11 +26,18 @@ class Progress {
  private:
   void show(bool at_once);
 
-  bool shown_;
-  std::string whole_, part_;  // what is done, with a share; what of it is done now
-  double share_ = 0;
   using Clock = std::chrono::steady_clock;
-  Clock::time_point begin_, last_;
+  /// A Stage is what is done, and its share if that can be told.
+  struct Stage {
+    std::string what;
+    double share = 0;
+    Clock::time_point begin;
+    void go_on(const std::string& now, double done);
+    std::string text(Clock::time_point now) const;
+  };
+  bool shown_;
+  Stage whole_, part_;  // what of the whole is done now
+  Clock::time_point last_;
 };
 
 /// Returns how long a line of progress may be: longer ones would be broken, and their beginnings

@@ -124,7 +124,7 @@ class Arrowhead {
   std::vector<Piece> partition(int most, const Work& work) const;
   /// Returns the distance between the rows of a group.
   int stride(size_t g) const {
-    return groups[g].private_size + padded(static_cast<int>(groups[g].columns.size()) + 1);
+    return groups[g].private_size + static_cast<int>(groups[g].columns.size()) + 1;
   }
   template <class Work>
   void over(std::vector<Piece>& partition, const Work& work);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -55,10 +56,6 @@ struct LevenbergMarquardt::Workspace {
                                                 summary.history.back().second);
       return !cancelled;
     };
-    if (arrowhead.ranges) return;
-    const Eigen::Index unknowns = arrowhead.n + arrowhead.private_size;
-    for (std::vector<VectorXd>* vectors : {&found, &taken})
-      vectors->assign(kMemory + 1, VectorXd::Zero(unknowns));
   }
 
   /// Adds a run of unknowns, from `first` on, to the normal equations of the combination. The
@@ -92,6 +89,7 @@ struct LevenbergMarquardt::Workspace {
   bool accelerate() {
     const int m = remembered;
     VectorXd& f = found[m];
+    f.resize(arrowhead.n + arrowhead.private_size);
     f.head(arrowhead.n) = arrowhead.shared_step;
     f.tail(arrowhead.private_size) = arrowhead.private_step;
     if (m == 0) return false;
@@ -117,6 +115,7 @@ struct LevenbergMarquardt::Workspace {
   /// Called when a step was taken, of whatever damping, from where the undamped one is the last in
   /// `found`.
   void remember_taken() {
+    taken[remembered].resize(arrowhead.n + arrowhead.private_size);
     taken[remembered].head(arrowhead.n) = arrowhead.shared_step;
     taken[remembered].tail(arrowhead.private_size) = arrowhead.private_step;
     if (remembered < kMemory) {
@@ -272,9 +271,9 @@ struct LevenbergMarquardt::Workspace {
   int stalled = 0;              // iterations since
   double converged = kConverged * std::max(1.0, 0.1 * std::sqrt(arrowhead.problem.groups().size()));
   int patience = kPatience, wait = kPatience;
-  std::vector<VectorXd> found,
-      taken;  // undamped steps and steps that were taken instead, `remembered` of them; of the
-              // first the present one besides
+  /// Undamped steps and steps that were taken instead, `remembered` of them; of the first the
+  /// present one besides. Each gets its memory when it is first used.
+  std::array<VectorXd, kMemory + 1> found, taken;
   int remembered = 0;
 };
 

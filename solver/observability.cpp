@@ -12,6 +12,7 @@ namespace {
 constexpr double kDeadColumn = 1e-14;  // squared norm left by the elimination, relative
 constexpr double kNullEigenvalue = 1e-9;
 constexpr double kHeld = 1e-13;  // singular value of priors above which they are no rounding
+constexpr Eigen::Index kKept = 32 * 1024 * 1024 / sizeof(double);  // numbers of reduced rows
 
 /// Reduced echelon form of the columns of `basis` with complete pivoting, each scaled to unit
 /// length.
@@ -38,13 +39,17 @@ struct Remainder {
 /// The remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and
 /// private rank.
 Remainder remainder_of(const Problem& problem, const VectorXd& state, Observability& out,
-                       std::vector<MatrixXd>* reduced_rows) {
+                       std::vector<MatrixXd>* kept, const std::function<void(double)>& progress) {
   const int n = problem.shared_size();
   Remainder to;
   to.priors.setZero(0, n);
   to.squared_norm.setZero(n);
   MatrixXd stack = MatrixXd::Zero(padded(std::max(3 * n, 512)), n), rows;
-  Eigen::Index used = 0;
+  Eigen::Index used = 0, numbers = 0;
+  const auto keep = [&](MatrixXd& left) {
+    numbers += left.size();
+    if (kept && numbers <= kKept) kept->push_back(std::move(left));
+  };
   const auto compress = [&] {
     if (used <= n) return;
     const int filled = padded(static_cast<int>(used));
@@ -55,6 +60,8 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
   };
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     const GroupShape& shape = problem.groups()[g];
+    if (progress && g % kGroupsTold == 0)
+      progress(static_cast<double>(g) / static_cast<double>(problem.groups().size()));
     problem.square_root(static_cast<int>(g), state, 0, rows);
     const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
     out.rows += shape.rows;
@@ -63,7 +70,7 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
       out.prior_chi2 = rows.col(m).squaredNorm();
       to.priors.setZero(rows.rows(), n);
       for (int i = 0; i < m; ++i) to.priors.col(shape.columns[i]) = rows.col(i);
-      if (reduced_rows) reduced_rows->push_back(rows);
+      keep(rows);
       continue;
     }
     for (int i = 0; i < m; ++i) to.squared_norm(shape.columns[i]) += rows.col(k + i).squaredNorm();
@@ -75,8 +82,9 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
       for (int i = 0; i < m; ++i)
         stack.col(shape.columns[i]).segment(used, taken) = left.col(i).segment(r, taken);
     }
-    if (reduced_rows) reduced_rows->push_back(std::move(left));
+    keep(left);
   }
+  if (progress) progress(1);
   compress();
   to.data = stack.topRows(std::max<Eigen::Index>(used, 1));
   if (used == 0) to.data.setZero();
@@ -206,12 +214,19 @@ MatrixXd eliminate(MatrixXd rows, int private_size, long& rank) {
   return left;
 }
 
-Observability observe(Problem& problem, const VectorXd& state,
-                      std::vector<MatrixXd>* reduced_rows) {
+MatrixXd reduced_rows(const Problem& problem, const VectorXd& state, size_t group) {
+  MatrixXd rows;
+  long rank = 0;
+  problem.square_root(static_cast<int>(group), state, 0, rows);
+  return eliminate(std::move(rows), problem.groups()[group].private_size, rank);
+}
+
+Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* kept,
+                      const std::function<void(double)>& progress) {
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);
-  Remainder left = remainder_of(problem, state, out, reduced_rows);
+  Remainder left = remainder_of(problem, state, out, kept, progress);
   out.covariance.setZero(n, n);
   out.root.setZero(n, n);
   out.unobservable.assign(n, 0);

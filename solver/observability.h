@@ -26,12 +26,16 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <utility>
 #include <vector>
 
 #include "problem.h"
 
 namespace kincal {
+
+/// After so many groups a progress is told how far it is.
+constexpr size_t kGroupsTold = 256;
 
 struct Observability {
   /// The covariance of the shared unknowns is n x n, and zero in directions that are unobservable.
@@ -65,10 +69,16 @@ struct Observability {
 };
 
 /// Computes all this at a solution, with covariances as they were last renewed. It allocates.
-/// `reduced_rows` gets for every group [J_touched r] after the elimination of its private unknowns:
-/// a few rows whose Gram matrices sum up to that of the reduced system.
+/// `kept` gets for the groups, in their order, [J_touched r] after the elimination of its private
+/// unknowns: a few rows whose Gram matrices sum up to that of the reduced system. It gets them as
+/// long as they take less than 32 MB; reduced_rows() makes those of other groups again. `progress`
+/// is told which share is done.
 Observability observe(Problem& problem, const VectorXd& state,
-                      std::vector<MatrixXd>* reduced_rows = nullptr);
+                      std::vector<MatrixXd>* kept = nullptr,
+                      const std::function<void(double)>& progress = nullptr);
+
+/// Computes these rows of one group of a problem that was prepared at `state`: the same numbers.
+MatrixXd reduced_rows(const Problem& problem, const VectorXd& state, size_t group);
 
 /// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private
 /// J_touched r] (Problem::square_root): returns what is left of [J_touched r], at most as many

@@ -10,8 +10,10 @@
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
 #include "../../io/report/report_page.h"
+#include "../../io/results/comparison.h"
 #include "../../io/results/summary_file.h"
 #include "../job.h"
+#include "../require.h"
 #include "../signals.h"
 #include "../tables/batch_table.h"
 #include "batch_progress.h"
@@ -26,42 +28,58 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A --step, --free or --fix that no set has is reported once, before anything runs. Sets that
-/// cannot be read are reported later.
+/// What a set's rig lacks of an option's value; "": it has it. @throws InputError where the rig
+/// cannot be read.
+std::string lacks(const Set& set, const std::string& option, const std::string& value) {
+  Rig rig = read_rig(rig_path(set.rig)).rig;
+  if (option == "--step") {
+    std::vector<std::string> names;
+    std::string known;
+    for (const Step& step : rig.steps) {
+      names.push_back(step.name);
+      known += (known.empty() ? "" : ", ") + step.name;
+    }
+    if (std::count(names.begin(), names.end(), value)) return "";
+    return "--step: there is no step '" + value + "' in any set" + nearest_names(value, names) +
+           "; " + set.name + " has " + known;
+  }
+  const Recording recording(std::move(rig), {});
+  if (option == "--require" || option == "--report-frame") try {
+      if (option == "--require") parse_requirement(value, recording);
+      if (option == "--report-frame") frame_named(recording.rig, recording.table, value, option);
+      return "";
+    } catch (const InputError& error) {
+      return error.what();
+    } catch (const NameError& error) {
+      return with_nearest(error).what();
+    }
+  if (!recording.table.select(value).empty()) return "";
+  return option + ": '" + value + "' matches no parameter in any set" +
+         nearest_names(value, recording.table.names());
+}
+
+/// What an option names that no set has is reported once, before anything runs. Sets that cannot be
+/// read are reported later.
 /// @throws InputError
 void check_names(const Sets& sets, const CalibrateSettings& settings) {
-  std::vector<std::pair<std::string, std::string>> wanted;  // option, name
+  std::vector<std::pair<std::string, std::string>> wanted;  // option, value
   if (!settings.step.empty()) wanted.push_back({"--step", settings.step});
-  for (const std::string& pattern : settings.free) wanted.push_back({"--free", pattern});
-  for (const std::string& pattern : settings.fix) wanted.push_back({"--fix", pattern});
-  for (const auto& [option, name] : wanted) {
+  const auto add = [&](const char* option, const std::vector<std::string>& values) {
+    for (const std::string& value : values) wanted.push_back({option, value});
+  };
+  add("--free", settings.free);
+  add("--fix", settings.fix);
+  add("--report-frame", settings.report_frames);
+  add("--require", settings.require);
+  for (const auto& [option, value] : wanted) {
     std::string wrong;
     bool found = false;
-    for (size_t i = 0; i < sets.all.size() && !found; ++i) {
-      try {
-        const RigFile rig_file = read_rig(rig_path(sets.all[i].rig));
-        const std::vector<Step>& steps = rig_file.rig.steps;
-        std::vector<std::string> names;
-        std::string known;
-        for (const Step& step : steps) {
-          names.push_back(step.name);
-          known += (known.empty() ? "" : ", ") + step.name;
-        }
-        if (option == "--step") {
-          found = std::count(names.begin(), names.end(), name) > 0;
-          if (wrong.empty())
-            wrong = "--step: there is no step '" + name + "' in any set" +
-                    nearest_names(name, names) + "; " + sets.all[i].name + " has " + known;
-        } else {
-          const ParameterTable table(rig_file.rig);
-          found = !table.select(name).empty();
-          if (wrong.empty())
-            wrong = option + ": '" + name + "' matches no parameter in any set" +
-                    nearest_names(name, table.names());
-        }
+    for (size_t i = 0; i < sets.all.size() && !found; ++i) try {
+        const std::string why = lacks(sets.all[i], option, value);
+        found = why.empty();
+        if (wrong.empty()) wrong = why;
       } catch (const InputError&) {
       }
-    }
     if (!found && !wrong.empty()) throw InputError(wrong);
   }
 }

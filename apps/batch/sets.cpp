@@ -95,6 +95,7 @@ Sets sets_of_list(const std::string& path) {
   std::string line;
   for (int n = 1; std::getline(text, line); ++n) {
     const std::string where = path + ":" + std::to_string(n);
+    if (n == 1 && line.compare(0, 3, "\xEF\xBB\xBF") == 0) line.erase(0, 3);  // of Windows
     if (!line.empty() && line.back() == '\r') line.pop_back();
     const std::vector<std::string> words = words_of(line, where);
     if (words.empty()) continue;

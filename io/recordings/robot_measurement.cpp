@@ -103,8 +103,8 @@ struct MeasurementReader {
     View view;
     view.sensor = sensor;
     view.target = target;
-    view.ids.resize(count);
-    std::iota(view.ids.begin(), view.ids.end(), 0);
+    view.ids.own().resize(count);
+    std::iota(view.ids.own().begin(), view.ids.own().end(), 0);
     view.sigma = rig.rig.sensors[sensor].sigma;
     sample.views.push_back(view);
     return &sample.views.back();

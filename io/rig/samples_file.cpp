@@ -27,9 +27,11 @@ namespace {
 struct Lookup {
   const Rig& rig;
   std::unordered_map<std::string, int> joints, sensors, targets;
-  std::vector<std::vector<int>> needs;  // by sensor and target: joints of which a view needs the
-                                        // reading
-  std::vector<char> spreads;            // by target: three points not on a line
+  std::vector<std::vector<int>> needs;    // by sensor and target: joints of which a view needs the
+                                          // reading
+  std::vector<char> spreads;              // by target: three points not on a line
+  std::vector<SharedList<double>> sigma;  // by sensor: the rig's
+  mutable std::vector<SharedList<int>> ids;  // by sensor and target: those of the last view
 };
 
 template <class T>
@@ -40,10 +42,13 @@ std::unordered_map<std::string, int> index_of(const std::vector<T>& things) {
 }
 
 Lookup lookup(const Rig& rig) {
-  Lookup look{rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}};
+  Lookup look{
+      rig, index_of(rig.tree.joints), index_of(rig.sensors), index_of(rig.targets), {}, {}, {}, {}};
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     for (size_t t = 0; t < rig.targets.size(); ++t)
       look.needs.push_back(view_readings(rig, static_cast<int>(s), static_cast<int>(t)));
+  for (const Sensor& sensor : rig.sensors) look.sigma.emplace_back(sensor.sigma);
+  look.ids.resize(look.needs.size());
   for (const Joint& joint : rig.tree.joints)
     if (joint.floating >= 0) look.joints.erase(joint.name);  // nobody writes them
   for (const Target& target : rig.targets)
@@ -210,7 +215,6 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   static const Names required = {"sensor", "target"}, optional = view_keys();
   field.check_keys(required, optional);
   View view;
-  view.where = field.where();
   view.sensor = read_name(field["sensor"], look.sensors, rig.sensors, "sensor");
   view.target = read_name(field["target"], look.targets, rig.targets, "target");
   const Sensor& sensor = rig.sensors[view.sensor];
@@ -223,13 +227,18 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   } else {
     const int numbers = sensor.model->numbers();
     view.z = numbers == 1 ? field[payload].vector() : field[payload].table(numbers);
-    view.ids = read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
+    std::vector<int> ids =
+        read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
+    SharedList<int>& before = look.ids[view.sensor * rig.targets.size() + view.target];
+    if (before != ids) before = std::move(ids);
+    view.ids = before;
   }
   if (sensor.model->measurement_kind() == MeasurementKind::chain && !look.spreads[view.target])
     field.fail("a chain needs a target with three points not on a line, '" + target.name +
                "' has none; for a single point use a sensor of type point on link '" +
                rig.tree.links[sensor.link] + "'");
-  view.sigma = field.has("sigma") ? read_sigma(field["sigma"], sensor) : sensor.sigma;
+  view.sigma = field.has("sigma") ? SharedList<double>(read_sigma(field["sigma"], sensor))
+                                  : look.sigma[view.sensor];
   if (field.has("covariance")) {
     if (sensor.type != "point")
       field["covariance"].fail("a " + sensor.type +

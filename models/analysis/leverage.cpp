@@ -9,7 +9,7 @@
 namespace kincal {
 
 std::vector<Influence> influences(const std::vector<GroupShape>& groups,
-                                  const std::vector<MatrixXd>& reduced_rows,
+                                  const ReducedRows& reduced_rows,
                                   const Observability& observability, double least) {
   constexpr double kAlone = 1e-7;  // of the information on a direction that the other groups have
                                    // at least, else it is determined by one
@@ -22,13 +22,15 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups,
   for (size_t g = 0; g < groups.size(); ++g) {
     const std::vector<int>& columns = groups[g].columns;
     const Eigen::Index m = static_cast<Eigen::Index>(columns.size());
-    if (m == 0 || reduced_rows[g].rows() == 0) continue;
-    const int rows = static_cast<int>(reduced_rows[g].rows());
+    if (m == 0) continue;
+    const MatrixXd& reduced = reduced_rows(g);
+    const int rows = static_cast<int>(reduced.rows());
+    if (rows == 0) continue;
     for (Eigen::Index i = 0; i < m; ++i) touched.col(i).head(n) = w.row(columns[i]).transpose();
     moves.setZero(ld, rows);
-    kernels().multiply(reduced_rows[g].data(), 1, rows, rows, static_cast<int>(m), touched.data(),
-                       ld, static_cast<int>(n), moves.data(), ld);
-    const VectorXd right = moves.topRows(n) * reduced_rows[g].col(m);
+    kernels().multiply(reduced.data(), 1, rows, rows, static_cast<int>(m), touched.data(), ld,
+                       static_cast<int>(n), moves.data(), ld);
+    const VectorXd right = moves.topRows(n) * reduced.col(m);
     // |(I - B'B)^-1| <= 1 / (1 - |B|^2): most of many groups move nothing by that much.
     const double squared = moves.topRows(n).squaredNorm();
     if (squared < 1 - kAlone && right.norm() <= least * (1 - squared)) continue;
@@ -67,10 +69,18 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups,
   return out;
 }
 
-std::vector<Leverage> leverage(const Linearisation& at) {
+std::vector<Leverage> leverage(const Linearisation& at,
+                               const std::function<void(double)>& progress) {
   std::vector<Leverage> out;
-  const Estimation& problem = at.problem();
-  for (const Influence& f : influences(problem.groups(), at.reduced_rows(), at.observability()))
+  Estimation& problem = at.problem();
+  problem.prepare(at.state());
+  MatrixXd scratch;
+  const double groups = static_cast<double>(problem.groups().size());
+  const auto rows = [&](size_t g) -> const MatrixXd& {
+    if (progress && g % kGroupsTold == 0) progress(static_cast<double>(g) / groups);
+    return at.reduced_rows(g, scratch);
+  };
+  for (const Influence& f : influences(problem.groups(), rows, at.observability()))
     if (problem.sample_of(f.group) >= 0)
       out.push_back({at.solution.samples()[problem.sample_of(f.group)].id,
                      problem.column_name(f.column), f.sigmas});

@@ -8,6 +8,7 @@
 // values are below 1. Where one is 1 the sample alone determines a direction of the parameters.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -22,10 +23,12 @@ struct Influence {
   double sigmas;
 };
 
+/// ReducedRows gives a group's rows after the elimination of its private unknowns (reduced_rows()).
+using ReducedRows = std::function<const MatrixXd&(size_t group)>;
+
 /// Returns the influences above `least` in size, largest first (equal ones as the groups come).
-/// `reduced_rows` are as observe() gave them.
 std::vector<Influence> influences(const std::vector<GroupShape>& groups,
-                                  const std::vector<MatrixXd>& reduced_rows,
+                                  const ReducedRows& reduced_rows,
                                   const Observability& observability, double least = 1);
 
 /// A Leverage is a parameter component that would move by this many of its sigmas without the
@@ -34,7 +37,8 @@ struct Leverage {
   std::string sample, parameter;
   double moved_sigmas;
 };
-/// Returns the leverages above 1 sigma, largest first.
-std::vector<Leverage> leverage(const Linearisation& at);
+/// Returns the leverages above 1 sigma, largest first. `progress` is told which share is done.
+std::vector<Leverage> leverage(const Linearisation& at,
+                               const std::function<void(double)>& progress = nullptr);
 
 }  // namespace kincal

@@ -11,7 +11,7 @@ Linearisation linearise(const Solution& solution) {
       std::make_unique<Estimation>(*solution.recording, solution.training(), solution.setup);
   out.at->state = out.at->problem->pack(solution.values);
   out.at->problem->renew(out.at->state);
-  out.at->observability = observe(*out.at->problem, out.at->state, &out.at->reduced_rows);
+  out.at->observability = observe(*out.at->problem, out.at->state, &out.at->kept_rows);
   return out;
 }
 

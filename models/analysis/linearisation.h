@@ -16,12 +16,14 @@ struct Linearisation {
   Estimation& problem() const { return *at->problem; }
   const VectorXd& state() const { return at->state; }
   const Observability& observability() const { return at->observability; }
-  /// Returns the rows of each group after the elimination of its private unknowns, as observe()
-  /// gives them.
-  const std::vector<MatrixXd>& reduced_rows() const { return at->reduced_rows; }
-  /// Gives back the memory of these rows, which is much where samples are many; nobody must ask for
-  /// them again.
-  void drop_reduced_rows() const { std::vector<MatrixXd>().swap(at->reduced_rows); }
+  /// Returns the rows of a group after the elimination of its private unknowns: what observe()
+  /// kept, else, in `scratch`, the same made again. The problem must be prepared at the state.
+  const MatrixXd& reduced_rows(size_t group, MatrixXd& scratch) const {
+    if (group < at->kept_rows.size()) return at->kept_rows[group];
+    return scratch = kincal::reduced_rows(*at->problem, at->state, group);
+  }
+  /// Gives back the memory of these rows.
+  void drop_reduced_rows() const { std::vector<MatrixXd>().swap(at->kept_rows); }
 };
 
 /// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It

@@ -245,15 +245,19 @@ struct RowsLeft {
 };
 
 RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
-                        const MatrixXd& covariance, NoiseKinds& kinds) {
+                        const MatrixXd& covariance, NoiseKinds& kinds,
+                        const std::function<void(double)>& progress) {
   const int groups = kinds.count();
   // A root of the shared covariance; unobservable directions have none.
   MatrixXd root(problem.shared_size(), problem.shared_size());
   if (problem.shared_size() > 0) root = root_of_covariance(covariance);
   RowsLeft out{MatrixXd::Zero(groups, groups), VectorXd(groups), VectorXd(groups),
                VectorXd(groups)};
-  for (size_t g = 0; g < problem.groups().size(); ++g)
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    if (progress && g % kGroupsTold == 0)
+      progress(static_cast<double>(g) / static_cast<double>(problem.groups().size()));
     add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
+  }
   // The product of two symmetric matrices: what is below the diagonal counts twice.
   for (int g = 0; g < groups; ++g) {
     Eigen::Map<MatrixXd> sum(kinds.shared.col(g).data(), kinds.ld, kinds.shared_size);
@@ -356,10 +360,11 @@ namespace {
 
 std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, const VectorXd& state,
                                   const MatrixXd& covariance,
-                                  const std::vector<ViewResiduals>& views) {
+                                  const std::vector<ViewResiduals>& views,
+                                  const std::function<void(double)>& progress) {
   NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
   add_residuals(problem.setup(), rig, views, kinds);
-  const RowsLeft left = find_rows_left(problem, state, covariance, kinds);
+  const RowsLeft left = find_rows_left(problem, state, covariance, kinds, progress);
   const Factors factors = find_factors(kinds, left);
   std::vector<NoiseLevel> out;
   for (int g = 0; !kinds.is_priors(g); ++g) {
@@ -379,7 +384,7 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
 
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
                                      const MatrixXd& covariance) {
-  return levels_of(problem, rig, state, covariance, problem.residuals(state));
+  return levels_of(problem, rig, state, covariance, problem.residuals(state), nullptr);
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
@@ -410,9 +415,10 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
   return out;
 }
 
-NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views) {
-  return {
-      levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance, views)};
+NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
+                         const std::function<void(double)>& progress) {
+  return {levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance,
+                    views, progress)};
 }
 NoiseLevels noise_levels(const Linearisation& at) {
   return noise_levels(at, at.problem().residuals(at.state()));
@@ -443,7 +449,7 @@ void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<Noise
     for (Sample& sample : samples)
       for (View& view : sample.views) {
         if (view.sensor != level.sensor) continue;
-        if (!view.sigma.empty()) scale(view.sigma);
+        if (!view.sigma.empty()) scale(view.sigma.own());
         for (Matrix3d& covariance : view.covariance) covariance *= factor * factor;
       }
   }

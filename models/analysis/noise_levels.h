@@ -70,8 +70,10 @@ struct NoiseLevels : std::vector<NoiseLevel> {
   std::string text() const;
 };
 NoiseLevels noise_levels(const Linearisation& at);
-/// The same where the residuals at the solution are known (Estimation::residuals()).
-NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views);
+/// The same where the residuals at the solution are known (Estimation::residuals()). `progress` is
+/// told which share is done.
+NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
+                         const std::function<void(double)>& progress = nullptr);
 /// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and
 /// covariances as last renewed. `covariance` is that of the shared unknowns at the solution
 /// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.

@@ -250,7 +250,8 @@ Residuals residuals(const Linearisation& at) {
   return residuals(at, at.problem().residuals(at.state()));
 }
 
-Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views) {
+Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
+                    const std::function<void(double)>& progress) {
   const Solution& solution = at.solution;
   const Recording& recording = *solution.recording;
   const Rig& rig = recording.rig;
@@ -270,10 +271,16 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views) {
       place[i] = static_cast<int>(out.sensors.size());
       out.sensors.push_back(unseen(rig.sensors[i]));
     }
+  double done = 0;  // samples judged, each in up to three ways
   for (bool train : {true, false}) {
     const std::vector<int> samples = recording.split(train);
     if (samples.empty()) continue;
     Judge how;
+    const double count = static_cast<double>(samples.size());
+    if (progress)
+      how.progress = [&](double share) {
+        progress((done + share * count) / (3 * static_cast<double>(recording.samples.size())));
+      };
     how.noise = solution.noise;
     how.loss = solution.setup.loss;
     how.noise_ratios = at.problem().setup().noise_ratios;
@@ -287,11 +294,14 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views) {
     } else {
       now = judge(recording, samples, solution.values.shared, solution.initial, how);
     }
+    done += count;
     how.noise = NoiseMode::none;
     how.keep = train ? Judge::Keep::sums : Judge::Keep::raw;
     Judged read = judge(recording, samples, solution.values.shared, solution.initial, how);
+    done += count;
     how.keep = Judge::Keep::raw;
     Judged before = judge(recording, samples, solution.initial, solution.initial, how);
+    done += count;
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SensorResult& sensor = out.sensors[place[i]];
@@ -363,12 +373,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     how.with_dof = false;
     const Judged read = judge(recording, samples, table.initial, table.initial, how);
     done += count;
-    if (!now.undefined.empty())
-      throw std::runtime_error(
-          "sample '" + now.undefined[0] +
-          "' cannot be evaluated: a point lies behind a camera wherever its target is put" +
-          (some_sensor_tells_no_pose(rig) ? ", or what sees its target does not tell where it is"
-                                          : ""));
+    out.undefined.insert(out.undefined.end(), now.undefined.begin(), now.undefined.end());
     note_unfinished(now, train, "rms", out.unfinished);
     note_unfinished(read, train, "rms_as_read", out.unfinished);
     out.chi2 += now.chi2;
@@ -385,6 +390,12 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     }
     append(now.residuals, out.views);
   }
+  if (out.undefined.size() == recording.samples.size())
+    throw std::runtime_error("no sample can be evaluated: in '" + out.undefined[0] +
+                             "' a point lies behind a camera wherever its target is put" +
+                             (some_sensor_tells_no_pose(rig)
+                                  ? ", or what sees its target does not tell where it is"
+                                  : ""));
   out.converged = out.unfinished.empty();
   for (int p : open)
     if (influences[p]) out.open.push_back(table.all[p].name);

@@ -60,7 +60,8 @@ struct Linearisation;
 /// `undefined`.
 Residuals residuals(const Linearisation& at);
 /// The same where the last problem's residuals are known (Estimation::residuals()).
-Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views);
+Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
+                    const std::function<void(double)>& progress = nullptr);
 
 /// Returns residuals as read alone, of the held-out samples, with these shared values in place of
 /// the solution's.
@@ -72,9 +73,10 @@ struct Evaluation {
   std::vector<Unfinished> unfinished;
   double chi2 = 0;
   long dof = 0;
-  std::vector<SensorResult> sensors;  // without rms_before
-  std::vector<ViewResiduals> views;   // what their rms is of
-  std::vector<std::string> open;      // poses absent from the rig that were estimated in each split
+  std::vector<SensorResult> sensors;   // without rms_before
+  std::vector<ViewResiduals> views;    // what their rms is of
+  std::vector<std::string> undefined;  // samples missing from these: as UndefinedSample says
+  std::vector<std::string> open;  // poses absent from the rig that were estimated in each split
   std::vector<std::string>
       without_effect;  // names that were to be freed and on which no measurement depends
 };
@@ -82,8 +84,7 @@ struct Evaluation {
 /// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
 /// what the rig leaves open (rig/selection.h) are estimated in each split.
 /// `progress` is called with the share that is done.
-/// @throws NameError beginning with "free[N]"; std::runtime_error naming a sample that cannot be
-/// evaluated.
+/// @throws NameError beginning with "free[N]"; std::runtime_error where no sample can be evaluated.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& free,
                     const std::function<void(double)>& progress = {});

@@ -51,7 +51,7 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, int
 /// A step's fit. `robust`: as StepVariations has it; `noise_ratios`: of its loss, null: from the
 /// residuals. Throws Ended.
 Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust,
-             const std::vector<double>* noise_ratios, Solution& solution) {
+             const std::vector<double>* noise_ratios, bool keep_solver, Solution& solution) {
   const Recording& recording = *solution.recording;
   EstimationSetup setup;
   setup.noise = options.noise;
@@ -84,9 +84,16 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     };
     if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
   }
+  fit_options.keep_solver = keep_solver;
+  if (options.stage)
+    fit_options.starting = [&](double share) {
+      options.tell(plan.name + ": starting values", share);
+    };
   Fit out;
   try {
-    out = fit(recording, recording.training(), setup, solution.values, fit_options);
+    Values start = std::move(solution.values);
+    solution.values.shared = start.shared;
+    out = fit(recording, recording.training(), setup, std::move(start), fit_options);
   } catch (const std::runtime_error& error) {  // no pose of a target can be evaluated
     throw Ended{Status::undefined_start, error.what()};
   }
@@ -138,16 +145,16 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
       variations.before_step(plan, solution.initial, solution.values.shared);
     const bool given = last && !variations.noise_ratios.empty();
     Fit step = fit_step(plan, options, variations.robust,
-                        given ? &variations.noise_ratios : nullptr, solution);
+                        given ? &variations.noise_ratios : nullptr, last && keep_solver, solution);
     solution.columns = step.problem->columns();
-    const char* const linear_solver = step.solver ? step.solver->linear_solver() : "";
-    if (!last || !keep_solver) step.solver.reset();
-    options.tell(plan.name + ": uncertainties");
+    const auto observing = [&](double share) {
+      options.tell(plan.name + ": uncertainties", share);
+    };
     auto observed = std::make_unique<LastProblem>();
     observed->observability =
-        observe(*step.problem, step.state, last ? &observed->reduced_rows : nullptr);
+        observe(*step.problem, step.state, last ? &observed->kept_rows : nullptr, observing);
     StepResult result = step_result(plan, step, observed->observability, solution);
-    result.linear_solver = linear_solver;
+    result.linear_solver = step.linear_solver;
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && (result.converged || plan.repeated);

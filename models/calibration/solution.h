@@ -75,7 +75,7 @@ struct LastProblem {
   std::shared_ptr<Estimation> problem;
   VectorXd state;
   Observability observability;
-  std::vector<MatrixXd> reduced_rows;  // as observe() gives them
+  std::vector<MatrixXd> kept_rows;  // as observe() gives them
 };
 
 /// A Prediction is what errors of the calibration are predicted from where that is more than the

@@ -165,7 +165,7 @@ Hypothesis normalised_intrinsics(const Rig& rig, int s, const Pixels& pixels) {
     for (Sample& sample : samples)
       for (View& v : sample.views)
         if (v.sensor == s)
-          for (double& sigma : v.sigma) sigma *= focal_length;
+          for (double& sigma : v.sigma.own()) sigma *= focal_length;
   };
   return h;
 }

@@ -221,7 +221,7 @@ void leave_out(const std::vector<int>& places, View& view) {
     view.z.erase(view.z.begin() + *p * numbers, view.z.begin() + (*p + 1) * numbers);
     if (view.covariance.size() == view.ids.size())
       view.covariance.erase(view.covariance.begin() + *p);
-    view.ids.erase(view.ids.begin() + *p);
+    view.ids.own().erase(view.ids.own().begin() + *p);
   }
 }
 

@@ -418,6 +418,9 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   const Motion& motion = parts_->motion;
   const Rows& whitened = parts_->whitened;
   std::vector<ViewResiduals> out;
+  size_t views = 0;
+  for (const PlacedSample& s : layout.taking_part()) views += s.views.size();
+  out.reserve(views);
   Scratch& scratch = parts_->scratch[0];
   for (const PlacedSample& s : layout.taking_part()) {
     motion.walk(s, state, scratch);

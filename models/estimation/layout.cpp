@@ -44,13 +44,16 @@ void Layout::place_sample(int index) {
   PlacedSample s;
   s.index = index;
   std::vector<int> key;  // sensor, target, with covariances, ids of each view
+  s.views.reserve(recorded[index].views.size());
   for (const View& view : recorded[index].views) {
     if (std::find(setup.sensors.begin(), setup.sensors.end(), view.sensor) == setup.sensors.end() ||
         (setup.only_target >= 0 && view.target != setup.only_target))
       continue;
     const Sensor& sensor = rig.sensors[view.sensor];
     if (view.covariance.empty() && static_cast<int>(view.sigma.size()) != model_of(sensor).sigmas())
-      throw std::invalid_argument(view.where + ": sensor '" + sensor.name + "' takes " +
+      throw std::invalid_argument("sample '" + recorded[index].id + "', views[" +
+                                  std::to_string(&view - recorded[index].views.data()) +
+                                  "]: sensor '" + sensor.name + "' takes " +
                                   std::to_string(model_of(sensor).sigmas()) + " sigmas, not " +
                                   std::to_string(view.sigma.size()));
     key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(),
@@ -395,15 +398,14 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   v.map.width = c.total;
 }
 
-/// What the kernels read: layouts of grids, each set of seen points once, and room for weights and
-/// measured numbers, view after view.
+/// What the kernels read: layouts of grids, each set of seen points once, and room for measured
+/// numbers, view after view.
 void Layout::place_data() {
   size_t most = 0;
   for (const auto& entry : layouts)
     for (const ViewLayout& v : entry.second->views) most += 3 * static_cast<size_t>(v.stride());
   for (const PlacedSample& s : samples)
-    for (const PlacedView& v : s.views)
-      most += kWeights + static_cast<size_t>(v.layout->padded_rows());
+    for (const PlacedView& v : s.views) most += static_cast<size_t>(v.layout->padded_rows());
   seen.reserve(most);
   std::map<std::pair<int, std::vector<int>>, size_t> grids;
   for (auto& entry : layouts)
@@ -422,7 +424,7 @@ void Layout::place_data() {
       if (!layout.kernel || layout.model->has_own_noise()) v.whitening = whitenings++;
       if (!layout.kernel) continue;
       v.measured = seen.size();
-      seen.resize(seen.size() + kWeights + static_cast<size_t>(layout.padded_rows()), 0.0);
+      seen.resize(seen.size() + static_cast<size_t>(layout.padded_rows()), 0.0);
     }
 }
 
@@ -431,10 +433,8 @@ void Layout::reload() {
     for (PlacedView& v : s.views) {
       if (!v.layout->kernel) continue;
       const SensorModel& model = *v.layout->model;
-      double* to = seen.data() + v.measured;
-      for (int k = 0; k < model.rows(); ++k) to[k] = 1 / v.view->sigma[k];
       model.compared(v.view->z.data(), static_cast<int>(v.layout->ids.size()), v.layout->stride(),
-                     to + kWeights);
+                     seen.data() + v.measured);
     }
 }
 

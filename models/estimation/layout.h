@@ -17,9 +17,6 @@ namespace kincal {
 /// A Source is what fills columns of M.
 enum class Source { joint_number, error, origin, sensor_pose, target_pose };
 
-constexpr size_t kWeights =
-    8;  // numbers in front of the measured ones: 1 / sigma of each component
-
 struct MotionColumns {
   Source source;
   int step = -1;       // in the path, for joints
@@ -98,8 +95,7 @@ struct SampleLayout {
 struct PlacedView {
   const View* view;
   const ViewLayout* layout;
-  size_t measured = 0;  // with a kernel: where in Layout::seen 1 / sigma of each component, then
-                        // what it compares with begin
+  size_t measured = 0;  // with a kernel: where in Layout::seen what it compares with begins
   int whitening = -1;   // without, or with own noise: which of the whitenings
 };
 
@@ -143,7 +139,7 @@ struct Layout {
     const Range<const PlacedSample> all = taking_part();
     return group < all.last - all.first ? all.first + group : nullptr;
   }
-  /// Copies the measured numbers and sigmas of the samples to where the kernels read them.
+  /// Copies the measured numbers of the samples to where the kernels read them.
   void reload();
 
   const Rig& rig;

@@ -151,6 +151,8 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
   }
   const Pose& pose = scratch.input.sensor_T_target;
   const RowMatrix3d rotation = pose.rotation;
+  double weights[3];  // 1 / sigma of each component
+  for (int k = 0; k < v.layout->model->rows(); ++k) weights[k] = 1 / v.view->sigma[k];
   PointView view = {
       points,
       v.layout->target->grid
@@ -159,8 +161,8 @@ bool Rows::kernel_rows(const PlacedView& v, const VectorXd& state, Scratch& scra
       rotation.data(),
       pose.translation.data(),
       scratch.input.parameters,
-      layout_.seen.data() + v.measured + kWeights,
       layout_.seen.data() + v.measured,
+      weights,
       count,
       stride};
   const PointRows to = {derivatives ? scratch.rows.col(w).data() : scratch.r.data(),

@@ -164,10 +164,13 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   const Matrix3d& axes = spread.axes;
   const double size = std::max(centred.colwise().norm().maxCoeff(), 1e-6);
   const bool flat = spread.flat(), sideways = (xy1.row(2).array() != 1).any();
-  const bool by_distances = spread.nearly_flat() || (sideways && n >= 4);
+  // (Of few points other poses than the nearest to a linear solution may be the right one.)
+  const bool on_line = spread.lengths(1) <= 1e-6 * spread.lengths(0),
+             by_distances =
+                 spread.nearly_flat() || (n >= 4 && sideways) || (n >= 3 && n < 6 && !on_line);
   if (by_distances) {
     out = poses_in_front(c, xy1);
-  } else if (n >= 4 && spread.lengths(1) > 1e-6 * spread.lengths(0) && (flat || n >= 6)) {
+  } else if (n >= 6 && !on_line) {
     const Matrix3Xd q = axes.transpose() * centred / size;
     const double scale =
         std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
@@ -217,7 +220,7 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       (by_distances && !out.empty()) || std::any_of(out.begin(), out.end(), [&](const Pose& p) {
         return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
       });
-  if (!in_front || (n < 6 && !by_distances))  // too few points, or all but degenerate ones
+  if (!in_front)  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
       pose.rotation.diagonal() << 1, sign, sign;

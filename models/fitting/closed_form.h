@@ -29,7 +29,8 @@ Eigen::Matrix3Xd select_columns(const Eigen::Matrix3Xd& points, const std::vecto
 Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 
 /// Returns poses sensor_T_target of points c whose directions are xy1, (x, y, 1) or unit vectors
-/// beside and behind: by DLT, for planes and what is nearly one both mirror solutions.
+/// beside and behind: by DLT, for planes both mirror solutions; of fewer than six points, and what
+/// is nearly a plane, all poses that are nearest to the directions.
 std::vector<Pose> perspective_poses(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
 
 /// Finds the pose of one camera from points and directions of many views together: of

@@ -51,8 +51,10 @@ std::shared_ptr<Estimation> started_problem(const Recording& recording,
                                             const EstimationSetup& setup, const FitOptions& options,
                                             Fit& out) {
   const Loss loss = options.start_loss.value_or(setup.loss);
+  TargetStarts how;
+  how.progress = options.starting;
   const auto start = [&](const std::vector<int>& some) {
-    start_targets(recording, some, setup.sensors, loss, out.values);
+    start_targets(recording, some, setup.sensors, loss, out.values, how);
   };
   if (!options.leave_out_undefined) {
     const auto problem =
@@ -61,6 +63,7 @@ std::shared_ptr<Estimation> started_problem(const Recording& recording,
     return problem;
   }
   std::set<int> undefined;
+  how.progress = nullptr;  // of one sample
   for (int i : samples) try {
       start({i});
     } catch (const std::runtime_error&) {
@@ -145,6 +148,8 @@ Fit fit(const Recording& recording, const std::vector<int>& samples, const Estim
                   out.values);
     minimise(recording, options, out);
   }
+  if (out.solver) out.linear_solver = out.solver->linear_solver();
+  if (!options.keep_solver) out.solver.reset();
   if (out.defined()) out.problem->unpack(out.state, out.values);
   return out;
 }

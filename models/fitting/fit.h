@@ -30,7 +30,9 @@ struct FitOptions {
       false;  // samples that cannot start are left out and listed instead of an error
   bool converge =
       true;  // false: a graduated fit is enough, the last solve to convergence is left out
-  std::shared_ptr<Estimation> problem;  // of these samples, if there is one already
+  bool keep_solver = false;              // for another solve; it has as much memory as all else
+  std::shared_ptr<Estimation> problem;   // of these samples, if there is one already
+  std::function<void(double)> starting;  // is told which share of the free targets has a start
   const std::vector<double>* noise_ratios =
       nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };
@@ -43,9 +45,9 @@ struct Fit {
   /// With undefined_start nothing was minimised, and `values` has the started targets; the same if
   /// no sample is left. A problem without measurements is converged, without history.
   SolveSummary summary;
-  std::unique_ptr<LevenbergMarquardt>
-      solver;                 // that made it; null: nothing but a graduated fit was made
-  std::vector<int> left_out;  // samples that could not start, ascending
+  const char* linear_solver = "";  // that made it; "": nothing but a graduated fit was made
+  std::unique_ptr<LevenbergMarquardt> solver;  // with keep_solver
+  std::vector<int> left_out;                   // samples that could not start, ascending
 
   bool defined() const { return summary.outcome != Outcome::undefined_start; }
 };

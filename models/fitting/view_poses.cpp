@@ -148,8 +148,8 @@ ViewPosesMemory::Told& ViewPosesMemory::of(const Rig& rig, const ParameterTable&
     const Parameter& p = table.all[table.sensor_block[view.sensor] + static_cast<int>(b)];
     add(values.data() + p.start, p.size());
   }
-  for (const std::vector<double>* sigma : {&sensor.sigma, &view.sigma})
-    add(sigma->data(), static_cast<Eigen::Index>(sigma->size()));
+  add(sensor.sigma.data(), static_cast<Eigen::Index>(sensor.sigma.size()));
+  add(view.sigma.data(), static_cast<Eigen::Index>(view.sigma.size()));
   for (const Matrix3d& covariance : view.covariance) add(covariance.data(), covariance.size());
   if (known_.size() >= kMost) known_.clear();
   return known_[{sensor.model, std::move(numbers)}];

@@ -508,15 +508,20 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
 void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
              Report& report) {
   const CalibrationOptions& calibration = options.calibration;
-  calibration.tell("uncertainties and residuals");
+  const auto part = [&](double from, double to) {
+    return [&calibration, from, to](double share) {
+      calibration.tell("uncertainties and residuals", from + (to - from) * share);
+    };
+  };
   const Linearisation at = linearise(report.solution);
-  report.leverage = leverage(at);
+  report.leverage = leverage(at, part(0, 0.2));
   report.data = data_equations(at);
   at.drop_reduced_rows();
   report.explanation = explain(at);
   std::vector<ViewResiduals> views = at.problem().residuals(at.state());
-  if (!report.noise_estimated) report.noise_levels = noise_levels(at, views);
-  report.residuals = residuals(at, std::move(views));
+  if (!report.noise_estimated) report.noise_levels = noise_levels(at, views, part(0.3, 0.6));
+  report.residuals = residuals(at, std::move(views), part(0.4, 1));
+  part(0, 1)(1);
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);
   report.jumps = jumps(report.solution);

@@ -519,6 +519,12 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
   if (!evaluation.converged)
     out.push_back(
         {"not_converged", "the estimation of targets or joint errors did not converge", {}});
+  std::vector<Case> undefined;
+  for (const std::string& id : evaluation.undefined)
+    undefined.push_back({id, "sample '" + id +
+                                 "' cannot be evaluated (a point lies behind a camera, wherever "
+                                 "its target is put): it is missing from these numbers"});
+  warn("undefined", "samples cannot be evaluated", std::move(undefined), out);
   const double dof = static_cast<double>(evaluation.dof);
   if (exceeds(evaluation.chi2 / dof, dof))
     out.push_back({"chi2", excess_text(evaluation.chi2 / dof) + kLookOrState, {}});

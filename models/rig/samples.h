@@ -2,23 +2,69 @@
 #pragma once
 
 #include <algorithm>
+#include <initializer_list>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../../kinematics/transform.h"
 
 namespace kincal {
 
+/// A SharedList is a list that is the same in many views: copies share it until one of them is
+/// changed. (Of a hundred thousand samples the lists take more memory than what was measured.)
+template <typename T>
+class SharedList {
+ public:
+  SharedList() = default;
+  SharedList(std::vector<T> list)
+      : list_(list.empty() ? nullptr : std::make_shared<std::vector<T>>(std::move(list))) {}
+  SharedList(std::initializer_list<T> list) : SharedList(std::vector<T>(list)) {}
+  operator const std::vector<T>&() const {
+    static const std::vector<T> none;
+    return list_ ? *list_ : none;
+  }
+
+  size_t size() const { return list_ ? list_->size() : 0; }
+  bool empty() const { return size() == 0; }
+  const T* data() const { return list_ ? list_->data() : nullptr; }
+  const T* begin() const { return data(); }
+  const T* end() const { return data() + size(); }
+  const T& operator[](size_t i) const { return (*list_)[i]; }
+  bool operator==(const SharedList& other) const {
+    return list_ == other.list_ || std::equal(begin(), end(), other.begin(), other.end());
+  }
+  bool operator==(const std::vector<T>& other) const {
+    return std::equal(begin(), end(), other.begin(), other.end());
+  }
+  template <typename Other>
+  bool operator!=(const Other& other) const {
+    return !(*this == other);
+  }
+
+  /// Returns the list to be changed, which nothing shares from then on.
+  std::vector<T>& own() {
+    if (!list_ || list_.use_count() > 1)
+      list_ = std::make_shared<std::vector<T>>(list_ ? *list_ : std::vector<T>());
+    return *list_;
+  }
+  void push_back(const T& value) { own().push_back(value); }
+  void clear() { list_.reset(); }
+
+ private:
+  std::shared_ptr<std::vector<T>> list_;
+};
+
 /// A View is what one sensor measured of one target in one sample.
 struct View {
   int sensor = -1, target = -1;  // indices
-  std::vector<int> ids;          // target points; empty where the sensor measures poses
+  SharedList<int> ids;           // target points; empty where the sensor measures poses
   std::vector<double> z;         // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
-  std::vector<double> sigma;     // as the sensor's, or the view's own
+  SharedList<double> sigma;      // as the sensor's, or the view's own
   std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
-  std::string where;                 // file:line: field, for messages
 };
 
 /// A Sample is one posture of the robot and everything seen in it.

@@ -65,7 +65,8 @@ Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const Vecto
 }
 
 std::vector<int> view_ids(const View& view, const Target& target) {
-  return view.ids.empty() ? indices(static_cast<size_t>(target.count())) : view.ids;
+  if (view.ids.empty()) return indices(static_cast<size_t>(target.count()));
+  return view.ids;
 }
 
 bool on_a_line(const Matrix3Xd& points) {
@@ -102,7 +103,7 @@ std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m) {
 void relabel(View& view, const Target& target, const std::vector<int>& places) {
   if (view.ids.empty())
     for (int i = 0; i < target.count(); ++i) view.ids.push_back(i);
-  for (int& id : view.ids) id = places[id];
+  for (int& id : view.ids.own()) id = places[id];
 }
 
 }  // namespace kincal

@@ -142,6 +142,7 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
     kept.push_back(std::move(end));
     ends.push_back({&kept.back(), 1});
   }
+  options.tell("restarts", 1);
   std::stable_sort(ends.begin() + 1, ends.end(),
                    [](const End& a, const End& b) { return a.at->cost < b.at->cost; });
   for (const End& e : ends) {

@@ -96,12 +96,16 @@ GroupShape shape(int private_size, const std::vector<int>& columns) {
   return out;
 }
 
+ReducedRows rows_of(const std::vector<MatrixXd>& left) {
+  return [&left](size_t g) -> const MatrixXd& { return left[g]; };
+}
+
 /// Influences on a problem at its solution.
 std::vector<Influence> influences_of(Linear& problem, Observability& observability,
                                      double least = 0) {
   std::vector<MatrixXd> left;
   observability = observe(problem, problem.solution(), &left);
-  return influences(problem.groups(), left, observability, least);
+  return influences(problem.groups(), rows_of(left), observability, least);
 }
 
 /// By how many of its sigmas leaving the group out really moves the column.
@@ -139,7 +143,7 @@ TEST_CASE("outliers: influences equal least squares without the group") {
   Observability observability;
   observability.covariance = (all.leftCols(n).transpose() * all.leftCols(n)).inverse();
   observability.root = observability.covariance.llt().matrixL();
-  const std::vector<Influence> found = influences(groups, left, observability, 0);
+  const std::vector<Influence> found = influences(groups, rows_of(left), observability, 0);
   CHECK(std::is_sorted(found.begin(), found.end(), [](const Influence& a, const Influence& b) {
     return std::abs(a.sigmas) > std::abs(b.sigmas);
   }));
@@ -159,7 +163,7 @@ TEST_CASE("outliers: influences equal least squares without the group") {
     ++finite;
   }
   CHECK(finite == 6 * n - 1);
-  CHECK(influences(groups, left, observability, 1e9).size() == 1);  // the infinite one
+  CHECK(influences(groups, rows_of(left), observability, 1e9).size() == 1);  // the infinite one
 }
 
 TEST_CASE("leverage: with unknowns of each group's own, as solving again without the group") {

@@ -49,7 +49,7 @@ TEST_CASE("outliers: what sticks out of a plain fit is named, and nothing else")
   CHECK(found[0].text.find("'" + lab.samples[two[0]].id + "' " +
                            lab.rig.sensors[view.sensor].name) != std::string::npos);
   CHECK(found[0].text.rfind("1 view ", 0) == 0);
-  for (double& sigma : view.sigma) sigma *= 20;  // said so: nothing wrong
+  for (double& sigma : view.sigma.own()) sigma *= 20;  // said so: nothing wrong
   CHECK(warnings().empty());
 }
 
@@ -88,6 +88,6 @@ TEST_CASE("misfits: a sigma that is wrong for a whole sensor names nothing") {
   for (Sample& sample : lab.samples)
     for (View& view : sample.views)
       if (view.sensor == sensor)
-        for (double& sigma : view.sigma) sigma /= 6;
+        for (double& sigma : view.sigma.own()) sigma /= 6;
   CHECK(misfits_in(lab).empty());
 }

@@ -231,7 +231,7 @@ TEST_CASE("calibration: samples are replaced by such as show the same") {
   CHECK_THROWS_AS(calibration.replace(kCount, other), std::invalid_argument);
   SECTION("another order of views") { std::swap(other.views[0], other.views[1]); }
   SECTION("a view less") { other.views.pop_back(); }
-  SECTION("other points") { std::swap(other.views[0].ids[0], other.views[0].ids[1]); }
+  SECTION("other points") { std::swap(other.views[0].ids.own()[0], other.views[0].ids.own()[1]); }
   SECTION("numbers missing") { other.views[1].z.pop_back(); }
   SECTION("covariances instead of sigmas") {
     other.views[0].covariance.assign(kMarks, Matrix3d::Identity());

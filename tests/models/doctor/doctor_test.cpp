@@ -214,13 +214,14 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     CHECK(d.findings[0].where == Ids{"camera"});
   }
   SECTION("one view from the other corner") {
-    std::reverse(e.samples[4].views[0].ids.begin(), e.samples[4].views[0].ids.end());
+    std::reverse(e.samples[4].views[0].ids.own().begin(), e.samples[4].views[0].ids.own().end());
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"numbering"});
     CHECK(d.findings[0].where == Ids{"camera", e.samples[4].id});
   }
   SECTION("all views from the other corner") {
-    for (Sample& s : e.samples) std::reverse(s.views[0].ids.begin(), s.views[0].ids.end());
+    for (Sample& s : e.samples)
+      std::reverse(s.views[0].ids.own().begin(), s.views[0].ids.own().end());
     CHECK(ids(e.check()) == Ids{"numbering"});
   }
   SECTION("bad samples") {

@@ -946,7 +946,7 @@ TEST_CASE("estimation: a view's own sigma counts, not its sensor's") {
   for (Sample& sample : s.samples)
     for (View& v : sample.views)
       if (v.sensor == mocap)
-        for (double& sigma : v.sigma) sigma *= 3;
+        for (double& sigma : v.sigma.own()) sigma *= 3;
   const auto problem = s.problem(NoiseMode::latent, {mocap}, {});
   problem->set_workers(1);
   const VectorXd state = problem->pack(s.values);

@@ -41,7 +41,7 @@ void replace(std::vector<Sample>& samples, double size, Random& random) {
         v.z[i] += size * sigma * random.normal();
       }
       if (v.ids.empty() && v.z.size() == 7) Eigen::Map<Eigen::Vector4d>(v.z.data() + 3).normalize();
-      for (double& sigma : v.sigma) sigma *= random.uniform(0.7, 1.5);
+      for (double& sigma : v.sigma.own()) sigma *= random.uniform(0.7, 1.5);
       for (Matrix3d& c : v.covariance) c *= random.uniform(0.7, 1.5);
     }
   }

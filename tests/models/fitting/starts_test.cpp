@@ -359,6 +359,45 @@ TEST_CASE("start_targets: of a plane's two mirror solutions the right one, with 
   }
 }
 
+TEST_CASE("start_targets: four or five points before one camera start in the least minimum") {
+  // Corners of a board, and points in space, as far apart as a hand, 0.6 to 1.5 m away, with noise
+  // that leaves no doubt about the pose.
+  Rig rig;
+  Random random(8);
+  add_link(rig, "base");
+  add_camera(rig, "camera", "base", random.pose(1, 3));
+  Matrix3Xd corners(3, 5);
+  corners << 0, 0.2, 0, 0.1, 0.05, 0, 0, 0.15, 0.1, 0.2, 0, 0, 0, 0.08, 0.02;
+  const int board = add_grid(rig, "board", 5, 7, 0.04), body = add_points(rig, "body", corners);
+  finish_tree(rig.tree);
+  int views = 0, wrong = 0;
+  for (int trial = 0; trial < 600; ++trial) {
+    const int target = trial % 2 ? board : body, n = trial % 4 < 2 ? 4 : 5;
+    TruePosture p = empty_posture(rig);
+    p.boards[target] = in_front(rig, 0, target, p, random.uniform(0.6, 1.5), 1.4, random);
+    std::vector<int> ids;
+    while (static_cast<int>(ids.size()) < n) {
+      const int id = static_cast<int>(random.uniform() * rig.targets[target].count());
+      if (!std::count(ids.begin(), ids.end(), id)) ids.push_back(id);
+    }
+    Sample sample = make_sample(rig, p, "a");
+    if (!add_view(sample, rig, 0, target, p, &random, ids)) continue;
+    const Recording recording(rig, {sample});
+    if (on_a_line(select_columns(
+            target_points(rig, recording.table, recording.table.initial, target), ids)))
+      continue;
+    Values values;
+    values.shared = recording.table.initial;
+    start_targets(recording, {0}, {0}, {}, values);
+    p.boards[target] = isometry(values.targets.at({0, target}));
+    ++views;
+    wrong += residual(rig, sample.views[0], p).squaredNorm() >
+             50 * std::pow(rig.sensors[0].sigma[0], 2);  // chi2 of 2 or 4 degrees of freedom
+  }
+  CHECK(views > 500);
+  CHECK(wrong == 0);
+}
+
 namespace {
 
 /// 5 x 6 points, in a plane but for as much.
