@@ -28,6 +28,10 @@ foreach(group Results Failing Resume Sets)
   kincal_python_test(batch.${group} batch_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+foreach(group ManySamples Behind)
+  kincal_python_test(many_samples.${group} many_samples_test.py cli 600 ${kincal_program} ${group})
+endforeach()
+
 foreach(group Same Ends Detached Slurm)
   kincal_python_test(slurm.${group} slurm_test.py cli 600 ${kincal_program} ${group})
 endforeach()

@@ -625,7 +625,7 @@ class Sets(Case):
         shutil.copy(self.path("fleet", "robot_1", "samples.jsonl"), self.path("logs", "noon.jsonl"))
         shutil.copy(self.path("fleet", "robot_2", "samples.jsonl"), self.path("logs", "two words", "samples.jsonl"))
         shutil.copy(self.path("fleet", "robot_3", "samples.jsonl"), self.path("logs", "two words", "late.jsonl"))
-        write("# a day's logs\n\n../fleet/robot_0/rig.yaml ../fleet/robot_0/samples.jsonl\r\n"
+        write("\ufeff# a day's logs, written by Windows\n\n../fleet/robot_0/rig.yaml ../fleet/robot_0/samples.jsonl\r\n"
               "  ../fleet/robot_0 noon.jsonl   # the rig's folder will do\n"
               "../fleet/robot_0/rig.yaml \"two words/samples.jsonl\"\n"
               "../fleet/robot_0/rig.yaml\ttwo words/late.jsonl\n"
@@ -721,7 +721,10 @@ class Sets(Case):
         """Told once, before anything runs; a set that has it is enough to start."""
         for args, words in ((("--step", "arm"), ("--step: there is no step 'arm' in any set; nearest: arms", "robot_0 has head, baselines")),
                             (("--free", "joint/l_elbow_flex_jont/offset"), ("--free", "in any set; nearest: joint/l_elbow_flex_joint/offset")),
-                            (("--fix", "jiont/*"), ("--fix: 'jiont/*' matches no parameter in any set",))):
+                            (("--fix", "jiont/*"), ("--fix: 'jiont/*' matches no parameter in any set",)),
+                            (("--require", "sensor/wide_lft<0.3px"), ("--require 'sensor/wide_lft<0.3px'", "wide_left")),
+                            (("--require", "sensor/wide_left<0.3"), ("a unit is missing",)),
+                            (("--report-frame", "l_gripper"), ("--report-frame", "l_gripper"))):
             with self.subTest(args=args):
                 run = self.batch(*args)
                 self.refused(run, *words)

@@ -192,6 +192,27 @@ TEST_CASE("leverage: with unknowns of each group's own, as solving again without
     CHECK((larger[i].group == found[i].group && larger[i].column == found[i].column));
 }
 
+TEST_CASE("reduced rows: kept up to 32 MB, and the same numbers when they are made again") {
+  Random random(5);
+  const int n = 200;  // 200 rows of 201 numbers a group, so 104 of 130 groups are kept
+  std::vector<int> columns(n);
+  for (int i = 0; i < n; ++i) columns[i] = i;
+  const std::vector<GroupShape> groups(130, shape(2, columns));
+  std::vector<MatrixXd> rows;
+  for (size_t g = 0; g < groups.size(); ++g) rows.push_back(random_matrix(random, 202, n + 3));
+  Linear problem(n, groups, rows);
+  const VectorXd state = VectorXd::Zero(n + 2 * 130);
+  std::vector<MatrixXd> kept;
+  std::vector<double> told;
+  observe(problem, state, &kept, [&](double share) { told.push_back(share); });
+  CHECK(kept.size() == 32 * 1024 * 1024 / 8 / (200 * 201));
+  for (const size_t g : {size_t(0), size_t(7), kept.size() - 1})
+    CHECK(reduced_rows(problem, state, g) == kept[g]);
+  CHECK(reduced_rows(problem, state, groups.size() - 1).rows() == n);
+  CHECK(std::is_sorted(told.begin(), told.end()));
+  CHECK(told.back() == 1);
+}
+
 TEST_CASE(
     "leverage: a group that alone tells two numbers apart makes both infinite, and nothing else") {
   Random random(4);
