@@ -133,6 +133,7 @@ def months(bench, args):
         for sigmas in (0,) if kind == "none" else (1, 2, 3, 5, 8):
             robots = args.months if sigmas else 2 * args.months
             shutil.rmtree(os.path.join(bench.folder, "sets"), ignore_errors=True)
+            os.makedirs(os.path.join(bench.folder, "sets"))
             for i in range(robots):
                 own = truth_of(draw)
                 for t in range(12):

@@ -273,8 +273,9 @@ void check_output(const std::string& directory, bool force) {
   if (!fs::is_directory(name, error)) throw InputError(directory + ": is not a directory");
   std::string other;
   if (!holds_only_results(name, &other))
-    throw InputError(directory + ": --force would delete " + other +
-                     ", which is no file of kincal's: move it away or choose another --out");
+    throw InputError(directory + ": holds " + other +
+                     ", which is no file of kincal's and would be deleted: move it away or choose "
+                     "another --out");
 }
 
 void check_output_file(const std::string& path, bool force) {
