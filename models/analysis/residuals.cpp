@@ -129,16 +129,24 @@ void judge_group(const Recording& recording, const JudgedGroup& group, const Vec
   if (group.samples.size() == 1) options.solver.relative_decrease = kCostStands;
   Values start = known_values(recording, group.samples, shared, how.start);
   start_open_poses(recording, group.samples, group.setup.free, start);
+  Values again;
+  if (group.samples.size() > 1) again = start;
   Fit one;
   try {
     one = fit(recording, group.samples, group.setup, std::move(start), options);
   } catch (const std::runtime_error&) {  // no pose of a target can be evaluated
     one.summary.outcome = Outcome::undefined_start;
   }
-  if (!one.defined()) {
-    for (int i : group.samples) out.undefined.push_back(recording.samples[i].id);
-    return;
+  if (!one.defined() && group.samples.size() > 1) {  // those that cannot be evaluated are left out
+    options.leave_out_undefined = true;
+    one = fit(recording, group.samples, group.setup, std::move(again), options);
+    for (int i : one.left_out) out.undefined.push_back(recording.samples[i].id);
+    if (!one.defined() && one.left_out.empty())
+      for (int i : group.samples) out.undefined.push_back(recording.samples[i].id);
+  } else if (!one.defined()) {
+    out.undefined.push_back(recording.samples[group.samples[0]].id);
   }
+  if (!one.defined()) return;
   if (one.problem->groups().empty()) return;
   Estimation& problem = *one.problem;
   const VectorXd& state = one.state;

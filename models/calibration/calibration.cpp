@@ -85,6 +85,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
   }
   fit_options.keep_solver = keep_solver;
+  fit_options.restart_targets = true;
   if (options.stage)
     fit_options.starting = [&](double share) {
       options.tell(plan.name + ": starting values", share);

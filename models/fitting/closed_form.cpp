@@ -41,25 +41,6 @@ Spread3d spread_of(const Matrix3Xd& centred) {
   return out;
 }
 
-/// The poses at which points p are nearest to rays o + s d, the least distances first: minima of
-/// sum |(1 - d d') (R p + t - o)|^2.
-std::vector<Pose> poses_at_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d) {
-  const Vector3d mean = p.rowwise().mean();
-  MatrixXd s = MatrixXd::Zero(13, 13), row(3, 13);
-  for (Eigen::Index i = 0; i < p.cols(); ++i) {
-    const Vector3d direction = d.col(i).normalized();
-    const Matrix3d across = Matrix3d::Identity() - direction * direction.transpose();
-    set_rotation_columns(across, p.col(i) - mean, row.leftCols<9>());
-    row.middleCols<3>(9) = across;
-    row.col(12) = -across * o.col(i);
-    s += row.transpose() * row;
-  }
-  std::vector<Pose> out;
-  for (const RotationMinimum& minimum : rotation_minima(s))
-    out.push_back({minimum.rotation, minimum.others - minimum.rotation * mean});
-  return out;
-}
-
 /// Those of poses_at_rays() from one place that have all points before it.
 std::vector<Pose> poses_in_front(const Matrix3Xd& p, const Matrix3Xd& d) {
   std::vector<Pose> out;
@@ -125,6 +106,23 @@ bool robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<Pose>& b
 }
 
 }  // namespace
+
+std::vector<Pose> poses_at_rays(const Matrix3Xd& p, const Matrix3Xd& o, const Matrix3Xd& d) {
+  const Vector3d mean = p.rowwise().mean();
+  MatrixXd s = MatrixXd::Zero(13, 13), row(3, 13);
+  for (Eigen::Index i = 0; i < p.cols(); ++i) {
+    const Vector3d direction = d.col(i).normalized();
+    const Matrix3d across = Matrix3d::Identity() - direction * direction.transpose();
+    set_rotation_columns(across, p.col(i) - mean, row.leftCols<9>());
+    row.middleCols<3>(9) = across;
+    row.col(12) = -across * o.col(i);
+    s += row.transpose() * row;
+  }
+  std::vector<Pose> out;
+  for (const RotationMinimum& minimum : rotation_minima(s))
+    out.push_back({minimum.rotation, minimum.others - minimum.rotation * mean});
+  return out;
+}
 
 Matrix3Xd columns_of(const std::vector<Vector3d>& points) {
   Matrix3Xd out(3, static_cast<Eigen::Index>(points.size()));

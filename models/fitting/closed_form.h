@@ -33,6 +33,11 @@ Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 /// is nearly a plane, all poses that are nearest to the directions.
 std::vector<Pose> perspective_poses(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
 
+/// Returns the poses frame_T_target at which points p are nearest to rays o + s d of the frame, the
+/// least distances first; few rays leave some of a pose open, and there are many.
+std::vector<Pose> poses_at_rays(const Eigen::Matrix3Xd& p, const Eigen::Matrix3Xd& o,
+                                const Eigen::Matrix3Xd& d);
+
 /// Finds the pose of one camera from points and directions of many views together: of
 /// perspective_poses() that with the least angles. Returns false if they do not determine it.
 bool pose_from_directions(const Eigen::Matrix3Xd& points, const Eigen::Matrix3Xd& xy1,

@@ -129,6 +129,81 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
     solve_from_graduated(recording, options, start, out);
 }
 
+/// Finds samples with free targets that fit badly where the fit ended, and for which another start
+/// of their targets, everything shared held, is better; puts these into the values. Returns whether
+/// there are any.
+bool find_better_targets(const Recording& recording, Fit& out) {
+  constexpr double kBetter = 0.9;  // of the cost
+  Estimation& problem = *out.problem;
+  problem.prepare(out.state);
+  struct Bad {
+    int sample;
+    double doubled;
+  };
+  std::vector<Bad> bad;
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    const GroupShape& shape = problem.groups()[g];
+    const int sample = problem.sample_of(static_cast<int>(g));
+    Cost cost;
+    if (sample < 0 || shape.private_size < 6 ||
+        !problem.evaluate(static_cast<int>(g), out.state, 0, cost))
+      continue;
+    const double dof = std::max(1, shape.rows - shape.private_size);
+    if (cost.doubled > dof + 5 * std::sqrt(2 * dof) + 10) bad.push_back({sample, cost.doubled});
+  }
+  if (bad.empty()) return false;
+  problem.unpack(out.state, out.values);
+  EstimationSetup alone = problem.setup();
+  alone.free.clear();
+  alone.priors.clear();
+  alone.apart = true;
+  alone.loss.from_data = false;
+  alone.initial = problem.initial();
+  bool better = false;
+  for (const Bad& one : bad) {
+    const std::vector<View>& views = recording.samples[one.sample].views;
+    if (std::none_of(views.begin(), views.end(),
+                     [&](const View& v) { return recording.rig.targets[v.target].link < 0; }))
+      continue;
+    Values start;
+    start.shared = out.values.shared;
+    FitOptions options;
+    options.solver.relative_decrease = 1e-6;
+    try {
+      const Fit again = fit(recording, {one.sample}, alone, std::move(start), options);
+      if (!again.defined() || !(again.summary.cost.doubled < kBetter * one.doubled)) continue;
+      for (const auto& [key, pose] : again.values.targets) out.values.targets[key] = pose;
+      for (const auto& [key, error] : again.values.errors) out.values.errors[key] = error;
+      better = true;
+    } catch (const std::runtime_error&) {  // no pose can be evaluated: it stays
+    }
+  }
+  return better;
+}
+
+/// FitOptions::restart_targets. As what is shared gets better, more targets do.
+void restart_targets(const Recording& recording, const FitOptions& options, Fit& out) {
+  constexpr int kMost = 5;
+  for (int i = 0; i < kMost; ++i) {
+    if (!out.defined() || out.summary.outcome == Outcome::cancelled ||
+        !find_better_targets(recording, out))
+      return;
+    SolveSummary before = std::move(out.summary);
+    VectorXd state = std::move(out.state);
+    out.solver.reset();
+    minimise(recording, options, out);
+    if (out.summary.outcome == Outcome::cancelled) return;
+    if (!out.defined() || !(out.summary.cost.doubled < before.cost.doubled)) {
+      out.summary = std::move(before);
+      out.state = std::move(state);
+      return;
+    }
+    out.summary.iterations += before.iterations;
+    out.summary.history.insert(out.summary.history.begin(), before.history.begin(),
+                               before.history.end());
+  }
+}
+
 }  // namespace
 
 Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
@@ -148,6 +223,7 @@ Fit fit(const Recording& recording, const std::vector<int>& samples, const Estim
                   out.values);
     minimise(recording, options, out);
   }
+  if (options.restart_targets) restart_targets(recording, options, out);
   if (out.solver) out.linear_solver = out.solver->linear_solver();
   if (!options.keep_solver) out.solver.reset();
   if (out.defined()) out.problem->unpack(out.state, out.values);

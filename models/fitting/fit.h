@@ -30,6 +30,9 @@ struct FitOptions {
       false;  // samples that cannot start are left out and listed instead of an error
   bool converge =
       true;  // false: a graduated fit is enough, the last solve to convergence is left out
+  /// Free targets of samples that end badly are started anew from there, and what fits better is
+  /// taken: where they were started, what is estimated may have been far off.
+  bool restart_targets = false;
   bool keep_solver = false;              // for another solve; it has as much memory as all else
   std::shared_ptr<Estimation> problem;   // of these samples, if there is one already
   std::function<void(double)> starting;  // is told which share of the free targets has a start

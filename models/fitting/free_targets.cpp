@@ -116,6 +116,8 @@ void start_some(const Recording& recording, const std::vector<int>& samples,
         if (used[v.sensor] && v.target == target)
           for (const Pose& p : proposals(rig, table, values.shared, sample, v, how.memory))
             found.push_back(p);
+      for (const Pose& p : proposals_of_all(rig, table, values.shared, sample, target, used))
+        found.push_back(p);
       std::string types;
       if (found.empty() && no_view_tells_a_pose(rig, sample, target, used, types))
         throw std::runtime_error("sample '" + sample.id +

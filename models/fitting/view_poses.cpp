@@ -133,6 +133,36 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
   }
 }
 
+std::vector<Pose> proposals_of_all(const Rig& rig, const ParameterTable& table,
+                                   const VectorXd& values, const Sample& sample, int target,
+                                   const std::vector<char>& used) {
+  constexpr size_t kFew = 6;
+  std::vector<Vector3d> points, places, rays;
+  size_t views = 0;
+  const Matrix3Xd all = target_points(rig, table, values, target);
+  for (const View& view : sample.views) {
+    const Sensor& sensor = rig.sensors[view.sensor];
+    if (!used[view.sensor] || view.target != target) continue;
+    if (sensor.model->measurement_kind() != MeasurementKind::rays) continue;
+    const std::vector<int> ids = view_ids(view, rig.targets[target]);
+    if (ids.size() >= kFew) return {};
+    ++views;
+    std::vector<int> keep;
+    const Matrix3Xd xy1 =
+        seen_directions(rig, table, values, view, static_cast<int>(ids.size()), keep);
+    const Pose base_T_sensor =
+        Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) *
+        get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
+    for (size_t i = 0; i < keep.size(); ++i) {
+      points.push_back(all.col(ids[keep[i]]));
+      places.push_back(base_T_sensor.translation);
+      rays.push_back(base_T_sensor.rotation * Vector3d(xy1.col(static_cast<Eigen::Index>(i))));
+    }
+  }
+  if (views < 2 || points.empty()) return {};
+  return poses_at_rays(columns_of(points), columns_of(places), columns_of(rays));
+}
+
 ViewPosesMemory::Told& ViewPosesMemory::of(const Rig& rig, const ParameterTable& table,
                                            const VectorXd& values, const View& view) {
   constexpr size_t kMost = 50'000;  // views; then it begins anew

@@ -30,6 +30,12 @@ std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const 
 Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                                 const Sample& sample, const View& view);
 
+/// Returns the poses base_T_target that the views of a target by the marked cameras, of few points
+/// each (fewer than six), propose together; none where fewer than two see it, or one sees more.
+std::vector<Pose> proposals_of_all(const Rig& rig, const ParameterTable& table,
+                                   const VectorXd& values, const Sample& sample, int target,
+                                   const std::vector<char>& used);
+
 /// A memory of what single views tell, for fits that ask for the same again and again, as the
 /// trials of many hypotheses about one recording do.
 class ViewPosesMemory {

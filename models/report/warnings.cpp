@@ -236,11 +236,15 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
     double worst = 0, error = 0;  // sigmas; rad or m
   };
   const Rig& rig = solution.rig();
+  constexpr double kOneInFifty = 0.02;  // that one of so many right errors is beyond the limit
+  const double count = static_cast<double>(solution.values.errors.size());
+  double limit = 4;
+  while (count * std::erfc(limit / std::sqrt(2.0)) > kOneInFifty) limit += 0.1;
   std::map<int, Excess> excess;  // by joint
   for (const auto& e : solution.values.errors) {
     const double sigmas =
         e.second / joint_sigma(rig, solution.samples()[e.first.first], e.first.second);
-    if (solution.noise != NoiseMode::latent || !(std::abs(sigmas) > 4)) continue;
+    if (solution.noise != NoiseMode::latent || !(std::abs(sigmas) > limit)) continue;
     Excess& x = excess[e.first.second];
     ++x.count;
     if (std::abs(sigmas) > std::abs(x.worst)) x = {x.count, e.first.first, sigmas, e.second};
@@ -250,7 +254,7 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
     const std::string name = rig.tree.joints[x.first].name;
     joints.push_back(
         {name,
-         "joint '" + name + "': its error exceeds 4 sigmas in " +
+         "joint '" + name + "': its error exceeds " + text("%.2g", limit) + " sigmas in " +
              count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
              text("%+.3g sigmas (%.3g %s) in sample '", x.second.worst, 1e3 * x.second.error,
                   rig.tree.joints[x.first].type == JointType::prismatic ? "mm" : "mrad") +
@@ -258,7 +262,8 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
          std::abs(x.second.worst)});
   }
   if (joints.empty()) return;
-  warn("joint_error", "joints have errors above 4 sigmas", std::move(joints), out);
+  warn("joint_error", text("joints have errors above %.2g sigmas", limit).c_str(),
+       std::move(joints), out);
   out.back().text += ". What to do: look at these samples, or state more noise of these joints";
 }
 
