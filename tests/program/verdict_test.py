@@ -211,7 +211,7 @@ class Words(Case):
         tight = self.write("tight.yaml", self.text.rstrip() + '\n    priors: {"joint/*/offset": 0.0003, "joint/*/origin": 0.0003}\n')
         result, warnings = self.calibrate(tight)
         for kind, what in (("prior", "%d parameters are more than 3 prior sigmas from their priors, worst %s is "),
-                           ("joint_error", "%d joints have errors above 4 sigmas, worst joint '%s': ")):
+                           ("joint_error", "%d joints have errors above 4.1 sigmas, worst joint '%s': ")):
             w = warnings[kind]
             self.assertGreater(len(w["names"]), 6)
             self.assertTrue(w["text"].startswith(what % (len(w["names"]), w["names"][0])), w["text"])
