@@ -48,14 +48,19 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, int
          views + ". Check poses, joint readings and the sensor's link";
 }
 
-/// A step's fit. `robust`: as StepVariations has it; `noise_ratios`: of its loss, null: from the
-/// residuals. Throws Ended.
-Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robust,
-             const std::vector<double>* noise_ratios, bool keep_solver, Solution& solution) {
+/// How a step is fitted: as the last one; as StepVariations::robust has it; with a solver for
+/// later.
+struct StepKind {
+  bool last, robust, keep_solver;
+};
+
+/// A step's fit. `noise_ratios`: of its loss, null: from the residuals. Throws Ended.
+Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, const StepKind& kind,
+             const std::vector<double>* noise_ratios, Solution& solution) {
   const Recording& recording = *solution.recording;
   EstimationSetup setup;
   setup.noise = options.noise;
-  setup.loss = robust ? Loss{LossKind::cauchy, 3, true} : plan.loss;
+  setup.loss = kind.robust ? Loss{LossKind::cauchy, 3, true} : plan.loss;
   setup.sensors = plan.sensors;
   setup.free = plan.free;
   setup.priors = plan.priors;
@@ -72,7 +77,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     fit_options.solver.max_iterations = std::min(options.max_iterations, kRepeatedIterations);
   }
   fit_options.noise_ratios = noise_ratios;
-  if (robust) {
+  if (kind.robust) {
     fit_options.start_loss = Loss{LossKind::soft_l1, 3};
     fit_options.leave_out_undefined = true;
     fit_options.converge = false;
@@ -84,8 +89,8 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, bool robus
     };
     if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
   }
-  fit_options.keep_solver = keep_solver;
-  fit_options.restart_targets = true;
+  fit_options.keep_solver = kind.keep_solver;
+  fit_options.restart_targets = kind.last;  // (the others are to fit badly, and lead there)
   if (options.stage)
     fit_options.starting = [&](double share) {
       options.tell(plan.name + ": starting values", share);
@@ -145,8 +150,8 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     if (variations.before_step)
       variations.before_step(plan, solution.initial, solution.values.shared);
     const bool given = last && !variations.noise_ratios.empty();
-    Fit step = fit_step(plan, options, variations.robust,
-                        given ? &variations.noise_ratios : nullptr, last && keep_solver, solution);
+    Fit step = fit_step(plan, options, {last, variations.robust, last && keep_solver},
+                        given ? &variations.noise_ratios : nullptr, solution);
     solution.columns = step.problem->columns();
     const auto observing = [&](double share) {
       options.tell(plan.name + ": uncertainties", share);
