@@ -548,8 +548,8 @@ TEST_CASE("start_targets: a fisheye that sees a board beside and behind itself")
                                   {0.01, -0.003, 0.0005, -0.00005});
     const int board = add_grid(rig, "board", 4, 5, 0.05);
     const double a = angle * kPi / 180;
-    const Pose sensor_T_board =
-        Pose{exp_so3({0, a, 0}), {}} * Pose{exp_so3({0.2, 0.3, 0}), {-0.1, -0.08, 0.8}};
+    const Pose sensor_T_board = Pose{exp_so3({0, a, 0}), Vector3d::Zero()} *
+                                Pose{exp_so3({0.2, 0.3, 0}), {-0.1, -0.08, 0.8}};
     TruePosture p = empty_posture(rig);
     p.boards[board] = isometry(sensor_T_board);
     View view;
@@ -1133,7 +1133,8 @@ TEST_CASE("calibration: a given pose that the data contradict is left for where 
     for (const Vector3d& turn : {Vector3d(kPi, 0, 0), Vector3d(0, kPi, 0), Vector3d(0, 0, kPi),
                                  Vector3d(kPi / 2, 0, 0), Vector3d(0, 0, -kPi / 2)}) {
       Rig rig = u.truth;
-      rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3(turn), {}};
+      rig.sensors[0].link_T_sensor =
+          rig.sensors[0].link_T_sensor * Pose{exp_so3(turn), Vector3d::Zero()};
       INFO("seed " << seed << ", turned by " << turn.transpose());
       const Report wrong = study_freeing(rig, u.samples, free);
       CHECK(wrong.solution.status == Status::converged);
@@ -1156,7 +1157,8 @@ TEST_CASE("calibration: a given pose that the data contradict is left for where 
 TEST_CASE("calibration: a given pose that is held in part or has a prior is never left") {
   const Unknown u = eye_in_hand(51, true);
   Rig rig = u.truth;
-  rig.sensors[0].link_T_sensor = rig.sensors[0].link_T_sensor * Pose{exp_so3({kPi, 0, 0}), {}};
+  rig.sensors[0].link_T_sensor =
+      rig.sensors[0].link_T_sensor * Pose{exp_so3({kPi, 0, 0}), Vector3d::Zero()};
   const Report report = study_freeing(rig, u.samples, {"sensor/camera/pose.r[xyz]"});
   CHECK(report.solution.replaced_starts.empty());
   CHECK(report.solution.status == Status::undefined_start);
@@ -1182,7 +1184,7 @@ TEST_CASE("calibration: the origin of a fixed joint that looks the wrong way is 
     for (int k = 0; k < 12; ++k)
       u.add(near(u.truth, middle, random, 0.35), {{camera, board}}, &random);
     Rig rig = u.truth;
-    rig.tree.joints[joint].parent_T_joint = mount * Pose{exp_so3({0, kPi, 0}), {}};
+    rig.tree.joints[joint].parent_T_joint = mount * Pose{exp_so3({0, kPi, 0}), Vector3d::Zero()};
     finish_tree(rig.tree);
     INFO("seed " << seed);
     const std::vector<std::string> free = {"joint/mount/origin", "target/board/pose"};
@@ -1215,7 +1217,7 @@ TEST_CASE("calibration: poses half a turn off are no place to stay") {
     const Report right = study_freeing(rig, samples, {"target/body/pose"});
     Rig turned = rig;
     turned.targets[body].link_T_target =
-        rig.targets[body].link_T_target * Pose{exp_so3(kPi * random.direction()), {}};
+        rig.targets[body].link_T_target * Pose{exp_so3(kPi * random.direction()), Vector3d::Zero()};
     const Report wrong = study_freeing(turned, samples, {"target/body/pose"});
     INFO("seed " << seed);
     CHECK(wrong.solution.status == Status::converged);
