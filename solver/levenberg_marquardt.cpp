@@ -56,6 +56,10 @@ struct LevenbergMarquardt::Workspace {
                                                 summary.history.back().second);
       return !cancelled;
     };
+    if (arrowhead.ranges) return;
+    for (auto* vectors : {&found, &taken})  // (not filled: solve() allocates nothing, and most
+      for (VectorXd& v : *vectors)          // of them are never used)
+        v.resize(arrowhead.n + arrowhead.private_size);
   }
 
   /// Adds a run of unknowns, from `first` on, to the normal equations of the combination. The
@@ -89,7 +93,6 @@ struct LevenbergMarquardt::Workspace {
   bool accelerate() {
     const int m = remembered;
     VectorXd& f = found[m];
-    f.resize(arrowhead.n + arrowhead.private_size);
     f.head(arrowhead.n) = arrowhead.shared_step;
     f.tail(arrowhead.private_size) = arrowhead.private_step;
     if (m == 0) return false;
@@ -115,7 +118,6 @@ struct LevenbergMarquardt::Workspace {
   /// Called when a step was taken, of whatever damping, from where the undamped one is the last in
   /// `found`.
   void remember_taken() {
-    taken[remembered].resize(arrowhead.n + arrowhead.private_size);
     taken[remembered].head(arrowhead.n) = arrowhead.shared_step;
     taken[remembered].tail(arrowhead.private_size) = arrowhead.private_step;
     if (remembered < kMemory) {
@@ -272,7 +274,7 @@ struct LevenbergMarquardt::Workspace {
   double converged = kConverged * std::max(1.0, 0.1 * std::sqrt(arrowhead.problem.groups().size()));
   int patience = kPatience, wait = kPatience;
   /// Undamped steps and steps that were taken instead, `remembered` of them; of the first the
-  /// present one besides. Each gets its memory when it is first used.
+  /// present one besides.
   std::array<VectorXd, kMemory + 1> found, taken;
   int remembered = 0;
 };
