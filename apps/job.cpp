@@ -265,6 +265,15 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
   }
 }
 
+void check_groups(const Rig& rig, const CalibrateSettings& settings) {
+  if (rig.steps.empty() || (settings.groups.empty() && settings.no_groups.empty())) return;
+  const bool with = !settings.groups.empty();
+  throw InputError(std::string(with ? "--group" : "--no-group") + ": '" +
+                   (with ? settings.groups : settings.no_groups)[0] +
+                   "' is for rigs without `estimate`; this rig's steps say what is free (" +
+                   (with ? "--free frees" : "--fix holds") + " more of them)");
+}
+
 Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress) {
   check_validation(job, settings);
   StudyOptions options;

@@ -91,6 +91,9 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
+/// Checks that the rig has no steps, if groups are named: steps say what is free. @throws InputError
+void check_groups(const Rig& rig, const CalibrateSettings& settings);
+
 /// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from
 /// then on. With `diagnose`, mistakes are looked for if it ends badly. @throws InputError,
 /// std::exception

@@ -4,6 +4,7 @@ script starts for itself (tests/program/slurm_cluster.py; it needs root, slurm-w
 
     benchmarks/slurm.py                                  # 5,000 sets in 50 tasks, once each way
     benchmarks/slurm.py --sets 1000 --tasks 10 --pairs 5 # five times in turns
+    benchmarks/slurm.py --no-epilog                      # on a Slurm whose nodes have no Epilog (slurm_cluster.py says what that costs)
 
 The sets are copies of --different simulated robots like examples/arm, 30 samples each. Both ways use all processors: --jobs of the one,
 tasks at once of the other. Both must end with the same summary.csv. Told besides: how long a set takes a processor, how long it is from the
@@ -75,14 +76,15 @@ def main():
     parser.add_argument("--pairs", type=int, default=1)
     parser.add_argument("--different", type=int, default=20)
     parser.add_argument("--no-report", action="store_true", help="without report.html in each result")
+    parser.add_argument("--no-epilog", action="store_true", help="nodes run nothing after a task")
     a = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))     # the daemons end with it
     folder = tempfile.mkdtemp(prefix="kincal_slurm_bench_")
     try:
-        with slurm_cluster.Cluster() as cluster:
+        with slurm_cluster.Cluster(epilog=not a.no_epilog) as cluster:
             os.mkdir(os.path.join(folder, "fleet"))
             make_fleet(a.kincal, os.path.join(folder, "fleet"), a.sets, a.different)
-            print("%d sets, %d tasks, %d processors, load %.1f" % (a.sets, a.tasks, cluster.cpus, os.getloadavg()[0]))
+            print("%d sets, %d tasks, %d processors, load %.1f, nodes %s an Epilog" % (a.sets, a.tasks, cluster.cpus, os.getloadavg()[0], "without" if a.no_epilog else "with"))
             print("a task that does nothing: %.2f s" % empty_tasks(cluster, 20), flush=True)
             ratios = []
             for pair in range(a.pairs):

@@ -43,6 +43,16 @@ std::string lacks(const Set& set, const std::string& option, const std::string& 
     return "--step: there is no step '" + value + "' in any set" + nearest_names(value, names) +
            "; " + set.name + " has " + known;
   }
+  if (option == "--group" || option == "--no-group") try {
+      CalibrateSettings of_groups;
+      (option == "--group" ? of_groups.groups : of_groups.no_groups) = {value};
+      check_groups(rig, of_groups);
+      Progress silent(true);
+      automatic_groups(read_job(set.rig, set.samples, 0, silent), of_groups);
+      return "";
+    } catch (const InputError& error) {
+      return error.what();
+    }
   const Recording recording(std::move(rig), {});
   if (option == "--require" || option == "--report-frame") try {
       if (option == "--require") parse_requirement(value, recording);
@@ -69,6 +79,8 @@ void check_names(const Sets& sets, const CalibrateSettings& settings) {
   };
   add("--free", settings.free);
   add("--fix", settings.fix);
+  add("--group", settings.groups);
+  add("--no-group", settings.no_groups);
   add("--report-frame", settings.report_frames);
   add("--require", settings.require);
   for (const auto& [option, value] : wanted) {
@@ -169,6 +181,11 @@ int batch(const BatchArguments& a) {
               << (a.settings.no_report ? ": summary.csv, summary.json and a folder for each set\n"
                                        : ": report.html shows all sets; summary.csv, summary.json "
                                          "and a folder for each\n");
+  const std::vector<std::string> left = results_without_set(sets.all, output);
+  if (!left.empty() && !silent)
+    std::fprintf(stderr,
+                 "kincal: %s also has %s of no set of this batch, which `kincal fleet` counts: %s\n",
+                 a.out.c_str(), plural(left.size(), "result").c_str(), some(left, 10).c_str());
   std::vector<std::string> names;
   for (const SetSummary& s : work.summaries)
     if (s.fails()) names.push_back(s.name);

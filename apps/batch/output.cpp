@@ -4,8 +4,10 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <set>
 
 #include "../../io/document/files.h"
 #include "../../io/document/json.h"
@@ -117,6 +119,19 @@ std::optional<SetSummary> find_done(const Set& set, const Output& output,
   SetSummary summary = record->set;
   summary.name = set.name;
   return summary;
+}
+
+std::vector<std::string> results_without_set(const std::vector<Set>& sets, const Output& output) {
+  std::set<std::string> names;
+  for (const Set& set : sets) names.insert(set.name);
+  std::vector<std::string> out;
+  std::error_code ignored;
+  for (const fs::directory_entry& entry : fs::directory_iterator(output.folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (!names.count(name) && fs::exists(entry.path() / "batch.json", ignored)) out.push_back(name);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
 }
 
 SetSummary failed(const Set& set, int code, const std::string& error) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "../../io/results/summary_file.h"
 #include "sets.h"
@@ -34,6 +35,9 @@ Output open_scratch(const std::string& out, const std::filesystem::path& scratch
 /// why not ("": never calibrated).
 std::optional<SetSummary> find_done(const Set& set, const Output& output,
                                     const std::string& options, std::string& why);
+
+/// Returns the names of results that are of none of these sets, sorted: of sets that are gone.
+std::vector<std::string> results_without_set(const std::vector<Set>& sets, const Output& output);
 
 /// Returns the summary of a set that failed with this exit code and message.
 SetSummary failed(const Set& set, int code, const std::string& error);

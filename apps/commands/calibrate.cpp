@@ -50,6 +50,7 @@ int calibrate(const CalibrateArguments& a) {
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (!job.note.empty() && !a.quiet) std::fprintf(stderr, "kincal: %s\n", job.note.c_str());
   check_validation(job, a.settings);
+  check_groups(job.rig_file.rig, a.settings);
   if (a.dry_run && job.rig_file.rig.steps.empty()) {
     check_names(job, a.settings);
     std::cout << automatic_plan(automatic_groups(job, a.settings), job.recording->table);

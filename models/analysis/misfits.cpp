@@ -10,6 +10,22 @@
 #include "../rig/words.h"
 
 namespace kincal {
+namespace {
+
+/// The share of a view's residuals that its free target's six numbers leave, on the average of the
+/// sample's views of that target; 1 for a mounted target, at most 0 where the target takes up all.
+double left_of_target(const Rig& rig, const Sample& sample, const View& view,
+                      const std::map<const View*, Mean>& views) {
+  if (rig.targets[view.target].link >= 0) return 1;
+  long count = 0;
+  for (const View& v : sample.views) {
+    const auto mean = views.find(&v);
+    if (v.target == view.target && mean != views.end()) count += mean->second.count;
+  }
+  return 1 - 6.0 / static_cast<double>(count);
+}
+
+}  // namespace
 
 Misfits misfits(const Solution& solution, const Residuals& residuals) {
   const Rig& rig = solution.rig();
@@ -33,7 +49,7 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
   for (const auto& j : joints) joint_means.push_back(j.second.value());
   const double usual_joints = std::max(1.0, median(joint_means, 0));
 
-  // What is usual of a sensor's views, in training and held out.
+  // What is usual of a sensor's views, in training and held out, per residual that is left of them.
   std::map<std::pair<int, bool>, double> usual;
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     double least = rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
@@ -43,8 +59,10 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
       std::vector<double> means;
       for (const Sample& sample : solution.samples())
         for (const View& v : sample.views)
-          if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v))
-            means.push_back(views[&v].value());
+          if (sample.train == train && v.sensor == static_cast<int>(s) && views.count(&v)) {
+            const double left = left_of_target(rig, sample, v, views);
+            if (left > 0) means.push_back(views[&v].value() / left);
+          }
       least = usual[{static_cast<int>(s), train}] = std::max(least, median(means, 0));
     }
   }

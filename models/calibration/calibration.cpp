@@ -207,6 +207,9 @@ void run_to_end(const std::vector<StepPlan>& plans, const CalibrationOptions& op
   } catch (const Ended& ended) {
     run.solution.status = ended.status;
     run.solution.message = ended.message;
+    if (ended.status != Status::undefined_start) return;
+    for (const std::string& pose : run.solution.lost_starts)
+      run.solution.message += "; " + lost_start_text(run.solution, pose);
   }
 }
 

@@ -119,6 +119,40 @@ void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution) 
   solution.initial = solution.values.shared = started.shared;
 }
 
+std::string lost_start_text(const Solution& solution, const std::string& pose) {
+  const ParameterTable& table = solution.table();
+  std::string types;         // of sensors that tell no pose
+  bool posed = false;        // others see it as well, ...
+  bool more_points = false;  // ... and more than three points
+  for (const Sample& sample : solution.samples())
+    for (const View& v : sample.views) {
+      const int target = table.target_pose[v.target];
+      if (table.all[table.sensor_pose[v.sensor]].name != pose &&
+          (target < 0 || table.all[target].name != pose))
+        continue;
+      const Sensor& sensor = solution.rig().sensors[v.sensor];
+      const MeasurementKind kind = sensor.model->measurement_kind();
+      if (kind == MeasurementKind::none && types.find(sensor.type) == std::string::npos)
+        types += (types.empty() ? "" : ", ") + sensor.type;
+      posed = posed || kind != MeasurementKind::none;
+      more_points = more_points || kind != MeasurementKind::rays || v.ids.size() > 3;
+    }
+  const std::string absent = pose + " is absent from the rig and ";
+  if (!posed && !types.empty())
+    return absent + "a sensor of type " + types +
+           " gives no pose to start from: it starts at the identity, and the result may be wrong; "
+           "give it a pose in the rig";
+  if (solution.status == Status::converged) return "";
+  if (!more_points)
+    return absent +
+           "is seen by views of three points at most, each of which fits several poses: "
+           "it starts at the identity. Use a board or a fourth point, or give it a rough pose in "
+           "the rig";
+  return absent +
+         "nothing with a known pose ties it down: it starts at the identity. Give it, or "
+         "a pose that it hangs on, in the rig";
+}
+
 bool ended_badly(const Solution& solution) {
   return solution.status == Status::undefined_start || solution.status == Status::not_converged ||
          cost_per_dof(solution) > kPoor;

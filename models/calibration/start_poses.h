@@ -14,6 +14,7 @@
 // nothing.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "plan.h"
@@ -23,6 +24,10 @@ namespace kincal {
 
 /// Sets the poses that the rig leaves open in the solution's initial values and values.
 void start_absent_poses(const std::vector<StepPlan>& plans, Solution& solution);
+
+/// Returns why a pose of solution.lost_starts has no start and what helps, for a message; "" if the
+/// calibration ended well all the same.
+std::string lost_start_text(const Solution& solution, const std::string& pose);
 
 /// Returns whether a run that stands at `solution` ended so badly that its start may be to blame.
 bool ended_badly(const Solution& solution);

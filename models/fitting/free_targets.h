@@ -18,8 +18,8 @@ enum class StartEffort { proposed, refined, converged };
 
 struct TargetStarts {
   StartEffort effort = StartEffort::refined;
-  ViewPosesMemory* memory = nullptr;     // of what views proposed before
-  std::function<void(double)> progress;  // is told which share of the samples is done
+  ViewPosesMemory* memory = nullptr;       // of what views proposed before
+  std::function<void(double)> progress{};  // is told which share of the samples is done
 };
 
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A

@@ -110,7 +110,7 @@ std::string sigmas_seen(const Report& report, double misfit) {
 /// a prior that the user stated each is, of the numbers of groups one in a hundred calibrations
 /// would have such a one by chance.
 bool prior_is_doubtful(const Report& report) {
-  constexpr double kByChance = 0.01, kSigmas = 3;
+  constexpr double kRarely = 0.01, kSigmas = 3;
   if (report.automatic.empty() || !report.doubted.empty()) return true;
   std::set<std::string> grouped;
   double told = 0, worst = 0;
@@ -126,7 +126,7 @@ bool prior_is_doubtful(const Report& report) {
       if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > kSigmas * e.prior[c] &&
           !grouped.count(e.component_name(c)))
         return true;
-  return told * std::erfc(worst / std::sqrt(2.0)) < kByChance;
+  return told * std::erfc(worst / std::sqrt(2.0)) < kRarely;
 }
 
 /// Whether a size or lens that came out as another did so on the automatic path, where nobody said

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "../analysis/hand_eye.h"
+#include "../calibration/start_poses.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -42,24 +43,6 @@ std::string count_text(size_t count, const char* what) {
   return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
-/// The types of the sensors whose views show what has this pose, if none of them can give a pose to
-/// start from; else "".
-std::string types_without_start(const Solution& solution, const std::string& pose) {
-  std::string types;
-  for (const Sample& sample : solution.samples())
-    for (const View& v : sample.views) {
-      const int target = solution.table().target_pose[v.target];
-      if (solution.table().all[solution.table().sensor_pose[v.sensor]].name != pose &&
-          (target < 0 || solution.table().all[target].name != pose))
-        continue;
-      const Sensor& sensor = solution.rig().sensors[v.sensor];
-      if (sensor.model->measurement_kind() != MeasurementKind::none) return "";
-      if (types.find(sensor.type) == std::string::npos)
-        types += (types.empty() ? "" : ", ") + sensor.type;
-    }
-  return types;
-}
-
 void warn_of_starts(const Solution& solution, Warnings& out) {
   Warning useless{"no_effect", "", solution.without_effect};
   for (const std::string& message : solution.without_effect)
@@ -69,17 +52,8 @@ void warn_of_starts(const Solution& solution, Warnings& out) {
   for (const std::string& name : solution.identity_starts)
     identity.push_back({name, identity_text(solution, name)});
   for (const std::string& name : solution.lost_starts) {
-    const std::string types = types_without_start(solution, name);
-    if (types.empty() && solution.status == Status::converged) continue;  // it ended well
-    lost.push_back(
-        {name,
-         name + " is absent from the rig and " +
-             (types.empty() ? "nothing with a known pose ties it down: it starts at the "
-                              "identity. Give it, or a pose that it hangs on, in the rig"
-                            : "a sensor of type " + types +
-                                  " gives no pose to start from: it starts at the identity, and "
-                                  "the result may be "
-                                  "wrong; give it a pose in the rig")});
+    const std::string reason = lost_start_text(solution, name);
+    if (!reason.empty()) lost.push_back({name, reason});
   }
   for (const ReplacedStart& start : solution.replaced_starts)
     contradicted.push_back(

@@ -724,6 +724,8 @@ class Sets(Case):
                             (("--fix", "jiont/*"), ("--fix: 'jiont/*' matches no parameter in any set",)),
                             (("--require", "sensor/wide_lft<0.3px"), ("--require 'sensor/wide_lft<0.3px'", "wide_left")),
                             (("--require", "sensor/wide_left<0.3"), ("a unit is missing",)),
+                            (("--group", "sizes"), ("--group: 'sizes' is for rigs without `estimate`", "--free frees more")),
+                            (("--no-group", "sizes"), ("--no-group: 'sizes' is for rigs without", "--fix holds more")),
                             (("--report-frame", "l_gripper"), ("--report-frame", "l_gripper"))):
             with self.subTest(args=args):
                 run = self.batch(*args)
@@ -737,6 +739,32 @@ class Sets(Case):
         self.assertEqual(run.code, 1)
         self.assertIn("robot_1: --step: there is no step 'limbs'", run.err)
         self.assertTrue(os.path.exists(self.path("out/robot_3/result.json")))
+
+    def test_groups_that_no_set_has(self):
+        """A wrong group of an automatic rig is told once with the nearest; calibrate refuses groups where steps say what is free."""
+        for i in range(2):
+            folder = self.path("fleet/robot_%d" % i)
+            rig = re.sub(r"(?ms)^estimate:.*?(?=^\S|\Z)", "", read(folder, "rig.yaml"))
+            write(rig, folder, "rig.yaml")
+        run = self.batch("--no-group", "ofsets")
+        self.refused(run, "ofsets", "offsets")
+        self.assertEqual(run.err.count("\n"), 1)
+        self.assertFalse(os.path.exists(self.path("out")))
+        with_steps = self.path("fleet/robot_2")
+        self.refused(self.kincal("calibrate", with_steps + "/rig.yaml", with_steps + "/samples.jsonl", "--out", self.path("one"), "--group", "gears"),
+                     "--group: 'gears' is for rigs without `estimate`")
+        self.assertFalse(os.path.exists(self.path("one")))
+
+    def test_results_of_sets_that_are_gone(self):
+        """They stay, and are named."""
+        self.assertEqual(self.batch("--no-report").code, 0)
+        before = read(self.path("out/robot_1"), "result.json")
+        shutil.rmtree(self.path("fleet/robot_1"))
+        run = self.batch("--no-report")
+        self.assertEqual(run.code, 0)
+        self.assertIn("also has 1 result of no set of this batch, which `kincal fleet` counts: robot_1", run.err)
+        self.assertEqual(read(self.path("out/robot_1"), "result.json"), before)
+        self.assertNotIn("robot_1", read(self.path("out"), "summary.csv"))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@
 #include <catch2/catch.hpp>
 
 #include "../../../models/calibration/calibration.h"
+#include "../../../models/calibration/start_poses.h"
 #include "../../../models/estimation/estimation.h"
 #include "../../../models/fitting/starts.h"
 #include "../../../models/rig/parameters.h"
@@ -1065,6 +1066,47 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   CHECK_THAT(
       solution.message,
       Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
+}
+
+TEST_CASE("calibration: where views of three points leave a pose without start, that is said") {
+  Rig rig;
+  add_link(rig, "base");
+  add_joint(rig, JointType::revolute, "pan", "base", "arm", {0, 0, 1}, at({0, 0, -1.2}));
+  add_joint(rig, JointType::revolute, "tilt", "arm", "tool", {0, 1, 0}, at({0.3, 0, 0}));
+  finish_tree(rig.tree);
+  const int camera = add_camera(rig, "camera", "base", at({0, 0, 0}, {kPi, 0, 0}));
+  Matrix3Xd corners(3, 4);
+  corners << 0, 0.2, 0, 0.1, 0, 0, 0.15, 0.1, 0, 0, 0, 0.08;
+  const int body = add_points(rig, "body", corners, "tool", at({0.1, 0, 0}, {0.3, 0.2, 0}));
+  Step step;
+  step.name = "all";
+  step.sensors = {camera};
+  step.free = {"sensor/camera/pose", "target/body/pose"};
+  rig.steps = {step};
+  for (const bool four : {false, true}) {
+    std::vector<Sample> samples;
+    for (int k = 0; k < 8; ++k) {
+      TruePosture p = empty_posture(rig);
+      p.readings[0] = 0.7 * k;
+      p.readings[1] = 0.4 * (k % 3 - 1);
+      Sample sample = make_sample(rig, p, "s" + std::to_string(k));
+      REQUIRE(add_view(sample, rig, camera, body, p, nullptr,
+                       four ? std::vector<int>{0, 1, 2, 3} : std::vector<int>{0, 1, 2}));
+      samples.push_back(sample);
+    }
+    Rig absent = rig;
+    absent.sensors[0].pose_given = absent.targets[0].pose_given = false;
+    const Solution solution = solution_of(absent, samples);
+    CHECK(solution.lost_starts.empty() == four);
+    if (four) continue;
+    Solution ended = solution;
+    ended.status = Status::converged;  // (the solver finds the way here)
+    CHECK(lost_start_text(ended, "sensor/camera/pose").empty());
+    ended.status = Status::not_converged;
+    CHECK_THAT(lost_start_text(ended, "sensor/camera/pose"),
+               Catch::Matchers::Contains("is absent from the rig and is seen by views of three "
+                                         "points at most, each of which fits several poses"));
+  }
 }
 
 TEST_CASE("calibration: absent poses end in the same optimum as given ones") {
