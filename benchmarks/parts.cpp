@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 
+#include "../models/joints/joint_model.h"
 #include "../models/sensors/sensors.h"
 #include "../solver/levenberg_marquardt.h"
 #include "../solver/observability.h"
@@ -80,6 +81,9 @@ void view(benchmark::State& bench, const SensorModel& model,
   Scan scan;
   scan.axis = Vector3d::UnitY();
   scan.behind_T_target = {Matrix3d::Identity(), Vector3d(0, 0, 1)};
+  const double joint[] = {0.01, 1.001};  // offset, scale
+  scan.model = linear_joint().get();
+  scan.own = joint;
   ViewInput input;
   input.sensor_T_target = {exp_so3(Vector3d(0.1, 0.2, 0.3)), Vector3d(0.02, 0.01, 1)};
   input.scan = model.scans() ? &scan : nullptr;
