@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -486,10 +487,32 @@ bool PoseGraph::settle_on_line() {
 
 }  // namespace
 
+std::vector<int> samples_to_start(const Recording& recording, const std::vector<int>& samples) {
+  const size_t n = samples.size();
+  if (n <= kEnoughViews) return samples;
+  size_t stride = static_cast<size_t>(0.618 * static_cast<double>(n));  // golden: spread evenly
+  while (std::gcd(stride, n) != 1) ++stride;
+  std::map<std::pair<int, int>, int> taken;  // views by sensor and target
+  std::vector<int> out;
+  for (size_t k = 0; k < n; ++k) {
+    const int index = samples[k * stride % n];
+    const std::vector<View>& views = recording.samples[index].views;
+    if (std::none_of(views.begin(), views.end(), [&](const View& v) {
+          return taken[{v.sensor, v.target}] < kEnoughViews;
+        }))
+      continue;
+    for (const View& v : views) ++taken[{v.sensor, v.target}];
+    out.push_back(index);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,
                                   const std::vector<int>& unknown, Values& values,
                                   const TargetStarts& how) {
-  PoseGraph graph(recording, samples, unknown, values, how);
+  const std::vector<int> enough = samples_to_start(recording, samples);
+  PoseGraph graph(recording, enough, unknown, values, how);
   UnknownStarts out;
   while (!graph.open().empty()) {
     if (graph.settle_one() || graph.settle_two(out.ambiguous) ||

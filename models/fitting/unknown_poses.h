@@ -29,6 +29,12 @@ struct UnknownStarts {
   std::vector<AmbiguousStart> ambiguous;
 };
 
+/// Returns the samples that poses start from, ascending: all, or where there are many so many that
+/// each pair of a sensor and a target has kEnoughViews of its views (or all of them), spread
+/// evenly. More would cost time and give the same start.
+std::vector<int> samples_to_start(const Recording& recording, const std::vector<int>& samples);
+constexpr int kEnoughViews = 200;
+
 /// Finds the poses of `unknown` parameters (sensors' and mounted targets') and sets them in
 /// values.shared. `how`: the start of the free targets' poses that lead there.
 UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<int>& samples,

@@ -17,6 +17,7 @@
 #include "../../../models/calibration/start_poses.h"
 #include "../../../models/estimation/estimation.h"
 #include "../../../models/fitting/starts.h"
+#include "../../../models/fitting/unknown_poses.h"
 #include "../../../models/rig/parameters.h"
 #include "../../../models/rig/targets.h"
 #include "../../fixtures/forward_model.h"
@@ -1066,6 +1067,50 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   CHECK_THAT(
       solution.message,
       Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
+}
+
+TEST_CASE(
+    "samples_to_start: enough views of each pair, spread over all samples, also of what is rarely "
+    "seen") {
+  Rig rig;
+  add_link(rig, "base");
+  finish_tree(rig.tree);
+  Recording recording(rig, {});
+  for (int i = 0; i < 4000; ++i) {
+    Sample sample;
+    View view;
+    view.sensor = i % 2;
+    view.target = 0;
+    sample.views.push_back(view);
+    if (i % 10 == 7) {
+      view.sensor = 2;
+      sample.views.push_back(view);
+    }
+    if (i % 900 == 13) {  // five times
+      view.target = 1;
+      sample.views.push_back(view);
+    }
+    recording.samples.push_back(sample);
+  }
+  const std::vector<int> all = indices(recording.samples.size()),
+                         few(all.begin(), all.begin() + 150);
+  CHECK(samples_to_start(recording, few) == few);
+  const std::vector<int> some = samples_to_start(recording, all);
+  CHECK(some.size() <= 3 * kEnoughViews + 5);
+  CHECK(std::is_sorted(some.begin(), some.end()));
+  CHECK(std::adjacent_find(some.begin(), some.end()) == some.end());
+  std::map<std::pair<int, int>, int> seen;
+  std::vector<int> by_tenth(10, 0);
+  for (const int i : some) {
+    ++by_tenth[i / 400];
+    for (const View& v : recording.samples[i].views) ++seen[{v.sensor, v.target}];
+  }
+  for (const int sensor : {0, 1, 2}) CHECK(seen[{sensor, 0}] >= kEnoughViews);
+  CHECK(seen[{0, 1}] + seen[{1, 1}] + seen[{2, 1}] == 5);
+  for (const int count : by_tenth) {
+    CHECK(count > some.size() / 20.0);
+    CHECK(count < some.size() / 5.0);
+  }
 }
 
 TEST_CASE("calibration: where views of three points leave a pose without start, that is said") {
