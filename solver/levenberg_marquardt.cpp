@@ -21,7 +21,8 @@ constexpr double kRounding = 1e-12;    // of a whitened residual, standard devia
 constexpr double kSummed = 1e-14;      // of the cost: residuals of much smaller noise than real
 constexpr int kStalled = 3;            // iterations without a decrement of half of the best before
 constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up damping fast
-constexpr int kPatience = 6;           // steps near the minimum before curvature is looked for
+constexpr int kPatience = 6;           // steps near the minimum before curvature is looked for, and
+constexpr int kPatienceShare = 8;      // not before this part of the linearisations it costs
 constexpr int kMemory = 5;             // steps that the acceleration looks back
 constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
@@ -197,6 +198,11 @@ struct LevenbergMarquardt::Workspace {
     }
     return false;
   }
+  /// Second derivatives cost a linearisation a column, an ordinary step about two: before they are
+  /// looked for steps have cost a quarter as much.
+  int first_patience() const {
+    return std::max(kPatience, (arrowhead.n + arrowhead.deepest) / kPatienceShare);
+  }
   /// Second derivatives are looked for where undamped steps go on and on near the minimum. Each
   /// time has to wait twice as long.
   void find_curvature(const VectorXd& state) {
@@ -301,7 +307,7 @@ const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
   w.best = kInfinity;
   w.stalled = w.remembered = 0;
-  w.patience = w.wait = kPatience;
+  w.patience = w.wait = w.first_patience();
   w.cancelled = false;
   w.arrowhead.forget_curvature();
   w.moved.resize(state.size());

@@ -20,8 +20,9 @@
 // leads downhill), damped steps. With residuals that the model cannot explain the undamped step is
 // a poor map: second derivatives that it lacks make it too short, or so long that it raises the
 // cost. The last few undamped steps and where the iteration really went tell what is lacking,
-// whichever step was taken. Where that takes long, second derivatives are found by differences of
-// gradients, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
+// whichever step was taken. Where that takes long (six steps, more where there are many shared
+// columns), second derivatives are found by differences of gradients, a linearisation for each
+// column, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
 // added to what is linearised until steps with it lead nowhere. Covariances that depend on the
 // state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
 // r(x) = 0, is the same as that of complete minimisations in turn. Where a step is likely to be
