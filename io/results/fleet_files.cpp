@@ -91,31 +91,33 @@ Information read_information(const std::string& path) {
   return out;
 }
 
-/// What results have in common: their numbers, and the poses that those of all count from.
-struct Common {
+/// The numbers that results have in common.
+struct CommonNumbers {
   std::vector<FleetNumber> numbers;
   std::map<std::string, int> index;
-  std::map<std::string, Pose> poses;  // by parameter
 };
 
-Pose reference_of(const std::string& parameter, const Pose& own, Common& common) {
-  return common.poses.insert({parameter, own}).first->second;
+/// The poses that results count from, by parameter: those of the first that has it.
+using References = std::map<std::string, Pose>;
+
+Pose reference_of(const std::string& parameter, const Pose& own, References& references) {
+  return references.insert({parameter, own}).first->second;
 }
 
 /// How far a joint's origin is turned or shifted along its own axis from that of the first result:
 /// an offset that an earlier calibration has put into the robot.
-double folded_offset(const CalibratedFiles& files, int joint, Common& common) {
+double folded_offset(const CalibratedFiles& files, int joint, References& references) {
   const Joint& j = files.rig_file.rig.tree.joints[joint];
   const Parameter& origin = files.table.all[files.table.joint_origin[joint]];
   const Pose own = get_pose(files.values, origin.start),
-             off = inverse(reference_of(origin.name, own, common)) * own;
+             off = inverse(reference_of(origin.name, own, references)) * own;
   return j.type == JointType::prismatic ? j.axis.dot(off.translation)
                                         : j.axis.dot(log_so3(off.rotation));
 }
 
 /// The equations of one result in the fleet's numbers; `columns` get the number of each.
 Evidence sight(const CalibratedFiles& files, Information data, const std::string& path,
-               Common& common, std::vector<int>& columns) {
+               CommonNumbers& common, References& references, std::vector<int>& columns) {
   const ParameterTable& table = files.table;
   const auto n = data.pull.size();
   VectorXd at(n), scale(n);
@@ -133,11 +135,11 @@ Evidence sight(const CalibratedFiles& files, Information data, const std::string
     scale(i) = usual_error(table, c, files.values);
     if (p.pose) {
       const Pose own = get_pose(files.values, p.start);
-      at(i) = log_se3(inverse(reference_of(p.name, own, common)) * own)(c.index);
+      at(i) = log_se3(inverse(reference_of(p.name, own, references)) * own)(c.index);
       poses[c.parameter].push_back(i);
     } else {
       at(i) = files.values(p.start + c.index);
-      if (p.kind == ParameterKind::joint_offset) at(i) += folded_offset(files, p.owner, common);
+      if (p.kind == ParameterKind::joint_offset) at(i) += folded_offset(files, p.owner, references);
     }
     const auto added =
         common.index.insert({data.names[i], static_cast<int>(common.numbers.size())});
@@ -395,16 +397,25 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
     if (read) read(i + 1);
   }
   leave_out_other_robots(all, out);
-  Common common;
+  CommonNumbers common;
+  References of_all;
+  std::map<std::string, References> of_robot;  // by serial
+  std::map<std::string, int> count;
+  for (const OneResult& one : all) ++count[one.result.serial];
   std::vector<std::vector<int>> columns;
   std::vector<Beginning> beginnings;
   for (OneResult& one : all) {
+    FleetResult& result = one.result;
+    const std::string path = result.path + "/information.csv";
     columns.emplace_back();
-    one.result.evidence = sight(one.files, std::move(one.data),
-                                one.result.path + "/information.csv", common, columns.back());
-    if (out.results.empty()) out.reference = one.result.path;
+    if (count[result.serial] > 1)
+      result.over_time =
+          sight(one.files, one.data, path, common, of_robot[result.serial], columns.back());
+    columns.back().clear();
+    result.evidence = sight(one.files, std::move(one.data), path, common, of_all, columns.back());
+    if (out.results.empty()) out.reference = result.path;
     beginnings.push_back(std::move(one.beginning));
-    out.results.push_back(std::move(one.result));
+    out.results.push_back(std::move(result));
   }
   if (out.results.empty())
     throw InputError(out.left_out[0].first + ": " + out.left_out[0].second +
@@ -421,10 +432,11 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
     }
   find_other_rigs(beginnings, out);
   for (size_t i = 0; i < out.results.size(); ++i) {
-    const MatrixXd own = std::move(out.results[i].evidence.rows);
-    MatrixXd& rows = out.results[i].evidence.rows;
-    rows = MatrixXd::Zero(own.rows(), static_cast<Eigen::Index>(out.numbers.size()));
-    for (Eigen::Index c = 0; c < own.cols(); ++c) rows.col(place[columns[i][c]]) = own.col(c);
+    for (Evidence* e : {&out.results[i].evidence, &out.results[i].over_time}) {
+      const MatrixXd own = std::move(e->rows);
+      e->rows = MatrixXd::Zero(own.rows(), static_cast<Eigen::Index>(out.numbers.size()));
+      for (Eigen::Index c = 0; c < own.cols(); ++c) e->rows.col(place[columns[i][c]]) = own.col(c);
+    }
   }
   return out;
 }

@@ -121,6 +121,8 @@ Drift find_drift(const std::vector<Evidence>& results, const std::vector<double>
     int tried = 0;
     for (size_t k = 0; k < courses.size(); ++k) {
       slope.push_back(slopes(results, known, courses[k], scale));
+      for (const auto& [number, course] : causes)  // known beside x: what is left of it is rounding
+        if (course == k) slope.back()[number] = {};
       const std::vector<Slope>& found = slope.back();
       for (size_t c = 0; c < found.size(); ++c) {
         if (found[c].sigma == 0) continue;

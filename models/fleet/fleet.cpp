@@ -25,7 +25,7 @@ FleetFindings study_fleet(const std::vector<FleetNumber>& numbers,
       std::vector<Evidence> evidence;
       std::vector<double> times;
       for (const int i : own) {
-        evidence.push_back(without_numbers(results[i].evidence, options.anew));
+        evidence.push_back(without_numbers(results[i].over_time, options.anew));
         times.push_back(results[i].time);
       }
       robot.drift = find_drift(evidence, times, scale, options.level);

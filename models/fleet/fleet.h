@@ -11,8 +11,10 @@
 
 namespace kincal {
 
-/// A FleetNumber is a component that results of a fleet estimate. Numbers of poses count from the
-/// pose of the first result, in its frame.
+/// A FleetNumber is a component that results of a fleet estimate. Numbers of poses count from a
+/// result's pose, in its frame: of the family from the first result's, of a robot over time from
+/// that of its own first one. (Equations are linear at their estimate; in numbers that count from
+/// far away, a robot's results bend them differently as soon as what they hardly tell differs.)
 struct FleetNumber {
   std::string name, unit;
   double scale = 0;  // how far it may usually be off
@@ -21,9 +23,10 @@ struct FleetNumber {
 /// A FleetResult is what the data of one result say, as equations in the fleet's numbers.
 struct FleetResult {
   std::string path, serial;
-  double time = 0;   // years since 1970
-  std::string date;  // the same, as 2026-03-01 or 2026-03-01T12:00:00Z
-  Evidence evidence;
+  double time = 0;     // years since 1970
+  std::string date;    // the same, as 2026-03-01 or 2026-03-01T12:00:00Z
+  Evidence evidence;   // in the family's numbers
+  Evidence over_time;  // in the robot's own; of a robot's only result nothing
 };
 
 struct FleetOptions {

@@ -9,6 +9,7 @@ Does not prove: that results do not depend on priors of their rigs that the data
 import csv
 import json
 import os
+import random
 import re
 import shutil
 import subprocess
@@ -131,6 +132,41 @@ class Fleet(helpers.Folder):
         self.assertAlmostEqual(causes[0]["value"], 0.0015 * 12, delta=0.002)  # a year
         self.assertIn("steadily", out)
         self.assertFalse([r for r in self.rows("out", "drift.csv") if r["number"].startswith("target/board/pose")])
+
+    def test_precise_sensors_elsewhere(self):
+        """A tracker of 0.05 mm that every robot has at another place: of three robots over six months one has changed, in one number and once."""
+        rig = """format: kincal/1
+robot: %s
+base: base
+%sjoints:
+  "*": {sigma: 0.0001}
+targets:
+  balls: {type: points, points: [[0.05, 0.06, 0], [0.05, -0.06, 0.02], [0.12, 0, 0.05], [0, 0.02, -0.07]], mount: {link: flange%s}}
+sensors:
+  tracker: {type: point, link: base, sigma: 0.00005%s}
+"""
+        urdf = os.path.join(ARM, "robot.urdf")
+        draw = random.Random(5)
+        os.mkdir(self.path("sets"))
+        for robot in range(3):
+            at, turned = ([m + 0.25 * draw.gauss(0, 1) for m in mean] for mean in ([2, 0.3, 0.5], [0, 0, 3]))
+            offsets = {"joint/%s/offset" % j: 0.003 * draw.gauss(0, 1) for j in ("lift", "bend", "wrist_bend", "turn", "forearm_roll", "wrist_roll")}
+            for month in range(6):
+                truth = dict(offsets)
+                if robot == 2 and month >= 3:
+                    truth["joint/bend/offset"] += 0.002
+                self.write("truth.json", json.dumps({"parameters": truth}))
+                self.write("given.yaml", rig % (urdf, "", ", pose: {xyz: [0.02, 0.01, 0.08], rpy: [0, 0, 0.3]}", ", pose: {xyz: %s, rpy: %s}" % (at, turned)))
+                name = "sets/SN-%d_2026-%02d-01" % (robot, month + 1)
+                self.kincal("simulate", "given.yaml", "--postures", os.path.join(ARM, "postures.jsonl"), "--samples", "40", "--seed", str(100 * robot + month),
+                            "--truth", "truth.json", "--out", name, "--quiet")
+                self.write(os.path.join(name, "rig.yaml"), rig % (urdf, "", "", ""))
+        self.kincal("batch", "sets", "--out", "results", "--quiet", "--no-report")
+        self.kincal("fleet", "results", "--out", "out", code=4)
+        robots = {r["serial"]: r["drift"]["causes"] for r in json.loads(self.read("out", "fleet.json"))["robots"]}
+        self.assertEqual({serial: [c["number"] for c in causes] for serial, causes in robots.items()},
+                         {"SN-0": [], "SN-1": [], "SN-2": ["joint/bend/offset"]})
+        self.assertAlmostEqual(robots["SN-2"][0]["value"], 0.002, delta=0.0002)
 
     def test_information_is_of_the_data(self):
         # With steps and without priors: the inverse of the covariance.
