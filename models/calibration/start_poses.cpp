@@ -183,6 +183,10 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
     const auto [moved, turned] = movement(table, g.parameter, first.values.shared, started.shared);
     elsewhere = elsewhere || moved > kElsewhere || turned > kElsewhere;
   }
+  for (const int p : absent) {  // which a wrong given pose may have put where they stayed
+    const auto [moved, turned] = movement(table, p, first.values.shared, started.shared);
+    elsewhere = elsewhere || moved > kElsewhere || turned > kElsewhere;
+  }
   if (!elsewhere) return false;
   solution.identity_starts = first.identity_starts;
   for (int p : absent) {

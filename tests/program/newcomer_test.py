@@ -878,6 +878,35 @@ class Scales(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         self.assertEqual(self.wrong(result, truth), [])
 
+    def test_a_given_pose_far_off_leaves_no_other_in_the_wrong_place(self):
+        """A fisheye camera half a metre and 45 degrees from where the rig says: it may find back while a board that nobody measured stays where
+        the camera's given pose has put it (so it was with each of these seeds)."""
+        rig = """format: kincal/1
+robot: %s
+base: base
+joints:
+  "*": {sigma: 0.0003}
+targets:
+  table: {type: chessboard, rows: 6, columns: 8, square: 0.04, mount: {link: base%s}}
+  wall: {type: chessboard, rows: 6, columns: 8, square: 0.04, mount: {link: base%s}}
+sensors:
+  eye: {type: camera, link: flange, model: kannala_brandt, intrinsics: [400.0, 400.0, 639.5, 479.5], image_size: [1280, 960],
+        distortion: [0.03, -0.01, 0.002, -0.0005], sigma: 0.1, pose: {xyz: %s, rpy: %s}}
+"""
+        robot = os.path.join(SOURCE_DIR, "examples", "arm", "robot.urdf")
+        place, turn = [0.05, 0, 0.03], [-math.pi / 2, 0, -math.pi / 2]
+        self.write("given.yaml", rig % (robot, ", pose: {xyz: [0.7, -0.1, 0], rpy: [3.14159265, 0, 0]}",
+                                        ", pose: {xyz: [1.2, 0.2, 0.7], rpy: [-1.5707963, 0, -1.5707963]}", place, turn))
+        for seed in (8, 20, 33, 36):
+            draw = random.Random(seed)
+            away, turned = ([v + far * draw.gauss(0, 1) / 1.7 for v in pose] for far, pose in ((0.5, place), (0.8, turn)))
+            self.write("far.yaml", rig % (robot, "", "", away, turned))
+            self.kincal("simulate", "given.yaml", "--samples", "25", "--seed", str(seed), "--out", "sim%d" % seed, "--quiet")
+            self.kincal("calibrate", "far.yaml", "sim%d/samples.jsonl" % seed, "--out", "far%d" % seed, "--quiet", "--no-report")
+            with open(self.path("far%d" % seed, "result.json")) as f:
+                result = json.load(f)
+            self.assertEqual(result["verdict"]["use"], "good", result["verdict"]["text"])
+            self.assertLess(result["chi2_data"] / result["dof_data"], 1.2)
 
 
 if __name__ == "__main__":
