@@ -55,6 +55,42 @@ std::map<int, JointErrors> errors_by_joint(const Solution& solution) {
   return out;
 }
 
+/// Whether the robot cannot have moved in between: readings that errors of their own would have
+/// driven further apart.
+bool stands_still(const Rig& rig, const Sample& a, const Sample& b) {
+  constexpr double kOfSigma = 0.5;
+  for (size_t j = 0; j < a.readings.size(); ++j) {
+    const double x = a.readings[j], y = b.readings[j];
+    if (std::isnan(x) != std::isnan(y) || std::abs(x - y) > kOfSigma * rig.joints[j].sigma)
+      return false;
+  }
+  return true;
+}
+
+/// The same with a row for each run of samples between which the robot stood still, of the mean of
+/// their errors.
+JointErrors standing_still_once(const Solution& solution, const JointErrors& errors) {
+  const std::vector<Sample>& samples = solution.samples();
+  JointErrors out;
+  out.axes = errors.axes;
+  out.values.resize(errors.values.rows(), errors.values.cols());
+  double run = 0;
+  for (size_t r = 0; r < errors.samples.size(); ++r) {
+    const auto last = static_cast<Eigen::Index>(out.samples.size()) - 1;
+    if (r == 0 ||
+        !stands_still(solution.rig(), samples[errors.samples[r]], samples[errors.samples[r - 1]])) {
+      out.values.row(last + 1) = errors.values.row(static_cast<Eigen::Index>(r));
+      out.samples.push_back(errors.samples[r]);
+      run = 1;
+    } else {
+      out.values.row(last) +=
+          (errors.values.row(static_cast<Eigen::Index>(r)) - out.values.row(last)) / ++run;
+    }
+  }
+  out.values.conservativeResize(static_cast<Eigen::Index>(out.samples.size()), Eigen::NoChange);
+  return out;
+}
+
 /// Where a joint stands in these samples: the columns of the regression.
 MatrixXd standing(const Solution& solution, int joint, const JointErrors& errors) {
   const Tree& tree = solution.rig().tree;
@@ -164,7 +200,8 @@ Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
 
 std::vector<Trend> trends(const Solution& solution) {
   std::vector<Trend> out;
-  for (const auto& [joint, errors] : errors_by_joint(solution)) {
+  for (const auto& [joint, all] : errors_by_joint(solution)) {
+    const JointErrors errors = standing_still_once(solution, all);
     const Trend trend =
         trend_of(solution.rig().tree, joint, errors, standing(solution, joint, errors));
     if (trend.clear > kByNoChance && trend.share > kGoodPart) out.push_back(trend);
@@ -179,7 +216,7 @@ std::vector<Jump> jumps(const Solution& solution) {
   std::vector<int> place(order.size());
   for (size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<int>(i);
   std::vector<Jump> out;
-  for (auto& [joint, errors] : errors_by_joint(solution)) {
+  for (const auto& [joint, errors] : errors_by_joint(solution)) {
     std::vector<int> rows = indices(errors.samples.size());
     std::stable_sort(rows.begin(), rows.end(), [&, e = &errors](int a, int b) {
       return place[e->samples[a]] < place[e->samples[b]];
@@ -189,6 +226,7 @@ std::vector<Jump> jumps(const Solution& solution) {
       sorted.samples[r] = errors.samples[rows[r]];
       sorted.values.row(static_cast<long>(r)) = errors.values.row(rows[r]);
     }
+    sorted = standing_still_once(solution, sorted);
     const MatrixXd columns = standing(solution, joint, sorted);
     const auto look = [&] {
       for (size_t c = 0; c < sorted.axes.size(); ++c) {
@@ -199,7 +237,7 @@ std::vector<Jump> jumps(const Solution& solution) {
     };
     look();
     if (sorted.axes.size() != kPoseAxes) continue;
-    for (size_t r = 0; r < rows.size(); ++r) {  // of a flange also in the axes of its base
+    for (size_t r = 0; r < sorted.samples.size(); ++r) {  // of a flange also in its base's axes
       const auto row = static_cast<long>(r);
       const Matrix3d base_R_flange =
           pose_reading(solution.rig().tree, joint, solution.samples()[sorted.samples[r]].readings)

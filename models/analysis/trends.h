@@ -17,6 +17,9 @@
 // (9 m)) / sqrt(2 / (9 m)), m = p k, is nearly normal (Wilson and Hilferty 1931). A trend is what
 // chance makes in one of 30,000 joints, and which is a good part of the scatter.
 //
+// Samples that follow each other with readings that hardly differ (by half a sigma) are of a robot
+// that stands still: its errors are the same ones, and their mean counts once.
+//
 // Nor does noise know the time. A joint that is homed anew, or a sensor or target that is bumped,
 // between two samples leaves errors that jump there: of those that the regression above leaves, y,
 // and what it leaves of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,

@@ -422,6 +422,24 @@ class Words(Case):
                 if said:
                     self.assertIn("48 samples were taken at 16 postures", found[0])
 
+    def test_repeated_postures_are_no_jump(self):
+        """Their errors are the same ones: counted three times each they seemed to jump or to go with the posture in two of these recordings."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        self.write("open.yaml", CAMERA)
+        for seed in range(40, 60):
+            draws, samples = random.Random(seed), []
+            for s in self.simulate(true, CAMERA_TRUTH, samples=15, seed=seed, out="sim%d" % seed):
+                for k in range(3):
+                    again = json.loads(json.dumps(s))
+                    again["id"] += "_%d" % k
+                    again["joints"] = {j: q + draws.gauss(0, 0.00001) for j, q in s["joints"].items()}
+                    again["views"][0]["pixels"] = [[u + draws.gauss(0, 0.2), v + draws.gauss(0, 0.2)] for u, v in s["views"][0]["pixels"]]
+                    samples.append(again)
+            result, text = self.calibrate(samples, rig="open.yaml")
+            self.assertEqual([], self.warnings(result, "jump") + self.warnings(result, "systematic"), seed)
+
     def test_a_coordinate_that_is_held_where_no_pose_is_stated(self):
         """A camera that is far from the board's coordinate that is held: the pose is asked for, no other mistake is blamed."""
         true = CAMERA
