@@ -331,20 +331,24 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
     report.noise_estimated = rounds;
 }
 
+/// Whether residuals are as large as the noise, or as they may be by chance.
+bool of_stated_size(const Solution& solution) {
+  const double ratio = solution.chi2_per_dof(), by_chance = 4 * std::sqrt(2 / solution.dof_data);
+  return (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
+}
+
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
 /// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
                 const Rig& given, double reading_errors, Report& report) {
-  const double ratio = report.solution.chi2_per_dof(),
-               by_chance = 4 * std::sqrt(2 / report.solution.dof_data);
-  const bool as_stated = ((ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance)) &&
-                         reading_errors < kReadingErrors;
+  const double ratio = report.solution.chi2_per_dof();
+  const bool as_stated = of_stated_size(report.solution) && reading_errors < kReadingErrors;
   const std::vector<JointSettings>& joints = report.solution.rig().joints;
   const bool unknown =
       std::any_of(joints.begin(), joints.end(),
                   [](const JointSettings& joint) { return joint.noise_unknown; }) &&
       !has_few_poses(*report.solution.recording);
-  if (!report.solution.usable() || (as_stated && !unknown) || ratio > kMistaken ||
+  if (!report.solution.usable() || (as_stated && !unknown) || (ratio > kMistaken && !unknown) ||
       options.estimate_noise ||
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
@@ -359,6 +363,13 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   }
   NoiseRounds rounds;
   rounds.stated = ratio;
+  if (unknown) {  // how much larger than guessed residuals are says nothing of what is stated
+    const Solution before = report.solution;
+    find_larger_noise(options, calibration, given, rounds, true, report);
+    if (report.noise_estimated && (as_stated || of_stated_size(report.solution))) return;
+    report.solution = before;
+    report.noise_estimated.reset();
+  }
   if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
     find_smaller_noise(options, rounds, report);
   else
