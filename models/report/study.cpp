@@ -293,6 +293,9 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
                        const Rig& given, NoiseRounds rounds, bool unknown_only, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
   Rig noisy = unknown_only ? first->rig : with_noisy_joints(*first);
+  if (unknown_only)  // beside the sensors' a guess that is far too small cannot be told
+    for (JointSettings& joint : noisy.joints)
+      if (joint.noise_unknown) joint.sigma *= std::sqrt(std::max(1.0, rounds.stated));
   std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
   for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
     std::optional<NoiseEstimate> estimate =

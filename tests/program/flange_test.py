@@ -124,6 +124,28 @@ class Flange(helpers.Folder):
         result, said = self.calibrate(samples(20, 1.2, 0.3, noise=5e-4), 0, entry)
         self.assertNotIn("noise", said)
 
+    def test_much_noise_that_nobody_stated(self):
+        """Seventeen and three times the noise that is guessed at first, of four points seen to 0.5 mm: no mistake, and nothing is wrong with the sensor."""
+        body = np.array([[0, 0, 0, 1], [0.15, 0, 0, 1], [0, 0.2, 0.03, 1], [0.1, 0.1, 0.1, 1]]).T
+        rig = (RIG % "").replace("board: {type: points, points: [[0, 0, 0]]", "board: {type: points, points: %s" % body[:3].T.tolist()) \
+            .replace("type: pose, link: tool0, sigma: {translation: 0.0005, rotation: 0.001}", "type: point, link: tool0, sigma: 0.0005")
+        for seed, noise in ((1, 5e-3), (2, 5e-3), (3, 5e-3), (4, 1e-3), (5, 1e-3)):
+            draws = np.random.RandomState(seed)
+            text = ""
+            for i in range(20):
+                flange = motion([0.4, 0, 0.5], [0.2, 0.4, 0.1]) @ motion(draws.uniform(-0.3, 0.3, 3), draws.uniform(-1, 1, 3))
+                seen = (np.linalg.inv(flange @ X) @ Y @ body)[:3].T + draws.normal(0, 5e-4, (4, 3))
+                read = flange @ motion(draws.normal(0, noise, 3), draws.normal(0, noise, 3))
+                text += json.dumps({"id": "s%d" % i, "joints": {"flange": pose(read)},
+                                    "views": [{"sensor": "cam", "target": "board", "points": seen.tolist()}]}) + "\n"
+            result, said = self.calibrate(text, 0, rig=rig)
+            self.assertEqual(result["verdict"]["use"], "good", result["verdict"]["text"])
+            self.assertIn("the rig does not state how noisy the robot's poses are", said["noise"])
+            levels = {(level["of"], level["part"]): level["used"] for level in result["noise_levels"]}
+            for part in ("translation", "rotation") if noise > 2e-3 else ("translation",):  # (less in the turns the points do not show)
+                self.assertLess(abs(levels["joint/flange", part] / noise - 1), 0.4)
+            self.assertEqual(levels["sensor/cam", ""], 5e-4)
+
     def test_noise_stated_too_small(self):
         _, said = self.calibrate(samples(20, 0.6, noise=1e-3), 0, "joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}")
         self.assertIn("with the stated sigmas chi2/dof is", said["noise"])
