@@ -91,7 +91,8 @@ AutomaticGroups automatic_groups(const Job& job, const CalibrateSettings& settin
 /// Checks --report-frame and --require against the rig. @throws InputError
 void check_validation(const Job& job, const CalibrateSettings& settings);
 
-/// Checks that the rig has no steps, if groups are named: steps say what is free. @throws InputError
+/// Checks that the rig has no steps, if groups are named: steps say what is free. @throws
+/// InputError
 void check_groups(const Rig& rig, const CalibrateSettings& settings);
 
 /// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from

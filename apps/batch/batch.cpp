@@ -183,9 +183,9 @@ int batch(const BatchArguments& a) {
                                          "and a folder for each\n");
   const std::vector<std::string> left = results_without_set(sets.all, output);
   if (!left.empty() && !silent)
-    std::fprintf(stderr,
-                 "kincal: %s also has %s of no set of this batch, which `kincal fleet` counts: %s\n",
-                 a.out.c_str(), plural(left.size(), "result").c_str(), some(left, 10).c_str());
+    std::fprintf(
+        stderr, "kincal: %s also has %s of no set of this batch, which `kincal fleet` counts: %s\n",
+        a.out.c_str(), plural(left.size(), "result").c_str(), some(left, 10).c_str());
   std::vector<std::string> names;
   for (const SetSummary& s : work.summaries)
     if (s.fails()) names.push_back(s.name);

@@ -4,11 +4,11 @@
 // (held out: with the larger of the medians of both splits), so that a wrongly stated sigma flags
 // nothing. For that median a view counts with what a free target leaves of it: three points before
 // two cameras have half the noise as residuals, before one none, and what is usual of them would
-// make outliers of views that have all of it. Likewise a sample's mean squared joint error in sigmas with the median over samples. It
-// sticks out above nine times the usual (three times in size) and above what chance allows,
-// chi2_bound(n) / n. A sample with more than half of its views sticking out, or its joint errors,
-// is named as a sample. After a plain fit that gross outliers have ruined the names may be wrong:
-// calibrate_without_outliers() finds the right ones.
+// make outliers of views that have all of it. Likewise a sample's mean squared joint error in
+// sigmas with the median over samples. It sticks out above nine times the usual (three times in
+// size) and above what chance allows, chi2_bound(n) / n. A sample with more than half of its views
+// sticking out, or its joint errors, is named as a sample. After a plain fit that gross outliers
+// have ruined the names may be wrong: calibrate_without_outliers() finds the right ones.
 #pragma once
 
 #include <vector>

@@ -145,9 +145,14 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
   Hypothesis& h = explanatory.hypothesis;
   const std::vector<double> factors = size_factors(before, h, explanatory.trial);
   h.mistake.clear();
+  h.where.clear();
+  double largest = 0;
+  for (const double factor : factors) largest = std::max(largest, std::abs(std::log(factor)));
   for (size_t i = 0; i < factors.size(); ++i) {
     const Target& old = before.targets[h.squares[i]];
     rig.targets[h.squares[i]].square = (old.grid ? old.square : 1) * factors[i];
+    if (std::abs(std::log(factors[i])) < 0.1 * largest) continue;  // tried with others: it is right
+    h.where.push_back(old.name);
     h.mistake += h.mistake.empty() ? "" : "; ";
     h.mistake += old.grid ? "the size of target " + quoted(old.name) + " is wrong: " +
                                 text("the rig says %.6g m, the data say %.6g m (times %.5g)",

@@ -41,7 +41,7 @@ struct EyeInHand {
   Rig rig;
   std::vector<Sample> samples;
 
-  EyeInHand() {
+  explicit EyeInHand(int boards = 1) {
     rig.tree.links = {"base", "one", "two", "hand"};
     rig.tree.joints = {joint("pan", 0, 1, JointType::revolute, Vector3d::UnitZ(),
                              {Matrix3d::Identity(), {0, 0, 0.3}}),
@@ -59,12 +59,17 @@ struct EyeInHand {
     pose.rotation.col(1) = -Vector3d::UnitZ();
     pose.rotation.col(2) = Vector3d::UnitX();
     pose.translation << 1.3, 0.2, 0.7;
+    for (int k = 1; k < boards; ++k) {  // beside it
+      rig.targets.push_back(rig.targets[0]);
+      rig.targets[k].name = "board" + std::to_string(k);
+      rig.targets[k].link_T_target.translation += Vector3d(0, k % 2 ? 0.4 : -0.4, k > 2 ? 0.3 : 0);
+    }
     Sensor camera;
     camera.name = "camera";
     camera.type = "camera";
     camera.link = 3;
     camera.pose_given = true;
-    camera.link_T_sensor.rotation = pose.rotation;
+    camera.link_T_sensor.rotation = rig.targets[0].link_T_target.rotation;
     camera.link_T_sensor.translation << 0.05, 0.02, 0.06;
     camera.model = make_camera(Lens::pinhole, 0);
     camera.parameters = camera_parameters(Lens::pinhole, {400, 400, 320, 240}, {}, 0);
@@ -75,7 +80,7 @@ struct EyeInHand {
     Step step;
     step.name = "all";
     step.sensors = {0};
-    step.free = {"sensor/camera/pose", "target/board/pose"};
+    step.free = {"sensor/camera/pose", "target/*/pose"};
     rig.steps = {step};
 
     const ParameterTable table(rig);
@@ -175,6 +180,19 @@ TEST_CASE("doctor: clean data have no findings, in any order of the samples") {
   const Diagnosis r = e.check();
   CHECK(r.findings.empty());
   CHECK(*r.chi2 == Approx(*d.chi2).epsilon(1e-6));
+}
+
+TEST_CASE("doctor: of many boards, whose sizes are tried together, only the wrong one is named") {
+  EyeInHand e(5);
+  e.rig.targets[3].square *= 1.05;
+  e.rig.steps[0].free = {"sensor/camera/pose"};  // the boards stand where the rig says
+  const Diagnosis d = e.check();
+  INFO(d.verdict);
+  REQUIRE(ids(d) == Ids{"square"});
+  CHECK(d.findings[0].where == Ids{"board3"});
+  CHECK(d.findings[0].text.find("The size of target 'board3'") == 0);
+  for (const char* right : {"'board'", "'board1'", "'board2'", "'board4'"})
+    CHECK(d.findings[0].text.find(right) == std::string::npos);
 }
 
 TEST_CASE("doctor: planted mistakes of a camera in the hand") {
