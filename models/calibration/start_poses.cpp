@@ -143,7 +143,7 @@ std::string lost_start_text(const Solution& solution, const std::string& pose) {
            " gives no pose to start from: it starts at the identity, and the result may be wrong; "
            "give it a pose in the rig";
   if (solution.status == Status::converged) return "";
-  if (!more_points)
+  if (posed && !more_points)
     return absent +
            "is seen by views of three points at most, each of which fits several poses: "
            "it starts at the identity. Use a board or a fourth point, or give it a rough pose in "

@@ -367,16 +367,15 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   NoiseRounds rounds;
   rounds.stated = ratio;
   if (unknown) {  // how much larger than guessed residuals are says nothing of what is stated
-    const Solution before = report.solution;
+    Report before = report;
     find_larger_noise(options, calibration, given, rounds, true, report);
-    if (report.noise_estimated && (as_stated || of_stated_size(report.solution))) return;
-    report.solution = before;
-    report.noise_estimated.reset();
+    if (as_stated || (report.noise_estimated && of_stated_size(report.solution))) return;
+    report = std::move(before);
   }
   if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
     find_smaller_noise(options, rounds, report);
   else
-    find_larger_noise(options, calibration, given, rounds, as_stated, report);
+    find_larger_noise(options, calibration, given, rounds, false, report);
 }
 
 /// How many times wider than usual the lengths of an arm came out: the worst group of them.

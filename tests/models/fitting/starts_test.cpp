@@ -26,6 +26,7 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 #include "../../fixtures/study.h"
+#include "../../fixtures/three_points.h"
 #include "../../fixtures/transforms.h"
 
 using namespace kincal;
@@ -446,18 +447,10 @@ TEST_CASE("calibration: free targets that started wrong start anew where the cam
   // degrees off the wrong one fits better in some samples.
   int wrong = 0;
   for (int seed = 0; seed < 12; ++seed) {
-    Rig rig;
+    ThreePoints of;
+    Rig& rig = of.rig;
+    const int body = 0, board = 1;
     Random random(100 + seed);
-    add_link(rig, "base");
-    Pose beside;
-    beside.translation << 0.4, 0.02, 0.05;
-    beside.rotation = exp_so3(Vector3d(0.02, -0.3, 0.05));
-    add_camera(rig, "left", "base", Pose());
-    add_camera(rig, "right", "base", beside);
-    Matrix3Xd three(3, 3);
-    three << 0, 0.2, 0.05, 0, 0, 0.15, 0, 0, 0;
-    const int body = add_points(rig, "body", three), board = add_grid(rig, "board", 4, 5, 0.04);
-    finish_tree(rig.tree);
     std::vector<Sample> samples;
     while (samples.size() < 24) {
       const int target = samples.size() % 3 == 0 ? board : body;
@@ -468,12 +461,7 @@ TEST_CASE("calibration: free targets that started wrong start anew where the cam
           add_view(sample, rig, 1, target, p, &random))
         samples.push_back(sample);
     }
-    rig.sensors[1].link_T_sensor = beside * random.pose(0.03, 0.035);
-    Step step;
-    step.name = "pose";
-    step.sensors = {0, 1};
-    step.free = {"sensor/right/pose"};
-    rig.steps = {step};
+    rig.sensors[1].link_T_sensor = of.left_T_right * random.pose(0.03, 0.035);
     const Solution solution = calibrate(make_recording(rig, samples), {});
     INFO("seed " << seed << ", chi2/dof " << solution.chi2_per_dof());
     CHECK(solution.status == Status::converged);
@@ -1151,6 +1139,8 @@ TEST_CASE("calibration: where views of three points leave a pose without start, 
     CHECK_THAT(lost_start_text(ended, "sensor/camera/pose"),
                Catch::Matchers::Contains("is absent from the rig and is seen by views of three "
                                          "points at most, each of which fits several poses"));
+    CHECK_THAT(lost_start_text(ended, "sensor/that_sees_nothing/pose"),
+               Catch::Matchers::Contains("nothing with a known pose ties it down"));
   }
 }
 
