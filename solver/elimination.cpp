@@ -22,8 +22,8 @@ double scale_of(double norm, double& first_scale, bool first) {
 }
 
 /// The turn of a piece to add its sums, which passes to the next one when this ends, also by an
-/// exception: the others wait for it. Pieces are taken in order, so the one whose turn it is is
-/// always at work.
+/// exception: the others wait for it. Pieces of a share are taken in order, so the one whose turn
+/// it is is always at work.
 struct Turn {
   std::atomic<int>& turn;
   const int piece;
@@ -71,10 +71,10 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
   }
   workers.resize(crew.size());
   for (Worker& w : workers) {
-    w.shared.resize(ranges ? system.diagonal_storage() + kSlack : system.storage());
-    w.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
-    w.gradient.setZero(n);
-    w.eliminated_gradient.setZero(n);
+    w.sums.shared.resize(ranges ? system.diagonal_storage() + kSlack : system.storage());
+    w.sums.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
+    w.sums.gradient.setZero(n);
+    w.sums.eliminated_gradient.setZero(n);
     if (ranges) w.rows.resize(largest_rows * RangeProblem::kRange + kSlack);
     w.factor.resize(static_cast<size_t>(deepest) * (deepest + kSlack) + kSlack);
     w.right.resize(static_cast<size_t>(std::max(deepest, 1)) * padded(widest + 1) + kSlack);
@@ -82,20 +82,22 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       const Stack& last = stacks.back();
       w.stacked.resize(last.first_row + static_cast<size_t>(kStackedRows + deepest) * last.ld +
                        kSlack);
-      w.sums.resize(last.first_sum + static_cast<size_t>(last.width()) * last.ld + kSlack);
+      w.stack_sums.resize(last.first_sum + static_cast<size_t>(last.width()) * last.ld + kSlack);
       w.height.assign(stacks.size(), 0);
     }
     w.touched.resize(widest);
     if (!system.dense() && !ranges) w.block.resize(static_cast<size_t>(widest) * widest);
     w.solution.resize(deepest + kSlack);
   }
+  shares = std::vector<Share>(std::min(pieces.size(), static_cast<size_t>(Crew::kMostShares)));
+  for (size_t s = 0; s < shares.size(); ++s) {
+    shares[s].first = Crew::first_of(static_cast<int>(s), static_cast<int>(pieces.size()),
+                                     static_cast<int>(shares.size()));
+    shares[s].sums = workers[0].sums;
+  }
   // Dense arrays may be read up to their slack: zero once.
-  shared_matrix.assign(ranges ? system.diagonal_storage() : system.storage(), 0.0);
-  damped_matrix.assign(system.storage(), 0.0);
-  if (system.in_blocks()) eliminated_blocks.assign(system.block_storage(), 0.0);
-  for (VectorXd* v :
-       {&shared_gradient, &reduced_gradient, &shared_step, &shared_scale, &first_shared_scale})
-    v->setZero(n);
+  if (system.in_blocks()) whole_matrix.assign(system.storage(), 0.0);
+  for (VectorXd* v : {&shared_step, &shared_scale, &first_shared_scale}) v->setZero(n);
   for (VectorXd* v : {&private_step, &private_scale, &first_private_scale, &factor_diagonal})
     v->setZero(private_size);
   right_side.assign(n + kSlack, 0.0);
@@ -177,6 +179,7 @@ std::vector<Piece> Arrowhead::partition(int most, const Work& work) const {
 template <class Work>
 void Arrowhead::over(std::vector<Piece>& partition, const Work& work) {
   crew.run(static_cast<int>(partition.size()),
+           static_cast<int>(&partition == &pieces ? shares.size() : Crew::kMostShares),
            [&](int piece, int worker) { work(partition[piece], worker); });
 }
 
@@ -223,9 +226,12 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
     const int k = groups[g].private_size;
     double* rows_of_group = rows_of(g, first, worker);
     std::fill_n(rows_of_group, static_cast<size_t>(k) * stride(g), 0.0);
-    GroupEquations to{
-        rows_of_group,    stride(g), w.shared.data(), system.origin(), groups[g].columns.data(),
-        w.gradient.data()};
+    GroupEquations to{rows_of_group,
+                      stride(g),
+                      w.sums.shared.data(),
+                      system.origin(),
+                      groups[g].columns.data(),
+                      w.sums.gradient.data()};
     const bool local = !system.dense() && !ranges && g != problem.prior_group();
     const size_t m = groups[g].columns.size();
     if (ranges) to.origin = system.diagonal_origin();
@@ -242,8 +248,8 @@ bool Arrowhead::linearise_range(Piece& p, int first, int last, const VectorXd& s
     p.cost.doubled += c.doubled;
     p.cost.chi2 += c.chi2;
     if (!local) continue;
-    system.add(g, w.block.data(), widest, w.shared.data());
-    for (size_t i = 0; i < m; ++i) w.gradient(groups[g].columns[i]) += w.right[i];
+    system.add(g, w.block.data(), widest, w.sums.shared.data());
+    for (size_t i = 0; i < m; ++i) w.sums.gradient(groups[g].columns[i]) += w.right[i];
   }
   return true;
 }
@@ -305,11 +311,11 @@ bool Arrowhead::eliminate_group(size_t g, double* group, double lambda, int work
                 w.right.data() + i * right_width);
   kernels().solve_rows(w.factor.data(), k, k + kSlack, w.right.data(), m + 1, right_width);
   if (system.in_blocks())
-    system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width, w.eliminated.data(),
-                           w.eliminated_gradient.data());
+    system.subtract_blocks(static_cast<int>(g), w.right.data(), right_width,
+                           w.sums.eliminated.data(), w.sums.eliminated_gradient.data());
   else
-    system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.eliminated.data(),
-                    w.eliminated_gradient.data());
+    system.subtract(static_cast<int>(g), w.right.data(), k, right_width, w.sums.eliminated.data(),
+                    w.sums.eliminated_gradient.data());
   return true;
 }
 
@@ -342,24 +348,25 @@ void Arrowhead::eliminate_onto(const Stack& stack, size_t g, const double* group
 void Arrowhead::multiply(int index, int worker) {
   Worker& w = workers[worker];
   const Stack& stack = stacks[index];
-  kernels().subtract_product(stack.whole ? w.eliminated.data() : w.sums.data() + stack.first_sum,
-                             stack.width(), stack.ld, w.stacked.data() + stack.first_row,
-                             w.height[index], stack.ld);
+  kernels().subtract_product(
+      stack.whole ? w.sums.eliminated.data() : w.stack_sums.data() + stack.first_sum, stack.width(),
+      stack.ld, w.stacked.data() + stack.first_row, w.height[index], stack.ld);
   w.height[index] = 0;
 }
 
 /// What eliminate_group() adds to, to zero.
 void Arrowhead::clear_eliminated(int worker) {
   Worker& w = workers[worker];
-  system.in_blocks() ? std::fill(w.eliminated.begin(), w.eliminated.end(), 0.0)
-                     : system.clear(w.eliminated.data());
-  w.eliminated_gradient.setZero();
+  system.in_blocks() ? std::fill(w.sums.eliminated.begin(), w.sums.eliminated.end(), 0.0)
+                     : system.clear(w.sums.eliminated.data());
+  w.sums.eliminated_gradient.setZero();
   std::fill(w.height.begin(), w.height.end(), 0);
   for (const Stack& stack : stacks)
     for (int j = 0; j < stack.width() && !stack.whole; ++j)
-      std::fill_n(w.sums.begin() + static_cast<std::ptrdiff_t>(
-                                       stack.first_sum + static_cast<size_t>(j) * stack.ld + j),
-                  stack.width() - j, 0.0);
+      std::fill_n(
+          w.stack_sums.begin() +
+              static_cast<std::ptrdiff_t>(stack.first_sum + static_cast<size_t>(j) * stack.ld + j),
+          stack.width() - j, 0.0);
 }
 
 /// Brings what the stacks hold to its places.
@@ -371,8 +378,9 @@ void Arrowhead::add_stacks(int worker) {
     if (stack.whole) continue;
     const int* column = stack.columns.data();
     for (int j = 0; j + 1 < stack.width(); ++j) {
-      const double* from = w.sums.data() + stack.first_sum + static_cast<size_t>(j) * stack.ld;
-      double* to = w.eliminated.data() + system.origin()[column[j]];
+      const double* from =
+          w.stack_sums.data() + stack.first_sum + static_cast<size_t>(j) * stack.ld;
+      double* to = w.sums.eliminated.data() + system.origin()[column[j]];
 #pragma GCC unroll 8
       for (int i = j; i < stack.width(); ++i) to[column[i]] += from[i];
     }
@@ -380,16 +388,19 @@ void Arrowhead::add_stacks(int worker) {
 }
 
 /// Linearises or eliminates the groups of a piece, or both, and adds its sums when its turn comes.
-void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker,
-                          Cost& cost) {
-  const Turn mine{turn, static_cast<int>(&p - pieces.data())};
+void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker) {
+  const int piece = static_cast<int>(&p - pieces.data());
+  size_t share = shares.size() - 1;
+  while (shares[share].first > piece) --share;
+  const Turn mine{shares[share].turn, piece};
   Worker& w = workers[worker];
   p.defined = p.definite = true;
   const bool fresh = pass.linearise || ranges;
   if (fresh) {
     p.cost = {};
-    ranges ? std::fill(w.shared.begin(), w.shared.end(), 0.0) : system.clear(w.shared.data());
-    w.gradient.setZero();
+    ranges ? std::fill(w.sums.shared.begin(), w.sums.shared.end(), 0.0)
+           : system.clear(w.sums.shared.data());
+    w.sums.gradient.setZero();
   }
   if (pass.eliminate) clear_eliminated(worker);
   const bool in_pieces = pass.linearise && system.dense() && !ranges && n > 0;
@@ -413,45 +424,54 @@ void Arrowhead::pass_over(Piece& p, const VectorXd& state, const Pass& pass, int
   }
   if (pass.eliminate) add_stacks(worker);
   if (in_pieces)
-    problem.end_piece(
-        worker, {nullptr, 0, w.shared.data(), system.origin(), identity.data(), w.gradient.data()});
+    problem.end_piece(worker, {nullptr, 0, w.sums.shared.data(), system.origin(), identity.data(),
+                               w.sums.gradient.data()});
   mine.await();
+  Sums& sums = shares[share].sums;
+  if (piece != shares[share].first) return add_sums(sums, w.sums, pass);
+  if (pass.linearise) {
+    std::swap(sums.shared, w.sums.shared);
+    std::swap(sums.gradient, w.sums.gradient);
+  }
+  if (pass.eliminate) {
+    std::swap(sums.eliminated, w.sums.eliminated);
+    std::swap(sums.eliminated_gradient, w.sums.eliminated_gradient);
+  }
+}
+
+void Arrowhead::add_sums(Sums& to, const Sums& from, const Pass& pass) const {
   if (pass.linearise) {
     if (ranges)
-      kernels().add(shared_matrix.data(), w.shared.data(),
-                    static_cast<std::ptrdiff_t>(shared_matrix.size()));
+      kernels().add(to.shared.data(), from.shared.data(),
+                    static_cast<std::ptrdiff_t>(system.diagonal_storage()));
     else
-      system.accumulate(shared_matrix.data(), w.shared.data());
-    shared_gradient += w.gradient;
-    cost.doubled += p.cost.doubled;
-    cost.chi2 += p.cost.chi2;
+      system.accumulate(to.shared.data(), from.shared.data());
+    to.gradient += from.gradient;
   }
   if (!pass.eliminate) return;
   if (system.in_blocks())
-    kernels().add(eliminated_blocks.data(), w.eliminated.data(),
-                  static_cast<std::ptrdiff_t>(eliminated_blocks.size()) - kSlack);
+    kernels().add(to.eliminated.data(), from.eliminated.data(),
+                  static_cast<std::ptrdiff_t>(from.eliminated.size()) - kSlack);
   else
-    system.accumulate(damped_matrix.data(), w.eliminated.data());
-  reduced_gradient += w.eliminated_gradient;
+    system.accumulate(to.eliminated.data(), from.eliminated.data());
+  to.eliminated_gradient += from.eliminated_gradient;
 }
 
 /// A pass over all pieces, and what it leaves of the shared unknowns.
 Arrowhead::Assembly Arrowhead::run(const VectorXd& state, const Pass& pass, Cost& cost) {
   if (pass.linearise) {
     problem.prepare(state);
-    std::fill(shared_matrix.begin(), shared_matrix.end(), 0.0);
-    shared_gradient.setZero();
     cost = {};
   }
-  if (pass.eliminate) {
-    std::fill(damped_matrix.begin(), damped_matrix.end(), 0.0);
-    std::fill(eliminated_blocks.begin(), eliminated_blocks.end(), 0.0);
-    reduced_gradient.setZero();
-  }
-  turn = 0;
-  over(pieces, [&](Piece& p, int worker) { pass_over(p, state, pass, worker, cost); });
+  for (Share& share : shares) share.turn = share.first;
+  over(pieces, [&](Piece& p, int worker) { pass_over(p, state, pass, worker); });
+  for (size_t i = 1; i < shares.size(); ++i) add_sums(totals(), shares[i].sums, pass);
   bool defined = true, definite = true;
   for (const Piece& p : pieces) {
+    if (pass.linearise) {
+      cost.doubled += p.cost.doubled;
+      cost.chi2 += p.cost.chi2;
+    }
     defined = defined && p.defined;
     definite = definite && p.definite;
   }
@@ -459,11 +479,11 @@ Arrowhead::Assembly Arrowhead::run(const VectorXd& state, const Pass& pass, Cost
     const std::ptrdiff_t* origin = ranges ? system.diagonal_origin() : system.origin();
     for (int i = 0; i < n; ++i)
       shared_scale(i) =
-          scale_of(shared_matrix[origin[i] + i], first_shared_scale(i), pass.first_scales);
+          scale_of(totals().shared[origin[i] + i], first_shared_scale(i), pass.first_scales);
   }
   if (pass.linearise && curved)
-    kernels().add(shared_matrix.data(), shared_curvature.data(),
-                  static_cast<std::ptrdiff_t>(shared_matrix.size()));
+    kernels().add(totals().shared.data(), shared_curvature.data(),
+                  static_cast<std::ptrdiff_t>(totals().shared.size()));
   if (!defined || !std::isfinite(cost.doubled)) return Assembly::undefined;
   return definite ? Assembly::fine : Assembly::indefinite;
 }
@@ -478,18 +498,21 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
                                         bool first_scales, Cost& cost) {
   const Assembly assembly = run(state, {linearise, true, first_scales, lambda}, cost);
   if (assembly != Assembly::fine) return assembly;
-  if (system.in_blocks()) system.add_blocks(damped_matrix.data(), eliminated_blocks.data());
+  if (system.in_blocks()) {
+    std::fill(whole_matrix.begin(), whole_matrix.end(), 0.0);
+    system.add_blocks(whole_matrix.data(), totals().eliminated.data());
+  }
   if (ranges)
-    system.add_diagonal_blocks(damped_matrix.data(), shared_matrix.data());
+    system.add_diagonal_blocks(damped_matrix().data(), totals().shared.data());
   else
-    system.accumulate(damped_matrix.data(), shared_matrix.data());
-  reduced_gradient += shared_gradient;
+    system.accumulate(damped_matrix().data(), totals().shared.data());
+  totals().eliminated_gradient += totals().gradient;
   if (system.stacks())
     for (int i = 0; i < n; ++i)
-      reduced_gradient(i) += damped_matrix[system.origin()[i] + n],
-          damped_matrix[system.origin()[i] + n] = 0;
+      totals().eliminated_gradient(i) += damped_matrix()[system.origin()[i] + n],
+          damped_matrix()[system.origin()[i] + n] = 0;
   for (int i = 0; i < n; ++i)
-    system.add_to_diagonal(damped_matrix.data(), i,
+    system.add_to_diagonal(damped_matrix().data(), i,
                            shared_scale(i) > 0 ? lambda * shared_scale(i) : 1.0);
   return Assembly::fine;
 }
@@ -536,7 +559,7 @@ void Arrowhead::bend_shared(int k) {
   for (int i = 0; i < n; ++i) {
     const size_t at = system.origin()[std::min(i, k)] + std::max(i, k);
     shared_curvature[at] +=
-        (i == k ? 1 : 0.5) * ((shared_gradient(i) - here.gradient(i)) / h - here.shared[at]);
+        (i == k ? 1 : 0.5) * ((totals().gradient(i) - here.gradient(i)) / h - here.shared[at]);
   }
 }
 
@@ -548,15 +571,15 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()
   const size_t rows_size = stores.back().rows + static_cast<size_t>(groups.back().private_size) *
                                                     stride(groups.size() - 1);
   here.rows.assign(group_rows.get(), group_rows.get() + rows_size);
-  here.shared = shared_matrix;
-  here.gradient = shared_gradient;
+  here.shared = totals().shared;
+  here.gradient = totals().gradient;
   const auto small = [](double scale) {
     return scale > 0 ? std::min(kSmallMove / std::sqrt(scale), kLargestMove) : 0.0;
   };
   shared_move = shared_scale.unaryExpr(small);
   private_move = private_scale.unaryExpr(small);
   rows_curvature.assign(rows_size + kSlack, 0.0);
-  shared_curvature.assign(shared_matrix.size(), 0.0);
+  shared_curvature.assign(totals().shared.size(), 0.0);
   beside.resize(state.size());
   shared_step.setZero();
   for (int k = 0; k < deepest; ++k) {
@@ -582,11 +605,11 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()
 /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length
 /// in standard deviations.
 bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, double& length) {
-  if (!system.factor(damped_matrix.data(), crew)) return false;
-  for (int i = 0; i < n; ++i) right_side[i] = -reduced_gradient(i);
-  system.solve(damped_matrix.data(), right_side.data());
+  if (!system.factor(damped_matrix().data(), crew)) return false;
+  for (int i = 0; i < n; ++i) right_side[i] = -totals().eliminated_gradient(i);
+  system.solve(damped_matrix().data(), right_side.data());
   for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];
-  double slope = shared_gradient.dot(shared_step), damping = 0;
+  double slope = totals().gradient.dot(shared_step), damping = 0;
   for (int i = 0; i < n; ++i) damping += lambda * shared_scale(i) * shared_step(i) * shared_step(i);
   over(fine_pieces, [&](Piece& p, int worker) {
     p.slope = p.damping = 0;

@@ -33,20 +33,34 @@ struct alignas(kCacheLine) Piece {
   double slope = 0, damping = 0;
 };
 
-/// A Worker is the scratch of one thread: matrices and vectors of the current piece, which are
-/// added to the totals in the pieces' order.
-struct alignas(kCacheLine) Worker {
+/// Sums are what groups add to the reduced system.
+struct Sums {
   AlignedNumbers shared;      // C
   AlignedNumbers eliminated;  // minus the sum of B_Q' B_Q, in blocks if the system has them
   VectorXd gradient, eliminated_gradient;
-  std::vector<double> rows;      // of a RangeProblem: of kRange groups
-  AlignedNumbers factor;         // of the damped P of one group
-  AlignedNumbers right;          // B of one group
-  AlignedNumbers stacked, sums;  // rows of all stacks; minus the sums of their products
-  std::vector<int> height;       // of each stack: how many rows there are
-  AlignedNumbers block;          // sparse: C of one group
-  AlignedNumbers solution;       // private step of one group
-  AlignedNumbers touched;        // shared steps of one group's columns
+};
+
+/// A Share is some neighbouring pieces, whose sums are added here in the pieces' order; the totals
+/// are the sums of the shares in theirs. Threads begin with different shares (Crew::run), so that
+/// these matrices seldom go from one core to another, which is what slows two threads down whose
+/// cores share no cache.
+struct alignas(kCacheLine) Share {
+  int first = 0;             // piece
+  std::atomic<int> turn{0};  // piece whose sums are added next
+  Sums sums;
+};
+
+/// A Worker is the scratch of one thread.
+struct alignas(kCacheLine) Worker {
+  Sums sums;                           // of the current piece
+  std::vector<double> rows;            // of a RangeProblem: of kRange groups
+  AlignedNumbers factor;               // of the damped P of one group
+  AlignedNumbers right;                // B of one group
+  AlignedNumbers stacked, stack_sums;  // rows of all stacks; minus the sums of their products
+  std::vector<int> height;             // of each stack: how many rows there are
+  AlignedNumbers block;                // sparse: C of one group
+  AlignedNumbers solution;             // private step of one group
+  AlignedNumbers touched;              // shared steps of one group's columns
 };
 
 /// A Stack collects eliminated rows [B_Q | B_a] of groups, over some shared columns and b, to be
@@ -88,6 +102,11 @@ class Arrowhead {
   bool bends() const { return !ranges && system.dense(); }
   void forget_curvature() { curved = false; }
   bool has_curvature() const { return curved; }
+  /// Return what assemble() has made.
+  AlignedNumbers& damped_matrix() {
+    return system.in_blocks() ? whole_matrix : totals().eliminated;
+  }
+  const VectorXd& reduced_gradient() const { return shares.front().sums.eliminated_gradient; }
   /// Solves for the step of the assembled system at damping lambda, and gives its promised decrease
   /// of twice the cost and its length in standard deviations.
   bool step(const VectorXd& state, double lambda, double& promised, double& length);
@@ -99,8 +118,7 @@ class Arrowhead {
   double rows = 0;
   const std::vector<GroupShape>& groups;
   ReducedSystem system;
-  AlignedNumbers damped_matrix;  // of the reduced system
-  VectorXd reduced_gradient, shared_step, private_step;
+  VectorXd shared_step, private_step;
   VectorXd shared_scale, private_scale;
 
  private:
@@ -111,7 +129,7 @@ class Arrowhead {
   };
   struct Linearisation {
     std::vector<double> rows;  // as group_rows
-    AlignedNumbers shared;     // as shared_matrix
+    AlignedNumbers shared;     // as Sums
     VectorXd gradient;         // shared
   };
   struct Column {
@@ -133,7 +151,9 @@ class Arrowhead {
   bool linearise_beside(const VectorXd& state);
   void bend_private(size_t g, int k);
   void bend_shared(int k);
-  void pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker, Cost& cost);
+  void pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker);
+  Sums& totals() { return shares.front().sums; }
+  void add_sums(Sums& to, const Sums& from, const Pass& pass) const;
   Assembly run(const VectorXd& state, const Pass& pass, Cost& cost);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
   bool factor_private(size_t g, const double* rows, int width, double lambda, int worker);
@@ -151,21 +171,21 @@ class Arrowhead {
 
   Crew crew;
   std::vector<Piece> pieces, fine_pieces;
-  std::atomic<int> turn{0};  // piece whose sums are added next
+  std::vector<Share> shares;  // of `pieces`; the sums of the first one become the totals
   std::vector<GroupStore> stores;
   std::vector<Stack> stacks;
   std::vector<int> stack_of;  // by group
   std::unique_ptr<double[]> group_rows;
   bool curved = false;
-  std::vector<double> rows_curvature, shared_curvature;  // in places of group_rows, shared_matrix
+  std::vector<double> rows_curvature, shared_curvature;  // in places of group_rows, Sums
   Linearisation here;                                    // of find_curvature()
   VectorXd shared_move, private_move, beside;
   std::vector<Worker> workers;
   std::vector<int> identity;
   std::vector<std::ptrdiff_t> block_origin;
-  AlignedNumbers shared_matrix, eliminated_blocks;
+  AlignedNumbers whole_matrix;  // of a system in blocks
   std::vector<double> right_side;
-  VectorXd shared_gradient, first_shared_scale, first_private_scale;
+  VectorXd first_shared_scale, first_private_scale;
   VectorXd factor_diagonal;  // of the factors of all P, inverse
 };
 

@@ -382,8 +382,8 @@ void LevenbergMarquardt::reduced(const VectorXd& state, MatrixXd& matrix, Vector
   matrix.setZero(a.n, a.n);
   gradient.setZero(a.n);
   if (a.assemble(state, 0, true, true, cost) != Arrowhead::Assembly::fine) return;
-  gradient = a.reduced_gradient;
-  matrix = a.system.full(a.damped_matrix.data());
+  gradient = a.reduced_gradient();
+  matrix = a.system.full(a.damped_matrix().data());
 }
 
 }  // namespace kincal

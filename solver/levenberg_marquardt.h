@@ -30,8 +30,8 @@
 // next iteration's linearisation; after a rejected one trials evaluate only, and a rejected step
 // repeats the elimination, not the linearisation (a RangeProblem: both, and it always evaluates;
 // there only the test of the end is undamped). Groups are partitioned by the problem's size alone,
-// each worker sums one piece at a time, and pieces are added in their order: the result is the same
-// to the last bit for any number of threads.
+// each worker sums one piece at a time, and pieces are added in their order to shares, these to the
+// totals: the result is the same to the last bit for any number of threads.
 #pragma once
 
 #include <functional>

@@ -435,7 +435,7 @@ static bool factor_together(double* a, int n, int ld, Crew& crew) {
   bool definite = kernels().factor_columns(a, n, std::min(kStrip, n), ld);
   for (int strip = 0; definite && strip + kStrip < n; strip += kStrip) {
     double* corner = a + strip * (static_cast<std::ptrdiff_t>(ld) + 1);
-    crew.run((n - strip - 1) / kStrip, [&](int piece, int) {
+    crew.run((n - strip - 1) / kStrip, 1, [&](int piece, int) {
       const int first = (piece + 1) * kStrip, rows = n - strip - first,
                 columns = std::min(kStrip, rows);
       double* block = corner + first * (static_cast<std::ptrdiff_t>(ld) + 1);

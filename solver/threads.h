@@ -12,6 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "aligned.h"
+
 namespace kincal {
 
 /// A Crew runs pieces of work on `count` threads, the caller's being one of them. Which thread
@@ -40,10 +42,18 @@ class Crew {
 
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 
+  static constexpr int kMostShares = 4;
+  /// Returns the first piece of a share; that of the share behind the last is `pieces`.
+  static int first_of(int share, int pieces, int shares) { return share * pieces / shares; }
+
   /// Calls work(piece, worker) for every piece 0 .. pieces - 1 and returns when all are done.
-  /// Throws what `work` throws; then not every piece was done.
+  /// Pieces stand in 1 .. kMostShares shares of neighbours. Those of a share are taken in their
+  /// order; each worker begins with another share and goes on to the next, so that what a piece
+  /// leaves in a core's cache is mostly found there by the same piece of the next run: between
+  /// cores that share no cache a line takes 400 ns, not 50. Throws what `work` throws; then not
+  /// every piece was done.
   template <class Work>
-  void run(int pieces, const Work& work) {
+  void run(int pieces, int shares, const Work& work) {
     if (threads_.empty()) {
       for (int piece = 0; piece < pieces; ++piece) work(piece, 0);
       return;
@@ -54,8 +64,11 @@ class Crew {
       call_ = [](const void* w, int piece, int worker) {
         (*static_cast<const Work*>(w))(piece, worker);
       };
-      pieces_ = pieces;
-      next_ = 0;
+      shares_ = shares;
+      for (int share = 0; share < shares; ++share) {
+        queues_[share].next = first_of(share, pieces, shares);
+        queues_[share].end = first_of(share + 1, pieces, shares);
+      }
       busy_ = static_cast<int>(threads_.size());
       ++round_;
     }
@@ -71,6 +84,11 @@ class Crew {
   // Pieces follow each other faster than a thread falls asleep and wakes, which takes some tens of
   // microseconds, 25 of them the caller's. Not a number of pauses: they take 10 to 50 ns.
   static constexpr std::chrono::microseconds kSpin{200};
+
+  struct alignas(kCacheLine) Queue {
+    std::atomic<int> next{0};
+    int end = 0;
+  };
 
   /// Returns when done() says so, or after kSpin.
   template <class Done>
@@ -95,7 +113,11 @@ class Crew {
   }
   void take(int worker) {
     try {
-      for (int piece = next_++; piece < pieces_; piece = next_++) call_(work_, piece, worker);
+      for (int i = 0, own = worker * shares_ / size(); i < shares_; ++i) {
+        Queue& queue = queues_[(own + i) % shares_];
+        for (int piece = queue.next++; piece < queue.end; piece = queue.next++)
+          call_(work_, piece, worker);
+      }
     } catch (...) {
       const std::lock_guard<std::mutex> lock(mutex_);
       error_ = std::current_exception();
@@ -120,11 +142,12 @@ class Crew {
   std::condition_variable wake_, done_;
   const void* work_ = nullptr;
   void (*call_)(const void*, int, int) = nullptr;
-  std::atomic<int> next_{0}, busy_{0};
+  Queue queues_[kMostShares];
+  int shares_ = 1;
+  std::atomic<int> busy_{0};
   std::atomic<long> round_{0};
   std::atomic<bool> stop_{false};
   std::exception_ptr error_;
-  int pieces_ = 0;
 };
 
 }  // namespace kincal

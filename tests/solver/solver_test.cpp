@@ -1231,7 +1231,7 @@ TEST_CASE("levenberg-marquardt: second derivatives are those of the cost") {
   Cost cost;
   const auto reduced = [&] {
     REQUIRE(arrowhead.assemble(state, 0, true, true, cost) == Arrowhead::Assembly::fine);
-    return arrowhead.system.full(arrowhead.damped_matrix.data())(0, 0);
+    return arrowhead.system.full(arrowhead.damped_matrix().data())(0, 0);
   };
   const double without = reduced();
   REQUIRE(arrowhead.find_curvature(state, [] { return true; }));
