@@ -15,6 +15,11 @@ int show(const std::string& given) {
   std::error_code ignored;
   const bool folder = std::filesystem::is_directory(given, ignored);
   const std::string path = folder ? given + "/result.json" : given;
+  if (folder && !file_exists(path) && file_exists(given + "/summary.json"))
+    throw InputError(
+        given +
+        " is the folder of a batch: summary.csv and report.html have all its sets, `kincal show " +
+        given + "/SET` shows one");
   const Node node = parse_json(read_file(path), path);
   std::cout << show_text(top(node, path), true);
   if (folder && file_exists(given + "/report.html"))

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 #include <stdexcept>
 
 #include "../fitting/fit.h"
@@ -342,6 +343,17 @@ Residuals held_out_as_read(const Solution& solution, const VectorXd& shared) {
   return out;
 }
 
+/// The sample with the largest part of the sum of squares.
+static void find_worst(const Recording& recording, Evaluation& out) {
+  std::vector<double> squares(recording.samples.size(), 0);
+  for (const ViewResiduals& v : out.views) squares[v.sample] += v.whitened.squaredNorm();
+  const auto worst = std::max_element(squares.begin(), squares.end());
+  const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+  if (!(all > 0)) return;
+  out.worst_sample = recording.samples[worst - squares.begin()].id;
+  out.worst_share = *worst / all;
+}
+
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& patterns,
                     const std::function<void(double)>& progress) {
@@ -404,6 +416,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
                              (some_sensor_tells_no_pose(rig)
                                   ? ", or what sees its target does not tell where it is"
                                   : ""));
+  find_worst(recording, out);
   out.converged = out.unfinished.empty();
   for (int p : open)
     if (influences[p]) out.open.push_back(table.all[p].name);

@@ -75,6 +75,8 @@ struct Evaluation {
   long dof = 0;
   std::vector<SensorResult> sensors;   // without rms_before
   std::vector<ViewResiduals> views;    // what their rms is of
+  std::string worst_sample;            // with the largest part of the views' sum of squares
+  double worst_share = 0;              // that part, 0 .. 1
   std::vector<std::string> undefined;  // samples missing from these: as UndefinedSample says
   std::vector<std::string> open;  // poses absent from the rig that were estimated in each split
   std::vector<std::string>

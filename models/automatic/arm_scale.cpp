@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lone_lengths.h"
+
 namespace kincal {
 namespace {
 
@@ -80,6 +82,8 @@ std::optional<ArmScale> arm_scale(const Recording& recording, const WidthProblem
   out.factor = 1 + m;
   out.gain = log_evidence(with(m), factor) - log_evidence(problem, widths.factor);
   if (!std::isfinite(out.gain)) return std::nullopt;
+  const std::optional<double> alone = lone_length_gain(recording, problem, columns, widths);
+  if (alone && *alone > out.gain) return std::nullopt;
   return out;
 }
 

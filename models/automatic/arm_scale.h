@@ -5,7 +5,8 @@
 // + m they are off by x_i ~ N(m l_i, t^2): in the quadratic model of a fit (widths.h) the values
 // count from x0_i - m l_i. The log evidence is a parabola in m, whose top and curvature follow from
 // three values of it; widths are learned anew there, for a factor in common makes lengths look
-// wide.
+// wide. One length that is wrong alone looks like a factor too: where a width of its own explains
+// the data better (lone_lengths.h), there is none.
 #pragma once
 
 #include <optional>

@@ -49,7 +49,29 @@ VectorXd with_sizes_held(const Posterior& at, const std::vector<Eigen::Index>& s
   return at.value - across * solve_symmetric(between, off);
 }
 
+/// Learns the widths with one for this number alone, in a group that `problem` gets behind the
+/// others.
+Widths learn_with_own_width(WidthProblem& problem, Eigen::Index number, const Widths& widths) {
+  problem.group[number] = problem.groups++;
+  VectorXd factor(problem.groups);
+  factor << widths.factor, kOwnWidth;
+  return learn_widths(problem, factor, kLoneRounds);
+}
+
 }  // namespace
+
+std::optional<double> lone_length_gain(const Recording& recording, const WidthProblem& problem,
+                                       const std::vector<Component>& columns,
+                                       const Widths& widths) {
+  const Eigen::Index length =
+      largest_length(recording, columns, problem, widths.posterior, kTold, -1);
+  if (length < 0) return std::nullopt;
+  WidthProblem alone = problem;
+  const Widths found = learn_with_own_width(alone, length, widths);
+  if (!found.defined) return std::nullopt;
+  return log_evidence(alone, found.factor) - log_evidence(problem, widths.factor) -
+         std::log(kNotAlone);
+}
 
 std::optional<LoneAlternative> lone_length(const Recording& recording, const WidthProblem& problem,
                                            const std::vector<Component>& columns,
@@ -74,10 +96,7 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
   if (!found.defined) return std::nullopt;
   const Eigen::Index length = largest_length(recording, columns, held, found.posterior, kTold, -1);
   if (length < 0) return std::nullopt;
-  held.group[length] = held.groups++;
-  VectorXd factor(held.groups);
-  factor << widths.factor, kOwnWidth;
-  found = learn_widths(held, factor, kLoneRounds);
+  found = learn_with_own_width(held, length, widths);
   if (!found.defined) return std::nullopt;
   const int joint = recording.table.all[columns[length].parameter].owner;
   const Eigen::Index next = largest_length(recording, columns, held, found.posterior, 0, joint);

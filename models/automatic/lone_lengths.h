@@ -33,4 +33,9 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
                                            const std::vector<Component>& columns,
                                            const Widths& widths);
 
+/// Returns by how much the log evidence grows if the largest length that the data tell by five
+/// sigmas has a width of its own, the odds against it beforehand counted; nullopt: they tell none.
+std::optional<double> lone_length_gain(const Recording& recording, const WidthProblem& problem,
+                                       const std::vector<Component>& columns, const Widths& widths);
+
 }  // namespace kincal

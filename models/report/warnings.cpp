@@ -32,6 +32,7 @@ bool falls_short(double ratio, double dof) {
   return dof > 0 && ratio < std::min(0.8, 1 - 4 * std::sqrt(2 / dof));
 }
 
+constexpr double kMostOfIt = 0.5;  // of the squares: one sample
 constexpr char kLookOrState[] =
     ". What to do: look for what is wrong, or state the sigmas that are seen";
 
@@ -505,8 +506,17 @@ std::vector<Warning> warnings(const Evaluation& evaluation) {
                                  "its target is put): it is missing from these numbers"});
   warn("undefined", "samples cannot be evaluated", std::move(undefined), out);
   const double dof = static_cast<double>(evaluation.dof);
-  if (exceeds(evaluation.chi2 / dof, dof))
-    out.push_back({"chi2", excess_text(evaluation.chi2 / dof) + kLookOrState, {}});
+  if (exceeds(evaluation.chi2 / dof, dof)) {
+    Warning excess{"chi2", excess_text(evaluation.chi2 / dof), {}};
+    if (evaluation.worst_share > kMostOfIt && evaluation.views.size() > 1) {
+      excess.text +=
+          text("; %.0f %% of their squares are those of sample '", 100 * evaluation.worst_share) +
+          evaluation.worst_sample + "'";
+      excess.names.push_back(evaluation.worst_sample);
+    }
+    excess.text += kLookOrState;
+    out.push_back(std::move(excess));
+  }
   std::vector<Case> open;
   for (const std::string& name : evaluation.open)
     open.push_back({name, name + " is absent from the rig: it was estimated from the samples of "

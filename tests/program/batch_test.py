@@ -235,6 +235,12 @@ class Results(Case):
         self.assertEqual(line.group(3), max((float(r["chi2_per_dof"] or 0), r["name"]) for r in table)[1])
         self.assertRegex(run.out, r"robot_4 +failed +fleet/robot_4/samples.jsonl:4: ")
 
+    def test_show_of_its_folder_says_where_the_results_are(self):
+        self.batch("--no-report")
+        run = self.kincal("show", "out")
+        self.assertEqual(run.code, 1)
+        self.assertRegex(run.err, "out is the folder of a batch: .*`kincal show out/SET`")
+
     def test_held_out(self):
         text = read(self.dir, "fleet", "robot_0", "samples.jsonl").splitlines(True)
         for i in range(0, len(text), 4):

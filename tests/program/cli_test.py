@@ -1246,6 +1246,13 @@ class Results(Case):
         self.assertIn("chi2/dof is %.3g" % (e["chi2"] / e["dof"]), e["warnings"][0]["text"])
         run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--urdf", "robot.urdf")
         self.assertEqual((run.code, run.err), (0, "kincal: warning: " + e["warnings"][0]["text"] + "\n"))
+        # one sample that is wrong is named
+        samples = make_samples()
+        view = next(v for v in samples[5]["views"] if v["sensor"] == "tracker")
+        view["points"][0][0] += 1
+        self.write("wrong.jsonl", lines(samples))
+        (said,) = strict_json(self.run_kincal("evaluate", "out/rig.yaml", "wrong.jsonl", "--json").out)["warnings"]
+        self.assertRegex(said["text"], "; (100|9[0-9]) % of their squares are those of sample '" + samples[5]["id"] + "'. What to do")
         # an offset in the rig is taken as folded in, a scale stays
         text = self.read("out", "rig.yaml")
         self.assertNotIn("offset:", text)
